@@ -1,0 +1,1 @@
+"""Models, friction laws, metrics: numbers in, numbers out."""

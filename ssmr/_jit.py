@@ -1,0 +1,55 @@
+"""`jit`: numba compilation whose cache on disk can never be stale.
+
+numba notices edits to the file of the compiled function alone, not to what that function calls from other files. Here the
+cache folder is named after a digest of all of this package's sources, so any edit to any of them compiles afresh. The
+compiled functions keep their Python source as `.py_func`, which is what the reference loop in `simulate.py` calls.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def _cache_folder() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(source.read_bytes())
+    roots = (
+        [Path(config.CACHE_DIR)]
+        if config.CACHE_DIR
+        else [_PACKAGE / "__pycache__", Path(tempfile.gettempdir()) / f"ssmr-{os.getuid()}"]
+    )
+    for root in roots:
+        folder = root / f"numba-{digest.hexdigest()[:12]}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return str(folder)
+    return ""
+
+
+_FOLDER = _cache_folder()
+
+
+def jit(function: Callable[..., Any] | None = None, *, parallel: bool = False) -> Any:
+    """Compile a numeric function without the interpreter lock, cached on disk; IEEE arithmetic is kept (no fast-math)."""
+    if function is None:
+        return lambda f: jit(f, parallel=parallel)
+    before = config.CACHE_DIR
+    try:
+        config.CACHE_DIR = _FOLDER
+        return numba.njit(cache=bool(_FOLDER), nogil=True, parallel=parallel, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = before

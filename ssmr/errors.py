@@ -1,0 +1,22 @@
+"""What a run can fail with. Bad input is a plain `ValueError`; these are runs that began and could not end well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class SsmrError(RuntimeError):
+    """Base of every failed run; `evidence` holds what a post-mortem needs."""
+
+    def __init__(self, message: str, **evidence: Any) -> None:
+        """Keep the message and, by name, the values that show what went wrong."""
+        super().__init__(message)
+        self.evidence = evidence
+
+
+class DivergedError(SsmrError):
+    """A simulation left the finite numbers or the simulator gave up; `evidence` says at which step and from what state."""
+
+
+class UnhealthyRunError(SsmrError):
+    """A simulation ran, but its contact physics cannot be trusted; `evidence` holds the wheel loads that show it."""

@@ -1,0 +1,75 @@
+"""Angles, planar poses and quaternions: the only place where each convention is written down.
+
+A pose is (x, y, yaw): it takes body coordinates to world coordinates by rotating through yaw (Eq. 2.1) and adding (x, y).
+Quaternions are named for their order: `wxyz` is MuJoCo's, `xyzw` is rerun's and ROS'.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssmr.types import FloatArray
+
+
+def wrap_angle(angle: ArrayLike) -> FloatArray:
+    """Wrap angles [rad] into (-pi, pi]."""
+    return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
+
+
+def rotate_body_to_world(vector: ArrayLike, yaw: ArrayLike) -> FloatArray:
+    """Rotate (..., 2) body vectors by (...) yaw [rad] into the world (Eq. 2.1, 2.2)."""
+    v = np.asarray(vector, dtype=np.float64)
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1]], axis=-1)
+
+
+def rotate_world_to_body(vector: ArrayLike, yaw: ArrayLike) -> FloatArray:
+    """Rotate (..., 2) world vectors by (...) yaw [rad] into the body: the inverse of `rotate_body_to_world`."""
+    return rotate_body_to_world(vector, -np.asarray(yaw, dtype=np.float64))
+
+
+def compose(pose_a_to_w: ArrayLike, pose_b_to_a: ArrayLike) -> FloatArray:
+    """Pose of b in w from the pose of a in w and of b in a, each (..., 3)."""
+    a, b = np.asarray(pose_a_to_w, dtype=np.float64), np.asarray(pose_b_to_a, dtype=np.float64)
+    xy = a[..., :2] + rotate_body_to_world(b[..., :2], a[..., 2])
+    return np.concatenate([xy, (a[..., 2] + b[..., 2])[..., None]], axis=-1)
+
+
+def invert(pose_a_to_b: ArrayLike) -> FloatArray:
+    """Inverse of (..., 3) poses: composed with the pose it gives zero."""
+    a = np.asarray(pose_a_to_b, dtype=np.float64)
+    xy = -rotate_world_to_body(a[..., :2], a[..., 2])
+    return np.concatenate([xy, -a[..., 2:3]], axis=-1)
+
+
+def relative(pose_a_to_w: ArrayLike, pose_b_to_w: ArrayLike) -> FloatArray:
+    """Pose of b seen from a, (..., 3); the yaw difference is not wrapped."""
+    return compose(invert(pose_a_to_w), pose_b_to_w)
+
+
+def shift_reference(pose: ArrayLike, offset: ArrayLike) -> FloatArray:
+    """Move the reference point of (..., 3) poses by `offset` (x, y) [m], fixed in the body."""
+    p = np.asarray(pose, dtype=np.float64)
+    xy = p[..., :2] + rotate_body_to_world(
+        np.broadcast_to(np.asarray(offset, dtype=np.float64), p[..., :2].shape), p[..., 2]
+    )
+    return np.concatenate([xy, p[..., 2:3]], axis=-1)
+
+
+def yaw_to_quat_wxyz(yaw: ArrayLike) -> FloatArray:
+    """(..., 4) unit quaternions, w first, of rotations by (...) yaw [rad] about z."""
+    half = 0.5 * np.asarray(yaw, dtype=np.float64)
+    zero = np.zeros_like(half)
+    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+
+
+def quat_wxyz_to_yaw(quat: ArrayLike) -> FloatArray:
+    """(...) heading in (-pi, pi] of (..., 4) quaternions, w first: where the rotated x axis points in the plane."""
+    w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def quat_wxyz_to_xyzw(quat: ArrayLike) -> FloatArray:
+    """Move w from first to last in (..., 4) quaternions."""
+    return np.roll(np.asarray(quat, dtype=np.float64), -1, axis=-1)

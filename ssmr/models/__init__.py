@@ -1,0 +1,1 @@
+"""The planar models of the robot, one a file."""

@@ -1,0 +1,318 @@
+"""Time stepping: one loop for any plant, and the fused loops of the planar models, held equal to it by a test.
+
+A planar model is three states, x, y and yaw, and two velocities, v and omega. Its velocities advance by the model's own law;
+its pose follows by the midpoint rule with v_y = -x_ICR omega (Eq. 2.2, 2.10, 2.13).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import numba
+import numpy as np
+
+from ssmr._jit import jit
+from ssmr.drive import Driver, fill_references, wheel_references, whole_steps
+from ssmr.drive import packed as packed_drive
+from ssmr.errors import DivergedError
+from ssmr.models import coulomb, improved, kinematic, linear
+from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from ssmr.vehicle import Drive, Vehicle
+
+Parameters = (
+    coulomb.CoulombParameters | improved.ImprovedParameters | linear.LinearParameters | kinematic.KinematicParameters
+)
+
+_KINDS: dict[type, tuple[str, int]] = {
+    coulomb.CoulombParameters: ("coulomb", 0),
+    improved.ImprovedParameters: ("improved", 1),
+    linear.LinearParameters: ("linear", 2),
+    kinematic.KinematicParameters: ("kinematic", 3),
+}
+PLANAR_MODELS = tuple(name for name, _ in _KINDS.values())
+"""Names of the planar models."""
+_WIDTH = 5  # numbers in a packed parameter set, the longest model's
+_COLUMNS = 11  # x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration
+
+PLANAR_DT = 0.001
+"""Default step of the planar models [s]; Tab. 3.7."""
+SAMPLE_DT = 0.008
+"""Default sample period of trajectories [s]: the lab's tracking system (Tab. 3.5)."""
+
+
+@jit
+def advance(model, v, w, reference, disturbance, dt, vehicle, parameters, side_limit):
+    """One step of a model's velocities; returns v, omega, left torque, right torque."""
+    if model == 0:
+        return coulomb.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
+    if model == 1:
+        return improved.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
+    if model == 2:
+        return linear.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
+    return kinematic.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
+
+
+@jit
+def run_planar(model, references, disturbance, dt, vehicle, parameters, side_limit, stride, row, out):
+    """Advance a planar model over all references, writing every `stride`-th state.
+
+    Args:
+        model: which one, see `_KINDS`.
+        references: (n, 2) wheel-rate references [rad/s].
+        disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
+        dt: step [s].
+        vehicle: `Vehicle.packed()` as a tuple.
+        parameters: the model's numbers as a tuple, padded to five.
+        side_limit: torque limit of a side [N m].
+        stride: steps between samples.
+        row: (5,) start: x, y, yaw, v, omega; holds the end afterwards.
+        out: (1 + n // stride, 11) samples; row 0 is the start.
+
+    Returns:
+        The first step after which a number is not finite, or -1.
+    """
+    x, y, yaw, v, w = row[0], row[1], row[2], row[3], row[4]
+    r, c_eff = vehicle[2], vehicle[4]
+    x_icr = 0.0  # the improved and the linear model: Sec. 2.2.3
+    if model == 0:
+        x_icr = vehicle[7]
+    elif model == 3:
+        x_icr = parameters[2]
+    n = len(references)
+    torque_left, torque_right, w_before, sample, due = 0.0, 0.0, w, 0, 0
+    for k in range(n + 1):
+        if k == due:
+            out[sample, 0], out[sample, 1], out[sample, 2] = x, y, yaw
+            out[sample, 3], out[sample, 4], out[sample, 5] = v, -x_icr * w, w
+            if model == 3 and k > 0:
+                out[sample, 6], out[sample, 7] = references[k - 1, 0], references[k - 1, 1]
+            else:
+                out[sample, 6], out[sample, 7] = (v - c_eff * w) / r, (v + c_eff * w) / r
+            out[sample, 8], out[sample, 9], out[sample, 10] = torque_left, torque_right, (w - w_before) / dt
+            sample += 1
+            due += stride
+        if k == n:
+            break
+        v_before, w_before = v, w
+        push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
+        v, w, torque_left, torque_right = advance(
+            model, v, w, (references[k, 0], references[k, 1]), push, dt, vehicle, parameters, side_limit
+        )
+        if not (math.isfinite(v) and math.isfinite(w)):
+            return k
+        v_mid, w_mid = 0.5 * (v_before + v), 0.5 * (w_before + w)
+        heading = yaw + 0.5 * dt * w_mid
+        c, s = math.cos(heading), math.sin(heading)
+        x += dt * (v_mid * c + x_icr * w_mid * s)  # Eq. 2.13
+        y += dt * (v_mid * s - x_icr * w_mid * c)
+        yaw += dt * w_mid
+    row[0], row[1], row[2], row[3], row[4] = x, y, yaw, v, w
+    return -1
+
+
+@jit(parallel=True)
+def run_planar_population(
+    model, values, limits, steps, before, changes, dt, vehicles, parameters, side_limits, stride, start, poses
+):
+    """The same motion for many candidates at once, one a thread; writes (S, M, 3) poses and NaN where one diverges."""
+    for i in numba.prange(len(vehicles)):
+        period = steps[i, 3]
+        n = len(values) * period
+        references = np.empty((n, 2))
+        limit = (limits[i, 0], limits[i, 1], limits[i, 2], limits[i, 3])
+        whole = (steps[i, 0], steps[i, 1], steps[i, 2], period)
+        fill_references(values, limit, whole, before, changes[i], start[5], start[6], references)
+        u = vehicles[i]
+        vehicle = (u[0], u[1], u[2], u[3], u[4], u[5], u[6], u[7], u[8])
+        p = parameters[i]
+        row = start[:5].copy()
+        out = np.empty((1 + n // stride, 11))
+        failed = run_planar(
+            model, references, np.zeros(1), dt, vehicle, (p[0], p[1], p[2], p[3], p[4]), side_limits[i], stride, row, out
+        )
+        if failed >= 0:
+            poses[i] = np.nan
+        else:
+            poses[i] = out[:, :3]
+
+
+def pack_parameters(parameters: Parameters) -> tuple[int, FloatArray]:
+    """The model's number and its parameters, padded to five."""
+    out = np.zeros(_WIDTH)
+    values = astuple(parameters)
+    out[: len(values)] = values
+    return _KINDS[type(parameters)][1], out
+
+
+@dataclass(frozen=True)
+class PlanarModel:
+    """One of the four planar models with all its numbers: everything that defines the plant, and no state."""
+
+    parameters: Parameters
+    """Which model, and its unknowns."""
+    vehicle: Vehicle
+    """Mass and geometry."""
+    drive: Drive
+    """What stands between command and wheels."""
+
+    @property
+    def name(self) -> str:
+        """`coulomb`, `improved`, `linear` or `kinematic`."""
+        return _KINDS[type(self.parameters)][0]
+
+
+class PlanarPlant:
+    """A planar model as a `Plant`."""
+
+    def __init__(self, model: PlanarModel, dt: float = PLANAR_DT) -> None:
+        """Start at rest at the origin.
+
+        Args:
+            model: what to simulate.
+            dt: physics step [s].
+
+        Raises:
+            ValueError: the drive's hold is no whole number of steps.
+        """
+        whole_steps(model.drive.hold, dt, "the drive's hold")
+        self._model, self._dt = model, dt
+        self._kind, packed = pack_parameters(model.parameters)
+        self._parameters = tuple(packed)
+        self._vehicle = tuple(model.vehicle.packed())
+        self._side_limit = 2.0 * model.drive.torque_limit
+        self.reset(State())
+
+    @property
+    def name(self) -> str:
+        """`coulomb`, `improved`, `linear` or `kinematic`."""
+        return self._model.name
+
+    @property
+    def dt(self) -> float:
+        """Physics step [s]."""
+        return self._dt
+
+    def _advance(
+        self, references: FloatArray, disturbance: FloatArray, stride: int, row: FloatArray, *, prescribed: bool = False
+    ) -> FloatArray:
+        """Run the fused loop; `prescribed`: the references are what the wheels do, whatever torque that takes.
+
+        No planar model knows longitudinal slip, so given wheel rates leave of each dynamic one its kinematics, Eq. 2.9
+        and 2.10.
+        """
+        kind, parameters = self._kind, self._parameters
+        if prescribed and kind != _KINDS[kinematic.KinematicParameters][1]:
+            c_eff, x_icr = self._model.vehicle.effective_half_track, self._model.vehicle.x_icr if kind == 0 else 0.0
+            kind, parameters = pack_parameters(kinematic.KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
+            parameters = tuple(parameters)
+        out = np.empty((1 + len(references) // stride, _COLUMNS))
+        failed = run_planar(
+            kind, references, disturbance, self._dt, self._vehicle, parameters, self._side_limit, stride, row, out
+        )
+        if failed >= 0:
+            t = failed * self._dt
+            raise DivergedError(f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)", step=failed, t=t)
+        return out
+
+    def reset(self, state: State) -> State:
+        """Start from `state` with empty delay lines; v_y and wheel rates follow from v_x and yaw rate."""
+        self._row = np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate])
+        out = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._row)[0]
+        began = State(*map(float, out[:8]))
+        self._driver = Driver(self._model.drive, self._dt, state)
+        return began
+
+    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
+        """Hold a twist command for `dt` [s]."""
+        n = whole_steps(dt, self._dt, "the step")
+        references = self._driver.references(command, n)
+        return State(*map(float, self._advance(references, np.array([yaw_acceleration]), n, self._row)[-1, :8]))
+
+    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+        """Drive `commands` at once; channels are the sides' torques [N m] and the yaw acceleration [rad/s2]."""
+        stride = whole_steps(sample_dt, self._dt, "the sample period")
+        references = wheel_references(commands, self._model.drive, self._dt, state)
+        push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
+        if disturbance is not None and len(push) != len(references):
+            raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
+        row = np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate])
+        out = self._advance(references, push, stride, row, prescribed=commands.kind == "wheels")
+        channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
+        return Trajectory(np.arange(len(out)) * sample_dt, out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+
+
+def simulate(
+    plant: Plant, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None
+) -> Trajectory:
+    """The reference loop: drive any plant physics step by physics step. Slow and obvious; `Plant.run` must equal it.
+
+    Args:
+        plant: what to drive.
+        commands: twist commands.
+        state: where to start.
+        sample_dt: time between samples of the result [s].
+        disturbance: (n,) yaw acceleration at each physics step [rad/s2].
+
+    Returns:
+        The motion, without channels.
+
+    Raises:
+        ValueError: wheel-rate commands, or periods that are no whole number of steps.
+    """
+    if commands.kind != "twist":
+        raise ValueError("a plant is stepped by twist commands; wheel rates can only be run")
+    period = whole_steps(commands.dt, plant.dt, "the command period")
+    stride = whole_steps(sample_dt, plant.dt, "the sample period")
+    rows = [plant.reset(state)]
+    for k in range(commands.n * period):
+        v, w = map(float, commands.values[k // period])
+        now = plant.step((v, w), plant.dt, 0.0 if disturbance is None else float(disturbance[k]))
+        if (k + 1) % stride == 0:
+            rows.append(now)
+    table = np.array([astuple(row) for row in rows])
+    return Trajectory(np.arange(len(rows)) * sample_dt, table[:, :3], table[:, 3:6], table[:, 6:8])
+
+
+def run_population(
+    models: Sequence[PlanarModel], commands: Commands, state: State, sample_dt: float, dt: float = PLANAR_DT
+) -> FloatArray:
+    """Drive many candidates of one model with the same commands, one a thread (`numba.set_num_threads`).
+
+    Args:
+        models: S candidates of the same kind.
+        commands: twist commands, the same for all.
+        state: where all start.
+        sample_dt: time between samples [s].
+        dt: physics step [s].
+
+    Returns:
+        (S, M, 3) poses; a candidate that diverges is NaN throughout, for the caller to rate.
+
+    Raises:
+        ValueError: candidates of different kinds, or wheel-rate commands.
+    """
+    if len({type(m.parameters) for m in models}) != 1 or commands.kind != "twist":
+        raise ValueError("a population is one kind of model, driven by twist commands")
+    stride = whole_steps(sample_dt, dt, "the sample period")
+    packed = [pack_parameters(m.parameters) for m in models]
+    drives = [packed_drive(m.drive, commands.dt, dt) for m in models]
+    poses = np.empty((len(models), 1 + commands.n * drives[0][1][3] // stride, 3))
+    start = np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate, state.wheel_left, state.wheel_right])
+    run_planar_population(
+        packed[0][0],
+        commands.values,
+        np.array([d[0] for d in drives]),
+        np.array([d[1] for d in drives]),
+        commands.before,
+        np.array([m.drive.wheel_acceleration * dt for m in models]),
+        dt,
+        np.array([m.vehicle.packed() for m in models]),
+        np.array([p for _, p in packed]),
+        np.array([2.0 * m.drive.torque_limit for m in models]),
+        stride,
+        start,
+        poses,
+    )
+    return poses

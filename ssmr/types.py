@@ -1,0 +1,195 @@
+"""The values that flow between the parts: commands drive a plant, a plant leaves a trajectory.
+
+N commands drive N + 1 states: `Commands.values[k]` is held over [t_k, t_k+1), and a trajectory sampled at the commands'
+edges has one row more than there are commands. Arrays are copied, checked and read-only, so a value never changes after
+it was made.
+
+Units are SI and radians. The world frame is fixed; the body frame has x forward, y left; yaw is unwrapped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+CommandKind = Literal["twist", "wheels"]
+
+
+def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+    """Copy `values` into a read-only float array of the shape asked for.
+
+    Args:
+        values: anything numpy can read as numbers.
+        name: what to call it in an error.
+        shape: the lengths wanted, `None` where any will do.
+
+    Returns:
+        A contiguous, read-only copy.
+
+    Raises:
+        ValueError: the shape is another one, or a number is not finite.
+    """
+    array = np.array(values, dtype=np.float64, order="C", copy=True)
+    if array.ndim != len(shape) or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=False)):
+        wanted = "x".join("N" if n is None else str(n) for n in shape)
+        raise ValueError(f"{name} has shape {array.shape}, wanted {wanted}")
+    if not np.all(np.isfinite(array)):
+        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(f"{name} is not finite at index {first}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """What a driver is told, sampled at a fixed period and held."""
+
+    dt: float
+    """Period for which each command is held [s]."""
+    values: FloatArray
+    """(N, 2): v [m/s] and omega [rad/s] for `twist`; left and right wheel rate [rad/s] for `wheels`."""
+    kind: CommandKind = "twist"
+    """`twist`: body velocities for the driver to turn into wheel rates; `wheels`: the wheel rates themselves."""
+    before: tuple[float, float] = (0.0, 0.0)
+    """What was commanded before the first command: it fills the delay lines."""
+
+    def __post_init__(self) -> None:
+        """Check and freeze.
+
+        Raises:
+            ValueError: no commands, a period that is not positive, or numbers that are not finite.
+        """
+        if not (np.isfinite(self.dt) and self.dt > 0.0):
+            raise ValueError(f"the command period must be positive, got {self.dt} s")
+        if self.kind not in ("twist", "wheels"):
+            raise ValueError(f"unknown kind of command '{self.kind}'; there are: twist, wheels")
+        object.__setattr__(self, "values", frozen_array(self.values, "commands", (None, 2)))
+        if len(self.values) == 0:
+            raise ValueError("there are no commands")
+
+    @property
+    def n(self) -> int:
+        """How many commands there are, N."""
+        return len(self.values)
+
+    @property
+    def duration(self) -> float:
+        """N periods [s]."""
+        return self.n * self.dt
+
+
+@dataclass(frozen=True)
+class State:
+    """A planar robot at one instant: where its reference point is and how its body and wheels move."""
+
+    x: float = 0.0
+    """World x of the reference point [m]."""
+    y: float = 0.0
+    """World y of the reference point [m]."""
+    yaw: float = 0.0
+    """Heading, unwrapped [rad]."""
+    v_x: float = 0.0
+    """Forward speed of the reference point, body frame [m/s]."""
+    v_y: float = 0.0
+    """Leftward speed of the reference point, body frame [m/s]."""
+    yaw_rate: float = 0.0
+    """Yaw rate [rad/s]."""
+    wheel_left: float = 0.0
+    """Rate of the left wheels [rad/s]."""
+    wheel_right: float = 0.0
+    """Rate of the right wheels [rad/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A motion sampled in time: N + 1 rows for N command periods."""
+
+    t: FloatArray
+    """(M,) strictly increasing [s]."""
+    pose: FloatArray
+    """(M, 3): x [m], y [m], yaw [rad, unwrapped] of the reference point in the world."""
+    twist: FloatArray
+    """(M, 3): v_x [m/s], v_y [m/s], yaw rate [rad/s] in the body frame."""
+    wheels: FloatArray
+    """(M, 2): left and right wheel rate [rad/s]."""
+    channels: Mapping[str, FloatArray] = field(default_factory=dict)
+    """What else was recorded, by name with its unit at the end, each (M,) or (M, k): loads, torques, accelerations."""
+
+    def __post_init__(self) -> None:
+        """Check and freeze.
+
+        Raises:
+            ValueError: lengths differ, time does not increase, or a number is not finite.
+        """
+        t = frozen_array(self.t, "t", (None,))
+        if len(t) == 0:
+            raise ValueError("a trajectory needs at least one sample")
+        if np.any(np.diff(t) <= 0.0):
+            raise ValueError(f"t must increase; it does not after sample {int(np.argmax(np.diff(t) <= 0.0))}")
+        object.__setattr__(self, "t", t)
+        for name, width in (("pose", 3), ("twist", 3), ("wheels", 2)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), name, (len(t), width)))
+        channels = {}
+        for name, values in self.channels.items():
+            array = np.asarray(values)
+            channels[name] = frozen_array(array, name, (len(t), *array.shape[1:]))
+        object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    def __len__(self) -> int:
+        """How many samples there are, M."""
+        return len(self.t)
+
+    @property
+    def xy(self) -> FloatArray:
+        """(M, 2) positions in the world [m]."""
+        return self.pose[:, :2]
+
+    @property
+    def yaw(self) -> FloatArray:
+        """(M,) heading, unwrapped [rad]."""
+        return self.pose[:, 2]
+
+    def state(self, k: int) -> State:
+        """The `k`-th sample as a `State`."""
+        return State(*map(float, self.pose[k]), *map(float, self.twist[k]), *map(float, self.wheels[k]))
+
+
+class Plant(Protocol):
+    """Anything that moves when it is commanded: an analytic model or a simulator.
+
+    A plant includes its driver: saturation, delays, conversion to wheel rates and the wheel torque loop lie inside `step`.
+    """
+
+    @property
+    def name(self) -> str:
+        """What tables and pictures call it."""
+        ...
+
+    @property
+    def dt(self) -> float:
+        """The step of its physics [s]."""
+        ...
+
+    def reset(self, state: State) -> State:
+        """Start from `state`, with empty delay lines; return the state it really starts from."""
+        ...
+
+    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
+        """Hold `command` (v [m/s], omega [rad/s]) for `dt` [s], whole physics steps; return where it is then.
+
+        `yaw_acceleration` is a disturbance added meanwhile [rad/s2], see `ssmr.sensors.yaw_disturbance`.
+        """
+        ...
+
+    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+        """Drive `commands` from `state` at once; equal to `reset` and repeated `step`, but as fast as the plant can.
+
+        `disturbance` is (n,) yaw acceleration [rad/s2] for the n physics steps.
+        """
+        ...

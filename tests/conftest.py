@@ -1,0 +1,58 @@
+"""Tolerances with their reasons, and what every test shares."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from ssmr.types import Plant
+from validation.profiles import PLANTS, Profile, load, make_plant
+
+EXACT = 0.0
+"""Bit for bit: repetition, and a fast implementation against its reference."""
+ROUNDOFF = 1e-12
+"""Relative: algebraic identities in double precision, some tens of operations long."""
+SYMMETRY = 1e-8
+"""Rollouts that mirror or move the frame: the contact solver stops at 1e-10, a thousand steps follow; far under any
+physics."""
+DERIVATIVE = 1e-6
+"""Relative: central differences with a step of 1e-5 on smooth functions of order one."""
+
+settings.register_profile("ci", derandomize=True, deadline=None)
+settings.register_profile("local", deadline=None)
+settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+
+def data_folder() -> Path:
+    """Where the real recordings lie: SSMR_DATA, or `shared/data` beside the source tree."""
+    return Path(os.environ.get("SSMR_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+
+
+@cache
+def _profile(name: str) -> Profile:
+    return load(name)
+
+
+@pytest.fixture(scope="session")
+def lab() -> Profile:
+    """The profile of the lab's robot."""
+    return _profile("thesis-lab")
+
+
+@pytest.fixture(autouse=True)
+def strict_arithmetic() -> Iterator[None]:
+    """Numpy raises where it would warn."""
+    with np.errstate(divide="raise", invalid="raise", over="raise"):
+        yield
+
+
+@pytest.fixture(params=PLANTS)
+def make(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
+    """A maker of each plant in turn, with the lab's numbers."""
+    return lambda: make_plant(lab, request.param)

@@ -1,0 +1,104 @@
+"""Imports run one way, and the pure part stays pure."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+LAYERS = (
+    {"ssmr.errors", "ssmr._jit", "ssmr.types"},
+    {"ssmr.geometry", "ssmr.friction", "ssmr.vehicle", "ssmr.scenarios"},
+    {"ssmr.drive", "ssmr.sensors", "ssmr.metrics"},
+    {"ssmr.models.coulomb", "ssmr.models.improved", "ssmr.models.linear", "ssmr.models.kinematic"},
+    {"ssmr.simulate"},
+    {
+        "validation.store",
+        "validation.cli",
+        "validation.palette",
+        "validation.published",
+        "validation.husky",
+        "validation.recordings",
+    },
+    {"validation.mujoco_plant", "validation.robot_mesh"},
+    {"validation.profiles", "validation.results"},
+    {"validation.sources", "validation.tables", "validation.figures", "validation.rerun_log"},
+    {"validation.compare"},
+)
+"""A module imports only from layers above its own, so there is no cycle."""
+
+BANNED_IN_SSMR = {
+    "mujoco",
+    "dm_control",
+    "rerun",
+    "matplotlib",
+    "rich",
+    "tyro",
+    "validation",
+    "os.path",
+    "json",
+    "tomllib",
+    "time",
+    "logging",
+}
+"""ssmr is numbers in, numbers out: no simulator, no viewer, no files, no clock."""
+
+
+def modules() -> dict[str, Path]:
+    found = {}
+    for package in ("ssmr", "validation"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            if not name.endswith("__init__"):
+                found[name] = path
+    return found
+
+
+def imports(path: Path) -> set[str]:
+    """Every imported module, wherever the import stands: also in functions and under TYPE_CHECKING."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found.add(node.module or "")
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def test_every_module_has_its_layer() -> None:
+    assert set(modules()) == set().union(*LAYERS)
+
+
+@pytest.mark.parametrize("name", sorted(modules()))
+def test_imports_run_one_way(name: str) -> None:
+    layer = next(i for i, members in enumerate(LAYERS) if name in members)
+    above = set().union(*LAYERS[:layer])
+    ours = imports(modules()[name]) & set(modules())
+    same = ours & LAYERS[layer]
+    assert ours - same <= above, f"{name} imports from below: {sorted(ours - same - above)}"
+    for other in same:
+        assert name not in imports(modules()[other]), f"{name} and {other} import each other"
+
+
+@pytest.mark.parametrize("name", sorted(n for n in modules() if n.startswith("ssmr")))
+def test_ssmr_is_pure(name: str) -> None:
+    used = imports(modules()[name])
+    banned = {u for u in used if u in BANNED_IN_SSMR or u.split(".")[0] in BANNED_IN_SSMR}
+    assert not banned, f"{name} imports {sorted(banned)}"
+
+
+def test_only_the_compiler_cache_touches_files() -> None:
+    for name, path in modules().items():
+        if name.startswith("ssmr") and name != "ssmr._jit":
+            assert not imports(path) & {"os", "pathlib", "tempfile", "shutil", "io"}, name
+
+
+def test_no_package_hides_code_in_its_init() -> None:
+    for package in ("ssmr", "ssmr/models", "validation"):
+        tree = ast.parse((ROOT / package / "__init__.py").read_text(encoding="utf-8"))
+        assert all(isinstance(node, ast.Expr) for node in tree.body), package

@@ -1,0 +1,612 @@
+"""Laws of the metrics: identities, invariances, inequalities; oracles are scipy, evo and the search over all pairs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import directed_hausdorff
+
+from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
+from ssmr.metrics import (
+    BENDING_FLOOR,
+    LENGTH_FLOOR,
+    TIME_TOLERANCE,
+    PathMetrics,
+    bending_energy,
+    compare_paths,
+    horizon_errors,
+    horizon_windows,
+    nearest_distances,
+    path_length,
+    path_metrics_kernel,
+    relative_pose_error,
+    sync_rms,
+    sync_rms_kernel,
+    yaw_rms,
+)
+from ssmr.types import FloatArray, Trajectory
+
+ROUNDOFF = 1e-12  # relative, and in metres for paths of some metres: algebraic identities and other libraries' distances
+RIGID = 1e-9  # relative: a rigid motion rounds each coordinate, and the bending energy divides that by the spacing squared
+CURVATURE = 0.01  # relative: chords of 2 cm on samples that miss the curve by (step)^2 / 8 R; measured at most 0.8 %
+CORNER = 1e-6  # relative: a chord that ends at a right angle ends beyond it by the root of the roundoff
+
+quick = settings(deadline=None)  # the first example compiles
+seeds = st.integers(0, 2**32 - 1)
+coordinates = st.floats(-100.0, 100.0)
+# Few distinct values make coincident samples, crossings and ties, where a wrong bound would show.
+coarse = st.integers(-3, 3).map(float)
+paths = st.one_of(
+    arrays(np.float64, st.tuples(st.integers(1, 90), st.just(2)), elements=coordinates),
+    arrays(np.float64, st.tuples(st.integers(1, 90), st.just(2)), elements=coarse),
+)
+
+
+def all_pairs(points: FloatArray, path: FloatArray) -> FloatArray:
+    """The slow obvious version of `nearest_distances`."""
+    difference = points[:, None, :] - path[None, :, :]
+    return np.sqrt(np.min(difference[..., 0] ** 2 + difference[..., 1] ** 2, axis=1))
+
+
+def random_walk(seed: int, n: int = 700, step: float = 0.01) -> FloatArray:
+    """(n, 2) a path of independent steps, with a standstill in it."""
+    steps = np.random.default_rng(seed).normal(0.0, step, (n, 2))
+    steps[n // 3 : n // 2] = 0.0
+    return np.cumsum(steps, axis=0)
+
+
+def drive(seed: int, n: int = 401, dt: float = 0.05) -> Trajectory:
+    """A smooth random drive: speed and yaw rate are sums of a few sines."""
+    rng = np.random.default_rng(seed)
+    t = dt * np.arange(n)
+    wave = np.sin(t[:, None] * rng.uniform(0.2, 1.5, (1, 4)) + rng.uniform(0.0, 6.0, (1, 4)))
+    speed, yaw_rate = 0.5 + 0.1 * wave[:, :2].sum(axis=1), 0.5 * wave[:, 2:].sum(axis=1)
+    yaw = np.cumsum(yaw_rate) * dt
+    xy = np.cumsum(np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw)]), axis=0) * dt
+    return trajectory(t, np.column_stack([xy, yaw]))
+
+
+def trajectory(t: FloatArray, pose: FloatArray) -> Trajectory:
+    """A trajectory of which only the poses matter."""
+    return Trajectory(t, pose, np.zeros((len(t), 3)), np.zeros((len(t), 2)))
+
+
+def moved(path: Trajectory, pose: tuple[float, float, float]) -> Trajectory:
+    """The same motion seen from another world frame."""
+    return trajectory(path.t, compose(np.array(pose), path.pose))
+
+
+def circle(radius: float, length: float, step: float) -> FloatArray:
+    """(M, 2) samples of an arc, `step` [m] apart."""
+    angle = np.arange(round(length / step) + 1) * step / radius
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def winding(step: float, amplitude: float = 1.5, wave: float = 4.0, waves: int = 3) -> FloatArray:
+    """(M, 2) whole waves of curvature amplitude cos(2 pi s / wave): the bending energy is amplitude^2 length / 2."""
+    fine = 20
+    n = round(waves * wave / step) * fine
+    s = (np.arange(n) + 0.5) * waves * wave / n  # midpoint rule
+    yaw = amplitude * wave / (2.0 * np.pi) * np.sin(2.0 * np.pi * s / wave)
+    xy = np.cumsum(np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0) * waves * wave / n
+    return np.concatenate([np.zeros((1, 2)), xy[fine - 1 :: fine]])
+
+
+# Nearest samples -----------------------------------------------------------------------------------------------------------
+
+
+@quick
+@given(points=paths, path=paths)
+def test_nearest_distances_are_those_of_the_search_over_all_pairs(points: FloatArray, path: FloatArray):
+    found = nearest_distances(points, path)
+    assert np.array_equal(found, all_pairs(points, path))
+    np.testing.assert_allclose(found, cKDTree(path).query(points)[0], rtol=ROUNDOFF, atol=ROUNDOFF)
+
+
+@quick
+@given(seed=seeds, scale=st.sampled_from([1e-9, 1e-3, 1.0, 1e6]), offset=st.sampled_from([0.0, 0.3, 50.0]))
+def test_nearest_distances_of_walks_at_any_scale(seed: int, scale: float, offset: float):
+    points, path = scale * random_walk(seed), scale * (random_walk(seed + 1, 500) + offset)
+    found = nearest_distances(points, path)
+    assert np.array_equal(found, all_pairs(points, path))
+    np.testing.assert_allclose(found, cKDTree(path).query(points)[0], rtol=ROUNDOFF, atol=ROUNDOFF * scale)
+
+
+@pytest.mark.parametrize("step", [1.0, 0.01, 1.0 / 3.0])
+def test_nearest_distances_where_the_bound_is_tight(step: float):
+    # Straight away from the point, back, closer than before for one sample only, and away: to pass over one sample more than
+    # the bound allows is to miss that one.
+    for out in range(1, 120):
+        along = np.concatenate([10.0 + np.arange(out), np.arange(10.0 + out, 8.0, -1.0), np.arange(10.0, 200.0)])
+        path = step * np.column_stack([along, np.zeros(len(along))])
+        for asked in (path, path[::-1]):
+            # The first batch of points lies at the end of the path, so that the second one's walk goes backwards.
+            points = np.concatenate([np.tile(asked[-1], (64, 1)), np.zeros((1, 2))])
+            for some in (points, points[-1:]):
+                assert np.array_equal(nearest_distances(some, asked), all_pairs(some, asked))
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.1, np.pi])
+@pytest.mark.parametrize("n", [1, 31, 32, 33, 1001])
+def test_nearest_distances_of_sines(n: int, phase: float):
+    s, r = np.linspace(0.0, 10.0, n), np.linspace(0.0, 9.0, 1201)
+    points, path = np.column_stack([s, np.sin(s)]), np.column_stack([r, 1.1 * np.sin(r + phase)])
+    assert np.array_equal(nearest_distances(points, path), all_pairs(points, path))
+    assert np.array_equal(nearest_distances(path, points), all_pairs(path, points))
+
+
+def test_nearest_distances_of_laps_that_cover_each_other():
+    points, path = circle(1.0, 20.0, 0.01), circle(1.05, 20.0, 0.011) + np.array([0.02, 0.0])
+    assert np.array_equal(nearest_distances(points, path), all_pairs(points, path))
+
+
+def test_nearest_distances_to_a_standing_robot():
+    points = random_walk(3)
+    path = np.full((400, 2), 0.25)
+    assert np.array_equal(nearest_distances(points, path), all_pairs(points, path))
+    assert np.array_equal(nearest_distances(path, points), all_pairs(path, points))
+
+
+def test_nearest_distances_read_poses_as_paths():
+    a, b = drive(1), drive(2)
+    assert np.array_equal(nearest_distances(a.pose, b.pose), nearest_distances(a.xy, b.xy))
+
+
+def test_nearest_distances_of_no_points_are_none():
+    assert nearest_distances(np.zeros((0, 2)), np.zeros((1, 2))).shape == (0,)
+
+
+@pytest.mark.parametrize("bad", [np.zeros((0, 2)), np.array([[0.0, np.nan]]), np.array([[-np.inf, 0.0], [0.0, 0.0]])])
+def test_nearest_distances_refuse_paths_without_numbers(bad: FloatArray):
+    with pytest.raises(ValueError, match="finite"):
+        nearest_distances(np.zeros((1, 2)), bad)
+    if len(bad) > 0:
+        with pytest.raises(ValueError, match="finite"):
+            nearest_distances(bad, np.zeros((1, 2)))
+
+
+# Length and bending energy -------------------------------------------------------------------------------------------------
+
+
+def test_length_of_a_hand_made_path():
+    assert path_length([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0], [3.0, 0.0]]) == 9.0
+    assert path_length([[1.0, 2.0]]) == 0.0
+
+
+@pytest.mark.parametrize("step", [0.0003, 0.004, 0.01, 0.0137, 0.02, 0.033, 0.1])
+@pytest.mark.parametrize(("radius", "length"), [(0.5, 1.0), (1.0, 10.0), (5.0, 20.0)])
+def test_bending_energy_of_a_circle(radius: float, length: float, step: float):
+    xy = circle(radius, length, step)
+    expected = step * (len(xy) - 1) / radius**2
+    assert bending_energy(xy) == pytest.approx(expected, rel=CURVATURE)
+
+
+@pytest.mark.parametrize("step", [0.001, 0.01, 0.02, 0.05])
+def test_bending_energy_is_the_integral_of_curvature_squared(step: float):
+    assert bending_energy(winding(step)) == pytest.approx(0.5 * 1.5**2 * 12.0, rel=CURVATURE)
+
+
+def test_bending_energy_converges_with_the_spacing_by_second_order():
+    xy = winding(2e-4)
+    error = [abs(bending_energy(xy, spacing) / (0.5 * 1.5**2 * 12.0) - 1.0) for spacing in (0.05, 0.025, 0.0125)]
+    orders = np.log2(np.array(error[:-1]) / np.array(error[1:]))
+    assert np.all(np.abs(orders - 2.0) < 0.2)  # measured 2.17 and 2.10
+
+
+@quick
+@given(seed=seeds)
+def test_bending_energy_does_not_depend_on_speed_nor_stops(seed: int):
+    rng = np.random.default_rng(seed)
+    xy = winding(0.002)
+    kept = np.sort(np.concatenate([[0, len(xy) - 1], rng.integers(0, len(xy), 9000)]))  # uneven steps, many coincident
+    stop = np.full((500, 2), xy[0])
+    assert bending_energy(np.concatenate([stop, xy[kept]])) == pytest.approx(bending_energy(xy), rel=CURVATURE)
+
+
+@pytest.mark.parametrize(
+    "still",
+    [
+        np.zeros((1, 2)),
+        np.zeros((900, 2)),
+        np.random.default_rng(0).normal(0.0, 0.001, (900, 2)),  # jitter within the spacing
+        circle(0.008, 10.0, 0.001),  # on the spot, about a point 8 mm beside
+    ],
+)
+def test_bending_energy_of_a_standing_robot_is_zero(still: FloatArray):
+    assert bending_energy(still) == 0.0
+
+
+@quick
+@given(seed=seeds, n=st.integers(2, 300))
+def test_bending_energy_of_a_straight_line_is_zero(seed: int, n: int):
+    rng = np.random.default_rng(seed)
+    along = np.cumsum(rng.exponential(0.03, n) * rng.integers(0, 2, n))
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    xy = along[:, None] * [np.cos(angle), np.sin(angle)] + rng.uniform(-5.0, 5.0, 2)
+    assert bending_energy(xy) < ROUNDOFF
+
+
+def test_bending_energy_of_a_corner_is_that_of_one_turn():
+    leg = np.linspace(0.0, 1.0, 101)[:, None]  # the corner falls on a point of the new layout
+    xy = np.concatenate([leg * [1.0, 0.0], [1.0, 0.0] + leg[1:] * [0.0, 1.0]])
+    assert bending_energy(xy, 0.04) == pytest.approx((np.pi / 2.0) ** 2 / 0.04, rel=CORNER)
+
+
+@quick
+@given(path=paths, spacing=st.floats(1e-6, 10.0))
+def test_bending_energy_is_finite_and_no_turn_exceeds_half_a_turn(path: FloatArray, spacing: float):
+    # At most M - 1 chords, each as if it turned by pi, and one more for what is left at the end.
+    assert 0.0 <= bending_energy(path, spacing) <= len(path) * np.pi**2 / spacing
+
+
+@quick
+@given(seed=seeds, scale=st.floats(0.1, 10.0))
+def test_length_and_bending_energy_scale(seed: int, scale: float):
+    xy = drive(seed).xy
+    assert path_length(scale * xy) == pytest.approx(scale * path_length(xy), rel=ROUNDOFF)
+    assert bending_energy(scale * xy, scale * 0.05) == pytest.approx(bending_energy(xy, 0.05) / scale, rel=RIGID)
+
+
+@pytest.mark.parametrize("spacing", [0.0, -1.0, np.nan, np.inf])
+def test_bending_energy_refuses_a_spacing_that_is_no_distance(spacing: float):
+    with pytest.raises(ValueError, match="spacing"):
+        bending_energy(np.zeros((3, 2)), spacing)
+
+
+# The metrics together ------------------------------------------------------------------------------------------------------
+
+
+@quick
+@given(seed=seeds)
+def test_a_path_equals_itself(seed: int):
+    a = drive(seed)
+    assert compare_paths(a, a) == PathMetrics(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@quick
+@given(
+    seed=seeds,
+    pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0)),
+)
+def test_a_common_rigid_motion_changes_nothing(seed: int, pose: tuple[float, float, float]):
+    a, b = drive(seed), drive(seed + 1)
+    before, after = compare_paths(a, b), compare_paths(moved(a, pose), moved(b, pose))
+    np.testing.assert_allclose(dataclasses.astuple(after), dataclasses.astuple(before), rtol=RIGID, atol=RIGID)
+
+
+@quick
+@given(seed=seeds, n=st.integers(2, 300))
+def test_the_metrics_are_ordered_and_the_symmetric_ones_symmetric(seed: int, n: int):
+    a, b = drive(seed), drive(seed + 1, n)
+    there, back = compare_paths(a, b), compare_paths(b, a)
+    for m in (there, back):
+        assert 0.0 <= m.d_rms_m <= m.d_haus_m * (1.0 + ROUNDOFF)
+        assert m.d_rms_symmetric_m <= m.d_haus_symmetric_m * (1.0 + ROUNDOFF)
+    assert there.d_haus_symmetric_m == back.d_haus_symmetric_m == max(there.d_haus_m, back.d_haus_m)
+    assert there.d_rms_symmetric_m == pytest.approx(back.d_rms_symmetric_m, rel=ROUNDOFF)
+    assert there.d_rms_symmetric_m == pytest.approx(math.hypot(there.d_rms_m, back.d_rms_m) / math.sqrt(2.0), rel=ROUNDOFF)
+    assert there.d_ratio * back.d_ratio == pytest.approx(1.0, rel=ROUNDOFF)
+
+
+@quick
+@given(seed=seeds)
+def test_samples_at_the_same_instant_are_no_closer_than_the_closest(seed: int):
+    m = compare_paths(drive(seed), drive(seed + 1))
+    assert m.d_rms_m <= m.sync_rms_m * (1.0 + ROUNDOFF)
+    assert m.yaw_rms_rad <= np.pi
+
+
+@quick
+@given(seed=seeds, scale=st.floats(0.1, 10.0))
+def test_distances_scale_and_the_length_ratio_does_not(seed: int, scale: float):
+    a, b = drive(seed), drive(seed + 1)
+    grown = [trajectory(p.t, p.pose * [scale, scale, 1.0]) for p in (a, b)]
+    before, after = compare_paths(a, b), compare_paths(*grown)
+    for name in ("d_rms_m", "d_haus_m", "d_rms_symmetric_m", "d_haus_symmetric_m", "sync_rms_m"):
+        assert getattr(after, name) == pytest.approx(scale * getattr(before, name), rel=ROUNDOFF)
+    assert after.d_ratio == pytest.approx(before.d_ratio, rel=ROUNDOFF)
+    assert after.yaw_rms_rad == before.yaw_rms_rad
+
+
+@quick
+@given(seed=seeds)
+def test_hausdorff_distances_are_scipys(seed: int):
+    a, b = drive(seed), drive(seed + 1, 250)
+    m = compare_paths(a, b)
+    from_reference, from_candidate = directed_hausdorff(b.xy, a.xy)[0], directed_hausdorff(a.xy, b.xy)[0]
+    assert m.d_haus_m == pytest.approx(from_reference, rel=ROUNDOFF)
+    assert m.d_haus_symmetric_m == pytest.approx(max(from_reference, from_candidate), rel=ROUNDOFF)
+
+
+def test_which_way_round():
+    # The candidate covers the reference, then strays 3 m: seen from the reference's samples that goes unnoticed.
+    reference = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    candidate = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 3.0, 0.0]])
+    t = np.arange(4.0)
+    there = compare_paths(trajectory(t, candidate), trajectory(t[:3], reference))
+    back = compare_paths(trajectory(t[:3], reference), trajectory(t, candidate))
+    assert (there.d_rms_m, there.d_haus_m, there.d_haus_symmetric_m) == (0.0, 0.0, 3.0)
+    assert (back.d_rms_m, back.d_haus_m, back.d_haus_symmetric_m) == (1.5, 3.0, 3.0)  # root of the mean of 0, 0, 0 and 9
+    assert there.d_rms_symmetric_m == back.d_rms_symmetric_m == math.sqrt(0.5 * 9.0 / 4.0)
+    assert there.d_ratio == 5.0 / 2.0
+    assert back.d_ratio == 2.0 / 5.0
+
+
+@pytest.mark.parametrize(("fine", "coarse"), [(0.01, 0.02), (0.007, 0.05)])
+def test_one_curve_sampled_at_two_rates_differs_by_half_a_step(fine: float, coarse: float):
+    a, b = circle(2.0, 6.0, fine), circle(2.0, 6.0, coarse)
+    _, d_haus, d_ratio, e_bend_ratio, _, _ = path_metrics_kernel(b, a[2:-10])
+    assert d_haus <= 0.5 * coarse
+    assert d_ratio == pytest.approx(1.0, abs=0.03)  # the 12 samples left out, so that the coarse path covers the fine one
+    assert e_bend_ratio == pytest.approx(d_ratio, rel=CURVATURE)
+
+
+def test_the_ratios_are_those_of_length_and_bending_energy():
+    a, b = drive(5), drive(6)
+    m = compare_paths(a, b)
+    assert m.d_ratio == path_length(a.xy) / path_length(b.xy)
+    assert m.e_bend_ratio == bending_energy(a.xy) / bending_energy(b.xy)
+    assert path_metrics_kernel(a.pose, b.pose) == dataclasses.astuple(m)[:6]
+
+
+def test_ratios_are_finite_where_the_reference_stands_still():
+    still, moving = trajectory(np.arange(401.0), np.zeros((401, 3))), drive(7)
+    assert compare_paths(still, still).d_ratio == 1.0
+    assert compare_paths(still, still).e_bend_ratio == 1.0
+    assert compare_paths(moving, still).d_ratio == path_length(moving.xy) / LENGTH_FLOOR
+    assert compare_paths(moving, still).e_bend_ratio == bending_energy(moving.xy) / BENDING_FLOOR
+    assert compare_paths(still, moving).d_ratio == 0.0
+    assert compare_paths(still, moving).e_bend_ratio == 0.0
+
+
+def test_two_straight_paths_have_the_same_bending():
+    t = np.linspace(0.0, 10.0, 501)
+    a, b = (trajectory(t, np.column_stack([v * t, 0.3 * t, np.zeros(501)])) for v in (0.5, 0.7))
+    assert compare_paths(a, b).e_bend_ratio == 1.0
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e100])
+def test_the_kernel_answers_a_diverged_candidate_with_nan(bad: float):
+    reference = drive(1).pose
+    candidate = reference.copy()
+    candidate[200:, 1] = bad
+    assert np.all(np.isnan(path_metrics_kernel(candidate, reference)))
+    assert np.all(np.isnan(path_metrics_kernel(reference, candidate)))
+    assert np.all(np.isnan(path_metrics_kernel(np.zeros((0, 2)), reference)))
+
+
+@pytest.mark.parametrize("far", [1e6, 1e15, 1e30, 1e74])
+def test_the_kernel_comes_back_from_any_finite_path(far: float):
+    reference = drive(1).pose
+    candidate = reference.copy()
+    candidate[200:, :2] += far * np.cos(np.arange(201 * 2.0)).reshape(201, 2)
+    assert np.all(np.isfinite(path_metrics_kernel(candidate, reference)))
+
+
+# Synchronised errors -------------------------------------------------------------------------------------------------------
+
+
+@quick
+@given(speed=st.floats(0.1, 2.0), delay=st.floats(0.0, 1.0), turn=st.floats(-0.5, 0.5))
+def test_a_delayed_motion_lags_by_its_speed(speed: float, delay: float, turn: float):
+    # Speed and yaw rate are constant along a straight line, so linear interpolation is exact at other stamps too.
+    t = 0.1 * np.arange(101)
+    s = np.sort(np.concatenate([[0.0, 10.0], np.random.default_rng(0).uniform(0.0, 10.0, 60)]))
+    reference = trajectory(t, np.column_stack([speed * t, 0.0 * t, turn * t]))
+    candidate = trajectory(s, np.column_stack([speed * (s - delay), 0.0 * s, turn * (s - delay)]))
+    assert sync_rms(candidate, reference) == pytest.approx(speed * delay, rel=RIGID, abs=ROUNDOFF)
+    assert yaw_rms(candidate, reference) == pytest.approx(abs(turn) * delay, rel=RIGID, abs=ROUNDOFF)
+
+
+@quick
+@given(seed=seeds, turns=st.integers(-3, 3))
+def test_whole_turns_and_wrapping_do_not_count(seed: int, turns: int):
+    a, b = drive(seed), drive(seed + 1)
+    expected = yaw_rms(a, b)
+    later = trajectory(b.t[:-1] + 0.02, b.pose[:-1])  # between the candidate's stamps
+    turned = trajectory(a.t, a.pose + np.array([0.0, 0.0, 2.0 * np.pi * turns]))
+    wrapped = trajectory(a.t, np.column_stack([a.xy, wrap_angle(a.yaw)]))
+    assert yaw_rms(turned, b) == pytest.approx(expected, rel=RIGID, abs=RIGID)
+    assert yaw_rms(wrapped, later) == pytest.approx(yaw_rms(a, later), rel=RIGID, abs=RIGID)
+
+
+def test_equal_stamps_are_compared_without_interpolation():
+    a, b = drive(1), drive(2)
+    assert sync_rms(a, b) == pytest.approx(np.sqrt(np.mean(np.sum((a.xy - b.xy) ** 2, axis=1))), rel=ROUNDOFF)
+    assert yaw_rms(a, b) == pytest.approx(np.sqrt(np.mean(wrap_angle(a.yaw - b.yaw) ** 2)), rel=ROUNDOFF)
+
+
+def test_only_the_common_span_counts():
+    a, b = drive(1), drive(2)
+    part = trajectory(a.t[100:301], a.pose[100:301])
+    other = trajectory(b.t[100:301], b.pose[100:301])
+    assert sync_rms(part, b) == sync_rms(a, other) == sync_rms(part, other)
+    assert sync_rms_kernel(part.t, part.pose, b.t, b.pose)[2] == 201
+
+
+def test_stamps_that_differ_by_rounding_are_the_same():
+    a = drive(1)
+    shifted = trajectory(a.t + 0.5 * TIME_TOLERANCE, a.pose)
+    assert sync_rms_kernel(a.t, a.pose, shifted.t, shifted.pose)[2] == len(a)
+    assert sync_rms_kernel(shifted.t, shifted.pose, a.t, a.pose)[2] == len(a)
+    assert sync_rms(a, shifted) < 1.0 * TIME_TOLERANCE  # it moves at less than 1 m/s
+
+
+def test_single_samples_can_be_compared():
+    one = trajectory(np.array([3.0]), np.array([[1.0, 2.0, 0.5]]))
+    other = trajectory(np.array([3.0]), np.array([[4.0, 6.0, 0.0]]))
+    assert compare_paths(one, other) == PathMetrics(5.0, 5.0, 1.0, 1.0, 5.0, 5.0, 5.0, 0.5)
+
+
+@pytest.mark.parametrize("compare", [sync_rms, yaw_rms, compare_paths])
+def test_motions_at_different_times_cannot_be_synchronised(compare):
+    a = drive(1)
+    later = trajectory(a.t + 100.0, a.pose)
+    with pytest.raises(ValueError, match="span"):
+        compare(a, later)
+
+
+# Relative pose errors ------------------------------------------------------------------------------------------------------
+
+
+@quick
+@given(
+    seed=seeds,
+    pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0)),
+)
+def test_relative_errors_do_not_see_where_either_motion_lies(seed: int, pose: tuple[float, float, float]):
+    a, b = drive(seed), drive(seed + 1)
+    starts, ends = np.arange(0, 300), np.arange(100, 400)
+    before = relative_pose_error(a.pose, b.pose, starts, ends)
+    after = relative_pose_error(moved(a, pose).pose, b.pose, starts, ends)
+    np.testing.assert_allclose(after, before, rtol=RIGID, atol=RIGID)
+    np.testing.assert_allclose(relative_pose_error(moved(b, pose).pose, b.pose, starts, ends), 0.0, atol=RIGID)
+
+
+def test_relative_error_of_a_hand_made_motion():
+    # The reference goes 2 m ahead; the candidate, which faces along y, goes 2 m ahead, 0.5 m left and turns by 1 rad.
+    reference = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    candidate = [[7.0, 7.0, np.pi / 2.0], [6.5, 9.0, np.pi / 2.0 + 1.0]]
+    position, yaw = relative_pose_error(candidate, reference, [0], [1])
+    np.testing.assert_allclose(position, [0.5], rtol=ROUNDOFF)
+    np.testing.assert_allclose(yaw, [1.0], rtol=ROUNDOFF)
+
+
+def test_relative_errors_of_no_windows_are_none():
+    pose = drive(1).pose
+    position, yaw = relative_pose_error(pose, pose, [], [])
+    assert position.shape == yaw.shape == (0,)
+
+
+@pytest.mark.parametrize(("starts", "ends"), [([0], [401]), ([-1], [0]), ([0, 1], [2]), ([0.0], [1.0]), ([[0]], [[1]])])
+def test_relative_errors_refuse_indices_that_are_none(starts, ends):
+    pose = drive(1).pose
+    with pytest.raises(ValueError, match=r"starts|ends"):
+        relative_pose_error(pose, pose, starts, ends)
+
+
+# evo as oracle -------------------------------------------------------------------------------------------------------------
+
+
+def evo_trajectory(path: Trajectory):
+    evo = pytest.importorskip("evo.core.trajectory")
+    positions = np.column_stack([path.xy, np.zeros(len(path))])
+    return evo.PoseTrajectory3D(positions, yaw_to_quat_wxyz(path.yaw), path.t)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_synchronised_errors_are_evos_absolute_pose_errors(seed: int):
+    evo = pytest.importorskip("evo.core.metrics")
+    candidate, reference = drive(seed), drive(seed + 10)
+    m = compare_paths(candidate, reference)
+    for relation, ours in (
+        (evo.PoseRelation.translation_part, m.sync_rms_m),
+        (evo.PoseRelation.rotation_angle_rad, m.yaw_rms_rad),
+    ):
+        ape = evo.APE(relation)
+        ape.process_data((evo_trajectory(reference), evo_trajectory(candidate)))
+        assert ours == pytest.approx(ape.get_statistic(evo.StatisticsType.rmse), rel=ROUNDOFF)
+
+
+@pytest.mark.parametrize("all_pairs_of_evo", [False, True])
+@pytest.mark.parametrize("delta", [1, 7, 120])
+def test_relative_pose_errors_are_evos(delta: int, all_pairs_of_evo: bool):
+    evo = pytest.importorskip("evo.core.metrics")
+    candidate, reference = drive(3), drive(4)
+    edges = np.arange(0, len(reference), 1 if all_pairs_of_evo else delta)
+    starts = edges[edges + delta < len(reference)]
+    ours = relative_pose_error(candidate.pose, reference.pose, starts, starts + delta)
+    for relation, errors in zip((evo.PoseRelation.translation_part, evo.PoseRelation.rotation_angle_rad), ours, strict=True):
+        rpe = evo.RPE(relation, delta, evo.Unit.frames, all_pairs=all_pairs_of_evo)
+        rpe.process_data((evo_trajectory(reference), evo_trajectory(candidate)))
+        np.testing.assert_allclose(errors, rpe.error, rtol=0.0, atol=ROUNDOFF)
+
+
+# Horizons ------------------------------------------------------------------------------------------------------------------
+
+
+@quick
+@given(seed=seeds, n=st.integers(0, 300), horizon=st.floats(0.01, 20.0), share=st.sampled_from([0.0, 0.1, 0.5, 1.0]))
+def test_windows_follow_each_other_and_cover_the_record(seed: int, n: int, horizon: float, share: float):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(0.001, 0.2, n))
+    usable = rng.random(n) < share
+    starts, ends = horizon_windows(t, horizon, usable)
+    good = np.flatnonzero(usable)
+    assert np.array_equal(starts[1:], ends[:-1])  # neither overlap nor gap
+    assert np.all(usable[starts])
+    assert np.all(usable[ends])
+    assert np.all(t[ends] - t[starts] >= horizon - 2.0 * TIME_TOLERANCE)
+    for i, j in zip(starts, ends, strict=True):
+        earlier = good[(good > i) & (good < j)]
+        assert np.all(t[earlier] - t[i] < horizon)  # no usable sample would have done sooner
+    if len(good) > 0:
+        first = good[0] if len(starts) == 0 else ends[-1]
+        assert len(starts) == 0 or starts[0] == good[0]
+        assert t[good[-1]] - t[first] < horizon  # what is left is too short
+    else:
+        assert len(starts) == len(ends) == 0
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.02, 0.1, 1.0 / 3.0])
+@pytest.mark.parametrize("samples", [1, 3, 30])
+def test_rounding_of_stamps_costs_no_sample(samples: int, dt: float):
+    t = 17.3 + dt * np.arange(1000)
+    starts, ends = horizon_windows(t, samples * dt)
+    assert np.array_equal(ends - starts, np.full(999 // samples, samples))
+
+
+def test_windows_start_and_end_where_a_pose_is_fresh():
+    t = np.arange(10.0)
+    usable = np.array([False, True, False, False, False, True, True, False, False, True])
+    starts, ends = horizon_windows(t, 3.0, usable)
+    assert starts.tolist() == [1, 5]
+    assert ends.tolist() == [5, 9]
+
+
+def test_one_sample_has_no_window():
+    starts, ends = horizon_windows([1.0], 1.0)
+    assert len(starts) == len(ends) == 0
+
+
+def test_windows_refuse_what_is_no_record():
+    t = np.arange(5.0)
+    with pytest.raises(ValueError, match="horizon"):
+        horizon_windows(t, 0.0)
+    with pytest.raises(ValueError, match="horizon"):
+        horizon_windows(t, np.inf)
+    with pytest.raises(ValueError, match="increase"):
+        horizon_windows([0.0, 1.0, 1.0], 1.0)
+    with pytest.raises(ValueError, match="usable"):
+        horizon_windows(t, 1.0, np.ones(4, dtype=bool))
+    with pytest.raises(ValueError, match="usable"):
+        horizon_windows(t, 1.0, np.arange(5))
+
+
+@quick
+@given(errors=arrays(np.float64, st.integers(1, 50), elements=st.floats(0.0, 10.0)))
+def test_horizon_errors_are_ordered_and_linear(errors: FloatArray):
+    h = horizon_errors(errors, 0.1 * errors)
+    assert h.n == len(errors)
+    assert errors.min() <= h.position_median_m <= h.position_p95_m <= errors.max()
+    assert h.yaw_median_rad == pytest.approx(0.1 * h.position_median_m, rel=ROUNDOFF)
+    assert h.yaw_p95_rad == pytest.approx(0.1 * h.position_p95_m, rel=ROUNDOFF)
+
+
+def test_horizon_errors_of_a_hand_made_sample():
+    h = horizon_errors(np.arange(21.0), np.zeros(21))
+    assert (h.n, h.position_median_m, h.position_p95_m, h.yaw_median_rad, h.yaw_p95_rad) == (21, 10.0, 19.0, 0.0, 0.0)
+
+
+def test_horizon_errors_refuse_no_windows():
+    with pytest.raises(ValueError, match="no window"):
+        horizon_errors([], [])
+    with pytest.raises(ValueError, match="yaw errors"):
+        horizon_errors([1.0], [1.0, 2.0])

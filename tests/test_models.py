@@ -1,0 +1,295 @@
+"""The planar models: each equation against its derivation, limits, energy, order of convergence."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.errors import DivergedError
+from ssmr.models import coulomb, improved, kinematic, linear
+from ssmr.models.coulomb import CoulombParameters
+from ssmr.models.improved import ImprovedParameters
+from ssmr.models.kinematic import KinematicParameters
+from ssmr.models.linear import LinearParameters
+from ssmr.simulate import PlanarModel, PlanarPlant, run_population
+from ssmr.types import Commands, State
+from ssmr.vehicle import Drive, Vehicle
+from tests.conftest import EXACT, ROUNDOFF
+
+LOOSE = Drive(v_max=50.0, w_max=50.0, delay_v=0.0, delay_w=0.0, hold=0.05, torque_limit=math.inf)
+"""A drive that does nothing but the wheel kinematics and the torque loop."""
+VEHICLE = Vehicle()
+SKEWED = replace(VEHICLE, a=0.3, b=0.2, x_icr=0.05)
+"""A robot whose centre of gravity and of rotation lie off the middle."""
+speeds = st.floats(-2.0, 2.0)
+
+
+def hold(v: float, w: float, seconds: float = 4.0) -> Commands:
+    return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)), before=(v, w))
+
+
+# ------------------------------------------------------------------------------- Coulomb, Eq. 2.14-2.28
+def lagrange(v: float, w: float, yaw: float, torques: tuple[float, float], p: CoulombParameters, veh: Vehicle) -> np.ndarray:
+    """(2,) accelerations straight from Eq. 2.15-2.28.
+
+    Matrices and all: S^T M S, S^T M dS/dt, S^T R, S^T E.
+    """
+    c, s, x = math.cos(yaw), math.sin(yaw), veh.x_icr
+    s_matrix = np.array([[c, x * s], [s, -x * c], [0.0, 1.0]])  # 2.13
+    s_dot = w * np.array([[-s, x * c], [c, x * s], [0.0, 0.0]])
+    m = np.diag([veh.mass, veh.mass, veh.yaw_inertia])
+    front = veh.a / (2 * (veh.a + veh.b)) * veh.mass * veh.gravity  # 2.17
+    rear = veh.b / (2 * (veh.a + veh.b)) * veh.mass * veh.gravity
+    loads = np.array([front, front, rear, rear])  # wheels 1 (front left), 2 (front right), 3 (rear right), 4 (rear left)
+    v_x = np.array([v - veh.half_track * w, v + veh.half_track * w, v + veh.half_track * w, v - veh.half_track * w])
+    v_y = np.array([veh.b - x, veh.b - x, -veh.a - x, -veh.a - x]) * w  # 2.7
+    r_x, f_y = p.u_x * loads * np.sign(v_x), p.mu_c * loads * np.sign(v_y)  # 2.18
+    moment = veh.b * (f_y[0] + f_y[1]) - veh.a * (f_y[2] + f_y[3])
+    moment += veh.half_track * (r_x[1] + r_x[2] - r_x[0] - r_x[3])  # 2.19
+    resist = np.array([r_x.sum() * c - f_y.sum() * s, r_x.sum() * s + f_y.sum() * c, moment])  # 2.20
+    e = np.array([[c, c], [s, s], [-veh.half_track, veh.half_track]]) / veh.wheel_radius  # 2.24
+    right = s_matrix.T @ (e @ np.array(torques) - resist) - s_matrix.T @ m @ s_dot @ np.array([v, w])  # 2.27, 2.28
+    return np.linalg.solve(s_matrix.T @ m @ s_matrix, right)
+
+
+@given(v=speeds, w=speeds, yaw=st.floats(-3.0, 3.0), ref=st.tuples(st.floats(-9, 9), st.floats(-9, 9)))
+def test_coulomb_accelerations_follow_from_the_lagrangian(v: float, w: float, yaw: float, ref: tuple[float, float]) -> None:
+    p = CoulombParameters(u_x=0.07, mu_c=0.3, gain=60.0)
+    packed = tuple(SKEWED.packed())
+    resist = coulomb.resistance(v, w, packed, p.u_x, p.mu_c)
+    dv, dw, left, right = coulomb.accelerations(v, w, ref, resist, packed, (p.u_x, p.mu_c, p.gain, 0.0, 0.0), 14.0)
+    assert np.allclose([dv, dw], lagrange(v, w, yaw, (left, right), p, SKEWED), rtol=1e-11, atol=1e-10)
+
+
+@given(v=speeds, w=speeds)
+def test_the_simplifications_of_2_2_3_are_a_case_of_coulomb(v: float, w: float) -> None:
+    """With a = b and x_ICR = 0 the side force and its moment become N a sgn(omega), and R_x is u_x m g if both sides roll
+    forward.
+    """
+    force, moment = coulomb.resistance(v, w, tuple(VEHICLE.packed()), 0.1, 0.2)
+    load = VEHICLE.mass * VEHICLE.gravity
+    skid = 0.2 * load * VEHICLE.a * np.sign(w)
+    sides = np.sign([v - VEHICLE.half_track * w, v + VEHICLE.half_track * w])
+    assert force == pytest.approx(0.1 * load * sides.mean(), abs=1e-9)
+    assert moment == pytest.approx(skid + VEHICLE.half_track * 0.1 * load * (sides[1] - sides[0]) / 2, abs=1e-9)
+
+
+def test_axle_loads_balance_about_the_centre_of_gravity() -> None:
+    """Eq. 2.17: a rear axle farther from the centre of gravity carries less."""
+    packed = tuple(SKEWED.packed())
+    force, _ = coulomb.resistance(1.0, 0.0, packed, 1.0, 0.0)
+    assert force == pytest.approx(SKEWED.mass * SKEWED.gravity)
+    front, rear = SKEWED.a / (SKEWED.a + SKEWED.b), SKEWED.b / (SKEWED.a + SKEWED.b)
+    assert front * SKEWED.b == pytest.approx(rear * SKEWED.a)
+    assert SKEWED.lateral_lever == pytest.approx(front * SKEWED.b + rear * SKEWED.a)
+
+
+@pytest.mark.parametrize("parameters", [CoulombParameters(0.05, 0.1, 0.0), ImprovedParameters(0.05, 0.12, 0.1, 0.0)])
+def test_undriven_energy_only_falls(parameters: CoulombParameters | ImprovedParameters) -> None:
+    motion = PlanarPlant(PlanarModel(parameters, VEHICLE, LOOSE)).run(
+        hold(0.0, 0.0, 2.0), State(v_x=0.8, yaw_rate=1.5), 0.001
+    )
+    energy = 0.5 * VEHICLE.mass * motion.twist[:, 0] ** 2 + 0.5 * VEHICLE.yaw_inertia * motion.twist[:, 2] ** 2
+    floor = (
+        0.5 * VEHICLE.mass * (0.05 * 9.81 * 0.001) ** 2
+        + 0.5 * VEHICLE.yaw_inertia * (0.1 * 75.0 * 0.256 * 0.001 * 9.81 * 10) ** 2
+    )
+    assert np.all(np.diff(energy) <= floor)  # Coulomb's chatter at rest is at most one step's worth of friction
+    assert energy[-1] <= 2.0 * floor
+
+
+def test_undriven_improved_stops_exactly_and_where_friction_says() -> None:
+    p = ImprovedParameters(0.05, 0.12, 0.1, 0.0)
+    motion = PlanarPlant(PlanarModel(p, VEHICLE, LOOSE)).run(hold(0.0, 0.0, 4.0), State(v_x=0.8), 0.001)
+    assert motion.twist[-1, 0] == EXACT
+    assert motion.pose[-1, 0] == pytest.approx(0.8**2 / (2 * 0.05 * 9.81), rel=1e-3)
+
+
+def test_ccw_curve_of_a_shifted_icr_slides_outward() -> None:
+    """Eq. 2.10: v_y = -x_ICR omega."""
+    motion = PlanarPlant(PlanarModel(CoulombParameters(), SKEWED, LOOSE)).run(hold(0.3, 0.5), State(), 0.01)
+    assert np.allclose(motion.twist[:, 1], -SKEWED.x_icr * motion.twist[:, 2], rtol=ROUNDOFF)
+
+
+# ------------------------------------------------------------------------------- improved friction, Eq. 2.29-2.31
+def breakaway_reference(parameters: ImprovedParameters) -> float:
+    """Difference of wheel-rate references at which the yaw moment equals stiction [rad/s]."""
+    moment = parameters.mu_s * VEHICLE.mass * VEHICLE.gravity * VEHICLE.lateral_lever
+    return moment * VEHICLE.wheel_radius / (VEHICLE.half_track * parameters.gain)
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.99, False), (1.01, True), (-0.99, False), (-1.01, True)])
+def test_it_breaks_away_above_stiction_and_not_below(share: float, moves: bool) -> None:
+    p = ImprovedParameters()
+    wheel = 0.5 * share * breakaway_reference(p)
+    w = wheel * VEHICLE.wheel_radius / VEHICLE.half_track
+    motion = PlanarPlant(PlanarModel(p, VEHICLE, LOOSE)).run(hold(0.0, w), State(), 0.01)
+    assert (abs(motion.pose[-1, 2]) > 1e-3) == moves
+    if not moves:
+        assert np.all(motion.twist == EXACT)  # standstill is kept, not crept
+
+
+def test_stiction_does_not_make_a_moving_robot_stop_between_samples_of_one_sign() -> None:
+    """Above breakaway the steady rate is the commanded one less dynamic friction over loop stiffness."""
+    p = ImprovedParameters()
+    motion = PlanarPlant(PlanarModel(p, VEHICLE, LOOSE)).run(hold(0.5, 0.6), State(), 0.01)
+    r, c = VEHICLE.wheel_radius, VEHICLE.half_track
+    load = VEHICLE.mass * VEHICLE.gravity
+    droop_v = p.u_x * load * r * r / (2.0 * p.gain)
+    droop_w = p.mu_d * load * VEHICLE.lateral_lever * r * r / (2.0 * p.gain * c * c)
+    assert motion.twist[-1, 0] == pytest.approx(0.5 - droop_v, rel=1e-9)
+    assert motion.twist[-1, 2] == pytest.approx(0.6 - droop_w, rel=1e-9)
+
+
+def test_coulomb_chatters_at_rest_and_improved_does_not() -> None:
+    """Fig. 3.33: the sign of friction flips at every step in one model; the other sticks."""
+    still = hold(0.5, 0.0)
+    chatter = PlanarPlant(PlanarModel(CoulombParameters(), VEHICLE, LOOSE)).run(still, State(yaw_rate=1e-4), 0.001)
+    calm = PlanarPlant(PlanarModel(ImprovedParameters(), VEHICLE, LOOSE)).run(still, State(yaw_rate=1e-4), 0.001)
+    tail = slice(1000, None)
+    assert np.abs(chatter.channels["yaw_acceleration_rad_s2"][tail]).max() > 0.5
+    assert np.abs(calm.channels["yaw_acceleration_rad_s2"][tail]).max() == EXACT
+
+
+# ------------------------------------------------------------------------------- linear, Eq. 2.41-2.47
+def test_linear_equals_python_control() -> None:
+    """The stepped model is the zero-order-hold discretisation of `state_space`."""
+    p, drive = LinearParameters(), replace(LOOSE, command_half_track=0.3)
+    rng = np.random.default_rng(3)
+    commands = Commands(0.05, np.column_stack([rng.uniform(-1, 1, 60), rng.uniform(-2, 2, 60)]))
+    motion = PlanarPlant(PlanarModel(p, VEHICLE, drive)).run(commands, State(), 0.001)
+    system = control.sample_system(linear.state_space(VEHICLE, p, drive.command_half_track), 0.001, "zoh")
+    held = np.repeat(commands.values, 50, axis=0)
+    response = control.forced_response(system, inputs=np.vstack([held, held[-1:]]).T)
+    assert np.allclose(response.outputs[1], motion.twist[:, 0], rtol=1e-9, atol=1e-12)
+    assert np.allclose(response.outputs[3], motion.twist[:, 2], rtol=1e-9, atol=1e-12)
+    assert np.allclose(response.outputs[2], motion.pose[:, 2], atol=2e-3)  # theta by the trapezoidal rule on a 1 ms grid
+
+
+def test_linear_is_stable_and_its_gain_is_the_ratio_of_loop_to_friction() -> None:
+    a, b = linear.matrices(VEHICLE, LinearParameters(), 0.275)
+    poles = np.linalg.eigvals(a[np.ix_([1, 3], [1, 3])])
+    assert np.all(poles.real < 0.0)
+    motion = PlanarPlant(PlanarModel(LinearParameters(), VEHICLE, LOOSE)).run(hold(0.5, 0.4), State(), 0.01)
+    assert motion.twist[-1, 0] == pytest.approx(-b[1, 0] / a[1, 1] * 0.5, rel=1e-9)
+    assert motion.twist[-1, 2] == pytest.approx(-b[3, 1] / a[3, 3] * 0.4, rel=1e-9)
+
+
+def test_linear_saturated_start_takes_as_long_as_the_torque_allows() -> None:
+    limited = replace(LOOSE, torque_limit=7.0)
+    motion = PlanarPlant(PlanarModel(LinearParameters(k_u=0.0), VEHICLE, limited)).run(hold(5.0, 0.0, 1.0), State(), 0.01)
+    assert motion.twist[50, 0] == pytest.approx(4 * 7.0 / (VEHICLE.wheel_radius * VEHICLE.mass) * 0.5, rel=1e-9)
+
+
+# ------------------------------------------------------------------------------- kinematic
+@given(left=speeds, right=speeds, x_icr=st.floats(-0.3, 0.3), y_l=st.floats(0.2, 1.0), y_r=st.floats(-1.0, -0.2))
+def test_each_side_has_its_centre_of_rotation(left: float, right: float, x_icr: float, y_l: float, y_r: float) -> None:
+    """The body's velocity at (x_ICR, y_l) is the left tread's: forward alpha_l left, sideways nothing."""
+    v_x, v_y, w = kinematic.body_velocity(left, right, 0.9, 0.8, x_icr, y_l, y_r)
+    assert v_x - w * y_l == pytest.approx(0.9 * left, abs=1e-9)
+    assert v_x - w * y_r == pytest.approx(0.8 * right, abs=1e-9)
+    assert v_y + w * x_icr == pytest.approx(0.0, abs=1e-12)
+
+
+def test_kinematic_drives_circles() -> None:
+    p = KinematicParameters(y_l=0.5, y_r=-0.5, x_icr=0.1)
+    motion = PlanarPlant(PlanarModel(p, VEHICLE, LOOSE)).run(hold(0.4, 0.8, 10.0), State(), 0.01)
+    w = motion.twist[-1, 2]
+    centre = motion.xy[-1] + np.array(
+        [[np.cos(motion.yaw[-1]), -np.sin(motion.yaw[-1])], [np.sin(motion.yaw[-1]), np.cos(motion.yaw[-1])]]
+    ) @ [
+        0.1,
+        motion.twist[-1, 0] / w,
+    ]
+    radius = math.hypot(0.1, motion.twist[-1, 0] / w)
+    assert np.allclose(np.hypot(*(motion.xy[2:] - centre).T), radius, atol=1e-4)
+
+
+def test_stiff_friction_models_approach_the_kinematic_one() -> None:
+    """As the loop stiffens, the improved model's rates become the commanded ones."""
+    errors = []
+    for gain in (50.0, 100.0, 200.0):
+        motion = PlanarPlant(PlanarModel(ImprovedParameters(gain=gain), VEHICLE, LOOSE)).run(hold(0.5, 0.6), State(), 0.01)
+        errors.append(0.6 - motion.twist[-1, 2])
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=1e-6)
+    assert errors[1] / errors[2] == pytest.approx(2.0, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------- numbers
+def test_heun_is_of_second_order_where_forces_are_smooth() -> None:
+    """Coulomb far from any sign change: halving the step quarters the error."""
+    p, end = CoulombParameters(gain=5.0), []
+    for dt in (0.004, 0.002, 0.001, 0.0005):
+        drive = replace(LOOSE, hold=0.1)
+        plant = PlanarPlant(PlanarModel(p, VEHICLE, drive), dt)
+        commands = Commands(0.1, np.tile([1.0, 0.5], (10, 1)), before=(1.0, 0.5))
+        end.append(plant.run(commands, State(v_x=0.5, yaw_rate=0.2), 0.1).pose[-1])
+    steps = [np.linalg.norm(a - b) for a, b in itertools.pairwise(end)]
+    orders = np.log2(np.array(steps[:-1]) / np.array(steps[1:]))
+    assert np.all(np.abs(orders - 2.0) < 0.15), orders
+
+
+def test_a_population_is_its_members_and_workers_do_not_matter() -> None:
+    import numba
+
+    rng = np.random.default_rng(5)
+    commands = hold(0.5, 0.7, 3.0)
+    models = [
+        PlanarModel(ImprovedParameters(gain=float(g)), VEHICLE, Drive(delay_v=float(d)))
+        for g, d in zip(rng.uniform(60, 120, 7), rng.uniform(0, 0.3, 7), strict=True)
+    ]
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        one = run_population(models, commands, State(), 0.01)
+        numba.set_num_threads(before)
+        many = run_population(models, commands, State(), 0.01)
+    finally:
+        numba.set_num_threads(before)
+    alone = np.array([PlanarPlant(m).run(commands, State(), 0.01).pose for m in models])
+    assert np.abs(one - many).max() == EXACT
+    assert np.abs(one - alone).max() == EXACT
+
+
+def test_divergence_is_named() -> None:
+    """A loop stiffer than the step can follow leaves the finite numbers, and the run says when."""
+    plant = PlanarPlant(PlanarModel(CoulombParameters(gain=1e6), VEHICLE, LOOSE))
+    with pytest.raises(DivergedError, match=r"coulomb: no finite velocity after step \d+"):
+        plant.run(hold(0.5, 0.5), State(), 0.01)
+
+    population = run_population([PlanarModel(CoulombParameters(gain=1e6), VEHICLE, LOOSE)], hold(0.5, 0.5), State(), 0.01)
+    assert np.isnan(population).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [
+        (lambda: Vehicle(mass=0.0), "mass"),
+        (lambda: Vehicle(x_icr=0.5), "x_icr"),
+        (lambda: Vehicle(wheel_radius=float("nan")), "wheel_radius"),
+        (lambda: Drive(delay_v=-0.1), "delay_v"),
+        (lambda: Drive(torque_limit=0.0), "torque_limit"),
+        (lambda: CoulombParameters(u_x=-1.0), "u_x"),
+        (lambda: KinematicParameters(y_r=0.3), "y_r"),
+        (lambda: LinearParameters(gain=0.0), "gain"),
+    ],
+)
+def test_impossible_parameters_are_refused_by_name(make: object, what: str) -> None:
+    with pytest.raises(ValueError, match=what):
+        make()  # type: ignore[operator]
+
+
+def test_improved_never_lets_friction_push() -> None:
+    """Friction's power is never positive, at any speed and load (Eq. 2.29)."""
+    rng = np.random.default_rng(11)
+    for active, v in rng.uniform(-200, 200, (200, 2)) * [1.0, 0.01]:
+        friction = improved.improved(active, 60.0, 30.0, v)
+        assert friction * v <= 0.0
+        assert abs(friction) <= 60.0

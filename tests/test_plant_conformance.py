@@ -1,0 +1,141 @@
+"""One suite over every plant: whatever moves when it is commanded must keep these laws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+
+from ssmr.drive import wheel_rates
+from ssmr.geometry import compose
+from ssmr.simulate import simulate
+from ssmr.types import Commands, Plant, State, Trajectory
+from tests.conftest import EXACT, SYMMETRY
+
+Make = Callable[[], Plant]
+
+RNG = np.random.default_rng(7)
+WEAVE = Commands(0.05, np.column_stack([np.full(40, 0.5), np.sin(np.arange(40) * 0.3)]))
+"""Two seconds of starting and weaving."""
+
+
+def mirrored(commands: Commands) -> Commands:
+    """The same drive seen in a mirror: left is right."""
+    return replace(commands, values=commands.values * [1.0, -1.0])
+
+
+def test_it_has_what_a_plant_has(make: Make) -> None:
+    plant = make()
+    assert isinstance(plant.name, str)
+    assert plant.dt > 0.0
+
+
+def test_equal_runs_are_equal_bit_for_bit_even_after_another_run(make: Make) -> None:
+    plant = make()
+    first = plant.run(WEAVE, State(), 0.01)
+    plant.run(mirrored(WEAVE), State(x=3.0, yaw=1.0, v_x=0.3), 0.01)
+    again, other = plant.run(WEAVE, State(), 0.01), make().run(WEAVE, State(), 0.01)
+    for name in ("pose", "twist", "wheels"):
+        assert np.abs(getattr(first, name) - getattr(again, name)).max() == EXACT
+        assert np.abs(getattr(first, name) - getattr(other, name)).max() == EXACT
+
+
+def test_the_fast_run_equals_the_reference_loop(make: Make) -> None:
+    plant = make()
+    push = RNG.normal(0.0, 2.0, round(WEAVE.duration / plant.dt))
+    fast = plant.run(WEAVE, State(0.1, -0.2, 0.3, 0.2), 0.01, push)
+    slow = simulate(plant, WEAVE, State(0.1, -0.2, 0.3, 0.2), 0.01, push)
+    assert np.abs(fast.t - slow.t).max() == EXACT
+    assert np.abs(fast.pose - slow.pose).max() <= 1e-12  # yaw is unwrapped once a sample in one, once a step in the other
+    assert np.abs(fast.twist - slow.twist).max() <= 1e-12
+
+
+def test_left_and_right_are_alike(make: Make) -> None:
+    plant = make()
+    one, other = plant.run(WEAVE, State(), 0.01), plant.run(mirrored(WEAVE), State(), 0.01)
+    flip = np.array([1.0, -1.0, -1.0])
+    assert np.abs(one.pose - other.pose * flip).max() <= SYMMETRY
+    assert np.abs(one.twist - other.twist * flip).max() <= SYMMETRY
+    assert np.abs(one.wheels - other.wheels[:, ::-1]).max() <= SYMMETRY
+
+
+@pytest.mark.parametrize("frame", [(2.0, -1.0, 0.7), (-30.0, 5.0, 3.0), (0.0, 0.0, -10.0)])
+def test_the_world_frame_does_not_matter(make: Make, frame: tuple[float, float, float]) -> None:
+    plant = make()
+    here = plant.run(WEAVE, State(), 0.01)
+    there = plant.run(WEAVE, State(*frame), 0.01)
+    assert np.abs(compose(np.array(frame), here.pose) - there.pose).max() <= SYMMETRY
+    assert np.abs(here.twist - there.twist).max() <= SYMMETRY
+
+
+def test_reset_starts_where_it_was_asked_to(make: Make) -> None:
+    plant = make()
+    wanted = State(1.0, 2.0, 7.0, 0.4, 0.0, 0.2, *wheel_rates(0.4, 0.2, 0.275, 0.1651))
+    began = plant.reset(wanted)
+    assert np.allclose(astuple(began)[:3], astuple(wanted)[:3], atol=1e-9)
+    assert began.v_x == pytest.approx(0.4)
+    assert began.yaw_rate == pytest.approx(0.2)
+
+
+def test_numbers_stay_finite_under_commands_far_beyond_saturation(make: Make) -> None:
+    wild = Commands(0.05, RNG.uniform(-100.0, 100.0, (60, 2)))
+    motion = make().run(wild, State(), 0.01)
+    assert np.abs(motion.pose).max() < 100.0
+
+
+def test_a_robot_that_is_told_to_stand_stands(make: Make) -> None:
+    motion = make().run(Commands(0.05, np.zeros((100, 2))), State(), 0.01)
+    assert np.abs(motion.pose).max() <= 1e-9
+
+
+def test_what_it_returns_is_not_its_memory(make: Make) -> None:
+    plant = make()
+    before = plant.reset(State())
+    kept = replace(before)
+    plant.step((0.5, 0.3), 0.5)
+    assert before == kept
+    motion = plant.run(WEAVE, State(), 0.01)
+    copy = motion.pose.copy()
+    plant.run(mirrored(WEAVE), State(), 0.01)
+    assert np.array_equal(motion.pose, copy)
+    with pytest.raises(ValueError, match="read-only"):
+        motion.pose[0, 0] = 1.0
+
+
+def test_periods_that_physics_does_not_divide_are_refused(make: Make) -> None:
+    plant = make()
+    with pytest.raises(ValueError, match="whole number of physics steps"):
+        plant.run(WEAVE, State(), 0.01 + 0.3 * plant.dt)
+    with pytest.raises(ValueError, match="whole number of physics steps"):
+        plant.step((0.0, 0.0), 0.4 * plant.dt)
+    with pytest.raises(ValueError, match="whole number of physics steps"):
+        plant.run(Commands(0.0517 + 0.1 * plant.dt, WEAVE.values), State(), 0.01)
+
+
+def test_n_commands_leave_n_plus_one_states(make: Make) -> None:
+    motion = make().run(WEAVE, State(), WEAVE.dt)
+    assert len(motion) == WEAVE.n + 1
+
+
+def test_prescribed_wheel_rates_turn_the_wheels(make: Make) -> None:
+    rates = Commands(0.05, np.tile([2.0, 3.0], (60, 1)), "wheels")
+    motion = make().run(rates, State(), 0.05)
+    assert np.abs(motion.wheels[-1] - [2.0, 3.0]).max() < 1e-3
+    assert motion.twist[-1, 0] > 0.3
+    assert motion.twist[-1, 2] > 0.0
+
+
+def test_turning_left_turns_left(make: Make) -> None:
+    motion = make().run(Commands(0.05, np.tile([0.0, 0.8], (100, 1))), State(), 0.05)
+    assert motion.pose[-1, 2] > 0.5
+    assert motion.wheels[-1, 1] > 0.0 > motion.wheels[-1, 0]
+
+
+def test_nothing_happens_before_the_delay_is_over(make: Make) -> None:
+    motion = make().run(WEAVE, State(), 0.01)
+    early = motion.t <= 0.2
+    assert isinstance(motion, Trajectory)
+    assert np.abs(motion.pose[early]).max() <= 1e-9
+    assert motion.pose[-1, 0] > 0.1

@@ -1,0 +1,428 @@
+"""The published numbers: complete, finite, read-only, and consistent wherever the thesis says a thing twice.
+
+Where the thesis contradicts itself the test states both sides, so that the print is known to be wrong and not
+the copy.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import pytest
+
+from validation import published
+
+NUMBERS = [f"3.{i}" for i in range(1, 17)] + [f"4.{i}" for i in range(1, 39)]
+METRICS = ("d_rms_m", "d_haus_m", "d_ratio")
+METRIC_TABLES = ["3.9", "3.12", "3.15", *(f"4.{i}" for i in (*range(5, 20), *range(22, 38)))]
+SINGLE_ROW_TABLES = METRIC_TABLES[3:-1]
+JDE_TABLES = ["3.7", "3.10", "3.13", "4.3", "4.20"]
+LAST_DIGIT = 0.5e-4
+"""Half a unit of the last printed digit of d_rms, d_haus and d_ratio."""
+PERCENT_DIGIT = 0.005
+"""Half a unit of the last printed digit of Tab. 4.38."""
+ROUNDOFF = 1e-12
+
+ERRATA_4_38_LAST_DIGIT = {
+    ("line_0.50", "d_haus"): (46.29, 46.30),
+    ("generic_0.50", "d_rms"): (-50.98, -50.99),
+    ("generic_0.50", "d_ratio"): (5.70, 5.71),
+}
+"""Entries of Tab. 4.38 off by one in the last digit: printed, computed from Tab. 4.37."""
+ERRATA_4_38_WRONG = {
+    ("sine_0.25", "d_haus"): (34.86, 19.79),
+    ("sine_0.25", "d_rms"): (34.88, 31.25),
+}
+"""Entries of Tab. 4.38 that no rounding of Tab. 4.37 explains: printed, computed from Tab. 4.37."""
+
+
+def numbers_in(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], float]]:
+    """Every number below a node, with the keys that lead to it."""
+    if isinstance(node, Mapping):
+        for key, item in node.items():
+            yield from numbers_in(item, (*path, key))
+    elif isinstance(node, tuple):
+        for index, item in enumerate(node):
+            yield from numbers_in(item, (*path, str(index)))
+    elif isinstance(node, (int, float)) and not isinstance(node, bool):
+        yield path, float(node)
+
+
+def rows_in_all_tables() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    for number in (*NUMBERS, "text"):
+        for name, row in published.table(number)["rows"].items():
+            yield number, name, row
+
+
+def is_inside(value: float, bounds: tuple[float, float]) -> bool:
+    return bounds[0] <= value <= bounds[1]
+
+
+def pid_and_lqr(row: str, metric: str) -> tuple[float, float]:
+    """A metric of Tab. 4.37 for both controllers."""
+    key = metric if metric == "d_ratio" else f"{metric}_m"
+    return published.value("4.37", f"pid_{row}", key), published.value("4.37", f"lqr_{row}", key)
+
+
+def change_percent(row: str, metric: str) -> float:
+    """100 (LQR / PID - 1) from the printed numbers of Tab. 4.37."""
+    pid, lqr = pid_and_lqr(row, metric)
+    return 100.0 * (lqr / pid - 1.0)
+
+
+def change_percent_bounds(row: str, metric: str) -> tuple[float, float]:
+    """The least and greatest change that numbers which print as those of Tab. 4.37 allow."""
+    pid, lqr = pid_and_lqr(row, metric)
+    lower = 100.0 * ((lqr - LAST_DIGIT) / (pid + LAST_DIGIT) - 1.0)
+    upper = 100.0 * ((lqr + LAST_DIGIT) / (pid - LAST_DIGIT) - 1.0)
+    return lower - PERCENT_DIGIT, upper + PERCENT_DIGIT
+
+
+# --------------------------------------------------------------------------------------- the file as a whole
+
+
+def test_every_table_of_the_thesis_is_present_in_order():
+    tables = [key for key, item in published.load().items() if isinstance(item, Mapping)]
+    assert tables == [*NUMBERS, "text"]
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_every_table_has_a_caption_and_rows(number: str):
+    content = published.table(number)
+    assert content["caption"]
+    assert content.get("lost", False) == (len(content["rows"]) == 0)
+    assert all(isinstance(row, Mapping) and row for row in content["rows"].values())
+
+
+def test_only_table_4_27_is_lost_and_it_says_so():
+    assert [number for number in NUMBERS if published.table(number).get("lost")] == ["4.27"]
+    with pytest.raises(ValueError, match=r"no row 'sine_0\.50'.*not at hand"):
+        published.value("4.27", "sine_0.50", "d_rms_m")
+
+
+def test_every_number_is_finite_but_the_bounds_printed_as_infinite():
+    infinite = {path for path, number in numbers_in(published.load()) if not math.isfinite(number)}
+    unbounded = [("4.1", "y_pid"), ("4.1", "alpha_pid"), ("4.2", "u_pid"), ("4.2", "omega_pid")]
+    assert infinite == {(t, "rows", row, end) for t, row in unbounded for end in ("lower", "upper")}
+
+
+def test_bounds_are_ordered():
+    for number, name, row in rows_in_all_tables():
+        if "search" in row:
+            lower, upper = row["search"]
+            assert lower < upper, (number, name)
+        if "lower" in row or "upper" in row:
+            assert row["lower"] < row["upper"], (number, name)
+
+
+def test_every_single_value_has_a_unit():
+    for number, name, row in rows_in_all_tables():
+        if {"value", "lower", "optimised"} & row.keys():
+            assert row["unit"], (number, name)
+
+
+def test_every_number_of_the_text_names_its_section():
+    assert all(row["section"] for row in published.table("text")["rows"].values())
+
+
+def test_content_is_read_only_and_loaded_once():
+    content = published.load()
+    assert published.load() is content
+    for node in (content, content["3.8"], content["3.8"]["rows"], content["3.8"]["rows"]["u_x"]):
+        assert isinstance(node, MappingProxyType)
+    assert isinstance(content["3.8"]["rows"]["u_x"]["search"], tuple)
+
+
+@pytest.mark.parametrize("number", ["3.17", "4.39", "", "schema"])
+def test_unknown_table_is_refused_with_those_there_are(number: str):
+    with pytest.raises(ValueError, match=r"no published table .* 3\.1, 3\.2, .*4\.38, text"):
+        published.table(number)
+
+
+def test_unknown_row_or_key_is_refused_with_those_there_are():
+    with pytest.raises(ValueError, match="its rows are traj1, traj2, traj3, traj4"):
+        published.value("3.9", "traj5", "d_rms_m")
+    with pytest.raises(ValueError, match="it has d_rms_m, d_haus_m, d_ratio"):
+        published.value("3.9", "traj4")
+    with pytest.raises(ValueError, match="it has optimised, manual"):
+        published.value("4.21", "Q_11")
+
+
+# ----------------------------------------------------------------------------------------------- spot checks
+
+
+@pytest.mark.parametrize(
+    ("number", "row", "key", "expected"),
+    [
+        ("3.1", "mass", "value", 73.30),  # first row of the robot's specifications, "73,30"
+        ("3.4", "Y", "value", 7.9259e-12),  # fourth row, the variance of Y
+        ("3.8", "u_x", "value", 0.0727),  # Coulomb model, rolling resistance, last column
+        ("3.11", "K_P_tau", "value", 118.04),  # improved friction, last row
+        ("3.12", "traj4", "d_rms_m", 0.0145),  # improved friction, starred row, first column
+        ("3.15", "traj2", "d_haus_m", 0.0677),  # linear model, second row, second column
+        ("3.16", "mu2", "value", 0.15),  # Gazebo, last row, and in the listing of the world file above it
+        ("4.4", "K_I_alpha", "value", 0.0005276),  # sixth row, "5.276e-04"
+        ("4.12", "generic_0.50", "d_haus_m", 0.3417),  # first of the three numbers under Fig. 4.17
+        ("4.21", "Q_33", "manual", 3.00),  # third row, last column
+        ("4.25", "circle_0.50", "d_rms_m", 0.0483),  # second of the three numbers under Fig. 4.30
+        ("4.37", "lqr_generic_0.50", "d_ratio", 1.0484),  # last number of the table
+        ("4.38", "circle_0.25", "d_rms_change_percent", 331.25),  # third row, "+331,25 %"
+        ("text", "yaw_acceleration_variance", "value", 25.0),  # Sec. 3.4.5
+        ("text", "encoder_ticks_per_metre", "value", 78000.0),  # Sec. 3.1.3, "78'000 ticks/m"
+    ],
+)
+def test_spot_checks_against_the_print(number: str, row: str, key: str, expected: float):
+    assert published.value(number, row, key) == expected
+
+
+# ------------------------------------------------------------------------------------- laws that cross-check
+
+
+def test_converted_units_match_the_print():
+    for name in ("view_angle_horizontal", "view_angle_vertical"):
+        row = published.table("3.2")["rows"][name]
+        assert row["value"] == pytest.approx(math.radians(row["printed_value"]), rel=ROUNDOFF)
+    period = published.table("3.2")["rows"]["measurement_period"]
+    assert period["value"] == pytest.approx(period["printed_value"] / 1000.0, rel=ROUNDOFF)
+    # and the camera's period is that of its frame rate, to the printed tenth of a millisecond
+    assert period["value"] == pytest.approx(1.0 / published.value("3.2", "frame_rate"), abs=0.05e-3)
+
+
+def test_sample_times_are_the_inverse_of_the_frequencies_to_the_printed_millisecond():
+    for row in published.table("3.5")["rows"].values():
+        assert row["sample_time_s"] == pytest.approx(1.0 / row["frequency_hz"], abs=0.5e-3)
+
+
+@pytest.mark.parametrize("number", METRIC_TABLES)
+def test_metrics_are_plausible(number: str):
+    for name, row in published.table(number)["rows"].items():
+        # a maximum is not less than the root mean square
+        assert 0.0 < row["d_rms_m"] <= row["d_haus_m"] < 0.5, name
+        assert 0.9 < row["d_ratio"] < 1.1, name
+
+
+@pytest.mark.parametrize("number", SINGLE_ROW_TABLES)
+def test_row_names_and_captions_agree_with_the_keys(number: str):
+    content = published.table(number)
+    name = f"{content['trajectory']}_{content['speed_m_s']:.2f}"
+    assert tuple(content["rows"]) in ((), (name,))
+    caption_word = {"line": "Linear", "circle": "Circular", "sine": "Sinusoidal", "generic": "Generic"}
+    speed = content.get("printed_speed_m_s", content["speed_m_s"])
+    caption = content["caption"]
+    assert caption.startswith(content["controller"].upper())
+    assert f"{caption_word[content['trajectory']]} trajectory at {speed:.2f} m/s" in caption
+    assert caption.endswith(content["comparison"].replace("_vs_", " vs. ").title().replace("Vs.", "vs."))
+
+
+def test_erratum_captions_of_4_6_and_4_23_repeat_the_slow_case():
+    assert [n for n in SINGLE_ROW_TABLES if "printed_speed_m_s" in published.table(n)] == ["4.6", "4.23"]
+    for slow, fast in (("4.5", "4.6"), ("4.22", "4.23")):
+        assert published.table(slow)["caption"] == published.table(fast)["caption"]
+        assert published.table(slow)["speed_m_s"] == 0.25
+        assert published.table(fast)["speed_m_s"] == 0.50
+
+
+def test_each_single_case_is_published_once():
+    cases = [
+        tuple(published.table(n)[key] for key in ("controller", "comparison", "trajectory", "speed_m_s"))
+        for n in SINGLE_ROW_TABLES
+    ]
+    assert len(set(cases)) == len(cases) == 30
+
+
+def test_erratum_4_8_copies_4_7():
+    slow = published.table("4.7")["rows"]["circle_0.25"]
+    fast = published.table("4.8")["rows"]["circle_0.50"]
+    assert dict(slow) == dict(fast)
+    assert published.table("4.8")["suspect"]
+    # no other pair of tables shares its three numbers
+    rows = {n: dict(row) for n in SINGLE_ROW_TABLES for row in published.table(n)["rows"].values()}
+    assert [(a, b) for a, b in itertools.combinations(rows, 2) if rows[a] == rows[b]] == [("4.7", "4.8")]
+
+
+def test_table_4_37_repeats_the_single_tables():
+    compared: list[str] = []
+    covered: set[str] = set()
+    for number in SINGLE_ROW_TABLES:
+        content = published.table(number)
+        if content["comparison"] != "simulated_vs_real":
+            continue
+        ((name, row),) = content["rows"].items()
+        repeated = f"{content['controller']}_{name}"
+        covered.add(repeated)
+        assert {m: published.value("4.37", repeated, m) for m in METRICS} == dict(row)
+        if "taken_from" not in content:
+            compared.append(number)
+    assert covered == set(published.table("4.37")["rows"])
+    # independent prints of the same three numbers; the other five tables were taken from 4.37 itself
+    assert compared == ["4.13", "4.15", "4.16", "4.19", "4.30", "4.32", "4.33", "4.35", "4.36"]
+
+
+def test_rows_of_4_37_are_named_by_their_case():
+    for name, row in published.table("4.37")["rows"].items():
+        assert name == f"{row['controller']}_{row['trajectory']}_{row['speed_m_s']:.2f}"
+
+
+def test_table_4_38_follows_from_4_37():
+    errata = ERRATA_4_38_LAST_DIGIT | ERRATA_4_38_WRONG
+    disagree: dict[tuple[str, str], tuple[float, float]] = {}
+    for row in published.table("4.38")["rows"]:
+        for metric in ("d_rms", "d_haus", "d_ratio"):
+            printed = published.value("4.38", row, f"{metric}_change_percent")
+            computed = change_percent(row, metric)
+            if abs(printed - computed) > PERCENT_DIGIT + 1e-9:
+                disagree[row, metric] = (printed, round(computed, 2))
+    assert disagree == errata
+
+
+def test_erratum_4_38_only_the_sine_is_beyond_rounding():
+    for row in published.table("4.38")["rows"]:
+        for metric in ("d_rms", "d_haus", "d_ratio"):
+            lower, upper = change_percent_bounds(row, metric)
+            inside = lower <= published.value("4.38", row, f"{metric}_change_percent") <= upper
+            assert inside == ((row, metric) not in ERRATA_4_38_WRONG), (row, metric)
+
+
+def test_straight_runs_agree_on_one_length():
+    """A robot that only stops short of a straight line's end has d_haus = L (1 - d_ratio).
+
+    The thesis does not give L. The four straight runs, at two speeds under two controllers, agree on one
+    value within the rounding of their prints, which leaves it 6 cm.
+    """
+    bounds = []
+    for number in ("4.5", "4.6", "4.22", "4.23"):
+        ((_, row),) = published.table(number)["rows"].items()
+        d_haus, short = row["d_haus_m"], 1.0 - row["d_ratio"]
+        bounds.append(
+            ((d_haus - LAST_DIGIT) / (short + LAST_DIGIT), (d_haus + LAST_DIGIT) / (short - LAST_DIGIT))
+        )
+    lower, upper = max(low for low, _ in bounds), min(high for _, high in bounds)
+    assert 10.78 < lower < upper < 10.86
+
+
+@pytest.mark.parametrize("number", JDE_TABLES)
+def test_jde_settings_agree(number: str):
+    rows = published.table(number)["rows"]
+    shared = ("F_init", "F_bound", "CR_init", "CR_bound", "tau_1", "tau_2", "nr", "slp", "df")
+    assert {key: rows[key] for key in shared} == {key: published.table("3.7")["rows"][key] for key in shared}
+    assert rows["nr"]["value"] == 4  # best/2 takes two difference vectors, four individuals
+    assert rows["NP"]["value"] * rows["n_gen"]["value"] == 15000
+    for name in ("F", "CR"):
+        bound = rows[f"{name}_bound"]
+        assert bound["lower"] <= rows[f"{name}_init"]["value"] <= bound["upper"]
+
+
+@pytest.mark.parametrize(("model", "number"), [("coulomb", "3.7"), ("improved", "3.10"), ("linear", "3.13")])
+def test_iterations_of_the_text_are_generations_times_population(model: str, number: str):
+    iterations = published.value("text", f"{model}_iterations")
+    generations = published.value("text", f"{model}_generations")
+    assert iterations == generations * published.value(number, "NP")
+    assert generations <= published.value(number, "n_gen")
+
+
+def test_text_repeats_the_tables():
+    # Sec. 3.5.4: trajectory 4 is simulated 3.12 % too long
+    excess = published.value("text", "coulomb_traj4_length_excess_percent")
+    assert 1.0 + excess / 100.0 == pytest.approx(published.value("3.9", "traj4", "d_ratio"), abs=ROUNDOFF)
+    # Sec. 3.6: from 2.75 s to "about 0.70 s" is "a reduction of 74 %"
+    improved, coulomb, reduction = (
+        published.value("text", name)
+        for name in (
+            "improved_simulation_time_s",
+            "coulomb_simulation_time_s",
+            "simulation_time_reduction_percent",
+        )
+    )
+    assert 100.0 * (1.0 - improved / coulomb) == pytest.approx(reduction, abs=1.0)
+    # Sec. 3.4: the commands saturate at the robot's greatest speeds
+    for limits, greatest in (
+        ("u_cmd_limits", "max_linear_speed"),
+        ("omega_cmd_limits", "max_angular_velocity"),
+    ):
+        assert published.value("text", limits, "upper") == published.value("3.1", greatest)
+    assert published.value("text", "circle_radius") == published.table("4.7")["radius_m"]
+
+
+def test_given_delays_and_torque_are_the_same_for_all_models():
+    for row in ("delay_u_s", "delay_w_s", "tau_max_wheel_N_m"):
+        assert published.value("3.8", row) == published.value("3.11", row) == published.value("3.14", row)
+
+
+def test_pid_gains_searched_and_set_by_hand():
+    rows = published.table("4.4")["rows"]
+    searched = [name for name, row in rows.items() if "search" in row]
+    assert len(searched) == published.value("text", "pid_gains_searched")  # Sec. 4.3.3
+    assert len(rows) == published.value("text", "pid_parameters_in_all")  # Sec. 4.5
+    assert set(rows) - set(searched) == {"K_P_FF_u", "K_P_FF_omega"}
+    assert all(rows[name]["value"] == rows[name]["optimised"] for name in searched)  # printed as "="
+    branches = [row for number in ("4.1", "4.2") for row in published.table(number)["rows"].values()]
+    used = [gain for row in branches for gain in row["gains"]]
+    assert used == list(rows)
+
+
+def test_lqr_parameters_searched_and_set_by_hand():
+    rows = published.table("4.21")["rows"]
+    searched = [name for name, row in rows.items() if "search" in row]
+    assert len(searched) == published.value("text", "lqr_parameters_searched")  # Sec. 4.4.3 and 4.5
+    assert len(rows) - len(searched) == published.value("text", "lqr_parameters_by_hand")
+
+
+# ------------------------------------------------------------------------------- contradictions in the print
+
+
+def test_erratum_3_8_only_mu_c_lies_outside_its_search_bounds():
+    outside = [
+        (number, name)
+        for number, name, row in rows_in_all_tables()
+        if "search" in row and not is_inside(row.get("value", row.get("optimised")), row["search"])
+    ]
+    assert outside == [("3.8", "mu_c")]
+    row = published.table("3.8")["rows"]["mu_c"]
+    assert (row["value"], row["search"]) == (0.0254, (0.10, 0.20))
+    assert row["suspect"]
+
+
+def test_erratum_4_21_every_manual_q_lies_outside_the_search_bounds():
+    rows = published.table("4.21")["rows"]
+    outside = [
+        n for n, row in rows.items() if "search" in row and not is_inside(row["manual"], row["search"])
+    ]
+    assert outside == ["Q_11", "Q_22", "Q_33", "Q_44"]
+
+
+def test_erratum_4_21_optimised_q_is_not_positive_definite():
+    # Sec. 4.4.1 asks for it; Q_44 prints as 0.00, the lower end of its search range
+    row = published.table("4.21")["rows"]["Q_44"]
+    assert row["optimised"] == row["search"][0] == 0.0
+
+
+def test_erratum_4_20_step_is_longer_than_the_loop_it_simulates():
+    steps = {number: published.value(number, "step_time_s") for number in JDE_TABLES}
+    assert steps.pop("4.20") == 0.01
+    assert set(steps.values()) == {0.001}
+    # Sec. 4.2: the loop runs on odometry of 120 Hz, which a step of 10 ms cannot resolve
+    assert 1.0 / published.value("text", "odometry_rate") < published.value("4.20", "step_time_s")
+
+
+def test_erratum_3_5_prints_another_ekf_rate_than_chapter_4():
+    assert published.value("3.5", "EKF", "frequency_hz") == 50.0
+    assert published.value("text", "odometry_rate") == published.value("text", "position_loop_rate") == 120.0
+
+
+def test_erratum_3_4_repeats_the_caption_of_3_3():
+    assert published.table("3.3")["caption"] == published.table("3.4")["caption"]
+
+
+def test_erratum_3_14_is_no_linearisation_of_3_8():
+    """Eq. 2.40 has K_u = (2/pi) k_s u_x and K_y = (2/pi) k_s mu_c, with k_s >> 1 (Eq. 2.33).
+
+    The fitted K_u, K_y and the fitted u_x, mu_c give k_s of 0.6 and 1.8 s/m: the coefficients of the
+    hyperviscous model are free parameters, and no slope of the Coulomb model's friction at zero speed.
+    """
+    k_sx = math.pi / 2.0 * published.value("3.14", "K_u") / published.value("3.8", "u_x")
+    k_sy = math.pi / 2.0 * published.value("3.14", "K_y") / published.value("3.8", "mu_c")
+    assert k_sx == pytest.approx(0.599, abs=0.001)
+    assert k_sy == pytest.approx(1.843, abs=0.001)
+    assert max(k_sx, k_sy) < published.value("text", "k_s_figure_2_9") / 10.0

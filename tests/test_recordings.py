@@ -1,0 +1,452 @@
+"""Recordings: what is refused and how it is said, what survives a round trip, and where time has gaps."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.geometry import rotate_body_to_world
+from ssmr.types import FloatArray
+from validation import recordings
+from validation.recordings import COLUMNS, Recording, RecordingError, Segment, read_csv, write_csv
+
+EXACT_FIT = 1e-9
+"""A least-squares fit of noise-free poses: rounding of 1e-16 over a span of half a second, with room to spare."""
+HEADER = "t,cmd_v,cmd_w,x,y,yaw\n"
+DATA = Path(os.environ.get("SSMR_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+TILE = DATA / "husky_tile" / "husky_tile_train.csv"
+
+
+def on_file(folder: Path, text: str | bytes, name: str = "drive.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8"))
+    return path
+
+
+def ticks(n: int, step: float, start: float = 0.0) -> FloatArray:
+    return np.asarray(start + step * np.arange(n), dtype=np.float64)
+
+
+def timed(t: list[float], **columns: list[float]) -> Recording:
+    """A recording with these times and, unless given, commands of zero."""
+    return Recording("drive", np.array(t), {n: np.array(v) for n, v in (columns or {"cmd_v": [0.0] * len(t)}).items()})
+
+
+def driven(t: FloatArray, twist: tuple[float, float, float], start: tuple[float, float, float]) -> dict[str, FloatArray]:
+    """Pose columns of a robot that keeps its body twist (v_x, v_y, yaw rate not zero) from `start` on, in closed form."""
+    v_x, v_y, rate = twist
+    turn = rate * (t - t[0])
+    body = (
+        np.stack([v_x * np.sin(turn) - v_y * (1.0 - np.cos(turn)), v_x * (1.0 - np.cos(turn)) + v_y * np.sin(turn)], -1)
+        / rate
+    )
+    x, y = rotate_body_to_world(body, start[2]).T
+    return {"x": start[0] + x, "y": start[1] + y, "yaw": start[2] + turn}
+
+
+# ---------------------------------------------------------------------------------------------------------- bad files
+
+BAD_FILES: dict[str, tuple[str | bytes, int | None, str | None, str]] = {
+    "empty": ("", None, None, "empty; a recording begins with a header line"),
+    "only blank lines": ("\n \r\n\n", None, None, "empty"),
+    "byte order mark alone": (b"\xef\xbb\xbf", None, None, "empty"),
+    "header alone": (HEADER, None, None, "no samples after the header; a recording needs at least two"),
+    "one row": (HEADER + "0,0,0,0,0,0\n", None, None, "there is one sample after the header"),
+    "no time": ("cmd_v,cmd_w\n0,0\n1,1\n", 1, None, "no column t among 'cmd_v', 'cmd_w'"),
+    "no time below blank lines": ("\n\ncmd_v,cmd_w\n0,0\n1,1\n", 3, None, "no column t"),
+    "semicolons": ("t;x;y;yaw\n0;0;0;0\n", 1, None, "separated by commas"),
+    "no header": ("0,0.1,0.2\n1,0.1,0.2\n", 1, None, "no column t among '0', '0.1', '0.2'"),
+    "nothing known": ("t,foo,bar\n0,1,2\n1,1,2\n", 1, None, "no known column among 't', 'foo', 'bar'"),
+    "same name twice": ("t,x,foo, x\n0,0,0,0\n1,0,0,0\n", 1, "x", "twice"),
+    "time twice": ("t,x,t\n0,0,0\n1,0,0\n", 1, "t", "twice"),
+    "column without a name": ("t,,x\n0,0,0\n1,0,0\n", 1, "number 2", "'' names no column"),
+    "name with a control character": ("t,x,a\tb\n0,0,0\n1,0,0\n", 1, "number 3", r"'a\tb' names no column"),
+    "text for a number": (HEADER + "0,0,0,0,0,0\n1,0,abc,0,0,0\n", 3, "cmd_w", "'abc', wanted a finite number [rad/s]"),
+    "text in the only row": (HEADER + "0,abc,0,0,0,0\n", 2, "cmd_v", "'abc', wanted a finite number [m/s]"),
+    "text for a time": (HEADER + "0,0,0,0,0,0\nnow,0,0,0,0,0\n", 3, "t", "'now', wanted a finite number [s]"),
+    "grouped digits": (HEADER + "0,0,0,0,0,0\n1,1_0,0,0,0,0\n", 3, "cmd_v", "'1_0'"),
+    "text too long to show": (HEADER + f"0,{'a' * 10_000},0,0,0,0\n", 2, "cmd_v", "aaa...', wanted"),
+    "nothing": (HEADER + "0,0,0,0,0,0\n1,0,0,0, ,0\n", 3, "y", "there is nothing, wanted a finite number [m]"),
+    "nan": (HEADER + "0,0,0,0,0,0\n0.1,nan,0,0,0,0\n0.2,0,0,0,0,0\n", 3, "cmd_v", "'nan'"),
+    "inf": (HEADER + "0,0,0,0,0,0\n0.1,0,0,0,0,-inf\n", 3, "yaw", "'-inf', wanted a finite number [rad]"),
+    "too large": (HEADER + "0,0,0,1e999,0,0\n1,0,0,0,0,0\n", 2, "x", "'1e999'"),
+    "nan time": (HEADER + "0,0,0,0,0,0\nNaN,0,0,0,0,0\n", 3, "t", "'NaN'"),
+    "text among numbers of a channel": ("t,x,note\n0,0,1\n1,0,hm\n2,0,3\n", 3, "note", "'hm', wanted a finite number"),
+    "time stands": (HEADER + "0,0,0,0,0,0\n1,0,0,0,0,0\n1,0,0,0,0,0\n", 4, "t", "increase, but 1 s follows 1 s"),
+    "time turns back": (HEADER + "0,0,0,0,0,0\n\n-1,0,0,0,0,0\n", 4, "t", "increase, but -1 s follows 0 s"),
+    "too few fields": (HEADER + "0,0,0,0,0,0\n1,0,0\n", 3, None, "3 fields, wanted 6 as in the header"),
+    "too many fields": (HEADER + "0,0,0,0,0,0\r\n1,0,0,0,0,0,0\r\n", 3, None, "7 fields, wanted 6"),
+    "quote never closed": (HEADER + '0,0,0,0,0,0\n1,"0,0,0,0,0\n2,0,0,0,0,0\n', 3, None, "no CSV"),
+    "line counted past a quoted line break": ('t,x,note\n0,0,"a\nb"\n1,?,c\n', 4, "x", "'?'"),
+    "line counted in a file of old": ("t,x\r0,0\r1,?\r", 3, "x", "'?'"),
+    "binary": (b"\x00\x01\x02\xff", 1, None, "not UTF-8; wanted a CSV file"),
+    "NUL byte": (HEADER + "0,0,0,0,0,0\n1,0,\0,0,0,0\n", 3, None, "a NUL byte; wanted a CSV file"),
+    "not UTF-8": (HEADER.encode() + b"0,0,0,0,0,0\n1,\xb5,0,0,0,0\n", 3, None, "a byte that is not UTF-8"),
+    "not UTF-8 after a byte order mark": (b"\xef\xbb\xbft,x\n\xb5", 2, None, "not UTF-8"),
+    "UTF-16": ((HEADER + "0,0,0,0,0,0\n").encode("utf-16"), 1, None, "a byte that is not UTF-8"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_file_says_what_and_where_in_one_line(tmp_path: Path, case: str) -> None:
+    text, line, column, what = BAD_FILES[case]
+    path = on_file(tmp_path, text)
+    with pytest.raises(RecordingError) as caught:
+        read_csv(path)
+    error, message = caught.value, str(caught.value)
+    assert (error.path, error.line, error.column) == (path, line, column)
+    assert what in message
+    assert str(path) in message
+    assert line is None or f"line {line}" in message
+    assert column is None or f"column {column}:" in message
+    assert len(message.splitlines()) == 1
+    assert len(message) < 500 + len(str(path))
+
+
+def test_error_survives_a_process_boundary() -> None:
+    error = RecordingError(Path("drive.csv"), "wrong", 3, "x")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error) == "drive.csv, line 3, column x: wrong"  # noqa: S301
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"nowhere\.csv: there is no such file"):
+        read_csv(tmp_path / "nowhere.csv")
+
+
+def test_folder(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="this is a folder"):
+        read_csv(tmp_path)
+
+
+def test_unreadable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(RecordingError, match=r"drive\.csv: the file cannot be read: Permission denied"):
+        read_csv(tmp_path / "drive.csv")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: timed([0.0]), "at least two samples"),
+        (lambda: timed([0.0, 1.0, 1.0]), "t must increase; it does not after sample 1"),
+        (lambda: timed([0.0, math.nan]), "t is not finite"),
+        (lambda: timed([0.0, 1.0], x=[0.0]), "x has shape"),
+        (lambda: timed([0.0, 1.0], x=[0.0, math.inf]), "x is not finite"),
+        (lambda: timed([0.0, 1.0], foo=[0.0, 1.0]), "unknown columns: foo"),
+        (lambda: Recording("drive", np.arange(2.0), {}), "none at all"),
+        (lambda: Recording("drive", np.arange(2.0), {"x": np.zeros(2)}, {"y": np.zeros(2)}), "no name for a channel: 'y'"),
+        (lambda: Recording("drive", np.arange(2.0), {"x": np.zeros(2)}, {" a": np.zeros(2)}), "no name for a channel: ' a'"),
+        (lambda: Recording("drive", np.arange(2.0), {"x": np.zeros(2)}, gap_factor=0.5), "gap factor"),
+        (lambda: Recording("drive", np.arange(2.0), {"x": np.zeros(2)}, period=0.0), "period must be positive"),
+        (lambda: Recording.from_columns("drive", {"x": np.zeros(2)}), "drive has no column t"),
+        (lambda: Segment(timed([0.0, 1.0, 2.0]), 1, 2), "no segment"),
+        (lambda: Segment(timed([0.0, 1.0, 2.0]), 1, 4), "no segment"),
+    ],
+)
+def test_invalid_recordings_cannot_be_made(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+# --------------------------------------------------------------------------------------------------------- good files
+
+
+def test_mark_line_endings_blank_lines_and_spaces_are_fine(tmp_path: Path) -> None:
+    r = read_csv(on_file(tmp_path, "\ufefft, x ,y,yaw,acc_x\r\n0, 1,2,3,4\r\n\r\n0.5,5,6,7,8\r\n\r\n  \r\n\r\n"))
+    assert r.name == "drive"
+    assert r.t.tolist() == [0.0, 0.5]
+    assert {n: a.tolist() for n, a in r.columns.items()} == {"x": [1.0, 5.0], "y": [2.0, 6.0], "yaw": [3.0, 7.0]}
+    assert {n: a.tolist() for n, a in r.channels.items()} == {"acc_x": [4.0, 8.0]}
+    assert (r.has_pose, r.has_commands, r.has_wheels) == (True, False, False)
+
+
+@pytest.mark.parametrize(
+    ("cells", "line", "what"),
+    [
+        (("a", "b", "c"), 2, "text"),
+        (("a", "", "c"), 2, "text"),
+        (("1", "nan", "3"), 3, "no finite number"),
+        (("1", "2", "-inf"), 4, "no finite number"),
+        (("1", "", "3"), 3, "no finite number"),
+        (("", "", ""), 2, "no finite number"),
+    ],
+)
+def test_unusable_channels_are_left_out_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, cells: tuple[str, ...], line: int, what: str
+) -> None:
+    path = on_file(tmp_path, "t,x,note,acc_x\n" + "".join(f"{k},0,{cell},{k}\n" for k, cell in enumerate(cells)))
+    with caplog.at_level(logging.WARNING, logger=recordings.__name__):
+        r = read_csv(path)
+    assert list(r.channels) == ["acc_x"]
+    assert [m.getMessage() for m in caplog.records] == [
+        f"{path}, line {line}, column note: there is {what}; the channel is left out"
+    ]
+
+
+def test_recording_is_frozen() -> None:
+    source = np.array([0.0, 1.0, 2.0])
+    r = Recording("drive", source, {"x": source, "y": source, "yaw": source}, {"a": source})
+    source[0] = 9.0
+    segment = r.segments()[0]
+    for array in (r.t, r.columns["x"], r.channels["a"], r.pose, segment.t, segment.pose, r.table(("x", "y"))):
+        assert array.ravel()[0] == 0.0
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+@given(data=st.data(), n=st.integers(2, 12))
+def test_round_trip_is_bit_identical(data: st.DataObject, n: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    finite = st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=n, max_size=n)
+    moment = st.floats(-1e9, 1e9).map(lambda v: v + 0.0)  # 0.0 and -0.0 are one instant
+    names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(recordings._is_name)
+    t = sorted(data.draw(st.lists(moment, min_size=n, max_size=n, unique=True)))
+    columns = data.draw(st.dictionaries(st.sampled_from(list(COLUMNS)), finite, min_size=1))
+    channels = data.draw(st.dictionaries(names.filter(lambda s: s != "t" and s not in COLUMNS), finite, max_size=3))
+    path = tmp_path_factory.mktemp("round") / "drive.csv"
+    written = Recording.from_columns("drive", {"t": t, **columns, **channels})
+    write_csv(written, path)
+    got = read_csv(path)
+    assert got.t.tobytes() == written.t.tobytes()
+    assert {k: a.tobytes() for k, a in got.columns.items()} == {k: a.tobytes() for k, a in written.columns.items()}
+    assert {k: a.tobytes() for k, a in got.channels.items()} == {k: a.tobytes() for k, a in written.channels.items()}
+    assert [*got.columns, *got.channels] == [*written.columns, *written.channels]
+
+
+def test_columns_are_written_as_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
+    write_csv({"acc": [1, 2], "x": [0.1, 0.2], "t": [0, 1]}, path)
+    assert path.read_bytes() == b"t,x,acc\n0.0,0.1,1.0\n1.0,0.2,2.0\n"
+    with pytest.raises(ValueError, match="other has no column t"):
+        write_csv({"x": [0.0, 1.0]}, tmp_path / "other.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["drive.csv"]
+
+
+def test_failed_write_leaves_the_old_file_and_nothing_beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "drive.csv"
+    write_csv(timed([0.0, 1.0]), path)
+    before = path.read_bytes()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(OSError, match="No space left"):
+        write_csv(timed([0.0, 2.0]), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["drive.csv"]
+
+
+# ------------------------------------------------------------------------------------------------- gaps, cuts, columns
+
+
+def test_one_dropped_sample_is_tolerated_two_are_a_gap() -> None:
+    r = timed([0.0, 0.1, 0.3, 0.4, 0.7, 0.8, 0.9, 1.5, 2.0, 2.1])
+    assert r.period == pytest.approx(0.1)
+    assert [(s.start, s.stop) for s in r.segments()] == [(0, 4), (4, 7), (8, 10)]  # the sample at 1.5 s stands alone
+    assert [s.t.tolist() for s in r.segments()][1] == [0.7, 0.8, 0.9]
+
+
+@given(steps=st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40), factor=st.floats(1.0, 5.0))
+def test_segments_span_no_gap_and_lose_only_lone_samples(steps: list[float], factor: float) -> None:
+    t = np.cumsum([0.0, *steps])
+    r = Recording("drive", t, {"x": t}, gap_factor=factor)
+    limit = factor * r.period + recordings.TIME_ROUNDOFF
+    inside = np.zeros(len(t), dtype=bool)
+    for s in r.segments():
+        assert len(s) == len(s.t) >= 2
+        assert np.all(np.diff(s.t) <= limit)
+        assert not inside[s.start : s.stop].any()
+        inside[s.start : s.stop] = True
+    step = np.concatenate([[np.inf], np.diff(t), [np.inf]])
+    assert np.array_equal(inside, (step[:-1] <= limit) | (step[1:] <= limit))
+
+
+def test_gap_factor_of_a_file(tmp_path: Path) -> None:
+    path = on_file(tmp_path, "t,x\n0,0\n1,0\n2,0\n4,0\n5,0\n")
+    assert len(read_csv(path).segments()) == 1
+    assert len(read_csv(path, gap_factor=1.5).segments()) == 2
+
+
+def test_cut_keeps_both_ends_and_moves_no_gap() -> None:
+    r = Recording("drive", np.array([0.0, 1.0, 2.0, 6.0, 7.0]), {"x": np.arange(5.0)}, {"a": np.arange(5.0)}, gap_factor=3.0)
+    part = r.cut(1.0, 6.0)
+    assert part.t.tolist() == [1.0, 2.0, 6.0]
+    assert part.columns["x"].tolist() == part.channels["a"].tolist() == [1.0, 2.0, 3.0]
+    assert (part.name, part.gap_factor, part.period) == (r.name, r.gap_factor, r.period)
+    assert [s.t.tolist() for s in part.segments()] == [[1.0, 2.0]]  # by its own median step there would be no gap
+    assert r.cut(None, 1.5).t.tolist() == [0.0, 1.0]
+    assert r.cut(5.9).t.tolist() == [6.0, 7.0]
+    assert r.cut().t.tolist() == r.t.tolist()
+    with pytest.raises(ValueError, match="nothing but gaps between 2 and 6 s"):
+        r.cut(2.0, 6.0).segments()
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "count"), [(8.0, None, 0), (None, -1.0, 0), (3.0, 1.0, 0), (2.0, 3.0, 1), (math.nan, None, 0)]
+)
+def test_cut_to_nothing_names_the_span(start: float | None, stop: float | None, count: int) -> None:
+    with pytest.raises(ValueError, match=f"drive has {count} samples in .*, wanted two or more; it spans 0 to 7 s"):
+        timed([0.0, 1.0, 2.0, 6.0, 7.0]).cut(start, stop)
+
+
+def test_missing_columns_are_named() -> None:
+    r = timed([0.0, 1.0], x=[0.0, 1.0], cmd_v=[0.0, 0.0])
+    segment = r.segments()[0]
+    with pytest.raises(ValueError, match="drive has no column y, yaw; it has x, cmd_v"):
+        _ = r.pose
+    with pytest.raises(ValueError, match="no column y, yaw"):
+        segment.initial_state()
+    with pytest.raises(ValueError, match="no column cmd_w;"):
+        segment.commands("twist", 0.1)
+    with pytest.raises(ValueError, match="no column enc_left, enc_right;"):
+        segment.commands("wheels", 0.1)
+
+
+def test_yaw_is_unwrapped_in_the_pose_alone() -> None:
+    r = timed([0.0, 1.0, 2.0], x=[0.0] * 3, y=[0.0] * 3, yaw=[3.0, -3.0, -2.0])
+    np.testing.assert_allclose(r.pose[:, 2], [3.0, 2.0 * math.pi - 3.0, 2.0 * math.pi - 2.0], rtol=1e-15)
+    assert r.columns["yaw"].tolist() == [3.0, -3.0, -2.0]
+
+
+# --------------------------------------------------------------------------------------------------- commands and poses
+
+
+def test_zero_order_hold() -> None:
+    r = timed([10.0, 10.1, 10.25, 10.3 + 4e-7, 10.4], cmd_v=[1.0, 2.0, 3.0, 4.0, 5.0], cmd_w=[-1.0, -2.0, -3.0, -4.0, -5.0])
+    c = r.segments()[0].commands("twist", 0.1)
+    assert (c.kind, c.dt) == ("twist", 0.1)
+    assert c.values.tolist() == [[1.0, -1.0], [2.0, -2.0], [2.0, -2.0], [4.0, -4.0]]  # the last sample ends the motion
+    fine = r.segments()[0].commands("twist", 0.05)
+    assert fine.values[:, 0].tolist() == [1.0, 1.0, 2.0, 2.0, 2.0, 3.0, 4.0, 4.0]
+
+
+def test_commands_just_reach_the_last_sample() -> None:
+    segment = timed([0.0, 0.1, 0.25], enc_left=[1.0, 2.0, 3.0], enc_right=[4.0, 5.0, 6.0]).segments()[0]
+    assert segment.commands("wheels", 0.1).values.tolist() == [[1.0, 4.0], [2.0, 5.0], [2.0, 5.0]]
+    assert segment.commands("wheels", 5.0).values.tolist() == [[1.0, 4.0]]
+
+
+@given(n=st.integers(1, 400), substeps=st.integers(1, 20), start=st.floats(0.0, 1e5))
+def test_a_uniform_log_is_held_sample_by_sample(n: int, substeps: int, start: float) -> None:
+    t = ticks(n + 1, 0.05, start)
+    v = np.arange(n + 1.0)
+    segment = Recording("drive", t, {"cmd_v": v, "cmd_w": -v}).segments()[0]
+    assert segment.commands("twist", 0.05 / substeps).values[:, 0].tolist() == np.repeat(v[:-1], substeps).tolist()
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
+def test_command_period_is_checked(dt: float) -> None:
+    segment = timed([0.0, 1.0], cmd_v=[0.0, 0.0], cmd_w=[0.0, 0.0]).segments()[0]
+    with pytest.raises(ValueError, match="period must be positive"):
+        segment.commands("twist", dt)
+
+
+def test_unknown_kind_of_command() -> None:
+    with pytest.raises(ValueError, match="unknown kind of command 'torque'; there are: twist, wheels"):
+        timed([0.0, 1.0]).segments()[0].commands("torque", 0.1)  # type: ignore[arg-type]
+
+
+def test_fresh_poses() -> None:
+    t = ticks(20, 0.1)
+    x = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 2.0, *[2.0] * 12, 3.0, 3.0])
+    yaw = np.array([0.0] * 4 + [1.0] * 16)  # a turn on the spot, at the fifth sample
+    fresh = Recording("drive", t, {"x": x, "y": 0.0 * x, "yaw": yaw}).segments()[0].fresh
+    assert np.flatnonzero(fresh).tolist() == [0, 2, 4, 5, 16, 17, 18]  # still since 0.5 s, so from 1.6 s on all count
+
+
+@pytest.mark.parametrize("twist", [(0.4, 0.0, 1e-9), (0.4, -0.1, 1.5), (-0.3, 0.2, -2.0)])
+@pytest.mark.parametrize("repeat", [1, 2, 5])
+def test_initial_state_recovers_a_constant_twist(twist: tuple[float, float, float], repeat: int) -> None:
+    t = ticks(40, 0.05, 100.0)
+    rows = np.arange(40) // repeat * repeat  # a localiser slower than the log: its pose is logged `repeat` times
+    pose = {n: a[rows] for n, a in driven(t, twist, (3.0, -2.0, 3.0)).items()}
+    wrapped = np.angle(np.exp(1j * pose["yaw"]))
+    state = Recording("drive", t, {**pose, "yaw": wrapped, "enc_left": t, "enc_right": -t}).segments()[0].initial_state()
+    assert (state.x, state.y, state.wheel_left, state.wheel_right) == (3.0, -2.0, 100.0, -100.0)
+    assert state.yaw == pytest.approx(3.0)
+    # a twist of 1e-9 rad/s makes the closed form above lose digits: 1e-16 / 1e-9 of a metre
+    np.testing.assert_allclose(
+        (state.v_x, state.v_y, state.yaw_rate), twist, atol=EXACT_FIT if abs(twist[2]) > 1e-6 else 1e-6
+    )
+
+
+def test_initial_state_does_not_look_past_half_a_second_or_a_gap() -> None:
+    t = np.concatenate([ticks(12, 0.1), ticks(3, 0.1, 5.0)])
+    x = np.where(t <= 0.55, 0.2 * t, 50.0 - t)
+    r = Recording("drive", t, {"x": x, "y": 0.0 * x, "yaw": 0.0 * x})
+    first, second = (s.initial_state() for s in r.segments())
+    assert first.v_x == pytest.approx(0.2, abs=EXACT_FIT)
+    assert second.v_x == pytest.approx(-1.0, abs=EXACT_FIT)
+    assert first.wheel_left == first.wheel_right == 0.0
+
+
+@pytest.mark.parametrize("n", [2, 100])
+def test_initial_state_of_a_robot_at_rest(n: int) -> None:
+    r = Recording("drive", ticks(n, 0.05), {k: np.ones(n) for k in ("x", "y", "yaw")})
+    state = r.segments()[0].initial_state()
+    assert (state.x, state.v_x, state.v_y, state.yaw_rate) == (1.0, 0.0, 0.0, 0.0)
+
+
+# ------------------------------------------------------------------------------------------------------- a real Husky
+
+
+@pytest.fixture(scope="module")
+def tile() -> Recording:
+    if not TILE.is_file():
+        pytest.skip(f"there is no recording at {TILE}; SSMR_DATA names the folder that holds husky_tile/")
+    return read_csv(TILE)
+
+
+def test_tile_is_read_whole(tile: Recording) -> None:
+    assert len(tile) == 12_851
+    assert tile.period == pytest.approx(0.05)
+    assert tile.has_commands
+    assert tile.has_wheels
+    assert tile.has_pose
+    assert list(tile.channels) == ["acc_x", "acc_y", "acc_z", "calib_step"]
+    assert (tile.t[0], tile.t[-1]) == (0.0, 649.95)
+
+
+def test_tile_has_a_segment_more_than_it_has_gaps(tile: Recording) -> None:
+    # Steps are 0.05 s, 121 of 0.1 s (one sample dropped, tolerated) and 14 of 0.15 s (two dropped: a gap each).
+    steps = np.diff(tile.t)
+    assert np.count_nonzero(steps > 0.149) == 14
+    segments = tile.segments()
+    assert len(segments) == 15
+    assert sum(map(len, segments)) == len(tile)
+    assert max(float(np.diff(s.t).max()) for s in segments) < 0.1 + recordings.TIME_ROUNDOFF
+
+
+def test_tile_poses_are_refreshed_at_10_hz(tile: Recording) -> None:
+    # The log runs at 20 Hz; clock time without gaps is 647.9 s, poses come every 0.1 s and never repeat more than thrice.
+    segments = tile.segments()
+    clock = sum(float(s.t[-1] - s.t[0]) for s in segments)
+    assert sum(int(s.fresh.sum()) for s in segments) / clock == pytest.approx(10.0, rel=0.03)
+    assert max(int(np.diff(np.flatnonzero(s.fresh)).max()) for s in segments) <= 4
+
+
+def test_tile_starts_each_segment_with_a_plausible_state(tile: Recording) -> None:
+    for s in tile.segments():
+        state = s.initial_state()
+        assert abs(state.v_x) < 0.6
+        assert abs(state.v_y) < 0.3
+        assert abs(state.yaw_rate - s.recording.columns["gyro_z"][s.start : s.start + 10].mean()) < 0.4
+
+
+def test_tile_survives_a_round_trip(tile: Recording, tmp_path: Path) -> None:
+    write_csv(tile, tmp_path / "tile.csv")
+    got = read_csv(tmp_path / "tile.csv")
+    assert got.pose.tobytes() == tile.pose.tobytes()
+    assert got.channels["acc_z"].tobytes() == tile.channels["acc_z"].tobytes()

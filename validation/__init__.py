@@ -1,0 +1,1 @@
+"""The shell: MuJoCo, files, pictures, command lines."""

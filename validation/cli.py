@@ -1,0 +1,140 @@
+"""What every program's command line has in common: exit status, one-line errors, progress on standard error."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import tyro
+from rich.console import Console
+from rich.logging import RichHandler
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from ssmr.errors import SsmrError
+
+EXIT_FAILED_RUN = 1
+EXIT_USER_ERROR = 2
+EXIT_INTERRUPTED = 130
+
+REPORT_WIDTH = 110
+"""Columns of a table where standard output is no terminal."""
+
+
+class UserError(ValueError):
+    """What the user asked for cannot be; the message is one line that says what was wrong and what would be right."""
+
+
+@contextlib.contextmanager
+def mistakes_are_users() -> Iterator[None]:
+    """Within, a `ValueError` is the user's mistake: names, numbers and files are being read, nothing is computed yet."""
+    try:
+        yield
+    except UserError:
+        raise
+    except ValueError as error:
+        raise UserError(" ".join(str(error).split())) from error
+
+
+def output_folder(path: Path) -> Path:
+    """Make the folder that results go to.
+
+    Raises:
+        UserError: it cannot be made or written.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--out {path}: the folder cannot be made ({error.strerror})") from error
+    if not os.access(path, os.W_OK):
+        raise UserError(f"--out {path}: the folder cannot be written; name another")
+    return path
+
+
+def parse_names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
+    """Comma-separated names, each known, none twice.
+
+    Raises:
+        UserError: an unknown or repeated name, or none at all.
+    """
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    unknown = [name for name in names if name not in known]
+    if unknown or not names:
+        raise UserError(f"unknown {what} '{', '.join(unknown)}'; there are: {', '.join(known)}")
+    if len(set(names)) != len(names):
+        raise UserError(f"a {what} is named twice in '{text}'")
+    return names
+
+
+def parse_numbers(text: str, what: str) -> tuple[float, ...]:
+    """Comma-separated positive numbers, increasing.
+
+    Raises:
+        UserError: one is no positive number, or they do not increase.
+    """
+    try:
+        numbers = tuple(float(part) for part in text.split(",") if part.strip())
+    except ValueError as error:
+        raise UserError(f"{what} '{text}' is no list of numbers such as 2,6,30,60") from error
+    if not numbers or any(not 0.0 < n < float("inf") for n in numbers) or any(b <= a for a, b in pairwise(numbers)):
+        raise UserError(f"{what} '{text}' must be positive numbers that increase, such as 2,6,30,60")
+    return numbers
+
+
+def progress() -> Progress:
+    """A progress bar on standard error, gone when done; silent where standard error is no terminal."""
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+
+
+def report_console() -> Console:
+    """Standard output for tables, wide enough for them where it is no terminal."""
+    console = Console()
+    return console if console.is_terminal else Console(width=REPORT_WIDTH)
+
+
+def warn(text: str) -> None:
+    """One line on standard error."""
+    print(f"warning: {text}", file=sys.stderr)
+
+
+def run(main: Callable[..., Any], program: str) -> None:
+    """Parse the command line into `main`'s arguments, run it, and leave with the exit status that says how it went.
+
+    Args:
+        main: a typed function whose docstring documents its arguments.
+        program: what usage texts call the program.
+    """
+    logging.basicConfig(
+        level=logging.INFO,
+        format="%(message)s",
+        handlers=[RichHandler(console=Console(stderr=True), show_path=False, show_time=False)],
+    )
+    logging.getLogger("absl").setLevel(logging.WARNING)
+    try:
+        tyro.cli(main, prog=program)
+    except UserError as error:
+        sys.exit(_complain(f"error: {error}", EXIT_USER_ERROR))
+    except SsmrError as error:
+        sys.exit(_complain(f"run failed: {error}", EXIT_FAILED_RUN))
+    except KeyboardInterrupt:
+        sys.exit(_complain("interrupted", EXIT_INTERRUPTED))
+
+
+def _complain(text: str, status: int) -> int:
+    print(text, file=sys.stderr)
+    return status

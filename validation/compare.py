@@ -1,0 +1,310 @@
+"""`python -m validation.compare SOURCE`: every plant, the same commands, one reference."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from ssmr.geometry import shift_reference
+from ssmr.metrics import (
+    HorizonErrors,
+    compare_pieces,
+    horizon_errors,
+    horizon_windows,
+    relative_pose_error,
+)
+from ssmr.sensors import SensorNoise, measure, yaw_disturbance
+from ssmr.types import CommandKind, Commands, Plant, State, Trajectory
+from validation import cli, store
+from validation.mujoco_plant import Health, check_health
+from validation.profiles import PLANTS, Profile, load, make_plant
+from validation.results import Comparison, PlantResult
+from validation.sources import Piece, Source, move_reference, open_source
+
+SCHEMA = "ssmr.compare/1"
+WARM_UP = Commands(0.05, [[0.1, 0.0]])
+"""Driven once before the clock runs, so that wall times do not hold compilation."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a comparison can be asked for besides source, profile and plants."""
+
+    input: Literal["commands", "wheels"] = "commands"
+    """What drives the plants on a recording."""
+    horizons: tuple[float, ...] = (2.0, 6.0, 30.0, 60.0)
+    """Of the relative pose error [s]."""
+    noise: bool = False
+    """Look at the plants through the lab's state filter (Tab. 3.4, 3.5)."""
+    disturbance: bool = False
+    """Push the plants' yaw at random (Sec. 3.4.5)."""
+    seed: int = 0
+    """Seed of both."""
+
+
+def drive(plant: Plant, piece: Piece, tracked: tuple[float, float], source: Source, settings: Settings) -> Trajectory:
+    """A plant's motion over one piece, its tracked point where the reference's starts, at the reference's stamps.
+
+    Args:
+        plant: what to drive; reset first.
+        piece: commands, start and stamps.
+        tracked: the tracked point in the plant's body [m].
+        source: where the piece is from.
+        settings: seed and disturbance.
+    """
+    start = move_reference(piece.start, (-tracked[0], -tracked[1]))
+    push = None
+    if settings.disturbance:
+        push = yaw_disturbance(piece.commands.duration, plant.dt, np.random.default_rng(settings.seed))
+    motion = plant.run(piece.commands, start, source.sample_dt, push)
+    pose = shift_reference(motion.pose, tracked)
+    twist = motion.twist + motion.twist[:, 2:] * np.array([-tracked[1], tracked[0], 0.0])
+    motion = replace(motion, pose=pose, twist=twist)
+    return motion if piece.t is None else resample(motion, piece.t)
+
+
+def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
+    """The motion at the stamps `t` [s], its first sample being at `t[0]`; linear between samples."""
+
+    def at(values: np.ndarray) -> np.ndarray:
+        columns = values.reshape(len(values), -1)
+        return np.column_stack([np.interp(t, motion.t + t[0], column) for column in columns.T]).reshape(
+            len(t), *values.shape[1:]
+        )
+
+    return Trajectory(
+        t, at(motion.pose), at(motion.twist), at(motion.wheels), {k: at(v) for k, v in motion.channels.items()}
+    )
+
+
+def score_horizons(pieces: Sequence[Trajectory], source: Source, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
+    """Errors of the relative pose over windows that never span a gap; horizons with no window are left out."""
+    found = {}
+    for horizon in horizons:
+        position, yaw = [], []
+        for motion, piece in zip(pieces, source.pieces, strict=True):
+            if piece.reference is None or piece.t is None:
+                continue
+            starts, ends = horizon_windows(piece.t, horizon, piece.fresh)
+            errors = relative_pose_error(motion.pose, piece.reference.pose, starts, ends)
+            position.append(errors[0])
+            yaw.append(errors[1])
+        if sum(map(len, position)):
+            found[horizon] = horizon_errors(np.concatenate(position), np.concatenate(yaw))
+    return found
+
+
+def compare(
+    source: Source,
+    profile: Profile,
+    plants: Sequence[str] = PLANTS,
+    reference: str | None = None,
+    settings: Settings | None = None,
+    workers: int | None = None,
+) -> Comparison:
+    """Drive every plant with the same commands and hold each against the reference.
+
+    Args:
+        source: what drives the plants.
+        profile: their parameters.
+        plants: which ones.
+        reference: a plant, added to `plants` if need be; None for the source's own.
+        settings: horizons, noise, disturbance, seed.
+        workers: threads; the result does not depend on it.
+
+    Raises:
+        SsmrError: a plant diverged.
+        ValueError: names or numbers that do not go together.
+    """
+    settings = settings or Settings()
+    reference = reference or source.reference
+    names = [name for name in PLANTS if name in plants or name == reference]
+    made = {name: make_plant(profile, name) for name in names}
+    motions, wall = _drive_all(made, profile, source, settings, workers)
+    if settings.noise:
+        for index, name in enumerate(names):
+            if name != reference:
+                rng = np.random.default_rng([settings.seed, index])
+                motions[name] = [measure(m, SensorNoise(), rng) for m in motions[name]]
+    against = [p.reference for p in source.pieces] if reference == "recording" else motions[reference]
+    truth = tuple(m for m in against if m is not None)
+    simulated = sum(piece.commands.duration for piece in source.pieces)
+    results = {}
+    for name in names:
+        results[name] = PlantResult(
+            name,
+            tuple(motions[name]),
+            compare_pieces(motions[name], truth),
+            score_horizons(motions[name], source, settings.horizons) if reference == "recording" else {},
+            wall[name],
+            simulated / wall[name],
+            _health(motions[name]),
+        )
+    return Comparison(
+        source.name,
+        profile.name,
+        reference,
+        truth,
+        tuple(piece.commands for piece in source.pieces),
+        results,
+        settings.seed,
+        {k: v for k, v in asdict(settings).items() if k != "seed"},
+        store.versions(),
+    )
+
+
+def _drive_all(
+    made: Mapping[str, Plant], profile: Profile, source: Source, settings: Settings, workers: int | None
+) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
+    """All motions and each plant's wall time; plants run side by side, the pieces of one after another."""
+
+    def one_plant(name: str) -> tuple[list[Trajectory], float]:
+        plant, tracked = made[name], profile.plants[name].tracked_point
+        plant.run(WARM_UP, State(), 0.05)
+        began = time.perf_counter()
+        motions = []
+        for piece in source.pieces:
+            motions.append(drive(plant, piece, tracked, source, settings))
+            bar.advance(task)
+        return motions, time.perf_counter() - began
+
+    with cli.progress() as bar, ThreadPoolExecutor(workers) as pool:
+        task = bar.add_task(f"driving {len(made)} plants", total=len(made) * len(source.pieces))
+        done = dict(zip(made, pool.map(one_plant, made), strict=True))
+    return {name: d[0] for name, d in done.items()}, {name: d[1] for name, d in done.items()}
+
+
+def _health(motions: Sequence[Trajectory]) -> Health | None:
+    """The worst verdict over all pieces, for a plant that knows its wheel loads."""
+    verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions if "wheel_load_N" in m.channels]
+    if not verdicts:
+        return None
+    return Health(min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts))
+
+
+def as_document(comparison: Comparison, profile: Profile) -> dict[str, Any]:
+    """compare.json."""
+    plants = {}
+    for name, result in comparison.plants.items():
+        plants[name] = {**asdict(result.metrics), "wall_s": result.wall_s, "real_time_factor": result.real_time_factor}
+        if result.horizons:
+            plants[name]["horizons"] = {f"{h:g}": asdict(errors) for h, errors in result.horizons.items()}
+        if result.health is not None:
+            plants[name]["health"] = {**asdict(result.health), "ok": result.health.ok, "advice": result.health.advice}
+    return {
+        "schema": SCHEMA,
+        "source": comparison.source,
+        "profile": comparison.profile,
+        "reference": comparison.reference_name,
+        "seed": comparison.seed,
+        "options": dict(comparison.options),
+        "versions": dict(comparison.versions),
+        "plants": plants,
+        "parameters": {name: profile.as_dict()[name] for name in comparison.plants},
+    }
+
+
+def write(comparison: Comparison, profile: Profile, out: Path, *, recording: bool = True) -> list[Path]:
+    """Write compare.png, compare.rrd (if wanted) and, last, compare.json into `out`; return what was written."""
+    from validation.figures import comparison_figure, save_figure
+    from validation.tables import report_markdown
+
+    written = [out / "compare.png"]
+    save_figure(comparison_figure(comparison), written[0])
+    if recording:
+        from validation.rerun_log import write_recording
+
+        written.append(out / "compare.rrd")
+        write_recording(comparison, written[1], report_markdown(comparison))
+    written.append(out / "compare.json")
+    store.write_json(written[-1], as_document(comparison, profile))
+    return written
+
+
+def main(
+    source: Annotated[str, tyro.conf.Positional],
+    /,
+    *,
+    profile: str | None = None,
+    plants: str = ",".join(PLANTS),
+    reference: str | None = None,
+    input: Literal["commands", "wheels"] = "commands",
+    horizons: str = "2,6,30,60",
+    start: Annotated[float | None, tyro.conf.arg(name="from")] = None,
+    until: float | None = None,
+    noise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    disturbance: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    seed: int = 0,
+    workers: int | None = None,
+    out: Path | None = None,
+    view: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    no_rerun: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
+    """Drive every plant with the same commands and compare each with the reference.
+
+    Prints a table and writes compare.json, compare.png and compare.rrd.
+
+    Args:
+        source: traj1 ... traj4 (traj4@improved: held against that plant), or the path of a recording (.csv).
+        profile: Name of a shipped profile or path of a TOML file; thesis-lab for scenarios, husky-tile for recordings.
+        plants: Which plants, comma-separated.
+        reference: Plant to compare with; by default mujoco for a scenario, the recording itself for a recording.
+        input: What of a recording drives the plants: its commands, or its measured wheel rates.
+        horizons: Seconds after which relative poses are compared on a recording.
+        start: Leave out what was recorded before this time [s].
+        until: Leave out what was recorded after this time [s].
+        noise: See the plants through the lab's state filter: 50 Hz, with its noise.
+        disturbance: Push all plants with the same random yaw acceleration.
+        seed: Seed of noise and disturbance.
+        workers: Threads; the result does not depend on it.
+        out: Folder for the results; runs/compare/SOURCE if not given.
+        view: Open the recording in the rerun viewer.
+        no_rerun: Do not write compare.rrd.
+    """
+    kind: CommandKind = "wheels" if input == "wheels" else "twist"
+    with cli.mistakes_are_users():
+        wanted = cli.parse_names(plants, PLANTS, "plant")
+        if reference is not None:
+            cli.parse_names(reference, PLANTS, "plant")
+        if seed < 0 or (workers is not None and workers < 1):
+            raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
+        if view and no_rerun:
+            raise cli.UserError("--view shows the rerun recording; leave out --no-rerun")
+        settings = Settings(input, cli.parse_numbers(horizons, "--horizons"), noise, disturbance, seed)
+        opened = open_source(source, kind, start, until)
+        chosen = load(profile or ("husky-tile" if opened.reference == "recording" else "thesis-lab"))
+        for name in dict.fromkeys((*wanted, reference or opened.reference)):
+            if name != "recording":
+                make_plant(chosen, name)
+    comparison = compare(opened, chosen, wanted, reference, settings, workers)
+    folder = cli.output_folder(out or Path("runs") / "compare" / Path(source).stem)
+    written = write(comparison, chosen, folder, recording=not no_rerun)
+    _report(comparison, written)
+    if view:
+        from validation.rerun_log import open_viewer
+
+        open_viewer(folder / "compare.rrd")
+
+
+def _report(comparison: Comparison, written: Sequence[Path]) -> None:
+    from validation.tables import comparison_table, horizon_table
+
+    console = cli.report_console()
+    console.print(comparison_table(comparison))
+    if (table := horizon_table(comparison)) is not None:
+        console.print(table)
+    for result in comparison.plants.values():
+        if result.health is not None and not result.health.ok:
+            cli.warn(f"{result.name}: {result.health.advice}")
+    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    cli.run(main, "python -m validation.compare")

@@ -1,0 +1,50 @@
+"""Writing results to disk, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("ssmr-testbed", "mujoco", "dm-control", "numpy", "scipy", "numba", "control", "rerun-sdk")
+"""Whose versions a result records."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of this project, Python and the packages that decide numbers."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
+    """Let `write` make a file beside `path`, then put it in its place; a failure leaves what was there before.
+
+    Args:
+        path: where the file shall be; its folder must exist.
+        write: gets the temporary path, whose suffix is that of `path`.
+    """
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a document as JSON.
+
+    Raises:
+        ValueError: it holds a number that is not finite; nothing is written.
+    """
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8") and None)

@@ -15,7 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+from numba.core import config as numba_config
+
+config: Any = numba_config
+"""numba fills this module from the environment when it is imported; no stub knows what is in it."""
 
 _PACKAGE = Path(__file__).resolve().parent
 

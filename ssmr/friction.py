@@ -50,7 +50,7 @@ def stop_at_zero_crossing(v_next, v):
 
     Strictly less than zero: with `<=`, as printed, a robot at rest would never start.
     """
-    if v_next * v < 0.0:
+    if v_next < 0.0 < v or v < 0.0 < v_next:  # not v_next * v < 0: a product of tiny numbers is 0
         return 0.0
     return v_next
 

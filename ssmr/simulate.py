@@ -34,7 +34,9 @@ _KINDS: dict[type, tuple[str, int]] = {
 PLANAR_MODELS = tuple(name for name, _ in _KINDS.values())
 """Names of the planar models."""
 _WIDTH = 5  # numbers in a packed parameter set, the longest model's
-_COLUMNS = 11  # x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration
+_COLUMNS = 13
+"""x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration, its least and its greatest
+value since the last sample: a model that chatters from step to step hides between samples otherwise."""
 
 PLANAR_DT = 0.001
 """Default step of the planar models [s]; Tab. 3.7."""
@@ -68,7 +70,7 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
         side_limit: torque limit of a side [N m].
         stride: steps between samples.
         row: (5,) start: x, y, yaw, v, omega; holds the end afterwards.
-        out: (1 + n // stride, 11) samples; row 0 is the start.
+        out: (1 + n // stride, 13) samples, see `_COLUMNS`; row 0 is the start.
 
     Returns:
         The first step after which a number is not finite, or -1.
@@ -81,7 +83,8 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
     elif model == 3:
         x_icr = parameters[2]
     n = len(references)
-    torque_left, torque_right, w_before, sample, due = 0.0, 0.0, w, 0, 0
+    torque_left, torque_right, sample, due = 0.0, 0.0, 0, 0
+    turn, least, most = 0.0, 0.0, 0.0  # yaw acceleration
     for k in range(n + 1):
         if k == due:
             out[sample, 0], out[sample, 1], out[sample, 2] = x, y, yaw
@@ -90,9 +93,11 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
                 out[sample, 6], out[sample, 7] = references[k - 1, 0], references[k - 1, 1]
             else:
                 out[sample, 6], out[sample, 7] = (v - c_eff * w) / r, (v + c_eff * w) / r
-            out[sample, 8], out[sample, 9], out[sample, 10] = torque_left, torque_right, (w - w_before) / dt
+            out[sample, 8], out[sample, 9] = torque_left, torque_right
+            out[sample, 10], out[sample, 11], out[sample, 12] = turn, least, most
             sample += 1
             due += stride
+            least, most = math.inf, -math.inf
         if k == n:
             break
         v_before, w_before = v, w
@@ -102,6 +107,8 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
         )
         if not (math.isfinite(v) and math.isfinite(w)):
             return k
+        turn = (w - w_before) / dt
+        least, most = min(least, turn), max(most, turn)
         v_mid, w_mid = 0.5 * (v_before + v), 0.5 * (w_before + w)
         heading = yaw + 0.5 * dt * w_mid
         c, s = math.cos(heading), math.sin(heading)
@@ -128,7 +135,7 @@ def run_planar_population(
         vehicle = (u[0], u[1], u[2], u[3], u[4], u[5], u[6], u[7], u[8])
         p = parameters[i]
         row = start[:5].copy()
-        out = np.empty((1 + n // stride, 11))
+        out = np.empty((1 + n // stride, 13))
         failed = run_planar(
             model, references, np.zeros(1), dt, vehicle, (p[0], p[1], p[2], p[3], p[4]), side_limits[i], stride, row, out
         )
@@ -205,8 +212,8 @@ class PlanarPlant:
         kind, parameters = self._kind, self._parameters
         if prescribed and kind != _KINDS[kinematic.KinematicParameters][1]:
             c_eff, x_icr = self._model.vehicle.effective_half_track, self._model.vehicle.x_icr if kind == 0 else 0.0
-            kind, parameters = pack_parameters(kinematic.KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
-            parameters = tuple(parameters)
+            kind, packed = pack_parameters(kinematic.KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
+            parameters = tuple(packed)
         out = np.empty((1 + len(references) // stride, _COLUMNS))
         failed = run_planar(
             kind, references, disturbance, self._dt, self._vehicle, parameters, self._side_limit, stride, row, out
@@ -231,7 +238,7 @@ class PlanarPlant:
         return State(*map(float, self._advance(references, np.array([yaw_acceleration]), n, self._row)[-1, :8]))
 
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
-        """Drive `commands` at once; channels are the sides' torques [N m] and the yaw acceleration [rad/s2]."""
+        """Drive `commands` at once; channels are the sides' torques, the yaw acceleration and its range between samples."""
         stride = whole_steps(sample_dt, self._dt, "the sample period")
         references = wheel_references(commands, self._model.drive, self._dt, state)
         push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
@@ -239,8 +246,12 @@ class PlanarPlant:
             raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
         row = np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate])
         out = self._advance(references, push, stride, row, prescribed=commands.kind == "wheels")
-        channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
-        return Trajectory(np.arange(len(out)) * sample_dt, out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+        channels = {
+            "torque_N_m": out[:, 8:10],
+            "yaw_acceleration_rad_s2": out[:, 10],
+            "yaw_acceleration_range_rad_s2": out[:, 11:13],
+        }
+        return Trajectory(sample_dt * np.arange(len(out), dtype=np.float64), out[:, :3], out[:, 3:6], out[:, 6:8], channels)
 
 
 def simulate(
@@ -272,7 +283,7 @@ def simulate(
         if (k + 1) % stride == 0:
             rows.append(now)
     table = np.array([astuple(row) for row in rows])
-    return Trajectory(np.arange(len(rows)) * sample_dt, table[:, :3], table[:, 3:6], table[:, 6:8])
+    return Trajectory(sample_dt * np.arange(len(rows), dtype=np.float64), table[:, :3], table[:, 3:6], table[:, 6:8])
 
 
 def run_population(

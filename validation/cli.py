@@ -119,12 +119,9 @@ def run(main: Callable[..., Any], program: str) -> None:
         main: a typed function whose docstring documents its arguments.
         program: what usage texts call the program.
     """
-    logging.basicConfig(
-        level=logging.INFO,
-        format="%(message)s",
-        handlers=[RichHandler(console=Console(stderr=True), show_path=False, show_time=False)],
-    )
-    logging.getLogger("absl").setLevel(logging.WARNING)
+    console = Console(stderr=True)
+    logging.basicConfig(format="%(message)s", handlers=[RichHandler(console=console, show_path=False, show_time=False)])
+    logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
     try:
         tyro.cli(main, prog=program)
     except UserError as error:

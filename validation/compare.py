@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +30,7 @@ from validation.results import Comparison, PlantResult
 from validation.sources import Piece, Source, move_reference, open_source
 
 SCHEMA = "ssmr.compare/1"
-WARM_UP = Commands(0.05, [[0.1, 0.0]])
+WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
 """Driven once before the clock runs, so that wall times do not hold compilation."""
 
 
@@ -165,19 +166,26 @@ def _drive_all(
 ) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
     """All motions and each plant's wall time; plants run side by side, the pieces of one after another."""
 
+    stop = threading.Event()
+
     def one_plant(name: str) -> tuple[list[Trajectory], float]:
         plant, tracked = made[name], profile.plants[name].tracked_point
         plant.run(WARM_UP, State(), 0.05)
         began = time.perf_counter()
         motions = []
         for piece in source.pieces:
-            motions.append(drive(plant, piece, tracked, source, settings))
-            bar.advance(task)
+            if not stop.is_set():
+                motions.append(drive(plant, piece, tracked, source, settings))
+                bar.advance(task)
         return motions, time.perf_counter() - began
 
     with cli.progress() as bar, ThreadPoolExecutor(workers) as pool:
         task = bar.add_task(f"driving {len(made)} plants", total=len(made) * len(source.pieces))
-        done = dict(zip(made, pool.map(one_plant, made), strict=True))
+        try:
+            done = dict(zip(made, pool.map(one_plant, made), strict=True))
+        except BaseException:
+            stop.set()  # an interrupt or a failed plant ends the others at their next piece
+            raise
     return {name: d[0] for name, d in done.items()}, {name: d[1] for name, d in done.items()}
 
 

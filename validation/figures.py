@@ -1,8 +1,8 @@
 """A comparison as one picture: where every plant went, how far off it was, and what its velocities and wheel loads did.
 
-A short run is shown as it was driven. A run longer than `LONGEST_PATH`, or in pieces, is open-loop drift after a while: there
-the paths are those of a few windows, each laid on the reference's pose at its start. Where there are errors by horizon they
-take the place of errors over time.
+A short run is shown as it was driven. A run longer than `LONGEST_PATH`, or in pieces, is open-loop drift after a while:
+there the paths are those of a few windows, each laid on the reference's pose at its start. Where there are errors by
+horizon they take the place of errors over time.
 
 Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting outlives a call.
 """
@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import matplotlib.style
 import numpy as np
@@ -53,16 +54,20 @@ ZOOM_SAMPLES = 40
 MEAN_TIME = 0.25
 """What wheel loads are averaged over [s]: five of the driver's holds."""
 CLIP_PERCENTILE = 99.0
-"""An axis of accelerations holds this percentile of every plant; what lies beyond is cut off, and said."""
+"""How much of its own acceleration a plant may leave behind before it counts as a spike [%]."""
+CLIP_RATIO = 3.0
+"""A spike so many times beyond that, and beyond all other plants, is cut off, and said."""
+CLIP_FLOOR = 0.1
+"""Where nothing else exceeds this [rad/s2], there is nothing to be hidden by a spike, and nothing is cut off."""
+TURN_FLOOR = 0.01
+"""A yaw rate that changes by less is noise and reverses no turn [rad/s]."""
 IMPULSIVE = frozenset({"kinematic"})
 """Plants without inertia: their yaw rate steps, and their acceleration is impulses that say nothing."""
-CLIP_SLACK = 0.5
-"""Unless it lies no farther beyond than this share of the axis."""
 CHATTERING = "coulomb"
 """The plant whose acceleration is drawn thin and behind the others, for it may fill the panel."""
 
 _WIDTH_IN, _DPI, _EDGE_IN = 12.8, 125, 0.12  # 1600 px
-_MARGINS_IN = (0.58, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
+_MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
 _HEADER_IN, _SECTION_IN, _ROW_IN, _WINDOW_IN, _FOOTER_IN = 0.78, 0.28, 2.3, 3.2, 0.22
 _ZOOM_IN, _PATHS_IN = 4.0, (3.0, 5.5)  # least width of the zoom; least and greatest height of the paths
 _STYLE = {
@@ -82,10 +87,11 @@ _STYLE = {
     "grid.linewidth": 0.7,
     "xtick.color": "0.25",
     "ytick.color": "0.25",
+    "axes.labelpad": 3.0,
     "text.parse_math": False,
 }
 
-Dashes = str | tuple[float, tuple[float, ...]]
+Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[[Axes], None]
 Series = Callable[[Trajectory], FloatArray]
 Span = tuple[float, float]
@@ -154,6 +160,11 @@ def _over_time(pieces: Sequence[Trajectory], series: Series, span: Span) -> tupl
     return _joined([(piece.t[keep], series(piece)[keep]) for piece, keep in kept if keep.any()])
 
 
+def _period(t: FloatArray) -> float:
+    """Usual step between stamps [s]."""
+    return float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+
+
 def _has(motion: _Motion, channel: str) -> bool:
     return all(channel in piece.channels for piece in motion.pieces)
 
@@ -184,7 +195,14 @@ def _dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
     """A dart at a pose (x, y [m], yaw [rad]) that points along its yaw."""
     marker = MarkerStyle(_DART, transform=Affine2D().rotate(float(pose[2])))
     ax.plot(
-        pose[0], pose[1], marker=marker, markersize=size, color=_ink(name), markeredgecolor="white", markeredgewidth=0.6, zorder=4.0
+        pose[0],
+        pose[1],
+        marker=marker,
+        markersize=size,
+        color=_ink(name),
+        markeredgecolor="white",
+        markeredgewidth=0.6,
+        zorder=4.0,
     )
 
 
@@ -206,7 +224,7 @@ def _directions(ax: Axes, xy: FloatArray, name: str, shares: Sequence[float]) ->
 
 def _equal(ax: Axes, smallest: float) -> None:
     """Equal scales that fill the panel and show all data and at least `smallest` [m] each way."""
-    ax.margins(0.06)
+    ax.margins(0.09)
     ax.autoscale_view()
     (x, x_end), (y, y_end) = ax.get_xlim(), ax.get_ylim()
     wider, taller = max(0.0, 0.5 * (smallest - (x_end - x))), max(0.0, 0.5 * (smallest - (y_end - y)))
@@ -230,39 +248,6 @@ def _draw_paths(comparison: Comparison, ax: Axes) -> None:
     _ring(ax, *map(float, first.xy[0]))
     _equal(ax, 1.0)
     ax.set(title="Paths [m]: from the ring, along the darts", xlabel="x [m]", ylabel="y [m]", label="paths")
-
-
-@dataclass(frozen=True)
-class _Row:
-    """Panels side by side."""
-
-    height: float
-    """[in], labels included."""
-    panels: tuple[tuple[float, Panel], ...]
-    """Each with its share of the width."""
-    bare: bool = False
-    """Texts only, which need no room for labels."""
-
-    def place(self, figure: Figure, top: float) -> None:
-        """Draw the panels, from `top` [in] above the figure's lower edge downwards."""
-        margins = (0.0, 0.0, 0.0, 0.0) if self.bare else _MARGINS_IN
-        wide, tall = figure.get_size_inches()
-        left, right, bottom, above = margins
-        x, room = _EDGE_IN, wide - 2.0 * _EDGE_IN
-        for share, panel in self.panels:
-            box = (x + left, top - self.height + bottom, share * room - left - right, self.height - bottom - above)
-            panel(figure.add_axes((box[0] / wide, box[1] / tall, box[2] / wide, box[3] / tall)))
-            x += share * room
-
-
-def _row(height: float, panels: Sequence[Panel]) -> _Row:
-    """Panels of equal width."""
-    return _Row(height, tuple((1.0 / len(panels), panel) for panel in panels))
-
-
-def _text(height: float, panel: Panel) -> _Row:
-    """A row without axes."""
-    return _Row(height, ((1.0, panel),), bare=True)
 
 
 @dataclass(frozen=True)
@@ -303,6 +288,7 @@ def _draw_zoom(comparison: Comparison, zoom: _Zoom, ax: Axes) -> None:
     (x, y), half = zoom.centre, 0.8 * zoom.size
     _hold(ax, (x - half, x + half), (y - half, y + half))
     ax.set_aspect("equal", adjustable="datalim")
+    ax.locator_params(axis="x", nbins=6)
     ax.set(xlabel="x [m]", ylabel="y [m]", label="zoom")
     ax.set_title(f"Farthest apart: all at t = {comparison.reference[zoom.piece].t[zoom.sample]:.2f} s [m]")
 
@@ -310,24 +296,26 @@ def _draw_zoom(comparison: Comparison, zoom: _Zoom, ax: Axes) -> None:
 def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
     """Which windows to show: what they are, in words, and (piece, first, last sample) of each, in the order of their errors.
 
-    All windows of the horizon closest to `HEADLINE_HORIZON` are put in the order of the plants' mean error and split into equal
-    shares; the one in the middle of each share is shown. Where no window fits, whole pieces serve.
+    All windows of the horizon closest to `HEADLINE_HORIZON` are put in the order of the plants' mean error and split into
+    equal shares; the one in the middle of each share is shown. Where no window fits, whole pieces serve.
     """
+    reference, *others = _motions(comparison)
     known = {h for result in comparison.plants.values() for h in result.horizons} or {HEADLINE_HORIZON}
-    words, windows = "whole pieces", [(i, 0, len(piece) - 1) for i, piece in enumerate(comparison.reference)]
+    words, cuts = "whole pieces", [(np.array([0]), np.array([len(piece) - 1])) for piece in reference.pieces]
     for horizon in sorted(known, key=lambda h: abs(h - HEADLINE_HORIZON)):
-        cuts = [(i, *horizon_windows(piece.t, horizon)) for i, piece in enumerate(comparison.reference)]
-        fitting = [(i, int(a), int(b)) for i, starts, ends in cuts for a, b in zip(starts, ends, strict=True)]
-        if fitting:
-            words, windows = f"windows of {horizon:g} s", fitting
+        fitting = [horizon_windows(piece.t, horizon) for piece in reference.pieces]
+        if any(len(starts) for starts, _ in fitting):
+            words, cuts = f"windows of {horizon:g} s", fitting
             break
+    windows = [(i, int(a), int(b)) for i, ends in enumerate(cuts) for a, b in zip(*ends, strict=True)]
     error = np.zeros(len(windows))
-    for motion in _motions(comparison)[1:]:
-        for k, (i, a, b) in enumerate(windows):
-            error[k] += relative_pose_error(motion.pieces[i].pose, comparison.reference[i].pose, [a], [b])[0][0]
+    for motion in others:
+        pairs = zip(motion.pieces, reference.pieces, cuts, strict=True)
+        error += np.concatenate([relative_pose_error(p.pose, r.pose, *ends)[0] for p, r, ends in pairs])
     order = np.argsort(error, kind="stable")
     n = min(MAX_WINDOWS, len(windows))
-    return f"{n} of {len(windows)} {words}" if n < len(windows) else f"all {words}", [windows[order[int((k + 0.5) / n * len(windows))]] for k in range(n)]
+    shown = [windows[order[int((k + 0.5) / n * len(windows))]] for k in range(n)]
+    return f"{n} of {len(windows)} {words}" if n < len(windows) else f"all {words}", shown
 
 
 def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes) -> None:
@@ -339,6 +327,7 @@ def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes)
         _dart(ax, seen[-1], motion.name, 13.0)
     _ring(ax, 0.0, 0.0)
     _equal(ax, 0.6)
+    ax.locator_params(axis="x", nbins=5)
     t = comparison.reference[i].t
     ax.set_title(f"{t[a]:.1f} to {t[b]:.1f} s", fontweight="normal")
     ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
@@ -389,7 +378,9 @@ def _draw_horizons(
         ink = _ink(name)
         ax.vlines(at, median, high, colors=[ink], linewidth=2.5, zorder=2.5)
         ax.plot(at, high, "_", color=ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
-        ax.plot(at, median, _MARKERS.get(name, "o"), color=ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=name)
+        ax.plot(
+            at, median, _MARKERS.get(name, "o"), color=ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=name
+        )
         for x, y in zip(at, median, strict=True) if len(plants) <= MAX_LABELLED else ():
             ax.annotate(f"{y:.2g}" if y < 10.0 else f"{y:.0f}", (x, y), (0, -6), textcoords="offset points", ha="center",
                         va="top", fontsize=8.0, color="0.25")  # fmt: skip
@@ -401,7 +392,9 @@ def _draw_horizons(
         ax.yaxis.set_minor_formatter(NullFormatter())
     ax.margins(y=0.25)
     counts = [max(r.horizons[h].n for r in plants.values() if h in r.horizons) for h in horizons]
-    ax.set_xticks(range(len(horizons)), [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)])
+    ax.set_xticks(
+        range(len(horizons)), [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)]
+    )
     ax.grid(visible=False, axis="x")
     ax.set(title=f"{what}: median, bar to 95th percentile", xlim=(-0.55, len(horizons) - 0.45))
 
@@ -443,7 +436,7 @@ def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: A
     leader = next((motion for motion in motions if motion.name == CHATTERING), motions[0])
     reverses, i, t = _swiftest_turn(leader)
     stamps = leader.pieces[i].t
-    half = 0.5 * max(ZOOM_TIME, ZOOM_SAMPLES * float(np.median(np.diff(stamps))))
+    half = 0.5 * max(ZOOM_TIME, ZOOM_SAMPLES * _period(stamps))
     begin = max(float(stamps[0]), min(t - half, float(stamps[-1]) - 2.0 * half))
     span = begin, min(begin + 2.0 * half, float(stamps[-1]))
     curves = {}
@@ -459,26 +452,27 @@ def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: A
     left_out = [motion.name for motion in _motions(comparison) if motion.name in IMPULSIVE]
     where = "where the turn reverses" if reverses else "where the turn changes most"
     ax.set(title=f"Yaw acceleration [rad/s²] {where}", xlim=span, ylim=(low, high))
-    ax.set_xlabel(f"time [s], a sample every {1e3 * float(np.median(np.diff(stamps))):.3g} ms")
+    ax.set_xlabel(f"time [s], a sample every {1e3 * _period(stamps):.3g} ms")
     shaded = [f"{leader.name} shaded"] if leader.name == CHATTERING else []
     _note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, left out" for name in left_out)]))
 
 
 def _clip(curves: Mapping[str, FloatArray]) -> tuple[float, float, list[str]]:
-    """Limits of an axis that hold most of each curve and zero, with room for a note below; and which curves they cut, in words."""
-    low = min(0.0, *(float(np.percentile(y, 100.0 - CLIP_PERCENTILE)) for y in curves.values()))
-    high = max(0.0, *(float(np.percentile(y, CLIP_PERCENTILE)) for y in curves.values()))
-    reach = max(high - low, 1e-3)
-    ends = {name: (float(y.min()), float(y.max())) for name, y in curves.items()}
-    spare = CLIP_SLACK * reach  # what lies just beyond is not worth cutting
-    cut = [
-        f"cut off: {name} reaches {max(end, key=abs):.3g}"
-        for name, end in ends.items()
-        if end[0] < low - spare or end[1] > high + spare
-    ]
-    low = max(low - spare, min(end[0] for end in ends.values()))
-    high = min(high + spare, max(end[1] for end in ends.values()))
-    return min(low, 0.0) - 0.25 * reach, max(high, 0.0) + 0.05 * reach, cut
+    """Limits of an axis that hold zero and each curve, less lonely spikes; and the spikes that are cut off, in words."""
+    peaks = {name: float(np.max(np.abs(y))) for name, y in curves.items()}
+    low, high, cut = 0.0, 0.0, []
+    for name, y in curves.items():
+        usual = max(
+            float(np.percentile(np.abs(y), CLIP_PERCENTILE, method="lower")),
+            *(peak for other, peak in peaks.items() if other != name),
+            0.0,
+        )
+        if usual > CLIP_FLOOR and peaks[name] > CLIP_RATIO * usual:
+            cut.append(f"{name}, which reaches {peaks[name]:.3g}, is cut off")
+            y = np.clip(y, -usual, usual)
+        low, high = min(low, float(y.min())), max(high, float(y.max()))
+    reach = max(high - low, CLIP_FLOOR)
+    return low - 0.25 * reach, high + 0.05 * reach, cut
 
 
 def _swiftest_turn(motion: _Motion) -> tuple[bool, int, float]:
@@ -488,27 +482,29 @@ def _swiftest_turn(motion: _Motion) -> tuple[bool, int, float]:
     """
     best = (False, -1.0, 0, 0.0)
     for i, piece in enumerate(motion.pieces):
-        rate, dt = piece.twist[:, 2], float(np.median(np.diff(piece.t))) if len(piece) > 1 else 1.0
-        reach = max(1, round(0.1 / dt))
+        rate, reach = piece.twist[:, 2], max(1, round(0.1 / _period(piece.t)))
         k = np.arange(len(piece))
         change = np.abs(rate[np.minimum(k + reach, len(piece) - 1)] - rate[np.maximum(k - reach, 0)])
-        crossing = np.append(rate[1:] * rate[:-1] < 0.0, False)
-        for found, score in ((True, np.where(crossing, change, -1.0)), (False, np.abs(piece.channels["yaw_acceleration_rad_s2"]))):
+        crossing = np.append(rate[1:] * rate[:-1] < 0.0, False) & (change > TURN_FLOOR)
+        for found, score in (
+            (True, np.where(crossing, change, -1.0)),
+            (False, np.abs(piece.channels["yaw_acceleration_rad_s2"])),
+        ):
             m = int(np.argmax(score))
             if score[m] >= 0.0:
                 best = max(best, (found, float(score[m]), i, float(piece.t[m])))
     return best[0], best[2], best[3]
 
 
-def _note(ax: Axes, text: str, colour: str = _QUIET) -> None:
+def _note(ax: Axes, text: str, ink: str = _QUIET) -> None:
     """A remark in a panel's corner."""
-    ax.text(0.995, 0.02, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, color=colour, zorder=6.0,
+    ax.text(0.995, 0.02, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, color=ink, zorder=6.0,
             bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0})  # fmt: skip
 
 
 def _running_mean(t: FloatArray, values: FloatArray) -> FloatArray:
     """Means of (M, k) values over `MEAN_TIME` around each sample, or over what of that there is."""
-    reach = int(0.5 * MEAN_TIME / float(np.median(np.diff(t)))) if len(t) > 1 else 0
+    reach = int(0.5 * MEAN_TIME / _period(t))
     total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
     k = np.arange(len(t))
     low, high = np.maximum(k - reach, 0), np.minimum(k + reach + 1, len(t))
@@ -535,8 +531,8 @@ def _draw_loads(comparison: Comparison, motion: _Motion, ax: Axes) -> None:
     if result is not None and result.health is not None:
         health = result.health
         verdict = "healthy" if health.ok else "UNHEALTHY"
-        shares = f"least {health.lowest_load_share:.0%} of a wheel's mean, deviation {health.load_deviation:.1%}, over all the run"
-        _note(ax, f"{motion.name} {verdict}: {shares}", _QUIET if health.ok else _ALARM)
+        shares = f"least {health.lowest_load_share:.0%} of a wheel's mean, deviation {health.load_deviation:.1%}"
+        _note(ax, f"{motion.name} {verdict}: {shares}, over all the run", _QUIET if health.ok else _ALARM)
 
 
 def _panels(comparison: Comparison) -> list[list[Panel]]:
@@ -547,7 +543,12 @@ def _panels(comparison: Comparison) -> list[list[Panel]]:
     errors: list[Panel] = []
     if any(result.horizons for result in comparison.plants.values()):
         errors = [
-            partial(_draw_horizons, comparison, "Position error by horizon [m]", lambda e: (e.position_median_m, e.position_p95_m)),
+            partial(
+                _draw_horizons,
+                comparison,
+                "Position error by horizon [m]",
+                lambda e: (e.position_median_m, e.position_p95_m),
+            ),
             partial(_draw_horizons, comparison, "Yaw error by horizon [deg]", _yaw_degrees),
         ]
     elif len(motions) > 1:
@@ -571,7 +572,7 @@ def _draw_header(comparison: Comparison, ax: Axes) -> None:
     ax.set_axis_off()
     kind = "commands" if _commanded(comparison) else "measured wheel rates"
     n = len(comparison.plants)
-    title = _source(comparison) + f": {n} plant{'s' * (n > 1)} driven by the same {kind}" * (n > 0)
+    title = _short(Path(comparison.source).name, 48) + f": {n} plant{'s' * (n > 1)} driven by the same {kind}" * (n > 0)
     ax.text(0.0, 1.0, title, transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top")
     marked = any(result.horizons for result in comparison.plants.values())
     handles, labels = [], []
@@ -579,40 +580,80 @@ def _draw_header(comparison: Comparison, ax: Axes) -> None:
         marker = _MARKERS.get(motion.name, "o") if marked and not motion.is_reference else ""
         width = _BROAD if motion.is_reference else _NARROW
         handles.append(
-            Line2D([], [], color=_ink(motion.name), linestyle=_DASHES.get(motion.name, "solid"), linewidth=width, marker=marker)
+            Line2D(
+                [], [], color=_ink(motion.name), linestyle=_DASHES.get(motion.name, "solid"), linewidth=width, marker=marker
+            )
         )
         labels.append(f"{motion.name}\n{'reference' if motion.is_reference else headline(comparison, motion.name)}")
     if _commanded(comparison):
         handles.append(Line2D([], [], color=_COMMAND, linewidth=1.0))
         labels.append("command\nas given")
-    ax.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, borderaxespad=0.0,
-              borderpad=0.0, handlelength=3.0, columnspacing=1.6, handletextpad=0.6, fontsize=9.5)  # fmt: skip
+    for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
+        legend = ax.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
+            borderaxespad=0.0, borderpad=0.0, handlelength=2.8, columnspacing=1.4, handletextpad=0.6,
+        )  # fmt: skip
+        if legend.get_window_extent().width <= ax.get_window_extent().width:
+            break
 
 
-def _source(comparison: Comparison) -> str:
-    """The source without its folder, in one line of a length that fits."""
-    name = " ".join(Path(comparison.source).name.split())
-    return name if len(name) <= 48 else f"…{name[-47:]}"
+def _short(text: str, most: int) -> str:
+    """A text in one line of at most `most` characters: its end says more than its beginning."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else f"…{line[1 - most :]}"
 
 
 def _draw_footer(comparison: Comparison, ax: Axes) -> None:
     """How it was made."""
     ax.set_axis_off()
     parts = [
-        f"source {_source(comparison)}",
-        f"profile {' '.join(comparison.profile.split())[-48:]}",
+        f"source {_short(Path(comparison.source).name, 32)}",
+        f"profile {_short(comparison.profile, 20)}",
         f"reference {comparison.reference_name}",
         f"seed {comparison.seed}",
         *(name for name, value in comparison.options.items() if value is True),
         *(f"{name} {comparison.versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in comparison.versions),
     ]
-    ax.text(0.0, 0.0, "  ·  ".join(parts), transform=ax.transAxes, fontsize=8.5, color=_QUIET, va="bottom")
+    ax.text(0.0, 0.0, " · ".join(parts), transform=ax.transAxes, fontsize=8.5, color=_QUIET, va="bottom")
 
 
 def _draw_section(text: str, ax: Axes) -> None:
     """A heading over a row of panels."""
     ax.set_axis_off()
     ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=10.5, fontweight="bold", va="bottom")
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Panels side by side."""
+
+    height: float
+    """[in], labels included."""
+    panels: tuple[tuple[float, Panel], ...]
+    """Each with its share of the width."""
+    bare: bool = False
+    """Texts only, which need no room for labels."""
+
+    def place(self, figure: Figure, top: float) -> None:
+        """Draw the panels, from `top` [in] above the figure's lower edge downwards."""
+        margins = (0.0, 0.0, 0.0, 0.0) if self.bare else _MARGINS_IN
+        wide, tall = figure.get_size_inches()
+        left, right, bottom, above = margins
+        x, room = _EDGE_IN, wide - 2.0 * _EDGE_IN
+        for share, panel in self.panels:
+            box = (x + left, top - self.height + bottom, share * room - left - right, self.height - bottom - above)
+            panel(figure.add_axes((box[0] / wide, box[1] / tall, box[2] / wide, box[3] / tall)))
+            x += share * room
+
+
+def _row(height: float, panels: Sequence[Panel]) -> _Row:
+    """Panels of equal width."""
+    return _Row(height, tuple((1.0 / len(panels), panel) for panel in panels))
+
+
+def _text(height: float, panel: Panel) -> _Row:
+    """A row without axes."""
+    return _Row(height, ((1.0, panel),), bare=True)
 
 
 def _paths_size(comparison: Comparison) -> Span:
@@ -651,8 +692,8 @@ def comparison_figure(comparison: Comparison) -> Figure:
 
     Returns:
         A figure with its layout done: paths, and where they are farthest apart (or windows of them), errors over time (or by
-        horizon), yaw rate and yaw acceleration, speed and wheel loads. Panels for which there are no data are left out. Lines
-        carry the name of their motion, or `command`, as gid.
+        horizon), yaw rate and yaw acceleration, speed and wheel loads. Panels for which there are no data are left out.
+        Lines carry the name of their motion, or `command`, as gid.
     """
     with matplotlib.style.context(["default", _STYLE]):
         rows = _rows(comparison)

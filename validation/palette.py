@@ -1,7 +1,7 @@
 """One colour for each plant, the same in every picture, plot and recording.
 
-The hues are those of Okabe and Ito, which people with any of the common colour blindnesses tell apart; they differ in lightness
-too, so most survive a grey print.
+The hues are those of Okabe and Ito, which people with any of the common colour blindnesses tell apart; they differ in
+lightness too, so most survive a grey print.
 """
 
 from __future__ import annotations

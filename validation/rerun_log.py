@@ -4,7 +4,8 @@ Everything is in metres, seconds and radians, z up, on the timeline `sim_time`:
 
 - `world/<plant>/robot`: the reference point on the ground over time; below it `base` and the four wheels, a mesh each;
 - `world/<plant>/path`, `.../ticks`, `.../end`: the whole path, where the plant was at round times, its name where it ends;
-- `lineup/<plant>/robot`: the same robots abreast, each displaced from its place as it is from the reference's robot;
+- `lineup/<plant>/robot`: the same robots side by side, each displaced from its place as it is from the reference's robot
+  (where one strays far, they are only turned);
 - `plots/<quantity>/<plant>`: what is drawn over time;
 - `report`: the report as text.
 """
@@ -21,92 +22,126 @@ import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr.geometry import quat_wxyz_to_xyzw, relative, rotate_body_to_world, shift_reference, wrap_angle, yaw_to_quat_wxyz
-from ssmr.types import Commands, FloatArray, Trajectory
-from validation.husky import WHEELS, xml_path
+from ssmr.geometry import (
+    quat_wxyz_to_xyzw,
+    relative,
+    rotate_body_to_world,
+    shift_reference,
+    wrap_angle,
+    yaw_to_quat_wxyz,
+)
+from ssmr.types import FloatArray, Trajectory
+from validation.husky import WHEELS
 from validation.palette import Rgb, colour, mix
 from validation.results import Comparison
-from validation.robot_mesh import BodyMesh, body_mesh, tinted
+from validation.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
 
 os.environ.setdefault("RERUN_ANALYTICS", "false")  # rerun looks at it when it is imported
 
-import rerun as rr  # noqa: E402
-import rerun.blueprint as rrb  # noqa: E402
+import rerun as rr
+import rerun.blueprint as rrb
 
 logger = logging.getLogger(__name__)
 
 APPLICATION = "ssmr-testbed"
 TIMELINE = "sim_time"
-
-GHOST_INSET = 0.985
-"""A transparent robot's size over the real one's: where it stands in the same place as the reference's, it vanishes inside."""
 POSE_PERIOD = 0.02
-"""Time between two poses of a robot [s]: 50 Hz is smooth to the eye. Series keep every sample."""
-GLASS, TINTED_GLASS = 32, 150
-"""Opacity, 0-255, in the scene of a robot that mostly overlaps the reference's, where solid ones would cut into each other, and
-of one that mostly does not."""
+"""Time between two poses of a robot [s]: 50 Hz is smooth to the eye. Plots keep every sample."""
+VIEWER_GRACE = 3.0
+"""A viewer that cannot open its window has given up by then [s]."""
+
+SOLID, GLASS, FAINT_GLASS = 255, 150, 32
+"""Opacity of robots, 0-255. Those that mostly overlap the reference's are faint: solid ones would cut into each other."""
+GLASS_INSET = 0.985
+"""Size of a transparent robot over the real one's: where it stands just as the reference's robot does, it hides inside."""
+LINEUP_GAP = np.array([1.75, 1.25, 0.0])
+"""Distance between rows and between neighbours in the line-up [m]."""
+ABREAST = 3
+"""Robots in a row of the line-up."""
 LEGEND_SHARE = 0.4
 """Room right of the plots, over their duration, so that legends hide no line."""
-LANE = 1.25
-ROW = 1.75
-ABREAST = 3
-"""The line-up: distance between neighbours and between rows [m], and robots in a row."""
 FIELD_OF_VIEW = math.radians(55.0)
 """Of the viewer's eye, from top to bottom [rad]."""
 
 SKY: Rgb = (238, 240, 243)
 GROUND: Rgb = (222, 225, 229)
 GRID: Rgb = (186, 191, 198)
-DARK: Rgb = (70, 74, 80)
-
-Placed = tuple[FloatArray, BodyMesh]
+PLACE: Rgb = (70, 74, 80)
+COMMANDED: Rgb = (86, 180, 233)
+WHEEL_COLOURS = tuple(colour(name) for name in ("mujoco", "improved", "coulomb", "linear"))
+BLACK: Rgb = (0, 0, 0)
+WHITE: Rgb = (255, 255, 255)
 
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """One robot of the scene: a plant, or the recorded one."""
+    """One robot of the scene, a plant or the recorded one, with its M samples of all pieces in a row."""
 
     name: str
     pieces: tuple[Trajectory, ...]
-    is_reference: bool
+    reference: _Track | None
+    """The robot to compare with; None for that robot itself."""
 
     @property
     def colour(self) -> Rgb:
         return colour(self.name)
 
     @property
-    def line_colour(self) -> Rgb:
-        """Its colour on the viewer's plots, which are dark or bright as the user likes: near-black becomes grey."""
-        return mix(self.colour, (255, 255, 255), 0.55) if max(self.colour) < 80 else self.colour
+    def bright(self) -> Rgb:
+        """Its colour where it must show on dark, as on the viewer's plots: near-black becomes grey."""
+        return mix(self.colour, WHITE, 0.55) if max(self.colour) < 80 else self.colour
 
-    @property
+    @cached_property
     def t(self) -> FloatArray:
-        """(M,) stamps of all pieces [s]."""
+        """(M,) stamps [s]."""
         return np.concatenate([p.t for p in self.pieces])
 
-    @property
+    @cached_property
     def pose(self) -> FloatArray:
-        """(M, 3) poses of all pieces."""
+        """(M, 3) poses [m, m, rad]."""
         return np.concatenate([p.pose for p in self.pieces])
 
-    @property
-    def spin(self) -> FloatArray:
-        """(M, 2) angles through which the left and right wheels have turned [rad]: the integral of their rates over each piece."""
-        return np.concatenate([_integral(p.t, p.wheels) for p in self.pieces])
+    @cached_property
+    def turns(self) -> FloatArray:
+        """(M, 2) angles through which the left and right wheels have turned since their piece began [rad]."""
+        return np.concatenate([wheel_turns(p.t, p.wheels) for p in self.pieces])
+
+    @cached_property
+    def seen(self) -> FloatArray:
+        """(M, 3) poses seen from the reference's robot [m, m, rad]."""
+        return relative((self.reference or self).pose, self.pose)
+
+    @cached_property
+    def apart(self) -> FloatArray:
+        """(M,) distance from the reference's robot [m]."""
+        return np.hypot(self.seen[:, 0], self.seen[:, 1])
+
+    @cached_property
+    def shown(self) -> NDArray[np.intp]:
+        """Indices of the samples whose pose is shown: of each piece the first in every `POSE_PERIOD`, and the last."""
+        slots = [np.floor((p.t - p.t[0]) / POSE_PERIOD + 1e-6) for p in self.pieces]
+        keep = [np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1) for s in slots]
+        return np.flatnonzero(np.concatenate(keep))
+
+    def channel(self, name: str) -> FloatArray | None:
+        """A channel over all samples; None where a piece lacks it."""
+        if not all(name in p.channels for p in self.pieces):
+            return None
+        return np.concatenate([p.channels[name] for p in self.pieces])
 
 
 def write_recording(comparison: Comparison, path: Path, report_markdown: str) -> None:
     """Write a comparison as a rerun recording, whole or not at all.
 
-    The recording's id is a digest of what was asked for and of the motions that came out, so that a run that is repeated compares
-    equal, and two that differ can be opened in one viewer.
+    The recording's id is a digest of what was asked for and of the motions that came out: a run that is repeated compares
+    equal, and two that differ can be open in one viewer.
 
     Args:
         comparison: what to show.
@@ -115,7 +150,7 @@ def write_recording(comparison: Comparison, path: Path, report_markdown: str) ->
 
     Raises:
         OSError: the file cannot be written.
-        RuntimeError: rerun is switched off (`RERUN=off`), or refused what it was given.
+        RuntimeError: rerun is switched off by `RERUN=off`.
     """
     data = _encoded(comparison, report_markdown)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
@@ -128,37 +163,31 @@ def write_recording(comparison: Comparison, path: Path, report_markdown: str) ->
 
 
 def open_viewer(path: Path) -> bool:
-    """Open a recording in rerun's own viewer, which listens on the loopback interface alone; return at once.
+    """Open a recording in rerun's own viewer, which then lives on by itself and listens on the loopback interface alone.
 
     Args:
         path: the recording.
 
     Returns:
-        Whether a viewer was started; if not, the log says why and what to do.
+        Whether there is a viewer; if not, the log says why and what to do.
     """
-    by_hand = f"open it on a machine with a screen: rerun {path}"
+    by_hand = f"open it where there is a screen: rerun {path}"
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         logger.warning("there is no display for the rerun viewer; %s", by_hand)
         return False
-    command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1", "--port", "auto"]
+    command = [sys.executable, "-m", "rerun_cli", str(path), "--bind", "127.0.0.1", "--port", "auto"]
+    quiet = subprocess.DEVNULL
     try:
-        viewer = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-        )
+        viewer = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
     except OSError as error:
         logger.warning("the rerun viewer cannot be started (%s); %s", error, by_hand)
         return False
     try:
-        status = viewer.wait(VIEWER_GRACE)
+        viewer.wait(VIEWER_GRACE)
     except subprocess.TimeoutExpired:
         return True
-    if status != 0:
-        logger.warning("the rerun viewer ended at once with status %d; %s", status, by_hand)
-    return status == 0
-
-
-VIEWER_GRACE = 3.0
-"""A viewer that cannot open its window has given up by then [s]."""
+    logger.warning("the rerun viewer ended at once, as it does where it can open no window; %s", by_hand)
+    return False
 
 
 def _encoded(comparison: Comparison, report_markdown: str) -> bytes:
@@ -166,15 +195,19 @@ def _encoded(comparison: Comparison, report_markdown: str) -> bytes:
     tracks = _tracks(comparison)
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(comparison, tracks), send_properties=False)
     if not recording.is_enabled():
-        raise RuntimeError("rerun is switched off; unset the environment variable RERUN to write recordings")
+        raise RuntimeError("rerun is switched off: unset the environment variable RERUN to write recordings")
     stream = recording.binary_stream()
-    with _strict():
-        recording.send_blueprint(_layout(comparison, tracks), make_active=False, make_default=True)
-        _write_properties(recording, comparison)
-        recording.log("report", rr.TextDocument(report_markdown, media_type=rr.MediaType.MARKDOWN), static=True)
-        _write_scene(recording, tracks)
-        _write_plots(recording, comparison, tracks)
-    data = stream.read()
+    try:
+        with _strict():
+            plots = _plots(comparison, tracks)
+            recording.send_blueprint(_layout(tracks, plots), make_active=False, make_default=True)
+            _write_properties(recording, comparison)
+            recording.log("report", rr.TextDocument(report_markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+            _write_scene(recording, tracks)
+            for entity, series in plots.items():
+                _write_series(recording, f"plots/{entity}", series, _gaps(tracks[0]))
+    finally:
+        data = stream.read()  # after a failure too: rerun complains of a stream that is not read
     if not data:
         raise RuntimeError("rerun encoded nothing")
     return data
@@ -193,13 +226,14 @@ def _strict() -> Iterator[None]:
 
 def _tracks(comparison: Comparison) -> list[_Track]:
     """All robots, the reference first."""
-    reference = comparison.reference_name
-    others = [_Track(name, result.pieces, False) for name, result in comparison.plants.items() if name != reference]
-    return [_Track(reference, comparison.reference, True), *others]
+    reference = _Track(comparison.reference_name, comparison.reference, None)
+    others = [(name, result.pieces) for name, result in comparison.plants.items() if name != reference.name]
+    return [reference, *(_Track(name, pieces, reference) for name, pieces in others)]
 
 
 def _identity(comparison: Comparison, tracks: Sequence[_Track]) -> uuid.UUID:
-    asked = (comparison.source, comparison.profile, comparison.reference_name, comparison.seed, sorted(comparison.options.items()))
+    c = comparison
+    asked = (c.source, c.profile, c.reference_name, c.seed, sorted(c.options.items()))
     digest = hashlib.sha256(repr(asked).encode())
     for track in tracks:
         digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
@@ -208,180 +242,106 @@ def _identity(comparison: Comparison, tracks: Sequence[_Track]) -> uuid.UUID:
 
 def _write_properties(recording: rr.RecordingStream, comparison: Comparison) -> None:
     recording.send_recording_name(f"{comparison.source}, profile {comparison.profile}")
-    about = {
-        "source": comparison.source,
-        "profile": comparison.profile,
-        "reference": comparison.reference_name,
-        "seed": comparison.seed,
-    }
-    recording.send_property("comparison", rr.AnyValues(**about))
+    about = rr.AnyValues(
+        source=comparison.source,
+        profile=comparison.profile,
+        reference=comparison.reference_name,
+        seed=comparison.seed,
+    )
+    recording.send_property("comparison", about)
     for name, values in (("options", comparison.options), ("versions", comparison.versions)):
+        entries = rr.AnyValues()
+        for key, value in values.items():
+            entries.with_component_from_data(key, str(value))
         if values:
-            recording.send_property(name, rr.AnyValues(**{key: str(value) for key, value in values.items()}))
+            recording.send_property(name, entries)
 
 
-# --- the scene ---------------------------------------------------------------------------------------------------------------
-
-
-def _integral(t: FloatArray, rate: FloatArray) -> FloatArray:
-    """(M, k) integral of (M, k) rates over (M,) stamps from the first one on, by trapezoids."""
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None]
-    return np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(steps, axis=0)])
-
-
-def spin_quat_wxyz(angle: ArrayLike) -> FloatArray:
-    """(..., 4) unit quaternions, w first, of rotations by (...) angles [rad] about y, the wheels' axle: positive rolls forward."""
-    half = 0.5 * np.asarray(angle, dtype=np.float64)
-    zero = np.zeros_like(half)
-    return np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
-
-
-def _shown(t: FloatArray) -> NDArray[np.intp]:
-    """Indices of the stamps that are shown: about every `POSE_PERIOD`, the first of each and the last."""
-    slot = np.floor((t - t[0]) / POSE_PERIOD + 1e-6)
-    return np.flatnonzero(np.r_[True, np.diff(slot) > 0.0] | (np.arange(len(t)) == len(t) - 1))
-
-
-def _robot() -> dict[str, Placed]:
-    """Each body's place [m], seen from the reference point on the ground below the middle between the axles, and its mesh."""
-    model = mujoco.MjModel.from_xml_path(str(xml_path()))
-    above = -model.site("reference").pos
-    meshes = {name: body_mesh(model, name) for name in ("base", *WHEELS)}
-    return {name: (above if name == "base" else above + mesh.position, mesh) for name, mesh in meshes.items()}
+# --- the scene ---
 
 
 def _write_scene(recording: rr.RecordingStream, tracks: Sequence[_Track]) -> None:
-    robot = _robot()
-    scene = _Extent.of(tracks)
+    """Log ground, robots, paths and labels, of the world and of the line-up."""
+    robot, extent, close = robot_mesh(), _Extent(tracks), _stays_close(tracks)
+    margin = 0.5 * extent.reach + 5.0
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    recording.log("world/ground", _slab(scene.low - 0.5 * scene.size - 5.0, scene.high + 0.5 * scene.size + 5.0), static=True)
-    recording.log("lineup/ground", _slab(np.array([-50.0, -50.0]), np.array([50.0, 50.0])), static=True)
-    interval = _round_interval(scene.duration / 8.0)
-    length, width, height = _size(robot)
+    recording.log("world/ground", _slab(extent.middle - margin, extent.middle + margin), static=True)
+    recording.log("lineup/ground", _slab(np.full(2, -50.0), np.full(2, 50.0)), static=True)
+    interval = _round_interval((tracks[0].t[-1] - tracks[0].t[0]) / 8.0)
     for rank, track in enumerate(tracks):
-        t, place = track.t, _place(rank, len(tracks))
-        shown = np.concatenate([first + _shown(p.t) for first, p in zip(_firsts(track.pieces), track.pieces, strict=True)])
-        time = rr.TimeColumn(TIMELINE, duration=t[shown])
-        spin, seen = track.spin[shown], relative(tracks[0].pose, track.pose)
-        seen[:, 2] = wrap_angle(seen[:, 2])
-        for tree, pose, opacity in (
-            (f"world/{track.name}", track.pose[shown], _opacity(track, tracks[0], length)),
-            (f"lineup/{track.name}", seen[shown] + place, 255),
-        ):
-            _write_robot(recording, f"{tree}/robot", robot, track, opacity)
-            _write_motion(recording, f"{tree}/robot", robot, time, pose, spin)
-        _write_outline(recording, f"world/{track.name}/robot/outline", np.array([0.0, 0.0, height]), length, width, track.colour)
+        world, lineup, place = f"world/{track.name}", f"lineup/{track.name}", _place(rank, len(tracks))
+        overlaps = np.median(track.apart) < robot.box[1, 0]
+        opacity = SOLID if track.reference is None else FAINT_GLASS if overlaps else GLASS
+        _write_robot(recording, f"{world}/robot", robot, track, opacity)
+        _write_motion(recording, f"{world}/robot", robot, track, track.pose)
         _write_path(recording, track, interval)
-        _write_end(recording, track, scene, rank)
-        _write_outline(recording, f"lineup/{track.name}/place", place, length, width, DARK)
-        name = f"{track.name} (reference)" if track.is_reference else track.name
-        recording.log(f"lineup/{track.name}/name", _labels([place + [0.3, 0.0, 0.62]], [name], track.colour), static=True)
+        _write_robot(recording, f"{lineup}/robot", robot, track, SOLID)
+        _write_motion(recording, f"{lineup}/robot", robot, track, track.seen * ([1, 1, 1] if close else [0, 0, 1]) + place)
+        recording.log(f"{world}/robot/outline", _outline(robot, robot.box[1, 2], track.colour), static=True)
+        recording.log(f"{lineup}/place", _outline(robot, 0.0, PLACE), rr.Transform3D(translation=place), static=True)
+        name = f"{track.name} (reference)" if track.reference is None else track.name
+        recording.log(f"{lineup}/name", _labels([np.add(place, (0.3, 0.0, 0.75))], [name], track.bright), static=True)
+        post = np.append(extent.end + extent.post * extent.along, 0.045 * extent.distance * (rank + 1.0))
+        end = [np.append(track.pieces[-1].xy[-1], 0.01), post]
+        recording.log(f"{world}/end", _lines([end], track.colour, 0.7), static=True)
+        recording.log(f"{world}/end/name", _labels([post], [track.name], track.bright), static=True)
 
 
-def _firsts(pieces: Sequence[Trajectory]) -> list[int]:
-    """The index of each piece's first sample among the samples of all."""
-    return [0, *np.cumsum([len(p) for p in pieces])[:-1].tolist()]
+def _stays_close(tracks: Sequence[_Track]) -> bool:
+    """Whether no robot ever strays farther from the reference's than to its neighbour's place in the line-up."""
+    return all(track.apart.max() < LINEUP_GAP[1] for track in tracks)
 
 
 def _place(rank: int, count: int) -> FloatArray:
-    """(3,) place of a robot in the line-up [m]: at most three abreast, from the left, later rows ahead."""
+    """(3,) place of a robot in the line-up [m]: the first row from the left, later rows ahead of it."""
     row, column = divmod(rank, ABREAST)
-    abreast = min(count - row * ABREAST, ABREAST)
-    return np.array([ROW * row, LANE * (0.5 * (abreast - 1) - column), 0.0])
+    in_row = min(count - row * ABREAST, ABREAST)
+    return LINEUP_GAP * (row, 0.5 * (in_row - 1) - column, 0.0)
 
 
-def _size(robot: Mapping[str, Placed]) -> tuple[float, float, float]:
-    """Length, width and height of the robot [m]."""
-    corners = np.concatenate([place + mesh.vertices for place, mesh in robot.values()])
-    length, width, _ = np.ptp(corners, axis=0)
-    return float(length), float(width), float(corners[:, 2].max())
-
-
-def _opacity(track: _Track, reference: _Track, length: float) -> int:
-    if track.is_reference:
-        return 255
-    apart = np.hypot(*(track.pose - reference.pose)[:, :2].T)
-    return GLASS if np.median(apart) < 0.5 * length else TINTED_GLASS
-
-
-def _write_outline(recording: rr.RecordingStream, entity: str, centre: FloatArray, length: float, width: float, rgb: Rgb) -> None:
-    """Log a rectangle around the robot seen from above, with a mark where its front is."""
-    x, y = 0.5 * length, 0.5 * width
-    around = np.array([[x, y], [x, -y], [-x, -y], [-x, y], [x, y]])
-    nose = np.array([[x, 0.25 * y], [x + 0.1, 0.0], [x, -0.25 * y]])
-    strips = [centre + np.column_stack([strip, np.full(len(strip), 0.004)]) for strip in (around, nose)]
-    recording.log(entity, rr.LineStrips3D(strips, colors=[rgb], radii=rr.Radius.ui_points(1.2)), static=True)
-
-
-def _write_robot(recording: rr.RecordingStream, entity: str, robot: Mapping[str, Placed], track: _Track, opacity: int) -> None:
-    """Log each body's mesh once."""
-    inset = 1.0 if opacity == 255 else GHOST_INSET
-    for body, (_, mesh) in robot.items():
-        colours = mesh.colours
-        if track.name != "mujoco":
-            colours = tinted(mesh.colours, track.colour, darkest=0.25 if opacity == 255 else 0.6)
+def _write_robot(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: _Track, opacity: int) -> None:
+    """Log each body's mesh, in the robot's own colours for MuJoCo's and in shades of the plant's for others."""
+    size, darkest = (1.0, 0.25) if opacity == SOLID else (GLASS_INSET, 0.6)
+    for body, mesh in robot.bodies.items():
         looks = rr.Mesh3D(
-            vertex_positions=inset * mesh.vertices, vertex_normals=mesh.normals, vertex_colors=colours, albedo_factor=[255, 255, 255, opacity]
+            vertex_positions=size * mesh.vertices,
+            vertex_normals=mesh.normals,
+            vertex_colors=mesh.colours if track.name == "mujoco" else tinted(mesh.colours, track.bright, darkest),
+            albedo_factor=(*WHITE, opacity),
         )
         recording.log(f"{entity}/{body}", looks, static=True)
 
 
-def _write_motion(
-    recording: rr.RecordingStream, entity: str, robot: Mapping[str, Placed], time: rr.TimeColumn, pose: FloatArray, spin: FloatArray
-) -> None:
-    """Send (M, 3) poses of the reference point and (M, 2) angles of the left and right wheels."""
+def _write_motion(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: _Track, pose: FloatArray) -> None:
+    """Send where the reference point is, from (M, 3) poses, and how far the wheels have turned."""
+    time, pose, turns = rr.TimeColumn(TIMELINE, duration=track.t[track.shown]), pose[track.shown], track.turns[track.shown]
     translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
     quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
     recording.send_columns(entity, [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
-    recording.log(f"{entity}/base", rr.Transform3D(translation=robot["base"][0]), static=True)
+    recording.log(f"{entity}/base", rr.Transform3D(translation=robot.places["base"]), static=True)
     for wheel in WHEELS:
-        quat_xyzw = quat_wxyz_to_xyzw(spin_quat_wxyz(spin[:, 0 if wheel.endswith("left") else 1]))
-        place = np.tile(robot[wheel][0], (len(spin), 1))
-        recording.send_columns(f"{entity}/{wheel}", [time], rr.Transform3D.columns(translation=place, quaternion=quat_xyzw))
+        translation = np.tile(robot.places[wheel], (len(pose), 1))  # a static one would not combine with turns over time
+        quat_xyzw = quat_wxyz_to_xyzw(wheel_quat_wxyz(turns[:, 0 if wheel.endswith("left") else 1]))
+        columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
+        recording.send_columns(f"{entity}/{wheel}", [time], columns)
 
 
 def _write_path(recording: rr.RecordingStream, track: _Track, interval: float) -> None:
     """Log the path, one strip a piece, and a point for every `interval` [s]; the reference's points say the time."""
-    height, width = (0.012, 2.2) if track.is_reference else (0.008, 1.5)
+    first = track.reference is None
+    height = 0.012 if first else 0.008
     strips = [np.column_stack([p.xy, np.full(len(p), height)]) for p in track.pieces]
-    recording.log(
-        f"world/{track.name}/path",
-        rr.LineStrips3D(strips, colors=[track.colour], radii=rr.Radius.ui_points(width)),
-        static=True,
-    )
-    stamps, points = list[float](), list[tuple[float, float, float]]()
+    recording.log(f"world/{track.name}/path", _lines(strips, track.colour, 2.2 if first else 1.5), static=True)
+    stamps, points = list[float](), list[list[float]]()
     for piece in track.pieces:
-        at = np.arange(math.ceil(piece.t[0] / interval), math.floor(piece.t[-1] / interval) + 1) * interval
-        stamps += at.tolist()
-        points += [(np.interp(s, piece.t, piece.pose[:, 0]), np.interp(s, piece.t, piece.pose[:, 1]), height) for s in at]
+        for k in range(math.ceil(piece.t[0] / interval), math.floor(piece.t[-1] / interval) + 1):
+            stamps.append(k * interval)
+            points.append([*(float(np.interp(stamps[-1], piece.t, column)) for column in piece.xy.T), height])
     if points:
-        marks = rr.Points3D(points, colors=[track.colour], radii=rr.Radius.ui_points(4.0 if track.is_reference else 3.0))
+        marks = rr.Points3D(points, colors=[track.colour], radii=rr.Radius.ui_points(4.0 if first else 3.0))
         recording.log(f"world/{track.name}/ticks", marks, static=True)
-        if track.is_reference:
-            recording.log(f"world/{track.name}/ticks/time", _labels(points, [f"{s:g} s" for s in stamps], GRID), static=True)
-
-
-def _write_end(recording: rr.RecordingStream, track: _Track, scene: _Extent, row: int) -> None:
-    """Log the plant's name on a signpost beside the ends of the paths, with a line from its own end."""
-    end = np.append(track.pieces[-1].xy[-1], 0.012)
-    post = np.append(scene.end + 0.1 * scene.distance * scene.along, 0.045 * scene.distance * (row + 1.0))
-    lead = rr.LineStrips3D([[end, post]], colors=[track.colour], radii=rr.Radius.ui_points(0.7))
-    recording.log(f"world/{track.name}/end", lead, static=True)
-    recording.log(f"world/{track.name}/end/name", _labels([post], [track.name], track.colour), static=True)
-
-
-def _labels(points: ArrayLike, texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
-    """Texts at (N, 3) points, bright, as the viewer writes them on dark patches."""
-    return rr.Points3D(points, labels=texts, colors=[mix(rgb, (255, 255, 255), 0.6)], radii=rr.Radius.ui_points(0.1), show_labels=True)
-
-
-def _slab(low: FloatArray, high: FloatArray) -> rr.Mesh3D:
-    """The ground between two corners, just below the lines that are drawn on it."""
-    z = -0.004
-    corners = [(low[0], low[1], z), (high[0], low[1], z), (high[0], high[1], z), (low[0], high[1], z)]
-    return rr.Mesh3D(
-        vertex_positions=corners, triangle_indices=[(0, 1, 2), (0, 2, 3)], vertex_normals=[(0, 0, 1)] * 4, vertex_colors=[GROUND] * 4
-    )
+    if points and first:
+        recording.log(f"world/{track.name}/ticks/time", _labels(points, [f"{s:g} s" for s in stamps], GRID), static=True)
 
 
 def _round_interval(seconds: float) -> float:
@@ -389,58 +349,38 @@ def _round_interval(seconds: float) -> float:
     return next((float(s) for s in (1, 2, 5, 10, 20, 30, 60) if s >= seconds), 60.0 * math.ceil(seconds / 60.0))
 
 
-@dataclass(frozen=True, eq=False)
-class _Extent:
-    """Where and how large the scene is, as a camera must know."""
-
-    low: FloatArray
-    """(2,) corner of the box around all paths [m]."""
-    high: FloatArray
-    """(2,) opposite corner [m]."""
-    end: FloatArray
-    """(2,) mean of the paths' ends [m]."""
-    along: FloatArray
-    """(2,) unit vector along the paths, from their start to their end."""
-    half_length: float
-    """Half the extent along that [m]."""
-    half_width: float
-    """Half the extent across it [m]."""
-    middle: FloatArray
-    """(2,) middle of the extents [m]."""
-    duration: float
-    """From the first stamp to the last [s]."""
-
-    @property
-    def size(self) -> float:
-        """The larger extent [m]."""
-        return 2.0 * max(self.half_length, self.half_width)
-
-    @property
-    def distance(self) -> float:
-        """How far off an eye sees all of it, with the robots and a margin, in a view twice as wide as high [m]."""
-        slope = math.tan(0.5 * FIELD_OF_VIEW)
-        return max((self.half_length + 0.6) / (1.8 * slope), (0.6 * self.half_width + 0.8) / slope) + 0.6 * self.half_width
-
-    @classmethod
-    def of(cls, tracks: Sequence[_Track]) -> _Extent:
-        """Measure all paths."""
-        xy = np.concatenate([track.pose[:, :2] for track in tracks])
-        ends = np.array([track.pieces[-1].xy[-1] for track in tracks])
-        away = ends.mean(axis=0) - tracks[0].pieces[0].xy[0]
-        along = np.linalg.eigh(np.cov((xy - xy.mean(axis=0)).T) + 1e-12 * np.diag([2.0, 1.0]))[1][:, -1]
-        along = along if along @ away >= 0.0 else -along
-        frame = np.stack([along, rotate_body_to_world([0.0, 1.0], math.atan2(along[1], along[0]))])
-        inside = xy @ frame.T
-        low, high = inside.min(axis=0), inside.max(axis=0)
-        half = 0.5 * (high - low)
-        stamps = tracks[0].t
-        return cls(
-            xy.min(axis=0), xy.max(axis=0), ends.mean(axis=0), along, float(half[0]), float(half[1]), 0.5 * (low + high) @ frame,
-            float(stamps[-1] - stamps[0]),
-        )  # fmt: skip
+def _lines(strips: Sequence[ArrayLike], rgb: Rgb, width: float) -> rr.LineStrips3D:
+    """Line strips as wide on the screen from near and far."""
+    return rr.LineStrips3D([np.asarray(strip) for strip in strips], colors=[rgb], radii=rr.Radius.ui_points(width))
 
 
-# --- the plots ---------------------------------------------------------------------------------------------------------------
+def _outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
+    """A rectangle around the robot as seen from above, with a mark where its front is."""
+    z = height + 0.004
+    (rear, right, _), (front, left, _) = robot.box
+    around = [[front, left, z], [front, right, z], [rear, right, z], [rear, left, z], [front, left, z]]
+    nose = [[front, 0.25 * left, z], [front + 0.1, 0.0, z], [front, 0.25 * right, z]]
+    return _lines([around, nose], rgb, 1.2)
+
+
+def _labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
+    """Texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
+    radii = rr.Radius.ui_points(0.1)
+    return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)
+
+
+def _slab(low: FloatArray, high: FloatArray) -> rr.Mesh3D:
+    """The ground between two corners, just below the lines that are drawn on it."""
+    corners = [(x, y, -0.004) for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
+    return rr.Mesh3D(
+        vertex_positions=corners,
+        triangle_indices=[(0, 1, 2), (0, 2, 3)],
+        vertex_normals=[(0.0, 0.0, 1.0)] * 4,
+        vertex_colors=[GROUND] * 4,
+    )
+
+
+# --- the plots ---
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,14 +388,19 @@ class _Series:
     """What one entity draws: k lines over the same stamps."""
 
     names: Sequence[str]
+    """k names, with unit."""
     colours: Sequence[Rgb]
     t: FloatArray
     """(M,) [s]."""
     values: FloatArray
     """(M,) or (M, k)."""
-    width: float = 1.5
     held: bool = False
     """Whether each value holds until the next, as commands do."""
+
+
+def _gaps(reference: _Track) -> FloatArray:
+    """(pieces - 1,) instants between pieces [s]."""
+    return np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(reference.pieces)])
 
 
 def _write_series(recording: rr.RecordingStream, entity: str, series: _Series, gaps: FloatArray) -> None:
@@ -464,139 +409,136 @@ def _write_series(recording: rr.RecordingStream, entity: str, series: _Series, g
     style = rr.SeriesLines(
         names=list(series.names),
         colors=list(series.colours),
-        widths=[series.width] * len(series.names),
+        widths=[1.0 if series.held else 1.5] * len(series.names),
         interpolation_mode=mode,
     )
     recording.log(entity, style, static=True)
-    recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=series.t)], rr.Scalars.columns(scalars=series.values))
+    time = rr.TimeColumn(TIMELINE, duration=series.t)
+    recording.send_columns(entity, [time], rr.Scalars.columns(scalars=series.values))
     if len(gaps):
-        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=gaps)], rr.Clear.columns(is_recursive=[False] * len(gaps)))
+        time = rr.TimeColumn(TIMELINE, duration=gaps)
+        recording.send_columns(entity, [time], rr.Clear.columns(is_recursive=[False] * len(gaps)))
 
 
-def _write_plots(recording: rr.RecordingStream, comparison: Comparison, tracks: Sequence[_Track]) -> None:
-    gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(comparison.reference)])
+def _plots(comparison: Comparison, tracks: Sequence[_Track]) -> dict[str, _Series]:
+    """All series by entity below `plots`."""
+    plots = _command_plots(comparison)
     for track in tracks:
-        for entity, series in _plots_of(track, tracks[0]).items():
-            _write_series(recording, f"plots/{entity}", series, gaps)
-    for entity, series in _command_plots(comparison.commands, comparison.reference).items():
-        _write_series(recording, f"plots/{entity}", series, gaps)
-
-
-def _plots_of(track: _Track, reference: _Track) -> dict[str, _Series]:
-    """All series of one robot by entity, below `plots`."""
-    t, name, lines = track.t, track.name, (track.line_colour,)
-    twist = np.concatenate([p.twist for p in track.pieces])
-    plots = {
-        f"yaw_rate/{name}": _Series([f"{name} [rad/s]"], lines, t, twist[:, 2]),
-        f"speed/{name}": _Series([f"{name} [m/s]"], lines, t, twist[:, 0]),
-    }
-    if not track.is_reference:
-        apart = track.pose - reference.pose
-        plots[f"position_error/{name}"] = _Series([f"{name} [m]"], lines, t, np.hypot(apart[:, 0], apart[:, 1]))
-        plots[f"yaw_error/{name}"] = _Series([f"{name} [rad]"], lines, t, wrap_angle(apart[:, 2]))
-    acceleration = _channel(track, "yaw_acceleration_rad_s2")
-    if acceleration is not None:
-        plots[f"yaw_acceleration/{name}"] = _Series([f"{name} [rad/s²]"], lines, t, acceleration)
-    torque = _channel(track, "torque_N_m")
-    if torque is not None:
-        shades = (mix(track.line_colour, (255, 255, 255), 0.35), mix(track.line_colour, (0, 0, 0), 0.25))
-        names = [f"{name} left [N m]", f"{name} right [N m]"]
-        plots[f"torque/{name}"] = _Series(names, shades, t, torque)
-    loads = _channel(track, "wheel_load_N")
-    if loads is not None:
-        names = [f"{wheel.replace('_', ' ')} [N]" for wheel in WHEELS]
-        plots[f"wheel_load/{name}"] = _Series(names, [colour(n) for n in LOAD_COLOURS], t, loads)
+        plots.update(_plots_of(track))
     return plots
 
 
-LOAD_COLOURS = ("mujoco", "improved", "coulomb", "linear")
-"""Whose colours the four wheels borrow."""
+def _plots_of(track: _Track) -> dict[str, _Series]:
+    """The series of one robot by entity."""
+
+    def add(quantity: str, unit: str, values: FloatArray | None) -> None:
+        if values is not None:
+            plots[f"{quantity}/{track.name}"] = _Series([f"{track.name} [{unit}]"], [track.bright], track.t, values)
+
+    plots = dict[str, _Series]()
+    twist = np.concatenate([p.twist for p in track.pieces])
+    add("speed", "m/s", twist[:, 0])
+    add("yaw_rate", "rad/s", twist[:, 2])
+    add("yaw_acceleration", "rad/s²", track.channel("yaw_acceleration_rad_s2"))
+    if track.reference is not None:
+        add("position_error", "m", track.apart)
+        add("yaw_error", "rad", wrap_angle(track.seen[:, 2]))
+    torque, loads = track.channel("torque_N_m"), track.channel("wheel_load_N")
+    if torque is not None:
+        names = [f"{track.name} {side} [N m]" for side in ("left", "right")]
+        shades = [mix(track.bright, WHITE, 0.35), mix(track.bright, BLACK, 0.25)]
+        plots[f"torque/{track.name}"] = _Series(names, shades, track.t, torque)
+    if loads is not None:
+        names = [f"{wheel.replace('_', ' ')} [N]" for wheel in WHEELS]
+        plots[f"wheel_load/{track.name}"] = _Series(names, WHEEL_COLOURS, track.t, loads)
+    return plots
 
 
-def _channel(track: _Track, name: str) -> FloatArray | None:
-    """A channel over all pieces; None if it was not recorded in each."""
-    if not all(name in p.channels for p in track.pieces):
-        return None
-    return np.concatenate([p.channels[name] for p in track.pieces])
-
-
-def _command_plots(commands: Sequence[Commands], reference: Sequence[Trajectory]) -> dict[str, _Series]:
-    """What was commanded, by entity: each command at its instant, and the last again where its piece ends."""
-    t = np.concatenate([p.t[0] + c.dt * np.arange(c.n + 1) for c, p in zip(commands, reference, strict=True)])
+def _command_plots(comparison: Comparison) -> dict[str, _Series]:
+    """What was commanded by entity: each command at its instant, and the last again where its time ends."""
+    commands, starts = comparison.commands, [piece.t[0] for piece in comparison.reference]
+    t = np.concatenate([start + c.dt * np.arange(c.n + 1) for start, c in zip(starts, commands, strict=True)])
     values = np.concatenate([np.vstack([c.values, c.values[-1:]]) for c in commands])
-    grey: Rgb = (150, 154, 160)
     if commands[0].kind == "wheels":
         names = ["left commanded [rad/s]", "right commanded [rad/s]"]
-        return {"wheel_command/rates": _Series(names, [mix(grey, (255, 255, 255), 0.5), grey], t, values, held=True)}
+        shades = [mix(COMMANDED, WHITE, 0.35), mix(COMMANDED, BLACK, 0.25)]
+        return {"wheel_rate/commanded": _Series(names, shades, t, values, held=True)}
     return {
-        "speed/commanded": _Series(["commanded [m/s]"], [grey], t, values[:, 0], width=1.0, held=True),
-        "yaw_rate/commanded": _Series(["commanded [rad/s]"], [grey], t, values[:, 1], width=1.0, held=True),
+        "speed/commanded": _Series(["commanded [m/s]"], [COMMANDED], t, values[:, 0], held=True),
+        "yaw_rate/commanded": _Series(["commanded [rad/s]"], [COMMANDED], t, values[:, 1], held=True),
     }
 
 
-# --- the layout --------------------------------------------------------------------------------------------------------------
+# --- the layout ---
 
 
-def _layout(comparison: Comparison, tracks: Sequence[_Track]) -> rrb.Blueprint:
-    """The scene and the line-up on the left, report and plots on the right."""
-    scene, reference = _Extent.of(tracks), comparison.reference_name
-    first, last = float(tracks[0].t[0]), float(tracks[0].t[-1]) + LEGEND_SHARE * scene.duration
-    absolute = rr.TimeRangeBoundary.absolute
-    span = rrb.TimeAxis(view_range=rr.TimeRange(start=absolute(seconds=first), end=absolute(seconds=last)))
+class _Extent:
+    """Where the paths lie and how far an eye must stand off to see them.
 
-    def plot(quantity: str, title: str) -> rrb.TimeSeriesView:
-        return rrb.TimeSeriesView(origin=f"/plots/{quantity}", name=title, axis_x=span, plot_legend=rrb.Corner2D.RightTop)
+    Attributes:
+        along: (2,) unit vector along their longest extent, from start to end.
+        across: (2,) unit vector to the left of it.
+        middle: (2,) middle of the extents [m].
+        end: (2,) mean of the paths' ends [m].
+        reach: the longest extent [m].
+        distance: from where an eye sees all of it, with the robots and a margin, in a view twice as wide as high [m].
+        post: how far beyond the end the signpost with the plants' names stands [m].
+    """
 
-    middle = np.append(scene.middle + 0.05 * scene.distance * scene.along, 0.0)
-    aside = rotate_body_to_world([0.0, -1.0], math.atan2(scene.along[1], scene.along[0]))
-    grid = rrb.LineGrid3D(visible=True, spacing=1.0, stroke_width=1.0, color=GRID)
-    overview = rrb.Spatial3DView(
-        origin="/world",
-        name="Scene (grid 1 m)",
-        background=SKY,
-        line_grid=grid,
-        eye_controls=_eye(middle + scene.distance * np.append(math.cos(0.6) * aside, math.sin(0.6)), middle),
-    )
-    away = [f"- /world/{track.name}/end/**" for track in tracks]
-    above = rrb.Spatial3DView(
-        origin="/world",
-        contents=["/world/**", *away],
-        name="From above",
-        background=SKY,
-        line_grid=grid,
-        eye_controls=_eye(middle + [0.0, 0.0, 1.1 * scene.distance], middle, up=np.append(-aside, 0.0)),
-    )
-    rows = math.ceil(len(tracks) / ABREAST)
-    heart, far = np.array([0.4 * ROW * (rows - 1), 0.1, 0.2]), 3.1 + 0.5 * rows
-    lineup = rrb.Spatial3DView(
-        origin="/lineup",
-        name=f"Side by side, displaced as seen from {reference}",
-        background=SKY,
-        line_grid=False,
-        eye_controls=_eye(heart + far * np.array([-0.73, -0.14, 0.62]), heart),
-    )
-    start = tracks[0].pieces[0].pose[0]
-    behind = np.append(shift_reference(start, (-1.5, -1.2))[:2], 1.15)
-    close = rrb.Spatial3DView(
-        origin="/world",
-        contents=["/world/**", *away, f"- /world/{reference}/ticks/time", *_bodies_of(tracks[1:])],
-        name=f"Following {reference}",
-        background=SKY,
-        line_grid=grid,
-        eye_controls=_eye(behind, np.append(start[:2], 0.2), follow=f"/world/{reference}/robot/base"),
-    )
+    def __init__(self, tracks: Sequence[_Track]) -> None:
+        xy = np.concatenate([track.pose[:, :2] for track in tracks])
+        self.end = np.mean([track.pieces[-1].xy[-1] for track in tracks], axis=0)
+        offsets = xy - xy.mean(axis=0)
+        along = np.linalg.eigh(offsets.T @ offsets + np.diag([1e-9, 0.0]))[1][:, 1]  # along x where nothing moves
+        self.along = along if along @ (self.end - xy[0]) >= 0.0 else -along
+        self.across = rotate_body_to_world([0.0, 1.0], math.atan2(self.along[1], self.along[0]))
+        frame = np.stack([self.along, self.across])
+        inside = xy @ frame.T
+        low, high = inside.min(axis=0), inside.max(axis=0)
+        self.middle = 0.5 * (low + high) @ frame
+        self.reach = float((high - low).max())
+        slope = math.tan(0.5 * FIELD_OF_VIEW)
+        length, width = 0.5 * (high - low)
+        self.distance = max(3.0, (length + 0.8) / (1.8 * slope), (0.6 * width + 0.8) / slope) + 0.6 * float(width)
+        self.post = max(0.8, 0.1 * self.distance)
+
+
+def _layout(tracks: Sequence[_Track], plots: Mapping[str, _Series]) -> rrb.Blueprint:
+    """Three looks at the robots and the report on the left, plots on the right."""
+    overview, above, lineup, close = _views_of_robots(tracks)
+    first, duration = float(tracks[0].t[0]), float(tracks[0].t[-1] - tracks[0].t[0])
+    at = rr.TimeRangeBoundary.absolute
+    span = rr.TimeRange(start=at(seconds=first), end=at(seconds=first + (1.0 + LEGEND_SHARE) * max(duration, 0.1)))
+
+    def plot(entity: str, title: str) -> list[rrb.TimeSeriesView]:
+        drawn = [series.values for name, series in plots.items() if f"{name}/".startswith(f"{entity}/")]
+        return [
+            rrb.TimeSeriesView(
+                origin=f"/plots/{entity}",
+                name=title,
+                axis_x=rrb.TimeAxis(view_range=span),
+                axis_y=rrb.ScalarAxis(range=_axis(drawn)),
+                plot_legend=rrb.Corner2D.RightTop,
+            )
+            for _ in drawn[:1]
+        ]
+
+    name = tracks[0].name
+    motion = [
+        *plot("yaw_rate", "Yaw rate [rad/s]"),
+        *plot("yaw_acceleration", "Yaw acceleration [rad/s²]"),
+        *plot("speed", "Speed [m/s]"),
+        *plot("wheel_rate", "Commanded wheel rates [rad/s]"),
+    ]
+    torques = plot("torque/mujoco", "Motor torques of mujoco [N m]") or plot("torque", "Motor torques [N m]")
+    wheels = [*plot("wheel_load", "Wheel loads [N]"), *torques]
+    errors = [
+        *plot("position_error", f"Position error to {name} [m]"),
+        *plot("yaw_error", f"Yaw error to {name} [rad]"),
+    ]
     report = rrb.TextDocumentView(origin="/report", name="Report")
-    position = plot("position_error", f"Position error to {reference} [m]")
-    turn = plot("yaw_error", f"Yaw error to {reference} [rad]")
-    commands = [plot("wheel_command", "Commanded wheel rates [rad/s]")] if comparison.commands[0].kind == "wheels" else []
-    torques = plot("torque/mujoco", "Motor torques of mujoco [N m]") if "mujoco" in comparison.plants else plot("torque", "Motor torques [N m]")
-    wheels = [plot("wheel_load", "Wheel loads [N]")] if any(_channel(k, "wheel_load_N") is not None for k in tracks) else []
-    left = rrb.Vertical(rrb.Tabs(overview, above, report), rrb.Horizontal(lineup, close), row_shares=[1, 1])
-    right = rrb.Vertical(
-        rrb.Tabs(position, turn),
-        rrb.Tabs(plot("yaw_rate", "Yaw rate [rad/s]"), plot("yaw_acceleration", "Yaw acceleration [rad/s²]"), plot("speed", "Speed [m/s]"), *commands),
-        rrb.Tabs(*wheels, torques),
-    )
+    left = rrb.Vertical(rrb.Tabs(overview, above, report), rrb.Horizontal(lineup, close), row_shares=[6, 5])
+    right = rrb.Vertical(*(rrb.Tabs(*views) for views in (errors, motion, wheels) if views))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[8, 5]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing", loop_mode="off"),
@@ -605,11 +547,62 @@ def _layout(comparison: Comparison, tracks: Sequence[_Track]) -> rrb.Blueprint:
     )
 
 
-def _bodies_of(tracks: Sequence[_Track]) -> list[str]:
-    """View contents without the meshes of these robots; their outlines stay."""
-    return [f"- /world/{track.name}/robot/{body}" for track in tracks for body in ("base", *WHEELS)]
+def _axis(drawn: Sequence[FloatArray]) -> tuple[float, float]:
+    """From where to where an axis goes.
+
+    The viewer would take in a zero wherever a line is interrupted, and write numbers only at whole powers of ten where finer
+    ones have no room: a range that holds but one of those is widened to the next.
+    """
+    low, high = min(float(v.min()) for v in drawn), max(float(v.max()) for v in drawn)
+    step = 10.0 ** math.floor(math.log10(max(high - low, 1e-3)))
+    if high - low > 1.3 * step and math.floor(high / step) - math.ceil(low / step) < 1:
+        low, high = step * math.floor(low / step), step * math.ceil(high / step)
+    margin = 0.05 * max(high - low, 1e-3)
+    return low - margin, high + margin
 
 
-def _eye(position: FloatArray, target: FloatArray, up: FloatArray | None = None, follow: str | None = None) -> rrb.EyeControls3D:
-    """An eye that turns about `target`, which is fixed unless an entity is to be followed."""
-    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up, tracking_entity=follow)
+def _views_of_robots(tracks: Sequence[_Track]) -> list[rrb.Spatial3DView]:
+    """The scene from aside and from above, the line-up, and the reference's robot from near."""
+    extent, reference = _Extent(tracks), tracks[0].name
+    middle = np.append(extent.middle + 0.6 * extent.post * extent.along, 0.0)
+    aside = middle + extent.distance * np.append(-math.cos(0.6) * extent.across, math.sin(0.6))
+    high = middle + np.array([0.0, 0.0, 1.1 * extent.distance])
+    rows = math.ceil(len(tracks) / ABREAST)
+    heart = np.array([0.4 * LINEUP_GAP[0] * (rows - 1), 0.1, 0.2])
+    start = tracks[0].pose[0]
+    behind = np.append(shift_reference(start, (-1.5, -1.2))[:2], 1.15)
+    names = [f"- /world/{track.name}/end/**" for track in tracks]
+    bodies = [f"- /world/{track.name}/robot/{body}" for track in tracks[1:] for body in ("base", *WHEELS)]
+
+    def view(name: str, origin: str, eye: rrb.EyeControls3D, without: Sequence[str] = ()) -> rrb.Spatial3DView:
+        grid = rrb.LineGrid3D(visible=origin == "/world", spacing=1.0, stroke_width=1.0, color=GRID)
+        contents = [f"{origin}/**", *without]
+        return rrb.Spatial3DView(
+            name=name, origin=origin, contents=contents, background=SKY, line_grid=grid, eye_controls=eye
+        )
+
+    how = "displaced" if _stays_close(tracks) else "turned"
+    return [
+        view("Scene (grid 1 m)", "/world", _eye(aside, middle)),
+        view("From above", "/world", _eye(high, middle, up=np.append(extent.across, 0.0)), names),
+        view(
+            f"Side by side, {how} as seen from {reference}",
+            "/lineup",
+            _eye(heart + (3.1 + 0.5 * rows) * np.array([-0.73, -0.14, 0.62]), heart),
+        ),
+        view(
+            f"Following {reference}",
+            "/world",
+            _eye(behind, np.append(start[:2], 0.2), follow=f"/world/{reference}/robot/base"),
+            [*names, f"- /world/{reference}/ticks/time", *bodies],
+        ),
+    ]
+
+
+def _eye(
+    position: FloatArray, target: FloatArray, up: FloatArray | None = None, follow: str | None = None
+) -> rrb.EyeControls3D:
+    """An eye that turns about `target`, which stays where it is unless an entity is to be followed."""
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up, tracking_entity=follow
+    )

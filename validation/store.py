@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` make a file beside `path`, then put it in its place; a failure leaves what was there before.
 
     Args:
@@ -47,4 +47,4 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
         ValueError: it holds a number that is not finite; nothing is written.
     """
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8") and None)
+    write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))

@@ -259,9 +259,12 @@ def _markdown(grid: _Grid) -> list[str]:
     ]
 
 
-def _option(value: str | float | bool) -> str:
+def _option(value: object) -> str:
+    """How an option is written; several values, such as horizons, are joined by commas."""
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ",".join(map(_option, value))
     return f"{value:g}" if isinstance(value, float) else _one_line(value)
 
 
@@ -277,8 +280,8 @@ def comparison_table(comparison: Comparison) -> Table:
     """
     title = f"{_one_line(comparison.source)} · profile {_one_line(comparison.profile)}"
     caption = f"against {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
-    for name, advice in _unhealthy(comparison):
-        caption += f"\n{name} is unhealthy: {advice}"
+    for name, _ in _unhealthy(comparison):
+        caption += f"\n{name} is unhealthy: by its wheel loads its contact is not to be believed"
     return _rich(_plant_grid(comparison), title, caption)
 
 
@@ -313,7 +316,7 @@ def headline(comparison: Comparison, name: str) -> str:
         errors = result.horizons[horizon]
         length = length_unit([errors.position_median_m])
         coarse = replace(length, decimals=0) if length.symbol == "mm" else replace(length, decimals=2)
-        yaw = replace(DEGREES, decimals=1).text(errors.yaw_median_rad)
+        yaw = replace(DEGREES, decimals=1, significant=2).text(errors.yaw_median_rad).removesuffix(".0")
         return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
     length = length_unit([result.metrics.d_rms_m])
     return f"d_rms {length.text(result.metrics.d_rms_m)} {length.symbol}"

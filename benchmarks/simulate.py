@@ -1,0 +1,247 @@
+"""How fast the parts are, beside their peers, all in one run: `python -m benchmarks.simulate [--out FILE.json]`.
+
+Ratios count, not seconds: machines are shared. Each pair is timed alternately, and the ratio is of the medians.
+The thesis' Simulink times stand there for the record only (another machine, 2019).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import control
+import mujoco
+import numba
+import numpy as np
+import tyro
+from mujoco import rollout
+from rich.table import Table
+from scipy.integrate import solve_ivp
+
+from ssmr.drive import wheel_references
+from ssmr.metrics import compare_paths
+from ssmr.models import improved, linear
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.simulate import (
+    PLANAR_DT,
+    PLANAR_MODELS,
+    SAMPLE_DT,
+    PlanarModel,
+    PlanarPlant,
+    pack_parameters,
+    run_planar,
+    run_population,
+)
+from ssmr.types import Commands, State
+from validation import cli, store
+from validation.mujoco_plant import MujocoPlant
+from validation.profiles import load
+
+SIMULINK_S = {"coulomb": 2.75, "improved": 0.70}
+"""Sec. 3.6: trajectory 4 on the authors' machine [s]."""
+POPULATION = 64
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measured ratio."""
+
+    what: str
+    """What is compared with what."""
+    ratio: float
+    """Ours over the peer's time, or a speed."""
+    bound: str
+    """What was asked for; empty where it is only for the record."""
+    ours_s: float
+    """Median time of ours [s]."""
+    peer_s: float
+    """Median time of the peer [s]."""
+    ok: bool
+    """Whether the bound is kept."""
+
+
+def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
+    """Median time of each call [s], all called in turn so that a busy machine hurts them alike."""
+    for call in calls:
+        call()
+    times = np.empty((repeats, len(calls)))
+    for i in range(repeats):
+        for j, call in enumerate(calls):
+            began = time.perf_counter()
+            call()
+            times[i, j] = time.perf_counter() - began
+    return [float(t) for t in np.median(times, axis=0)]
+
+
+def compile_c(folder: Path) -> ctypes.CDLL:
+    """benchmarks/planar.c by gcc -O3.
+
+    Raises:
+        UserError: there is no gcc.
+    """
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        raise cli.UserError("gcc is not installed; the benchmark compiles benchmarks/planar.c with it")
+    source, target = Path(__file__).with_name("planar.c"), folder / "planar.so"
+    subprocess.run([gcc, "-O3", "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
+    library = ctypes.CDLL(str(target))
+    library.simulate.restype = ctypes.c_double
+    return library
+
+
+def planar_rows(commands: Commands, repeats: int) -> list[Row]:
+    """Each planar model against the same loop in C; both write the same thirteen numbers of every step."""
+    profile, rows = load("thesis-lab"), []
+    with tempfile.TemporaryDirectory() as folder:
+        library = compile_c(Path(folder))
+        for name in PLANAR_MODELS:
+            section = profile.plants[name]
+            references = wheel_references(commands, section.drive, PLANAR_DT, State())
+            kind, parameters = pack_parameters(section.parameters)
+            vehicle, limit = section.vehicle.packed(), 2.0 * section.drive.torque_limit
+            mine, theirs = np.empty((1 + len(references), 13)), np.empty((len(references), 13))
+
+            def in_c(kind=kind, references=references, vehicle=vehicle, parameters=parameters, limit=limit, theirs=theirs) -> None:
+                library.simulate(
+                    ctypes.c_int(kind), ctypes.c_long(len(references)), references.ctypes, ctypes.c_double(PLANAR_DT),
+                    vehicle.ctypes, parameters.ctypes, ctypes.c_double(limit), theirs.ctypes,
+                )  # fmt: skip
+
+            def in_numba(kind=kind, references=references, vehicle=tuple(vehicle), parameters=tuple(parameters), limit=limit, mine=mine) -> None:
+                run_planar(kind, references, np.zeros(1), PLANAR_DT, vehicle, parameters, limit, 1, np.zeros(5), mine)
+
+            ours, peer = alternate(in_numba, in_c, repeats=repeats)
+            difference = float(np.abs(mine[1:] - theirs).max())
+            if difference > 1e-9:
+                raise cli.UserError(f"{name}: C and numba disagree by {difference}; planar.c is out of date")
+            rows.append(Row(f"{name}, 20 s at 1 ms / C", ours / peer, "<= 1.5", ours, peer, ours <= 1.5 * peer))
+    return rows
+
+
+def peer_rows(commands: Commands, repeats: int) -> list[Row]:
+    """The improved model by scipy and the linear one by python-control: the usual tools, for the record."""
+    profile = load("thesis-lab")
+    plants = {name: PlanarPlant(PlanarModel(profile.plants[name].parameters, profile.plants[name].vehicle, profile.plants[name].drive)) for name in ("coulomb", "improved", "linear")}
+    section = profile.plants["improved"]
+    references = wheel_references(commands, section.drive, PLANAR_DT, State())
+    vehicle, (_, parameters) = tuple(section.vehicle.packed()), pack_parameters(section.parameters)
+
+    def rates(t: float, s: np.ndarray) -> np.ndarray:
+        reference = references[min(int(t / PLANAR_DT), len(references) - 1)]
+        v, w, _, _ = improved.advance(s[3], s[4], (reference[0], reference[1]), 0.0, PLANAR_DT, vehicle, tuple(parameters), 14.0)
+        return np.array([s[3] * np.cos(s[2]), s[3] * np.sin(s[2]), s[4], (v - s[3]) / PLANAR_DT, (w - s[4]) / PLANAR_DT])
+
+    system = linear.state_space(section.vehicle, profile.plants["linear"].parameters, section.drive.command_half_track)
+    t = np.arange(len(references)) * PLANAR_DT
+    held = np.repeat(commands.values, 50, axis=0)
+    start = State()
+    scipy_s, control_s = alternate(
+        lambda: solve_ivp(rates, (0.0, t[-1]), np.zeros(5), max_step=0.05, rtol=1e-3),
+        lambda: control.input_output_response(system, t, held.T, solve_ivp_kwargs={"max_step": 0.05}),
+        repeats=1,
+    )
+    mine = dict(zip(plants, alternate(*(lambda p=p: p.run(commands, start, SAMPLE_DT) for p in plants.values()), repeats=repeats), strict=True))
+    rows = [
+        Row("improved, whole plant / scipy solve_ivp", mine["improved"] / scipy_s, "", mine["improved"], scipy_s, True),
+        Row("linear, whole plant / control input_output_response", mine["linear"] / control_s, "", mine["linear"], control_s, True),
+    ]
+    return rows + [Row(f"{n}, whole plant / Simulink (thesis)", mine[n] / s, "", mine[n], s, True) for n, s in SIMULINK_S.items()]
+
+
+def population_row(commands: Commands, repeats: int) -> Row:
+    """64 candidates of the improved model on two threads against one."""
+    section = load("thesis-lab").plants["improved"]
+    models = [PlanarModel(replace(section.parameters, gain=60.0 + i), section.vehicle, section.drive) for i in range(POPULATION)]
+
+    def on(threads: int) -> None:
+        numba.set_num_threads(threads)
+        run_population(models, commands, State(), SAMPLE_DT)
+
+    most = numba.get_num_threads()
+    try:
+        two, one = alternate(lambda: on(min(2, most)), lambda: on(1), repeats=repeats)
+    finally:
+        numba.set_num_threads(most)
+    return Row(f"population of {POPULATION}: one thread / two threads", one / two, ">= 1.8", two, one, one >= 1.8 * two)
+
+
+def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
+    """The Husky as a plant against bare mujoco.rollout of the same model, and against real time."""
+    section = load("thesis-lab").plants["mujoco"]
+    plant = MujocoPlant(section.parameters, section.drive)
+    references = wheel_references(commands, section.drive, plant.dt, State())
+    data = mujoco.MjData(plant.model)
+    start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    plant.reset(State())
+    mujoco.mj_getState(plant.model, plant._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    ours, bare = alternate(
+        lambda: plant.run(commands, State(), SAMPLE_DT),
+        lambda: rollout.rollout(plant.model, data, start[None], references[None]),
+        repeats=repeats,
+    )
+    speed = commands.duration / ours
+    return [
+        Row("mujoco plant / bare rollout", ours / bare, "<= 1.1", ours, bare, ours <= 1.1 * bare),
+        Row(f"mujoco plant, times real time at {plant.dt * 1e3:g} ms", speed, ">= 60", ours, commands.duration, speed >= 60.0),
+    ]
+
+
+def metric_rows(commands: Commands, repeats: int) -> list[Row]:
+    """All metrics of one run against simulating it."""
+    profile = load("thesis-lab")
+    plants = [PlanarPlant(PlanarModel(s.parameters, s.vehicle, s.drive)) for s in (profile.plants["improved"], profile.plants["coulomb"])]
+    one, other = (p.run(commands, State(), SAMPLE_DT) for p in plants)
+    measured, simulated = alternate(
+        lambda: compare_paths(one, other), lambda: plants[0].run(commands, State(), SAMPLE_DT), repeats=repeats
+    )
+    return [Row("all metrics of a 20 s run / simulating it (improved)", measured / simulated, "<= 0.5", measured, simulated, measured <= 0.5 * simulated)]
+
+
+def as_table(rows: Sequence[Row]) -> Table:
+    """The rows for the terminal."""
+    table = Table(title="benchmarks/simulate: ratios of medians, measured side by side")
+    for column in ("what", "ratio", "asked", "ours [ms]", "peer [ms]", ""):
+        table.add_column(column, justify="left" if column in ("what", "") else "right")
+    for row in rows:
+        verdict = "" if not row.bound else "ok" if row.ok else "FALLS SHORT"
+        table.add_row(row.what, f"{row.ratio:.3g}", row.bound, f"{1e3 * row.ours_s:.3f}", f"{1e3 * row.peer_s:.3f}", verdict)
+    return table
+
+
+def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31) -> None:
+    """Time every part beside its peer; print the ratios and write them as JSON.
+
+    Args:
+        out: Where the JSON goes.
+        repeats: How often each pair is timed; medians count.
+    """
+    if repeats < 1:
+        raise cli.UserError(f"--repeats {repeats} must be positive")
+    commands = TRAJECTORIES["traj4"].commands()
+    rows = [
+        *planar_rows(commands, repeats),
+        *peer_rows(commands, repeats),
+        population_row(commands, max(3, repeats // 3)),
+        *mujoco_rows(commands, max(3, repeats // 3)),
+        *metric_rows(commands, repeats),
+    ]
+    cli.report_console().print(as_table(rows))
+    machine = {"machine": platform.machine(), "cores": os.cpu_count(), "load": os.getloadavg()[0]}
+    document: dict[str, Any] = {"schema": "ssmr.benchmark/1", "versions": store.versions(), **machine, "rows": [vars(r) for r in rows]}
+    cli.output_folder(out.parent)
+    store.write_json(out, document)
+
+
+if __name__ == "__main__":
+    cli.run(main, "python -m benchmarks.simulate")

@@ -1,0 +1,348 @@
+"""Draw the figure of docs/physics.md and, with `--tables`, measure and print the numbers of its tables.
+
+Run from the project's root: `python docs/make_figures.py [--tables]`.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.optimize import brentq
+
+from ssmr.drive import wheel_rates
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.types import Commands, State, Trajectory
+from ssmr.vehicle import Drive
+from validation.husky import CAPSULE_HALF_LENGTH, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
+from validation.mujoco_plant import MujocoPlant, check_health
+
+WHEELBASE, TRACK, RADIUS, WEIGHT, GRAVITY = 0.512, 0.5708, 0.1651, 73.30 * 9.81, 9.81
+DIAGONAL = math.hypot(WHEELBASE, TRACK)
+HALF_WIDTH = {"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715}
+"""Half the distance of a wheel's outermost contact points [m]."""
+DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+"""MuJoCo's own."""
+CONTACT_TIME, GREATEST_IMPEDANCE = 0.02, 0.95
+"""solref[0] [s] and solimp[1], the same in both contacts."""
+HALF_TRACK = 0.5 * TRACK * 1.8
+"""Half-track of the driver in every turn below [m]."""
+OUT = Path(__file__).parent / "img" / "contact.png"
+
+
+def closed_form(ratio: float = 1.0, half_width: float = 0.0) -> float:
+    """Yaw-rate multiplier at which longitudinal and lateral friction moments are equal.
+
+    Args:
+        ratio: lateral over longitudinal friction [1].
+        half_width: half the distance of a wheel's two contact points, which share its load [m]; 0 for one point.
+    """
+
+    def moment(multiplier: float) -> float:
+        total = 0.0
+        for y in (0.5 * TRACK + half_width, 0.5 * TRACK - half_width):
+            s_x, s_y = 0.5 * multiplier * TRACK - y, 0.5 * WHEELBASE  # slip over yaw rate [m]
+            total += (y * s_x - ratio**2 * s_y * s_y) / math.hypot(s_x, ratio * s_y)
+        return total
+
+    return brentq(moment, 1.0 + 1e-6, 10.0)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A steady turn, over the last 3 s."""
+
+    multiplier: float
+    """Wheels' share of the yaw rate by the nominal radius [1]."""
+    by_contact_radius: float
+    """The same by the distance of the contact points from the axle [1]."""
+    ripple: float
+    """Range of the yaw rate over its mean [1]."""
+    lowest_load: float
+    """Least wheel load over its mean [1]."""
+    depth: float
+    """How deep the tyres are pressed in [m]."""
+    rate: float
+    """Yaw rate [rad/s]."""
+    torque: float
+    """Torque of a side [N m]."""
+
+
+def turn(
+    calibration: HuskyCalibration, rate: float = 0.6, solimp: Iterable[float] | None = None, seconds: float = 6.0
+) -> Turn:
+    """Turn on the spot with unlimited torque."""
+    model = build(calibration)
+    limit_torque(model, math.inf)
+    if solimp is not None:
+        model.geom_solimp[wheel_geoms(model)] = list(solimp)
+    data = mujoco.MjData(model)
+    data.ctrl[:] = wheel_rates(0.0, rate, HALF_TRACK, RADIUS)
+    left, right = model.joint("front_left_wheel").dofadr[0], model.joint("front_right_wheel").dofadr[0]
+    rows, skip = [], round((seconds - 3.0) / calibration.timestep)
+    for k in range(round(seconds / calibration.timestep)):
+        mujoco.mj_step(model, data)
+        if k >= skip:
+            depths = [-contact.dist for contact in data.contact]
+            loads = [data.sensor(f"load_{wheel}").data[0] for wheel in WHEELS]
+            deep = sum(depths) / max(len(depths), 1)
+            rows.append(
+                (data.qvel[5], data.qvel[right] - data.qvel[left], deep, data.sensor("torque_right").data[0], *loads)
+            )
+    table = np.array(rows)
+    yaw_rate, wheels, depth, torque = table[:, :4].mean(axis=0)
+    multiplier = RADIUS * wheels / (TRACK * yaw_rate)
+    loads = table[:, 4:]
+    return Turn(
+        multiplier,
+        multiplier * (RADIUS - 0.5 * depth) / RADIUS,
+        float(np.ptp(table[:, 0]) / yaw_rate),
+        float((loads.min(axis=0) / loads.mean(axis=0)).min()),
+        depth,
+        yaw_rate,
+        torque,
+    )
+
+
+def print_row(*cells: object) -> None:
+    """One row of a markdown table."""
+    print("| " + " | ".join(str(cell) for cell in cells) + " |", flush=True)
+
+
+def table_turning() -> None:
+    """Multipliers by shape, friction and step, soft and default contact."""
+    print("\nshape, friction: soft at 1, 2, 5 ms; by contact radius at 2 ms; closed form; default contact at 1, 2, 5 ms")
+    for shape, half_width in HALF_WIDTH.items():
+        for friction in (0.1, 0.3, 0.6, 0.8):
+            base = HuskyCalibration(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
+            steps = [replace(base, timestep=dt) for dt in (0.001, 0.002, 0.005)]
+            soft, default = [turn(c) for c in steps], [turn(c, solimp=DEFAULT_SOLIMP) for c in steps]
+            print_row(
+                shape,
+                friction,
+                *(f"{t.multiplier:.4f}" for t in soft),
+                f"{soft[1].by_contact_radius:.4f}",
+                f"{closed_form(1.0, half_width):.4f}",
+                *(f"{t.multiplier:.2f}" for t in default),
+                f"{max(t.ripple for t in soft):.0e}",
+                f"{max(t.lowest_load for t in default):.2f}",
+            )
+    print("\nratio of frictions (capsule, 0.4): measured, by contact radius, closed form")
+    for ratio in (0.8, 1.0, 1.24, 1.5):
+        found = turn(HuskyCalibration(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
+        form = closed_form(ratio, CAPSULE_HALF_LENGTH)
+        print_row(ratio, f"{found.multiplier:.3f}", f"{found.by_contact_radius:.3f}", f"{form:.3f}")
+    print("\nfriction: torque of a side, closed form with the contact's radius [N m]")
+    for friction in (0.1, 0.3, 0.6, 0.8):
+        found = turn(HuskyCalibration(friction=friction))
+        form = (RADIUS - 0.5 * found.depth) * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
+        print_row(friction, f"{found.torque:.2f}", f"{form:.2f}", f"depth {1e3 * found.depth:.2f} mm")
+
+
+def lift_constant() -> float:
+    """Wheel load times the contact's inverse mass times the damping time, N A T d_max / 2 [m/s]."""
+    model = build(HuskyCalibration())
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=500)
+    inverse_mass = float(data.efc_diagA[data.contact[0].efc_address])
+    return 0.25 * WEIGHT * inverse_mass * 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
+
+
+def table_lift() -> None:
+    """Greatest friction times slip speed at which all tyres stay down, by bisection, over the impedance at zero depth."""
+    constant = lift_constant()
+    print(f"\nimpedance d0, friction: mu v at which a tyre lifts [m/s], law {constant:.4f} (1 - d0) / d0")
+    for d0 in (0.1, 0.2, 0.5, 0.9):
+        for friction in (0.3, 0.6, 1.0):
+            low, high = 0.05, 20.0
+            for _ in range(8):
+                rate = math.sqrt(low * high)
+                found = turn(HuskyCalibration(friction=friction), rate, (d0, 0.95, 0.005, 0.5, 2.0), 4.0)
+                if found.lowest_load < 0.01:
+                    high = rate
+                else:
+                    low, last = rate, found
+            slip = last.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
+            print_row(d0, friction, f"{friction * slip:.4f}", f"{constant * (1 - d0) / d0:.4f}")
+
+
+def lab_drive(torque_limit: float) -> Drive:
+    """The thesis' drive, but for the driver's half-track and the torque limit."""
+    return Drive(command_half_track=HALF_TRACK, torque_limit=torque_limit)
+
+
+def trajectory(scenario: str, calibration: HuskyCalibration, torque_limit: float, cone: int | None = None) -> Trajectory:
+    """One of trajectories 1-4, sampled every 10 ms."""
+    plant = MujocoPlant(calibration, lab_drive(torque_limit))
+    if cone is not None:
+        plant.model.opt.cone = cone
+    return plant.run(TRAJECTORIES[scenario].commands(), State(), 0.01)
+
+
+def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
+    """Distance of the end points [mm]."""
+    return 1e3 * float(np.hypot(*(coarse.xy[-1] - fine.xy[-1])))
+
+
+def table_steps() -> None:
+    """Convergence with the time step on trajectories 1-4, and over servo gain and armature."""
+    print("\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; loads; side slip [m/s]")
+    for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
+        for scenario in TRAJECTORIES:
+            runs = [
+                trajectory(scenario, HuskyCalibration(friction=friction, timestep=dt), limit)
+                for dt in (0.005, 0.002, 0.001, 0.0005)
+            ]
+            apart = [f"{ends_apart(a, b):.2f}" for a, b in pairwise(runs)]
+            health = check_health(runs[1].channels["wheel_load_N"])
+            driving = runs[1].t > 3.0
+            slip = np.abs(runs[1].twist[driving, 1]).max()
+            loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
+            turned = f"yaw {np.ptp(runs[1].yaw):.2f} rad"
+            print_row(friction, limit, scenario, *apart, *loads, f"{slip:.3f}", turned)
+    print("\npyramidal cone, trajectory 4: end moves from 2 to 1, 1 to 0.5 ms [mm]")
+    for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
+        runs = [
+            trajectory("traj4", HuskyCalibration(friction=friction, timestep=dt), limit, mujoco.mjtCone.mjCONE_PYRAMIDAL)
+            for dt in (0.002, 0.001, 0.0005)
+        ]
+        print_row(friction, *(f"{ends_apart(a, b):.0f}" for a, b in pairwise(runs)))
+    print("\ngain, armature: time constant [ms], end moves from 2 to 1 ms on trajectories 1 and 4 [mm]")
+    for gain, armature in (
+        (118.04, 1.0),
+        (118.04, 0.3),
+        (118.04, 0.1),
+        (118.04, 0.03),
+        (400.0, 0.3),
+        (783.0, 0.3),
+        (783.0, 0.11),
+    ):
+        moved = []
+        for scenario in ("traj1", "traj4"):
+            one, two = (
+                trajectory(scenario, HuskyCalibration(friction=0.14, gain=gain, armature=armature, timestep=dt), 7.0)
+                for dt in (0.002, 0.001)
+            )
+            moved.append(f"{ends_apart(one, two):.1f}")
+        print_row(gain, armature, f"{2e3 * (armature + 0.04411) / gain:.1f}", *moved)
+
+
+def settled(calibration: HuskyCalibration, impratio: float = 100.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A robot at rest on its tyres."""
+    model = build(calibration)
+    limit_torque(model, math.inf)
+    model.opt.impratio = impratio
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=500)
+    return model, data
+
+
+def table_rest() -> None:
+    """Creep on a side slope of 8 degrees, and blocked wheels that slide to a stop."""
+    print("\nshape, friction: creep at impratio 1, 10, 100 [mm/s]")
+    tilt = math.radians(8.0)
+    for shape in HALF_WIDTH:
+        for friction in (0.2, 0.6):
+            speeds = []
+            for impratio in (1.0, 10.0, 100.0):
+                model, data = settled(HuskyCalibration(friction=friction, wheel_shape=shape), impratio)  # type: ignore[arg-type]
+                model.opt.gravity[:] = 0.0, GRAVITY * math.sin(tilt), -GRAVITY * math.cos(tilt)
+                mujoco.mj_step(model, data, nstep=2000)
+                before = data.qpos[:2].copy()
+                mujoco.mj_step(model, data, nstep=2000)
+                speeds.append(f"{1e3 * np.hypot(*(data.qpos[:2] - before)) / 4.0:.3f}")
+            print_row(shape, friction, *speeds)
+    print("\nfriction: stop from 0.5 forward, 0.5 sideways, 1.5 forward, 1.5 sideways [% off v^2 / (2 mu g)]")
+    for friction in (0.1, 0.3, 0.6, 0.8):
+        off = []
+        for speed in (0.5, 1.5):
+            for axis in (0, 1):
+                model, data = settled(HuskyCalibration(friction=friction, armature=30.0, gain=1e4))
+                data.qvel[axis], start = speed, data.qpos[axis]
+                mujoco.mj_step(model, data, nstep=round(2.0 * speed / (friction * GRAVITY) / 0.002))
+                off.append(f"{100.0 * ((data.qpos[axis] - start) / (speed**2 / (2.0 * friction * GRAVITY)) - 1.0):+.1f}")
+        print_row(friction, *off)
+
+
+def table_between() -> None:
+    """What separates the MuJoCo Husky from a planar model: side slip and droop."""
+    print("\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], multiplier by contact radius at rest")
+    lag = 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
+    drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
+    radius = RADIUS - 0.5 * turn(HuskyCalibration(), 0.01).depth
+    print(f"rolling radius {radius:.5f} m")
+    for friction in (0.2, 0.4, 0.8):
+        for v, w in ((0.25, 0.5), (0.5, 0.25), (0.5, 0.5), (0.5, 0.75), (1.0, 0.5)):
+            motion = MujocoPlant(HuskyCalibration(friction=friction), drive).run(
+                Commands(0.05, np.tile([v, w], (200, 1))), State(), 0.01
+            )
+            tail = motion.t > 7.0
+            (v_x, v_y, rate), wheels = motion.twist[tail].mean(axis=0), motion.wheels[tail].mean(axis=0)
+            expected = -v_x * rate**2 * DIAGONAL**3 / (2.0 * friction * GRAVITY * WHEELBASE * TRACK) - lag * v_x * rate
+            multiplier = radius * (wheels[1] - wheels[0]) / (TRACK * rate)
+            numbers = f"{v_x:.3f}", f"{rate:.3f}", f"{v_y:.4f}", f"{expected:.4f}", f"{-v_y / rate:.3f}", f"{multiplier:.3f}"
+            print_row(friction, v, w, *numbers)
+    print("\nfriction, gain, commanded rate: share of the wheels' share reached, predicted")
+    for friction in (0.14, 0.4):
+        for gain in (60.0, 118.04, 400.0):
+            for w in (0.25, 0.75):
+                found = turn(HuskyCalibration(friction=friction, gain=gain), w)
+                wheel = HALF_TRACK * w / RADIUS
+                load = (RADIUS - 0.5 * found.depth) * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
+                reached = found.multiplier * TRACK * found.rate / (2.0 * RADIUS * wheel)
+                print_row(friction, gain, w, f"{reached:.4f}", f"{1.0 - load / gain / wheel:.4f}", f"{found.rate / w:.3f}")
+
+
+def draw() -> None:
+    """The multiplier over the time step, and one wheel's load over time, under default and soft contact."""
+    steps = (0.00025, 0.0005, 0.001, 0.002, 0.005, 0.01)
+    figure = Figure(figsize=(9.0, 3.6), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
+    looks = {"ellipsoid": ("o", "ellipsoid (a point)"), "cylinder": ("s", "cylinder (a line)")}
+    for solimp, colour, contact in ((DEFAULT_SOLIMP, "#d55e00", "default"), (None, "#0072b2", "soft")):
+        for shape, (marker, label) in looks.items():
+            base = HuskyCalibration(friction=0.6, wheel_shape=shape)  # type: ignore[arg-type]
+            found = [turn(replace(base, timestep=dt), solimp=solimp).multiplier for dt in steps]
+            fill = colour if shape == "ellipsoid" else "white"
+            left.plot([1e3 * dt for dt in steps], found, marker, ls="-", lw=1.2, color=colour, markerfacecolor=fill,
+                      label=f"{contact}, {label}")  # fmt: skip
+    for shape, style in (("ellipsoid", "-"), ("cylinder", "--")):
+        form = closed_form(1.0, HALF_WIDTH[shape])
+        name = "a point" if shape == "ellipsoid" else "a line"
+        left.axhline(form, color="black", lw=0.8, ls=style, label=f"closed form, {name}: {form:.3f}")
+    left.set(xscale="log", xlabel="time step [ms]", ylabel="yaw-rate multiplier", ylim=(1.7, 2.9))
+    left.set_xticks([1e3 * dt for dt in steps], [f"{1e3 * dt:g}" for dt in steps], minor=False)
+    left.minorticks_off()
+    left.legend(fontsize=8, frameon=False, loc="upper left")
+    left.set_title("Turning on the spot, friction 0.6", fontsize=10)
+    drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
+    for solimp, colour, contact in ((DEFAULT_SOLIMP, "#d55e00", "default"), (None, "#0072b2", "soft")):
+        plant = MujocoPlant(HuskyCalibration(friction=0.6), drive)
+        if solimp is not None:
+            plant.model.geom_solimp[wheel_geoms(plant.model)] = solimp
+        motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), plant.dt)
+        shown = motion.t > 4.8
+        right.plot(motion.t[shown] - 4.8, motion.channels["wheel_load_N"][shown, 0], color=colour, lw=1.0, label=contact)
+    right.set(xlabel="time [s]", ylabel="load of the front left wheel [N]", ylim=(0.0, 490.0))
+    right.legend(fontsize=8, frameon=False, loc="upper right", ncols=2)
+    right.set_title("The same at 2 ms, ellipsoid", fontsize=10)
+    for axes in (left, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    OUT.parent.mkdir(exist_ok=True)
+    figure.savefig(OUT)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--tables"]:
+        for table in (table_turning, table_lift, table_steps, table_rest, table_between):
+            table()
+    draw()

@@ -1,0 +1,272 @@
+"""The main program as its user runs it: files, exit status, messages; and what a comparison must be."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssmr.errors import DivergedError
+from ssmr.metrics import PathMetrics
+from ssmr.types import State
+from tests.conftest import data_folder
+from validation import cli, compare
+from validation.compare import Settings, as_document, resample, score_horizons
+from validation.profiles import Profile, load, make_plant
+from validation.recordings import write_csv
+from validation.sources import move_reference, open_source
+
+ROOT = Path(__file__).resolve().parents[1]
+TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"
+
+
+def run(*args: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """`python -m validation.compare ARGS` as a process of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, "-m", "validation.compare", *args], capture_output=True, text=True, cwd=cwd, env=environment, timeout=300
+    )
+
+
+def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False) -> Path:
+    """A recording of a plant that weaves for 16 s, as CSV; with a gap of 1 s in the middle if asked for."""
+    from ssmr.types import Commands
+
+    t = np.arange(320) * 0.05
+    driving = (t >= 1.0)[:, None]  # it stands at first: what was commanded before a log begins nobody knows
+    commands = Commands(0.05, np.column_stack([0.3 + 0.1 * np.sin(t), np.sin(0.7 * t)]) * driving)
+    motion = make_plant(profile, plant).run(commands, State(), 0.05)
+    held = np.vstack([commands.values, commands.values[-1:]])
+    columns = {"t": motion.t, "cmd_v": held[:, 0], "cmd_w": held[:, 1], "enc_left": motion.wheels[:, 0], "enc_right": motion.wheels[:, 1]}
+    columns |= {"x": motion.pose[:, 0], "y": motion.pose[:, 1], "yaw": motion.pose[:, 2], "gyro_z": motion.twist[:, 2]}
+    keep = (motion.t < 8.0) | (motion.t > 9.0) if gap else np.full(len(motion), fill_value=True)
+    path = tmp_path / "drive.csv"
+    write_csv({name: values[keep] for name, values in columns.items()}, path)
+    return path
+
+
+# ------------------------------------------------------------------------------- as a library
+def test_every_plant_is_held_against_the_reference(lab: Profile) -> None:
+    found = compare.compare(open_source("traj4"), lab)
+    assert list(found.plants) == ["mujoco", "improved", "coulomb", "linear", "kinematic"]
+    assert found.reference_name == "mujoco"
+    own = found.plants["mujoco"].metrics
+    assert own == PathMetrics(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    assert all(0.0 < found.plants[name].metrics.d_rms_m < 0.5 for name in found.plants if name != "mujoco")
+    assert found.plants["mujoco"].health is not None
+    assert found.plants["mujoco"].health.ok
+
+
+def test_the_lab_husky_is_near_the_published_model_on_trajectory_4(lab: Profile) -> None:
+    found = compare.compare(open_source("traj4@improved"), lab, ("mujoco",))
+    assert found.reference_name == "improved"
+    assert found.plants["mujoco"].metrics.d_rms_m <= 0.03
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings(noise=True, disturbance=True, seed=5)])
+def test_equal_seed_equal_result_whatever_the_workers(lab: Profile, settings: Settings) -> None:
+    one, many = (compare.compare(open_source("traj2"), lab, settings=settings, workers=w) for w in (1, 4))
+    for name, result in one.plants.items():
+        assert result.metrics == many.plants[name].metrics
+        assert np.array_equal(result.pieces[0].pose, many.plants[name].pieces[0].pose)
+
+
+def test_noise_and_disturbance_change_the_result_and_so_does_the_seed(lab: Profile) -> None:
+    kinds = [Settings(), Settings(noise=True), Settings(disturbance=True), Settings(disturbance=True, seed=1)]
+    found = {compare.compare(open_source("traj2"), lab, ("improved", "coulomb"), "improved", s).plants["coulomb"].metrics.sync_rms_m for s in kinds}
+    assert len(found) == len(kinds)
+
+
+@pytest.mark.parametrize("plant", ["improved", "mujoco", "kinematic"])
+def test_a_plant_is_found_again_in_its_own_recording(lab: Profile, plant: str, tmp_path: Path) -> None:
+    """Commands, start and stamps go through the CSV and back: what is left is the start's estimated speed and interpolation."""
+    source = open_source(str(recorded(lab, plant, tmp_path)))
+    found = compare.compare(source, lab, (plant,), settings=Settings(horizons=(2.0, 6.0)))
+    assert found.plants[plant].metrics.sync_rms_m < 0.01
+    assert found.plants[plant].horizons[6.0].position_median_m < 0.01
+    assert found.plants[plant].horizons[2.0].n == 8
+
+
+def test_wheel_rates_leave_less_to_guess_than_commands(lab: Profile, tmp_path: Path) -> None:
+    """With a wrong delay commands mislead; measured wheel rates do not care."""
+    path = str(recorded(lab, "kinematic", tmp_path))
+    (tmp_path / "p.toml").write_text('schema = "ssmr.profile/1"\n[drive]\ndelay_v = 0.5\ndelay_w = 0.5\n')
+    late = load(str(tmp_path / "p.toml"))
+    by_commands, by_wheels = (
+        compare.compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics.sync_rms_m for kind in ("twist", "wheels")
+    )
+    assert by_wheels < 0.02 < 0.05 < by_commands  # wheel rates are held for a sample, 15 mm of travel
+
+
+def test_gaps_are_not_bridged(lab: Profile, tmp_path: Path) -> None:
+    source = open_source(str(recorded(lab, "improved", tmp_path, gap=True)))
+    assert len(source.pieces) == 2
+    found = compare.compare(source, lab, ("improved",), settings=Settings(horizons=(2.0, 6.0, 7.5, 60.0)))
+    windows = found.plants["improved"].horizons
+    assert windows[2.0].n == 3 + 3
+    assert windows[6.0].n == 2
+    assert 60.0 not in windows
+    for piece in found.plants["improved"].pieces:
+        assert np.diff(piece.t).max() < 0.06
+
+
+def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -> None:
+    """A plant whose tracked point is set where the recording's was fits; one whose is not errs by what the point swings."""
+    text = 'schema = "ssmr.profile/1"\n[plants.kinematic]\ntracked_point = [0.3, 0.1]\n'
+    (tmp_path / "p.toml").write_text(text)
+    shifted = load(str(tmp_path / "p.toml"))
+    source = open_source(str(recorded(lab, "kinematic", tmp_path)))
+    there = compare.drive(make_plant(shifted, "kinematic"), source.pieces[0], (0.3, 0.1), source, Settings())
+    assert np.allclose(there.pose[0], source.pieces[0].reference.pose[0])  # type: ignore[union-attr]
+    error = score_horizons([there], source, (2.0,))[2.0].position_median_m
+    assert 0.02 < error < 0.4
+
+
+def test_moving_the_reference_moves_its_velocity_with_it() -> None:
+    moved = move_reference(State(0.0, 0.0, np.pi / 2, 1.0, 0.0, 2.0), (0.5, 0.1))
+    assert (moved.x, moved.y) == pytest.approx((-0.1, 0.5))
+    assert (moved.v_x, moved.v_y) == pytest.approx((1.0 - 2.0 * 0.1, 2.0 * 0.5))
+    back = move_reference(moved, (-0.5, -0.1))
+    assert (back.x, back.y, back.v_x, back.v_y) == pytest.approx((0.0, 0.0, 1.0, 0.0))
+
+
+def test_resampling_keeps_what_is_on_the_grid(lab: Profile) -> None:
+    motion = make_plant(lab, "improved").run(open_source("traj1").pieces[0].commands, State(), 0.01)
+    again = resample(motion, 7.0 + motion.t[::5])
+    assert np.allclose(again.pose, motion.pose[::5], atol=1e-12)
+    assert np.allclose(again.channels["torque_N_m"], motion.channels["torque_N_m"][::5], atol=1e-9)
+
+
+def test_the_document_is_the_contracts(lab: Profile) -> None:
+    document = as_document(compare.compare(open_source("traj3"), lab, ("improved",)), lab)
+    assert document["schema"] == "ssmr.compare/1"
+    assert {"source", "profile", "reference", "seed", "versions", "plants"} <= set(document)
+    wanted = {"d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "d_rms_symmetric_m", "d_haus_symmetric_m", "sync_rms_m", "yaw_rms_rad"}
+    for plant in document["plants"].values():
+        assert wanted | {"wall_s", "real_time_factor"} <= set(plant)
+    json.dumps(document, allow_nan=False)
+
+
+# ------------------------------------------------------------------------------- as a program
+def test_the_main_job_writes_its_three_files_and_a_table(tmp_path: Path) -> None:
+    done = run("traj4", "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert names == ["compare.json", "compare.png", "compare.rrd"]
+    document = json.loads((tmp_path / "out" / "compare.json").read_text())
+    for name in document["plants"]:
+        assert name in done.stdout
+    assert "Traceback" not in done.stderr
+
+
+def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Path) -> None:
+    recorded(lab, "improved", tmp_path)
+    done = run("drive.csv", "--plants", "improved,kinematic", "--profile", "thesis-lab", "--horizons", "2,6", "--no-rerun", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document: dict[str, Any] = json.loads((tmp_path / "runs/compare/drive/compare.json").read_text())
+    assert document["reference"] == "recording"
+    assert set(document["plants"]["improved"]["horizons"]) == {"2", "6"}
+    assert not (tmp_path / "runs/compare/drive/compare.rrd").exists()
+
+
+def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
+    (tmp_path / "no_pose.csv").write_text("t,cmd_v,cmd_w\n0,0,0\n0.1,0,0\n0.2,0,0\n")
+    (tmp_path / "no_wheels.csv").write_text("t,cmd_v,cmd_w,x,y,yaw\n0,0,0,0,0,0\n0.1,0,0,0,0,0\n0.2,0,0,0,0,0\n")
+    (tmp_path / "log.bag").write_text("")
+    (tmp_path / "file").write_text("")
+    return {
+        "unknown scenario": (["traj9"], "traj1, traj2, traj3, traj4"),
+        "unknown plant after @": (["traj4@gazebo"], "there are: mujoco"),
+        "unknown plant": (["traj4", "--plants", "mujoco,gazebo"], "unknown plant 'gazebo'; there are: mujoco, improved"),
+        "plant twice": (["traj4", "--plants", "mujoco,mujoco"], "named twice"),
+        "unknown reference": (["traj4", "--reference", "recording"], "there are: mujoco"),
+        "unknown profile": (["traj4", "--profile", "nosuch"], "thesis-lab"),
+        "no such recording": ([str(tmp_path / "missing.csv")], "missing.csv"),
+        "other format": ([str(tmp_path / "log.bag")], ".csv"),
+        "no pose": ([str(tmp_path / "no_pose.csv")], "x, y, yaw"),
+        "no wheel rates": ([str(tmp_path / "no_wheels.csv"), "--input", "wheels"], "enc_left, enc_right"),
+        "wheels of a scenario": (["traj4", "--input", "wheels"], "recording"),
+        "cut scenario": (["traj4", "--from", "3"], "recordings"),
+        "cut to nothing": ([str(tmp_path / "no_wheels.csv"), "--from", "99"], "0 to 0.2 s"),
+        "horizons": (["traj4", "--horizons", "6,2"], "increase"),
+        "no number": (["traj4", "--horizons", "six"], "2,6,30,60"),
+        "negative seed": (["traj4", "--seed", "-1"], "negative"),
+        "out is a file": (["traj4", "--plants", "improved", "--reference", "improved", "--out", str(tmp_path / "file")], "cannot be made"),
+        "view without recording": (["traj4", "--view", "--no-rerun"], "--view"),
+    }
+
+
+MISTAKES = (
+    "unknown scenario", "unknown plant after @", "unknown plant", "plant twice", "unknown reference", "unknown profile",
+    "no such recording", "other format", "no pose", "no wheel rates", "wheels of a scenario", "cut scenario", "cut to nothing",
+    "horizons", "no number", "negative seed", "out is a file", "view without recording",
+)  # fmt: skip
+
+
+def test_every_mistake_is_tried(tmp_path: Path) -> None:
+    assert set(mistakes(tmp_path)) == set(MISTAKES)
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_clear_line_and_leaves_nothing(
+    mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In this process, for speed; `test_exit_status_of_the_program` runs one for real."""
+    args, said = mistakes(tmp_path)[mistake]
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["compare", *args])
+    with pytest.raises(SystemExit) as left:
+        cli.run(compare.main, "compare")
+    assert left.value.code == cli.EXIT_USER_ERROR
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert said in lines[0]
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_exit_status_of_the_program(tmp_path: Path) -> None:
+    done = run("traj9", "--out", str(tmp_path / "out"))
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "status"), [(DivergedError("it diverged"), cli.EXIT_FAILED_RUN), (KeyboardInterrupt(), cli.EXIT_INTERRUPTED)]
+)
+def test_a_failed_run_exits_1_and_an_interrupt_130(
+    error: BaseException, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> None:
+        """Fail."""
+        raise error
+
+    monkeypatch.setattr(sys, "argv", ["x"])
+    with pytest.raises(SystemExit) as left:
+        cli.run(fail, "x")
+    assert left.value.code == status
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_help_says_what_there_is() -> None:
+    done = run("--help")
+    assert done.returncode == 0
+    for option in ("--profile", "--plants", "--reference", "--input", "--horizons", "--from", "--until", "--view", "--no-rerun", "--seed"):
+        assert option in done.stdout
+
+
+@pytest.mark.skipif(not TILE.is_file(), reason=f"no recording at {TILE}; set SSMR_DATA to the folder that has husky_tile")
+@pytest.mark.parametrize(("kind", "position"), [("wheels", 0.08), ("twist", 0.11)])
+def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> None:
+    """The last 150 s, which no parameter has seen: median error after 6 s [m]."""
+    source = open_source(str(TILE), kind, 500.0)  # type: ignore[arg-type]
+    found = compare.compare(source, load("husky-tile"), ("mujoco", "kinematic"), settings=Settings(horizons=(6.0,)))
+    assert found.plants["mujoco"].horizons[6.0].position_median_m <= position
+    assert found.plants["mujoco"].horizons[6.0].n >= 20

@@ -1,0 +1,127 @@
+"""Between command and wheel: saturation, hold, delay, kinematics, ramp, each on a case made by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.drive import Driver, body_rates, wheel_rates, wheel_references, wheel_torques, whole_steps
+from ssmr.types import Commands, State
+from ssmr.vehicle import Drive
+from tests.conftest import EXACT
+
+DT = 0.001
+PLAIN = Drive(delay_v=0.0, delay_w=0.0)
+
+
+@given(v=st.floats(-2, 2), w=st.floats(-3, 3), c=st.floats(0.1, 1.0), r=st.floats(0.05, 0.5))
+def test_wheel_and_body_rates_are_inverse(v: float, w: float, c: float, r: float) -> None:
+    back = body_rates(*wheel_rates(v, w, c, r), c, r)
+    assert np.allclose(back, [v, w], atol=1e-12)
+
+
+def test_turning_left_is_right_wheel_forward() -> None:
+    left, right = wheel_rates(0.0, 1.0, 0.3, 0.15)
+    assert (left, right) == (-2.0, 2.0)
+
+
+def test_commands_saturate() -> None:
+    wild = wheel_references(Commands(0.05, [[9.0, -9.0]]), PLAIN, DT, State())
+    most = wheel_references(Commands(0.05, [[1.0, -2.0]]), PLAIN, DT, State())
+    assert np.array_equal(wild, most)
+
+
+@pytest.mark.parametrize(("delay_v", "delay_w"), [(0.22, 0.22), (0.1, 0.3), (0.0, 0.05)])
+def test_each_command_has_its_own_delay(delay_v: float, delay_w: float) -> None:
+    drive = replace(PLAIN, delay_v=delay_v, delay_w=delay_w)
+    references = wheel_references(Commands(0.05, np.tile([0.5, 0.4], (20, 1))), drive, DT, State())
+    speed, turn = body_rates(references[:, 0], references[:, 1], drive.command_half_track, drive.command_radius)
+    assert np.argmax(speed > 0.0) == round(delay_v / DT)
+    assert np.argmax(np.abs(turn) > 1e-12) == round(delay_w / DT)
+
+
+def test_before_fills_the_delay_line() -> None:
+    drive = replace(PLAIN, delay_v=0.1, delay_w=0.1)
+    references = wheel_references(Commands(0.05, np.zeros((10, 2)), before=(0.3, 0.0)), drive, DT, State())
+    assert np.all(references[:100] == 0.3 / drive.command_radius)
+    assert np.all(references[100:] == 0.0)
+
+
+def test_commands_faster_than_the_hold_are_sampled() -> None:
+    """A robot that reads its command at 20 Hz does not see what came between."""
+    values = np.zeros((100, 2))
+    values[:, 0] = np.arange(100) * 0.001
+    references = wheel_references(Commands(0.001, values), PLAIN, DT, State())[:, 0] * PLAIN.command_radius
+    assert np.allclose(references[:50], 0.0)
+    assert np.allclose(references[50:], 0.05)
+
+
+def test_the_ramp_limits_each_wheel_from_where_it_turns() -> None:
+    drive = replace(PLAIN, wheel_acceleration=4.0)
+    references = wheel_references(Commands(0.05, np.tile([0.5, 0.0], (20, 1))), drive, DT, State(wheel_left=1.0))
+    assert np.abs(np.diff(references, axis=0)).max() == pytest.approx(4.0 * DT)
+    assert references[0, 0] == pytest.approx(1.0 + 4.0 * DT)
+    assert references[0, 1] == pytest.approx(4.0 * DT)
+    assert references[-1, 0] == pytest.approx(0.5 / drive.command_radius)
+
+
+def test_measured_wheel_rates_pass_as_they_are() -> None:
+    rates = Commands(0.05, [[3.0, -20.0], [4.0, 20.0]], "wheels")
+    references = wheel_references(rates, replace(PLAIN, wheel_acceleration=0.1, delay_v=1.0), DT, State())
+    assert np.array_equal(references, np.repeat(rates.values, 50, axis=0))
+
+
+def test_torque_is_proportional_and_limited() -> None:
+    assert wheel_torques(3.0, -3.0, 2.9, -2.9, 100.0, 14.0) == pytest.approx((10.0, -10.0))
+    assert wheel_torques(3.0, -3.0, 0.0, 0.0, 100.0, 14.0) == (14.0, -14.0)
+    assert wheel_torques(3.0, 0.0, 0.0, 0.0, 100.0, math.inf)[0] == pytest.approx(300.0)
+
+
+@pytest.mark.parametrize("chunk", [0.001, 0.01, 0.05, 0.2])
+@pytest.mark.parametrize("drive", [Drive(), Drive(delay_v=0.013, delay_w=0.4, wheel_acceleration=5.0, hold=0.02)])
+def test_stepping_is_the_whole_run(drive: Drive, chunk: float) -> None:
+    """A driver that is told one command at a time, at any period, does what the precomputed references say."""
+    rng = np.random.default_rng(1)
+    commands = Commands(0.2, rng.uniform(-2, 2, (25, 2)))
+    whole = wheel_references(commands, drive, DT, State())
+    driver, steps = Driver(drive, DT, State()), round(chunk / DT)
+    parts = [driver.references(tuple(commands.values[k * steps // 200]), steps) for k in range(len(whole) // steps)]
+    assert np.abs(np.vstack(parts) - whole).max() == EXACT
+
+
+def test_a_long_drive_forgets_what_no_delay_reaches() -> None:
+    driver = Driver(Drive(), DT, State())
+    for _ in range(200):
+        driver.references((0.1, 0.0), 50)
+    assert len(driver._samples) < 1500
+
+
+@pytest.mark.parametrize(("period", "steps"), [(0.05, 50), (0.001, 1), (0.3, 300)])
+def test_periods_are_whole_steps(period: float, steps: int) -> None:
+    assert whole_steps(period, DT, "the period") == steps
+
+
+@pytest.mark.parametrize("period", [0.0, 0.0004, 0.0515 + 0.0002])
+def test_other_periods_are_refused(period: float) -> None:
+    with pytest.raises(ValueError, match="the period of .* is not a whole number of physics steps"):
+        whole_steps(period, DT, "the period")
+
+
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [
+        (lambda: Commands(0.0, [[0.0, 0.0]]), "period must be positive"),
+        (lambda: Commands(0.05, np.zeros((0, 2))), "no commands"),
+        (lambda: Commands(0.05, [[0.0, math.nan]]), r"commands is not finite at index \(0, 1\)"),
+        (lambda: Commands(0.05, [[0.0, 1.0, 2.0]]), "wanted Nx2"),
+        (lambda: Commands(0.05, [[0.0, 1.0]], "torque"), "unknown kind of command 'torque'; there are: twist, wheels"),
+    ],
+)
+def test_bad_commands_are_refused(make: object, what: str) -> None:
+    with pytest.raises(ValueError, match=what):
+        make()  # type: ignore[operator]

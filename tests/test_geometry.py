@@ -1,0 +1,72 @@
+"""Group laws of planar poses, and each convention's round trip."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.geometry import (
+    compose,
+    invert,
+    quat_wxyz_to_xyzw,
+    quat_wxyz_to_yaw,
+    relative,
+    rotate_body_to_world,
+    rotate_world_to_body,
+    shift_reference,
+    wrap_angle,
+    yaw_to_quat_wxyz,
+)
+
+angles = st.floats(-50.0, 50.0)
+poses = st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), angles).map(np.array)
+NEAR = 1e-12 * 100  # twenty metres, tens of operations
+
+
+@given(angle=angles)
+def test_wrapping_keeps_the_direction_and_lands_in_the_half_open_interval(angle: float) -> None:
+    wrapped = float(wrap_angle(angle))
+    assert -np.pi < wrapped <= np.pi
+    assert abs(np.exp(1j * wrapped) - np.exp(1j * angle)) < 1e-12
+
+
+def test_half_a_turn_is_plus_pi() -> None:
+    assert wrap_angle(np.pi) == np.pi
+    assert wrap_angle(-np.pi) == np.pi
+
+
+@given(a=poses, b=poses, c=poses)
+def test_composition_is_associative(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> None:
+    assert np.allclose(compose(compose(a, b), c), compose(a, compose(b, c)), atol=NEAR)
+
+
+@given(a=poses, b=poses)
+def test_inverse_and_relative_pose(a: np.ndarray, b: np.ndarray) -> None:
+    assert np.allclose(compose(a, invert(a)), 0.0, atol=NEAR)
+    assert np.allclose(compose(a, relative(a, b)), b, atol=NEAR)
+
+
+@given(a=poses, x=st.floats(-1.0, 1.0), y=st.floats(-1.0, 1.0))
+def test_shifting_the_reference_is_composition_with_a_pure_offset(a: np.ndarray, x: float, y: float) -> None:
+    assert np.allclose(shift_reference(a, (x, y)), compose(a, np.array([x, y, 0.0])), atol=NEAR)
+
+
+def test_body_x_points_where_yaw_says() -> None:
+    assert np.allclose(rotate_body_to_world([1.0, 0.0], np.pi / 2), [0.0, 1.0])
+    assert np.allclose(rotate_body_to_world([0.0, 1.0], np.pi / 2), [-1.0, 0.0])  # left of north is west
+    assert np.allclose(rotate_world_to_body(rotate_body_to_world([0.3, -2.0], 1.1), 1.1), [0.3, -2.0])
+
+
+@given(yaw=st.floats(-3.1, 3.1))
+def test_yaw_and_quaternion_agree_with_mujoco(yaw: float) -> None:
+    quat = yaw_to_quat_wxyz(yaw)
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quat)
+    assert np.allclose(matrix.reshape(3, 3)[:2, 0], [np.cos(yaw), np.sin(yaw)], atol=1e-12)
+    assert abs(float(quat_wxyz_to_yaw(quat)) - yaw) < 1e-12
+
+
+def test_the_order_of_a_quaternion_is_in_its_name() -> None:
+    assert np.array_equal(quat_wxyz_to_xyzw([1.0, 2.0, 3.0, 4.0]), [2.0, 3.0, 4.0, 1.0])

@@ -1,0 +1,92 @@
+"""Profiles: shipped ones load and say where they are from; bad ones are refused by file, section and key."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from validation.profiles import PLANTS, ProfileError, load, make_plant, shipped
+
+HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
+
+
+def test_both_profiles_are_shipped() -> None:
+    assert set(shipped()) >= {"thesis-lab", "husky-tile"}
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_shipped_profile_loads_drives_and_has_provenance(name: str) -> None:
+    profile = load(name)
+    assert profile.name == name
+    assert profile.description
+    assert set(profile.plants) == set(PLANTS)
+    for plant in PLANTS:
+        make_plant(profile, plant)
+        assert profile.provenance[plant]["source"]
+
+
+def test_the_lab_profile_has_the_published_models() -> None:
+    lab, empty = load("thesis-lab"), type(load("thesis-lab").plants["improved"].parameters)()
+    assert lab.plants["improved"].parameters == empty
+
+
+def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        HEAD
+        + "[vehicle]\nmass = 50\n[drive]\ndelay_v = 0.1\nwheel_acceleration = inf\n"
+        + "[plants.improved]\ntracked_point = [0.1, -0.2]\n[plants.improved.drive]\ndelay_v = 0.3\n"
+    )
+    profile = load(str(path))
+    assert profile.plants["coulomb"].drive.delay_v == 0.1
+    assert profile.plants["improved"].drive.delay_v == 0.3
+    assert profile.plants["improved"].vehicle.mass == 50.0
+    assert profile.plants["improved"].tracked_point == (0.1, -0.2)
+    assert math.isinf(profile.plants["coulomb"].drive.wheel_acceleration)
+    assert profile.as_dict()["coulomb"]["drive"]["wheel_acceleration"] is None  # JSON has no infinity
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("name = 'x'", "schema is None, wanted 'ssmr.profile/1'"),
+        (HEAD + "[vehicel]\n", "the top level has unknown keys vehicel; there are: .*vehicle"),
+        (HEAD + "[plants.gazebo]\n", "plants has unknown keys gazebo; there are: .*mujoco"),
+        (HEAD + "[plants.improved.parameters]\nmu = 1\n", r"plants.improved.parameters has unknown keys mu; there are: gain, mu_d"),
+        (HEAD + "[drive]\ndelay_v = 'long'\n", "drive.delay_v is 'long', wanted a number"),
+        (HEAD + "[drive]\ndelay_v = -1\n", r"\[drive\] Drive.delay_v = -1.0 lies outside"),
+        (HEAD + "[drive]\ndelay_v = true\n", "wanted a number"),
+        (HEAD + "[plants.mujoco.parameters]\nwheel_shape = 'box'\n", "unknown wheel shape 'box'; there are: ellipsoid"),
+        (HEAD + "[plants.improved]\ntracked_point = [1]\n", "tracked_point"),
+        (HEAD + "plants = 3\n", "plants is 3, wanted a table"),
+        ("this is no TOML", "profile .*mine.toml"),
+    ],
+)
+def test_a_bad_profile_is_refused(tmp_path: Path, text: str, what: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(ProfileError, match=what):
+        load(str(path))
+
+
+def test_an_unknown_profile_or_plant_lists_the_known() -> None:
+    with pytest.raises(ProfileError, match="no profile 'nosuch'; shipped are: .*thesis-lab"):
+        load("nosuch")
+    with pytest.raises(ProfileError, match="unknown plant 'gazebo'; there are: mujoco"):
+        make_plant(load("thesis-lab"), "gazebo")
+
+
+def test_an_impossible_robot_is_refused_when_it_is_built(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(HEAD + "[plants.mujoco.parameters]\nyaw_inertia = 0.5\n")
+    with pytest.raises(ProfileError, match="plant mujoco: .*must lie between"):
+        make_plant(load(str(path)), "mujoco")
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ProfileError, match="cannot be read as text"):
+        load(str(path))

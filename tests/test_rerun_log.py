@@ -1,0 +1,525 @@
+"""The recording sink: what was put in is read back from the file, and a file is there whole or not at all."""
+# pyright: reportAttributeAccessIssue=false
+# (mujoco's compiled modules have no type stubs)
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
+
+from ssmr.metrics import PathMetrics
+from ssmr.types import Commands, FloatArray, Trajectory
+from tests.conftest import ROUNDOFF
+from validation import rerun_log
+from validation.husky import WHEELS, xml_path
+from validation.palette import PALETTE, colour, mix
+from validation.rerun_log import open_viewer, write_recording
+from validation.results import Comparison, PlantResult
+from validation.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+
+SINGLE = 2.0**-22
+"""Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""
+PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
+RADIUS = 0.165
+REPORT = "# Report\n\n| plant | d_rms |\n|-|-|\n| mujoco | 0 |\n"
+UNRATED = PathMetrics(*[0.0] * 8)
+
+
+@pytest.fixture(autouse=True)
+def strict_rerun() -> Iterator[None]:
+    """Any misuse of rerun is an error."""
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+def stamps(period: float, last: float, first: float = 0.0) -> FloatArray:
+    """(M,) stamps from `first` to `last` [s]."""
+    return np.asarray(first + period * np.arange(round((last - first) / period) + 1), dtype=np.float64)
+
+
+def arc(speed: float, yaw_rate: float, t: FloatArray, start: Sequence[float] = (0.0, 0.0, 0.0)) -> Trajectory:
+    """A drive along a circle at constant speed, its wheels rolling; wheel loads, torques and accelerations made up."""
+    angle, one = yaw_rate * (t - t[0]), np.ones(len(t))
+    x, y = speed / yaw_rate * np.sin(angle), speed / yaw_rate * (1.0 - np.cos(angle))
+    c, s = math.cos(start[2]), math.sin(start[2])
+    pose = np.column_stack([start[0] + c * x - s * y, start[1] + s * x + c * y, start[2] + angle])
+    wheels = np.outer(one, [speed - 0.5 * yaw_rate, speed + 0.5 * yaw_rate]) / RADIUS
+    channels = {
+        "wheel_load_N": np.outer(one, [180.0, 181.0, 182.0, 183.0]) + np.sin(t)[:, None],
+        "torque_N_m": np.outer(t, [1.0, 2.0]),
+        "yaw_acceleration_rad_s2": 0.1 * t,
+    }
+    return Trajectory(t, pose, np.outer(one, [speed, 0.0, yaw_rate]), wheels, channels)
+
+
+def without(trajectory: Trajectory, *names: str) -> Trajectory:
+    return replace(trajectory, channels={k: v for k, v in trajectory.channels.items() if k not in names})
+
+
+def comparison(times: Sequence[FloatArray], plants: Sequence[str] = PLANTS, speed: float = 0.5) -> Comparison:
+    """Plants on slightly different circles, MuJoCo's the reference."""
+    pieces = {}
+    for k, name in enumerate(plants):
+        made = tuple(arc(speed + 0.02 * k, 0.8, t, (float(t[0]), 0.1 * k, 3.0)) for t in times)
+        pieces[name] = made if name == "mujoco" else tuple(without(p, "wheel_load_N") for p in made)
+    commands = tuple(Commands(0.05, np.tile([speed, 0.8], (max(1, round((t[-1] - t[0]) / 0.05)), 1))) for t in times)
+    results = {name: PlantResult(name, p, UNRATED, {}, 0.1, 20.0) for name, p in pieces.items()}
+    options = {"input": "commands", "noise": False, "horizons": 6.0}
+    return Comparison("traj4", "thesis-lab", plants[0], pieces[plants[0]], commands, results, 3, options, {"mujoco": "3.17"})
+
+
+def against_a_recording(made: Comparison) -> Comparison:
+    """The same, its reference recorded: a motion that is no plant's and has no channels."""
+    recorded = tuple(replace(p, pose=np.add(p.pose, (0.0, 1.0, 2.0 * math.pi)), channels={}) for p in made.reference)
+    return replace(made, reference_name="recording", reference=recorded)
+
+
+@dataclass(frozen=True)
+class Read:
+    """What a file holds, by entity: static components, and components over time."""
+
+    static: Mapping[str, Mapping[str, Any]]
+    over_time: Mapping[str, Mapping[str, tuple[FloatArray, list[Any]]]]
+
+    @classmethod
+    def file(cls, path: Path) -> Read:
+        """Read all chunks of a file."""
+        static: dict[str, dict[str, Any]] = {}
+        over_time: dict[str, dict[str, tuple[FloatArray, list[Any]]]] = {}
+        for chunk in RrdReader(path).stream():
+            batch, entity = chunk.to_record_batch(), chunk.entity_path.removeprefix("/")
+            names = [n for n in batch.schema.names if n not in ("rerun.controls.RowId", "sim_time")]
+            if chunk.is_static:
+                static.setdefault(entity, {}).update({n: batch.column(n).to_pylist()[0] for n in names})
+                continue
+            assert chunk.timeline_names == ["sim_time"]
+            at = 1e-9 * np.array(batch.column("sim_time").cast("int64").to_pylist())
+            over_time.setdefault(entity, {}).update({n: (at, batch.column(n).to_pylist()) for n in names})
+        return cls(static, over_time)
+
+    def track(self, entity: str, component: str) -> tuple[FloatArray, FloatArray]:
+        """(M,) stamps and (M, k) values."""
+        at, values = self.over_time[entity][component]
+        return at, np.array(values, dtype=np.float64).reshape(len(at), -1)
+
+
+TWO_SECONDS = stamps(0.008, 2.0)
+A_MOMENT = stamps(0.008, 0.08)
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path, Read]:
+    """Five plants over two seconds: what went in, the file, and what it holds."""
+    made, path = comparison([TWO_SECONDS]), tmp_path_factory.mktemp("recording") / "a.rrd"
+    write_recording(made, path, REPORT)
+    return made, path, Read.file(path)
+
+
+@pytest.fixture(scope="module")
+def in_pieces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Read]:
+    """Three plants and a recording with two gaps."""
+    times = [stamps(0.05, 11.0, 10.0), stamps(0.05, 13.5, 12.0), stamps(0.05, 20.5, 20.0)]
+    made, path = against_a_recording(comparison(times, PLANTS[:3])), tmp_path_factory.mktemp("pieces") / "b.rrd"
+    write_recording(made, path, REPORT)
+    return made, Read.file(path)
+
+
+def run_rerun(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    program = Path(sys.executable).with_name("rerun")
+    return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
+
+
+# --- what is in the file ---
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_poses_read_back_are_those_given(shown: tuple[Comparison, Path, Read], plant: str) -> None:
+    made, _, read = shown
+    motion = made.plants[plant].pieces[0]
+    t, translation = read.track(f"world/{plant}/robot", "Transform3D:translation")
+    _, quat_xyzw = read.track(f"world/{plant}/robot", "Transform3D:quaternion")
+    rows = np.searchsorted(motion.t, t - 1e-6)
+    assert np.abs(motion.t[rows] - t).max() < 1e-9  # the file counts nanoseconds
+    assert rows[0] == 0
+    assert rows[-1] == len(motion) - 1
+    assert np.diff(t).max() < rerun_log.POSE_PERIOD + 0.008 + 1e-9
+    wanted = np.column_stack([motion.xy, np.zeros(len(motion))])[rows]
+    assert np.abs(translation - wanted).max() <= SINGLE * np.abs(wanted).max()
+    half = 0.5 * motion.yaw[rows]
+    wanted = np.column_stack([np.zeros((len(half), 2)), np.sin(half), np.cos(half)])
+    assert np.abs(quat_xyzw - wanted).max() <= SINGLE
+    heading = Rotation.from_quat(quat_xyzw).apply([1.0, 0.0, 0.0])
+    assert np.abs(heading[:, :2] - np.column_stack([np.cos(2.0 * half), np.sin(2.0 * half)])).max() <= 4.0 * SINGLE
+
+
+def test_every_plant_has_its_entities(shown: tuple[Comparison, Path, Read]) -> None:
+    _, _, read = shown
+    for plant in PLANTS:
+        for tree in ("world", "lineup"):
+            assert "Transform3D:translation" in read.over_time[f"{tree}/{plant}/robot"]
+            for body in ("base", *WHEELS):
+                assert "Mesh3D:vertex_positions" in read.static[f"{tree}/{plant}/robot/{body}"]
+            for wheel in WHEELS:
+                assert "Transform3D:quaternion" in read.over_time[f"{tree}/{plant}/robot/{wheel}"]
+        assert len(read.static[f"world/{plant}/path"]["LineStrips3D:strips"]) == 1
+        for quantity in ("speed", "yaw_rate", "yaw_acceleration", "torque"):
+            assert f"plots/{quantity}/{plant}" in read.over_time
+        for quantity in ("position_error", "yaw_error"):
+            assert (f"plots/{quantity}/{plant}" in read.over_time) == (plant != "mujoco")
+        assert (f"plots/wheel_load/{plant}" in read.over_time) == (plant == "mujoco")
+    assert {"plots/speed/commanded", "plots/yaw_rate/commanded"} <= set(read.over_time)
+    assert read.static["report"]["TextDocument:text"] == [REPORT]
+
+
+def test_plants_are_told_apart_by_the_palette(shown: tuple[Comparison, Path, Read]) -> None:
+    _, _, read = shown
+    assert len(set(PALETTE.values())) == len(PALETTE)
+    for plant in PLANTS:
+        red, green, blue = colour(plant)
+        packed = [red << 24 | green << 16 | blue << 8 | 255]
+        assert read.static[f"world/{plant}/path"]["LineStrips3D:colors"] == packed
+        assert read.static[f"plots/speed/{plant}"]["SeriesLines:colors"] == packed
+        assert read.static[f"plots/speed/{plant}"]["SeriesLines:names"] == [f"{plant} [m/s]"]
+    assert colour("no plant") not in PALETTE.values()
+    assert mix((0, 100, 200), (200, 100, 0), 0.25) == (50, 100, 150)
+
+
+def test_what_was_run_can_be_read_from_the_properties(shown: tuple[Comparison, Path, Read]) -> None:
+    _, _, read = shown
+    about = read.static["__properties/comparison"]
+    assert (about["source"], about["profile"]) == (["traj4"], ["thesis-lab"])
+    assert (about["reference"], about["seed"]) == (["mujoco"], [3])
+    assert read.static["__properties/options"]["noise"] == ["False"]
+    assert read.static["__properties/versions"]["mujoco"] == ["3.17"]
+
+
+def test_the_body_stands_on_its_wheels(shown: tuple[Comparison, Path, Read]) -> None:
+    _, _, read = shown
+    model = mujoco.MjModel.from_xml_path(str(xml_path()))
+    at = read.static["world/linear/robot/base"]["Transform3D:translation"][0]
+    assert np.abs(np.array(at) - model.body("base").pos).max() <= SINGLE
+    for wheel in WHEELS:
+        _, places = read.track(f"world/linear/robot/{wheel}", "Transform3D:translation")
+        assert np.abs(places - (model.body("base").pos + model.body(wheel).pos)).max() <= SINGLE
+    tread = 0.004  # what the treads stand out of the tyre, and so below the ground [m]
+    assert -tread < robot_mesh().box[0, 2] <= 0.0
+
+
+@pytest.mark.parametrize(("speed", "direction"), [(0.5, -1.0), (-0.5, 1.0)])
+def test_wheels_roll_the_way_the_robot_drives(tmp_path: Path, speed: float, direction: float) -> None:
+    t = stamps(0.01, 0.1)
+    write_recording(comparison([t], ["mujoco"], speed), tmp_path / "a.rrd", REPORT)
+    read = Read.file(tmp_path / "a.rrd")
+    turned = {}
+    for wheel in WHEELS:
+        _, quat_xyzw = read.track(f"world/mujoco/robot/{wheel}", "Transform3D:quaternion")
+        contact = Rotation.from_quat(quat_xyzw).apply([0.0, 0.0, -RADIUS])
+        assert np.abs(contact[0] - [0.0, 0.0, -RADIUS]).max() <= SINGLE
+        assert np.all(np.diff(direction * contact[:, 0]) > 0.0)  # the contact point moves against the drive
+        assert np.abs(contact[:, 1]).max() <= SINGLE
+        turned[wheel] = math.asin(-contact[-1, 0] / RADIUS)
+    left, right = (speed - 0.4) * t[-1] / RADIUS, (speed + 0.4) * t[-1] / RADIUS
+    wanted = {w: left if w.endswith("left") else right for w in WHEELS}
+    assert turned == pytest.approx(wanted, rel=1e-5)  # single precision through an arc sine
+
+
+def test_errors_are_those_at_the_same_instant(shown: tuple[Comparison, Path, Read]) -> None:
+    made, _, read = shown
+    reference, other = made.reference[0], made.plants["coulomb"].pieces[0]
+    t, error = read.track("plots/position_error/coulomb", "Scalars:scalars")
+    assert np.abs(t - reference.t).max() < 1e-9
+    assert np.abs(error[:, 0] - np.linalg.norm(other.xy - reference.xy, axis=1)).max() <= ROUNDOFF * 10.0  # metres
+
+
+def test_yaw_errors_are_wrapped_and_a_recording_is_a_robot_of_its_own(in_pieces: tuple[Comparison, Read]) -> None:
+    _, read = in_pieces
+    _, error = read.track("plots/yaw_error/improved", "Scalars:scalars")
+    assert np.abs(error).max() <= ROUNDOFF * 100.0  # the recording's yaw is a whole turn ahead
+    assert "world/recording/robot/base" in read.static
+    assert "plots/yaw_rate/recording" in read.over_time
+    assert "plots/yaw_acceleration/recording" not in read.over_time
+    assert "plots/position_error/recording" not in read.over_time
+    assert "plots/position_error/mujoco" in read.over_time
+    _, error = read.track("plots/position_error/mujoco", "Scalars:scalars")
+    assert np.abs(error - 1.0).max() <= ROUNDOFF * 100.0
+
+
+def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> None:
+    made, read = in_pieces
+    for name in ("recording", *PLANTS[:3]):
+        assert len(read.static[f"world/{name}/path"]["LineStrips3D:strips"]) == 3
+    wanted = np.concatenate([p.t for p in made.reference])
+    for entity, columns in read.over_time.items():
+        if not entity.startswith("plots/"):
+            continue
+        t, _ = columns["Scalars:scalars"]
+        breaks, _ = columns["Clear:is_recursive"]
+        assert breaks == pytest.approx([11.5, 16.75])
+        assert not np.any((t > 11.0 + 1e-6) & (t < 12.0 - 1e-6) | (t > 13.5 + 1e-6) & (t < 20.0 - 1e-6))
+        if not entity.endswith("commanded"):
+            assert t == pytest.approx(wanted)
+    t, _ = read.track("world/coulomb/robot", "Transform3D:translation")
+    assert t == pytest.approx(wanted)
+
+
+def test_commands_hold_until_the_next(in_pieces: tuple[Comparison, Read]) -> None:
+    made, read = in_pieces
+    t, v = read.track("plots/speed/commanded", "Scalars:scalars")
+    n = made.commands[0].n
+    assert t[: n + 1] == pytest.approx(10.0 + 0.05 * np.arange(n + 1))
+    assert v[: n + 1, 0] == pytest.approx(np.append(made.commands[0].values[:, 0], 0.5))
+    mode = read.static["plots/speed/commanded"]["SeriesLines:interpolation_mode"]
+    assert mode == [rr.components.InterpolationMode.StepAfter.value]
+
+
+def test_wheel_rate_commands_have_a_plot_of_their_own(tmp_path: Path) -> None:
+    made = comparison([TWO_SECONDS], PLANTS[:2])
+    wheels = tuple(Commands(0.05, c.values * [3.0, 4.0], "wheels") for c in made.commands)
+    write_recording(replace(made, commands=wheels), tmp_path / "a.rrd", REPORT)
+    read = Read.file(tmp_path / "a.rrd")
+    _, rates = read.track("plots/wheel_rate/commanded", "Scalars:scalars")
+    assert rates[0] == pytest.approx(wheels[0].values[0])
+    assert "plots/speed/commanded" not in read.over_time
+
+
+def test_the_line_up_shows_displacements_only_where_they_stay_small(tmp_path: Path) -> None:
+    made = comparison([TWO_SECONDS], PLANTS[:2])
+    far = replace(made.plants["improved"], pieces=(arc(2.0, 0.8, TWO_SECONDS, (0.0, 0.0, 3.0)),))
+    places = {}
+    for name, plants in (("near", made.plants), ("far", {**made.plants, "improved": far})):
+        write_recording(replace(made, plants=plants), tmp_path / f"{name}.rrd", REPORT)
+        _, places[name] = Read.file(tmp_path / f"{name}.rrd").track("lineup/improved/robot", "Transform3D:translation")
+    assert np.ptp(places["near"], axis=0).max() > 0.01
+    assert np.ptp(places["far"], axis=0).max() == 0.0
+
+
+@pytest.mark.parametrize("t", [stamps(0.008, 0.0), stamps(0.008, 0.032)])
+def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -> None:
+    still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
+    result = PlantResult("kinematic", (still,), UNRATED, {}, 0.1, 20.0)
+    commands = (Commands(0.008, np.zeros((max(1, len(t) - 1), 2))),)
+    write_recording(
+        Comparison("a", "b", "kinematic", (still,), commands, {"kinematic": result}, 0, {}, {}), tmp_path / "a.rrd", REPORT
+    )
+    assert len(Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[0]) >= 1
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.77, 0.77), (0.0, 0.3), (158.0, 200.0), (0.0, 0.0), (-6.0, 6.0), (2.1, 2.9)])
+def test_axes_hold_all_samples_and_numbers_to_read_them_by(low: float, high: float) -> None:
+    bottom, top = rerun_log._axis([np.array([low, high]), np.array([high])])
+    assert bottom < low <= high < top
+    assert top - bottom < 3.0 * max(high - low, 1e-3)
+    written = 0.1 * 10.0 ** math.ceil(
+        math.log10(1.0 / 1.3 * (top - bottom) / 1.1)
+    )  # 13 numbers have room on an axis, not 20
+    assert math.floor(top / written) - math.ceil(bottom / written) >= 1
+
+
+# --- the file ---
+
+
+def test_rerun_accepts_the_file_and_finds_a_layout_in_it(shown: tuple[Comparison, Path, Read]) -> None:
+    _, path, _ = shown
+    done = run_rerun("rrd", "verify", path)
+    assert done.returncode == 0, done.stderr
+    reader = RrdReader(path)
+    assert [entry.application_id for entry in reader.recordings()] == ["ssmr-testbed"]
+    assert [entry.application_id for entry in reader.blueprints()] == ["ssmr-testbed"]
+
+
+def test_a_repeated_run_compares_equal_and_another_has_another_id(
+    shown: tuple[Comparison, Path, Read], tmp_path: Path
+) -> None:
+    made, path, _ = shown
+    for name, other in (("same", comparison([TWO_SECONDS])), ("moved", comparison([TWO_SECONDS], speed=0.51))):
+        write_recording(other, tmp_path / f"{name}.rrd", REPORT)
+    write_recording(replace(made, seed=4), tmp_path / "seed.rrd", REPORT)
+    assert run_rerun("rrd", "compare", "--unordered", path, tmp_path / "same.rrd").returncode == 0
+    files = (path, *(tmp_path / f"{name}.rrd" for name in ("same", "moved", "seed")))
+    ids = [RrdReader(file).recordings()[0].recording_id for file in files]
+    assert ids[0] == ids[1]
+    assert len(set(ids)) == 3
+
+
+def test_twenty_seconds_of_five_plants_stay_small(tmp_path: Path) -> None:
+    write_recording(comparison([stamps(0.008, 20.0)]), tmp_path / "a.rrd", REPORT)
+    assert (tmp_path / "a.rrd").stat().st_size < 8e6
+
+
+def raiser(failure: BaseException) -> Callable[..., None]:
+    def fail(*_: object) -> None:
+        raise failure
+
+    return fail
+
+
+def test_a_failure_leaves_nothing_and_spares_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, made = tmp_path / "a.rrd", comparison([A_MOMENT], PLANTS[:2])
+    path.write_bytes(b"before")
+    with pytest.raises(ValueError, match="zip"):
+        write_recording(replace(made, commands=made.commands * 2), path, REPORT)
+    for failure in (OSError("no space left"), KeyboardInterrupt()):
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", raiser(failure))
+            with pytest.raises(type(failure)):
+                write_recording(made, path, REPORT)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.rrd"]
+    assert path.read_bytes() == b"before"
+    with pytest.raises(FileNotFoundError):
+        write_recording(made, tmp_path / "nowhere" / "a.rrd", REPORT)
+
+
+def test_rerun_switched_off_is_said_and_not_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RERUN", "off")
+    with pytest.raises(RuntimeError, match="switched off"):
+        write_recording(comparison([A_MOMENT], PLANTS[:1]), tmp_path / "a.rrd", REPORT)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rerun_is_left_as_it_was_found(tmp_path: Path) -> None:
+    rr.set_strict_mode(False)
+    write_recording(comparison([A_MOMENT], PLANTS[:1]), tmp_path / "a.rrd", REPORT)
+    assert not rr.strict_mode()
+    assert rr.get_global_data_recording() is None
+    assert os.environ["RERUN_ANALYTICS"]
+
+
+# --- the viewer ---
+
+
+def test_without_a_display_the_log_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with caplog.at_level(logging.WARNING):
+        assert not open_viewer(Path("a.rrd"))
+    assert "no display" in caplog.text
+    assert "rerun a.rrd" in caplog.text
+
+
+class FakeViewer:
+    """A viewer that stays, ends at once, or cannot be started."""
+
+    def __init__(self, fate: str) -> None:
+        self.fate, self.command = fate, list[str]()
+
+    def __call__(self, command: list[str], **_: object) -> FakeViewer:
+        """Start."""
+        if self.fate == "missing":
+            raise FileNotFoundError("no such program")
+        self.command = command
+        return self
+
+    def wait(self, seconds: float) -> int:
+        """Wait for its end."""
+        if self.fate == "stays":
+            raise subprocess.TimeoutExpired(self.command, seconds)
+        return 0
+
+
+@pytest.mark.parametrize(("fate", "opened"), [("stays", True), ("ends", False), ("missing", False)])
+def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, fate: str, opened: bool
+) -> None:
+    viewer = FakeViewer(fate)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(subprocess, "Popen", viewer)
+    with caplog.at_level(logging.WARNING):
+        assert open_viewer(Path("a.rrd")) == opened
+    assert bool(caplog.text) != opened
+    if fate != "missing":
+        assert viewer.command[viewer.command.index("--bind") + 1] == "127.0.0.1"
+
+
+# --- the robot's looks ---
+
+
+def volume(triangles: FloatArray) -> float:
+    """Of the solid that (T, 3, 3) triangles enclose; negative where they face inwards [m3]."""
+    return float(np.einsum("ti,ti->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0)
+
+
+def one_geom(geom: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body name="b"><geom group="2" {geom}/></body></worldbody></mujoco>'
+    )
+
+
+FACETS = 0.03
+"""What 36 faces around and 12 from pole to pole cut off a round solid's volume, at most."""
+
+
+@pytest.mark.parametrize(
+    ("geom", "wanted"),
+    [
+        ('type="box" size="0.1 0.2 0.3"', 0.048),
+        ('type="cylinder" size="0.1 0.2"', math.pi * 0.01 * 0.4),
+        ('type="capsule" size="0.1 0.2"', math.pi * 0.01 * 0.4 + 4.0 / 3.0 * math.pi * 0.001),
+        ('type="ellipsoid" size="0.1 0.2 0.3"', 4.0 / 3.0 * math.pi * 0.006),
+    ],
+)
+def test_solids_are_closed_and_face_outwards(geom: str, wanted: float) -> None:
+    mesh = body_mesh(one_geom(geom + ' pos="1 2 3" euler="20 30 40" rgba="1 0.5 0 1"'), "b")
+    triangles = mesh.vertices.reshape(-1, 3, 3)
+    assert (1.0 - FACETS) * wanted < volume(triangles - [1.0, 2.0, 3.0]) <= wanted * (1.0 + ROUNDOFF)
+    edges = {}
+    for triangle in np.round(triangles, 9):
+        for k in range(3):
+            edge = (tuple(triangle[k]), tuple(triangle[(k + 1) % 3]))
+            edges[edge] = edges.get(edge, 0) + 1
+    assert all(edges.get((b, a)) == count for (a, b), count in edges.items())
+    assert np.abs(np.linalg.norm(mesh.normals, axis=1) - 1.0).max() <= ROUNDOFF
+    assert np.all(np.einsum("vi,vi->v", mesh.normals, mesh.vertices - [1.0, 2.0, 3.0]) > 0.0)
+    assert np.unique(mesh.colours, axis=0).tolist() == [[255, 128, 0, 255]]
+
+
+def test_what_cannot_be_drawn_is_said() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom name="floor" group="2" type="plane" size="1 1 1"/><body name="b"/></worldbody></mujoco>'
+    )
+    with pytest.raises(ValueError, match="'floor' is a mjGEOM_PLANE"):
+        body_mesh(model, "world")
+    with pytest.raises(ValueError, match="nothing to draw"):
+        body_mesh(model, "b")
+
+
+def test_simple_solids_have_the_faces_one_expects() -> None:
+    assert volume(box(np.array([1.0, 2.0, 3.0]))) == pytest.approx(48.0)
+    cone = revolve(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    assert len(cone) == 2 * len(np.unique(cone[cone[..., 2] == 0.0].round(9), axis=0)) - 2
+    assert volume(cone) == pytest.approx(math.pi / 3.0, rel=FACETS)
+
+
+def test_tints_keep_what_is_dark_dark() -> None:
+    shades = tinted(np.array([[0, 0, 0, 255], [128, 128, 128, 9], [255, 255, 255, 0]], dtype=np.uint8), (200, 100, 0), 0.25)
+    assert shades.tolist() == [[50, 25, 0, 255], [150, 75, 0, 9], [200, 100, 0, 0]]
+
+
+def test_wheel_turns_are_the_integral_of_the_rates() -> None:
+    t = np.linspace(2.0, 5.0, 301) ** 1.1
+    turns = wheel_turns(t, np.column_stack([2.0 * t, np.full(len(t), -3.0)]))
+    assert np.abs(turns - np.column_stack([t**2 - t[0] ** 2, -3.0 * (t - t[0])])).max() <= ROUNDOFF * 100.0
+
+
+@pytest.mark.parametrize("turn", [-2.0, 0.0, 0.3, 7.0])
+def test_the_wheel_quaternion_is_mujocos(turn: float) -> None:
+    wanted = np.empty(4)
+    mujoco.mju_axisAngle2Quat(wanted, np.array([0.0, 1.0, 0.0]), turn)
+    assert np.abs(wheel_quat_wxyz(turn) - wanted).max() <= ROUNDOFF

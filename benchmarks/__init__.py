@@ -1,0 +1,1 @@
+"""Timings beside peers; one command each."""

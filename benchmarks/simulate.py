@@ -24,7 +24,6 @@ import control
 import mujoco
 import numba
 import numpy as np
-import tyro
 from mujoco import rollout
 from rich.table import Table
 from scipy.integrate import solve_ivp
@@ -112,13 +111,22 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
             vehicle, limit = section.vehicle.packed(), 2.0 * section.drive.torque_limit
             mine, theirs = np.empty((1 + len(references), 13)), np.empty((len(references), 13))
 
-            def in_c(kind=kind, references=references, vehicle=vehicle, parameters=parameters, limit=limit, theirs=theirs) -> None:
+            def in_c(
+                kind=kind, references=references, vehicle=vehicle, parameters=parameters, limit=limit, theirs=theirs
+            ) -> None:
                 library.simulate(
                     ctypes.c_int(kind), ctypes.c_long(len(references)), references.ctypes, ctypes.c_double(PLANAR_DT),
                     vehicle.ctypes, parameters.ctypes, ctypes.c_double(limit), theirs.ctypes,
                 )  # fmt: skip
 
-            def in_numba(kind=kind, references=references, vehicle=tuple(vehicle), parameters=tuple(parameters), limit=limit, mine=mine) -> None:
+            def in_numba(
+                kind=kind,
+                references=references,
+                vehicle=tuple(vehicle),
+                parameters=tuple(parameters),
+                limit=limit,
+                mine=mine,
+            ) -> None:
                 run_planar(kind, references, np.zeros(1), PLANAR_DT, vehicle, parameters, limit, 1, np.zeros(5), mine)
 
             ours, peer = alternate(in_numba, in_c, repeats=repeats)
@@ -132,14 +140,21 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
 def peer_rows(commands: Commands, repeats: int) -> list[Row]:
     """The improved model by scipy and the linear one by python-control: the usual tools, for the record."""
     profile = load("thesis-lab")
-    plants = {name: PlanarPlant(PlanarModel(profile.plants[name].parameters, profile.plants[name].vehicle, profile.plants[name].drive)) for name in ("coulomb", "improved", "linear")}
+    plants = {
+        name: PlanarPlant(
+            PlanarModel(profile.plants[name].parameters, profile.plants[name].vehicle, profile.plants[name].drive)
+        )
+        for name in ("coulomb", "improved", "linear")
+    }
     section = profile.plants["improved"]
     references = wheel_references(commands, section.drive, PLANAR_DT, State())
     vehicle, (_, parameters) = tuple(section.vehicle.packed()), pack_parameters(section.parameters)
 
     def rates(t: float, s: np.ndarray) -> np.ndarray:
         reference = references[min(int(t / PLANAR_DT), len(references) - 1)]
-        v, w, _, _ = improved.advance(s[3], s[4], (reference[0], reference[1]), 0.0, PLANAR_DT, vehicle, tuple(parameters), 14.0)
+        v, w, _, _ = improved.advance(
+            s[3], s[4], (reference[0], reference[1]), 0.0, PLANAR_DT, vehicle, tuple(parameters), 14.0
+        )
         return np.array([s[3] * np.cos(s[2]), s[3] * np.sin(s[2]), s[4], (v - s[3]) / PLANAR_DT, (w - s[4]) / PLANAR_DT])
 
     system = linear.state_space(section.vehicle, profile.plants["linear"].parameters, section.drive.command_half_track)
@@ -151,18 +166,35 @@ def peer_rows(commands: Commands, repeats: int) -> list[Row]:
         lambda: control.input_output_response(system, t, held.T, solve_ivp_kwargs={"max_step": 0.05}),
         repeats=1,
     )
-    mine = dict(zip(plants, alternate(*(lambda p=p: p.run(commands, start, SAMPLE_DT) for p in plants.values()), repeats=repeats), strict=True))
+    mine = dict(
+        zip(
+            plants,
+            alternate(*(lambda p=p: p.run(commands, start, SAMPLE_DT) for p in plants.values()), repeats=repeats),
+            strict=True,
+        )
+    )
     rows = [
         Row("improved, whole plant / scipy solve_ivp", mine["improved"] / scipy_s, "", mine["improved"], scipy_s, True),
-        Row("linear, whole plant / control input_output_response", mine["linear"] / control_s, "", mine["linear"], control_s, True),
+        Row(
+            "linear, whole plant / control input_output_response",
+            mine["linear"] / control_s,
+            "",
+            mine["linear"],
+            control_s,
+            True,
+        ),
     ]
-    return rows + [Row(f"{n}, whole plant / Simulink (thesis)", mine[n] / s, "", mine[n], s, True) for n, s in SIMULINK_S.items()]
+    return rows + [
+        Row(f"{n}, whole plant / Simulink (thesis)", mine[n] / s, "", mine[n], s, True) for n, s in SIMULINK_S.items()
+    ]
 
 
 def population_row(commands: Commands, repeats: int) -> Row:
     """64 candidates of the improved model on two threads against one."""
     section = load("thesis-lab").plants["improved"]
-    models = [PlanarModel(replace(section.parameters, gain=60.0 + i), section.vehicle, section.drive) for i in range(POPULATION)]
+    models = [
+        PlanarModel(replace(section.parameters, gain=60.0 + i), section.vehicle, section.drive) for i in range(POPULATION)
+    ]
 
     def on(threads: int) -> None:
         numba.set_num_threads(threads)
@@ -193,19 +225,33 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     speed = commands.duration / ours
     return [
         Row("mujoco plant / bare rollout", ours / bare, "<= 1.1", ours, bare, ours <= 1.1 * bare),
-        Row(f"mujoco plant, times real time at {plant.dt * 1e3:g} ms", speed, ">= 60", ours, commands.duration, speed >= 60.0),
+        Row(
+            f"mujoco plant, times real time at {plant.dt * 1e3:g} ms", speed, ">= 60", ours, commands.duration, speed >= 60.0
+        ),
     ]
 
 
 def metric_rows(commands: Commands, repeats: int) -> list[Row]:
     """All metrics of one run against simulating it."""
     profile = load("thesis-lab")
-    plants = [PlanarPlant(PlanarModel(s.parameters, s.vehicle, s.drive)) for s in (profile.plants["improved"], profile.plants["coulomb"])]
+    plants = [
+        PlanarPlant(PlanarModel(s.parameters, s.vehicle, s.drive))
+        for s in (profile.plants["improved"], profile.plants["coulomb"])
+    ]
     one, other = (p.run(commands, State(), SAMPLE_DT) for p in plants)
     measured, simulated = alternate(
         lambda: compare_paths(one, other), lambda: plants[0].run(commands, State(), SAMPLE_DT), repeats=repeats
     )
-    return [Row("all metrics of a 20 s run / simulating it (improved)", measured / simulated, "<= 0.5", measured, simulated, measured <= 0.5 * simulated)]
+    return [
+        Row(
+            "all metrics of a 20 s run / simulating it (improved)",
+            measured / simulated,
+            "<= 0.5",
+            measured,
+            simulated,
+            measured <= 0.5 * simulated,
+        )
+    ]
 
 
 def as_table(rows: Sequence[Row]) -> Table:
@@ -238,7 +284,12 @@ def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31) -
     ]
     cli.report_console().print(as_table(rows))
     machine = {"machine": platform.machine(), "cores": os.cpu_count(), "load": os.getloadavg()[0]}
-    document: dict[str, Any] = {"schema": "ssmr.benchmark/1", "versions": store.versions(), **machine, "rows": [vars(r) for r in rows]}
+    document: dict[str, Any] = {
+        "schema": "ssmr.benchmark/1",
+        "versions": store.versions(),
+        **machine,
+        "rows": [vars(r) for r in rows],
+    }
     cli.output_folder(out.parent)
     store.write_json(out, document)
 

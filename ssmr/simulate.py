@@ -35,8 +35,8 @@ PLANAR_MODELS = tuple(name for name, _ in _KINDS.values())
 """Names of the planar models."""
 _WIDTH = 5  # numbers in a packed parameter set, the longest model's
 _COLUMNS = 13
-"""x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration, its least and its greatest
-value since the last sample: a model that chatters from step to step hides between samples otherwise."""
+"""x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration, its least and its
+greatest value since the last sample: a model that chatters from step to step hides between samples otherwise."""
 
 PLANAR_DT = 0.001
 """Default step of the planar models [s]; Tab. 3.7."""

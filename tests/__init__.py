@@ -1,1 +1,1 @@
-
+"""Laws, limits and recoveries; tolerances with their reasons in conftest.py."""

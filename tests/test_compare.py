@@ -30,7 +30,12 @@ def run(*args: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """`python -m validation.compare ARGS` as a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [sys.executable, "-m", "validation.compare", *args], capture_output=True, text=True, cwd=cwd, env=environment, timeout=300
+        [sys.executable, "-m", "validation.compare", *args],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment,
+        timeout=300,
     )
 
 
@@ -43,7 +48,13 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
     commands = Commands(0.05, np.column_stack([0.3 + 0.1 * np.sin(t), np.sin(0.7 * t)]) * driving)
     motion = make_plant(profile, plant).run(commands, State(), 0.05)
     held = np.vstack([commands.values, commands.values[-1:]])
-    columns = {"t": motion.t, "cmd_v": held[:, 0], "cmd_w": held[:, 1], "enc_left": motion.wheels[:, 0], "enc_right": motion.wheels[:, 1]}
+    columns = {
+        "t": motion.t,
+        "cmd_v": held[:, 0],
+        "cmd_w": held[:, 1],
+        "enc_left": motion.wheels[:, 0],
+        "enc_right": motion.wheels[:, 1],
+    }
     columns |= {"x": motion.pose[:, 0], "y": motion.pose[:, 1], "yaw": motion.pose[:, 2], "gyro_z": motion.twist[:, 2]}
     keep = (motion.t < 8.0) | (motion.t > 9.0) if gap else np.full(len(motion), fill_value=True)
     path = tmp_path / "drive.csv"
@@ -79,13 +90,18 @@ def test_equal_seed_equal_result_whatever_the_workers(lab: Profile, settings: Se
 
 def test_noise_and_disturbance_change_the_result_and_so_does_the_seed(lab: Profile) -> None:
     kinds = [Settings(), Settings(noise=True), Settings(disturbance=True), Settings(disturbance=True, seed=1)]
-    found = {compare.compare(open_source("traj2"), lab, ("improved", "coulomb"), "improved", s).plants["coulomb"].metrics.sync_rms_m for s in kinds}
+    found = {
+        compare.compare(open_source("traj2"), lab, ("improved", "coulomb"), "improved", s)
+        .plants["coulomb"]
+        .metrics.sync_rms_m
+        for s in kinds
+    }
     assert len(found) == len(kinds)
 
 
 @pytest.mark.parametrize("plant", ["improved", "mujoco", "kinematic"])
 def test_a_plant_is_found_again_in_its_own_recording(lab: Profile, plant: str, tmp_path: Path) -> None:
-    """Commands, start and stamps go through the CSV and back: what is left is the start's estimated speed and interpolation."""
+    """Through CSV and back: what is left is the estimated speed of the start, and interpolation."""
     source = open_source(str(recorded(lab, plant, tmp_path)))
     found = compare.compare(source, lab, (plant,), settings=Settings(horizons=(2.0, 6.0)))
     assert found.plants[plant].metrics.sync_rms_m < 0.01
@@ -99,7 +115,8 @@ def test_wheel_rates_leave_less_to_guess_than_commands(lab: Profile, tmp_path: P
     (tmp_path / "p.toml").write_text('schema = "ssmr.profile/1"\n[drive]\ndelay_v = 0.5\ndelay_w = 0.5\n')
     late = load(str(tmp_path / "p.toml"))
     by_commands, by_wheels = (
-        compare.compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics.sync_rms_m for kind in ("twist", "wheels")
+        compare.compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics.sync_rms_m
+        for kind in ("twist", "wheels")
     )
     assert by_wheels < 0.02 < 0.05 < by_commands  # wheel rates are held for a sample, 15 mm of travel
 
@@ -147,7 +164,16 @@ def test_the_document_is_the_contracts(lab: Profile) -> None:
     document = as_document(compare.compare(open_source("traj3"), lab, ("improved",)), lab)
     assert document["schema"] == "ssmr.compare/1"
     assert {"source", "profile", "reference", "seed", "versions", "plants"} <= set(document)
-    wanted = {"d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "d_rms_symmetric_m", "d_haus_symmetric_m", "sync_rms_m", "yaw_rms_rad"}
+    wanted = {
+        "d_rms_m",
+        "d_haus_m",
+        "d_ratio",
+        "e_bend_ratio",
+        "d_rms_symmetric_m",
+        "d_haus_symmetric_m",
+        "sync_rms_m",
+        "yaw_rms_rad",
+    }
     for plant in document["plants"].values():
         assert wanted | {"wall_s", "real_time_factor"} <= set(plant)
     json.dumps(document, allow_nan=False)
@@ -167,7 +193,17 @@ def test_the_main_job_writes_its_three_files_and_a_table(tmp_path: Path) -> None
 
 def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Path) -> None:
     recorded(lab, "improved", tmp_path)
-    done = run("drive.csv", "--plants", "improved,kinematic", "--profile", "thesis-lab", "--horizons", "2,6", "--no-rerun", cwd=tmp_path)
+    done = run(
+        "drive.csv",
+        "--plants",
+        "improved,kinematic",
+        "--profile",
+        "thesis-lab",
+        "--horizons",
+        "2,6",
+        "--no-rerun",
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     document: dict[str, Any] = json.loads((tmp_path / "runs/compare/drive/compare.json").read_text())
     assert document["reference"] == "recording"
@@ -197,7 +233,10 @@ def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
         "horizons": (["traj4", "--horizons", "6,2"], "increase"),
         "no number": (["traj4", "--horizons", "six"], "2,6,30,60"),
         "negative seed": (["traj4", "--seed", "-1"], "negative"),
-        "out is a file": (["traj4", "--plants", "improved", "--reference", "improved", "--out", str(tmp_path / "file")], "cannot be made"),
+        "out is a file": (
+            ["traj4", "--plants", "improved", "--reference", "improved", "--out", str(tmp_path / "file")],
+            "cannot be made",
+        ),
         "view without recording": (["traj4", "--view", "--no-rerun"], "--view"),
     }
 
@@ -258,7 +297,18 @@ def test_a_failed_run_exits_1_and_an_interrupt_130(
 def test_help_says_what_there_is() -> None:
     done = run("--help")
     assert done.returncode == 0
-    for option in ("--profile", "--plants", "--reference", "--input", "--horizons", "--from", "--until", "--view", "--no-rerun", "--seed"):
+    for option in (
+        "--profile",
+        "--plants",
+        "--reference",
+        "--input",
+        "--horizons",
+        "--from",
+        "--until",
+        "--view",
+        "--no-rerun",
+        "--seed",
+    ):
         assert option in done.stdout
 
 

@@ -108,7 +108,7 @@ def test_periods_are_whole_steps(period: float, steps: int) -> None:
 
 @pytest.mark.parametrize("period", [0.0, 0.0004, 0.0515 + 0.0002])
 def test_other_periods_are_refused(period: float) -> None:
-    with pytest.raises(ValueError, match="the period of .* is not a whole number of physics steps"):
+    with pytest.raises(ValueError, match=r"the period of .* is not a whole number of physics steps"):
         whole_steps(period, DT, "the period")
 
 

@@ -200,9 +200,7 @@ def test_12_the_thesis_track_is_not_the_makers() -> None:
 
 
 def test_13_rates_of_table_3_5() -> None:
-    """The tracking system's 120 Hz and its 0.008 s are two numbers: 1/120 s is 8.33 ms, and no whole number of 1 ms
-    steps.
-    """
+    """120 Hz and 0.008 s are two numbers: 1/120 s is 8.33 ms, and no whole number of 1 ms steps."""
     assert abs(1 / 120.0 - 0.008) > 3e-4
 
 

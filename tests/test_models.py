@@ -70,9 +70,7 @@ def test_coulomb_accelerations_follow_from_the_lagrangian(v: float, w: float, ya
 
 @given(v=speeds, w=speeds)
 def test_the_simplifications_of_2_2_3_are_a_case_of_coulomb(v: float, w: float) -> None:
-    """With a = b and x_ICR = 0 the side force and its moment become N a sgn(omega), and R_x is u_x m g if both sides roll
-    forward.
-    """
+    """With a = b and x_ICR = 0 the moment is mu m g a sgn(omega), and R_x is u_x m g if both sides roll forward."""
     force, moment = coulomb.resistance(v, w, tuple(VEHICLE.packed()), 0.1, 0.2)
     load = VEHICLE.mass * VEHICLE.gravity
     skid = 0.2 * load * VEHICLE.a * np.sign(w)

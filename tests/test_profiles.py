@@ -54,7 +54,10 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
         ("name = 'x'", "schema is None, wanted 'ssmr.profile/1'"),
         (HEAD + "[vehicel]\n", "the top level has unknown keys vehicel; there are: .*vehicle"),
         (HEAD + "[plants.gazebo]\n", "plants has unknown keys gazebo; there are: .*mujoco"),
-        (HEAD + "[plants.improved.parameters]\nmu = 1\n", r"plants.improved.parameters has unknown keys mu; there are: gain, mu_d"),
+        (
+            HEAD + "[plants.improved.parameters]\nmu = 1\n",
+            r"plants.improved.parameters has unknown keys mu; there are: gain, mu_d",
+        ),
         (HEAD + "[drive]\ndelay_v = 'long'\n", "drive.delay_v is 'long', wanted a number"),
         (HEAD + "[drive]\ndelay_v = -1\n", r"\[drive\] Drive.delay_v = -1.0 lies outside"),
         (HEAD + "[drive]\ndelay_v = true\n", "wanted a number"),
@@ -72,7 +75,7 @@ def test_a_bad_profile_is_refused(tmp_path: Path, text: str, what: str) -> None:
 
 
 def test_an_unknown_profile_or_plant_lists_the_known() -> None:
-    with pytest.raises(ProfileError, match="no profile 'nosuch'; shipped are: .*thesis-lab"):
+    with pytest.raises(ProfileError, match=r"no profile 'nosuch'; shipped are: .*thesis-lab"):
         load("nosuch")
     with pytest.raises(ProfileError, match="unknown plant 'gazebo'; there are: mujoco"):
         make_plant(load("thesis-lab"), "gazebo")
@@ -81,7 +84,7 @@ def test_an_unknown_profile_or_plant_lists_the_known() -> None:
 def test_an_impossible_robot_is_refused_when_it_is_built(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(HEAD + "[plants.mujoco.parameters]\nyaw_inertia = 0.5\n")
-    with pytest.raises(ProfileError, match="plant mujoco: .*must lie between"):
+    with pytest.raises(ProfileError, match=r"plant mujoco: .*must lie between"):
         make_plant(load(str(path)), "mujoco")
 
 

@@ -295,9 +295,7 @@ def test_straight_runs_agree_on_one_length():
     for number in ("4.5", "4.6", "4.22", "4.23"):
         ((_, row),) = published.table(number)["rows"].items()
         d_haus, short = row["d_haus_m"], 1.0 - row["d_ratio"]
-        bounds.append(
-            ((d_haus - LAST_DIGIT) / (short + LAST_DIGIT), (d_haus + LAST_DIGIT) / (short - LAST_DIGIT))
-        )
+        bounds.append(((d_haus - LAST_DIGIT) / (short + LAST_DIGIT), (d_haus + LAST_DIGIT) / (short - LAST_DIGIT)))
     lower, upper = max(low for low, _ in bounds), min(high for _, high in bounds)
     assert 10.78 < lower < upper < 10.86
 
@@ -386,9 +384,7 @@ def test_erratum_3_8_only_mu_c_lies_outside_its_search_bounds():
 
 def test_erratum_4_21_every_manual_q_lies_outside_the_search_bounds():
     rows = published.table("4.21")["rows"]
-    outside = [
-        n for n, row in rows.items() if "search" in row and not is_inside(row["manual"], row["search"])
-    ]
+    outside = [n for n, row in rows.items() if "search" in row and not is_inside(row["manual"], row["search"])]
     assert outside == ["Q_11", "Q_22", "Q_33", "Q_44"]
 
 

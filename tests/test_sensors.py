@@ -58,7 +58,10 @@ def test_the_disturbance_moves_the_robot() -> None:
         plant.run(commands, State(), 0.01, push[:-1])
 
 
-@pytest.mark.parametrize(("name", "frequency", "amplitude"), [("traj1", 0.5, 1.0), ("traj2", 0.25, 0.25), ("traj3", 0.25, 0.5), ("traj4", 0.25, 0.75)])
+@pytest.mark.parametrize(
+    ("name", "frequency", "amplitude"),
+    [("traj1", 0.5, 1.0), ("traj2", 0.25, 0.25), ("traj3", 0.25, 0.5), ("traj4", 0.25, 0.75)],
+)
 def test_trajectories_are_table_3_6(name: str, frequency: float, amplitude: float) -> None:
     scenario = TRAJECTORIES[name]
     values, t = scenario.commands().values, np.arange(scenario.commands().n) * COMMAND_PERIOD

@@ -165,7 +165,6 @@ def _drive_all(
     made: Mapping[str, Plant], profile: Profile, source: Source, settings: Settings, workers: int | None
 ) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
     """All motions and each plant's wall time; plants run side by side, the pieces of one after another."""
-
     stop = threading.Event()
 
     def one_plant(name: str) -> tuple[list[Trajectory], float]:

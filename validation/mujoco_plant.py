@@ -238,4 +238,6 @@ class MujocoPlant:
             "torque_N_m": sensors[:, self._torque_columns],
             "yaw_acceleration_rad_s2": sensors[:, self._acceleration_column],
         }
-        return Trajectory(sample_dt * np.arange(len(table), dtype=np.float64), np.column_stack([qpos[:, :2], yaw]), twist, wheels, channels)
+        return Trajectory(
+            sample_dt * np.arange(len(table), dtype=np.float64), np.column_stack([qpos[:, :2], yaw]), twist, wheels, channels
+        )

@@ -92,7 +92,5 @@ def value(number: str, row: str, key: str = "value") -> float:
         if isinstance(item, (int, float)) and not isinstance(item, bool)
     }
     if key not in numbers:
-        raise ValueError(
-            f"row {row!r} of published table {number} has no number {key!r}; it has {_listed(numbers)}"
-        )
+        raise ValueError(f"row {row!r} of published table {number} has no number {key!r}; it has {_listed(numbers)}")
     return numbers[key]

@@ -51,7 +51,9 @@ def motion(t: FloatArray, gain: float, loads: bool = False) -> Trajectory:
     speed = 0.5 * gain
     step = speed * np.diff(t)
     xy = np.column_stack([np.concatenate([[0.0], np.cumsum(f(yaw[:-1]) * step)]) for f in (np.cos, np.sin)])
-    channels = {"yaw_acceleration_rad_s2": 0.3 * gain * np.cos(0.5 * t), "torque_N_m": np.zeros((len(t), 2))}
+    turn = 0.3 * gain * np.cos(0.5 * t)
+    channels = {"yaw_acceleration_rad_s2": turn, "torque_N_m": np.zeros((len(t), 2))}
+    channels["yaw_acceleration_range_rad_s2"] = np.column_stack([turn, turn])
     if loads:
         channels["wheel_load_N"] = 180.0 + np.outer(np.sin(t), [1.0, -1.0, 2.0, -2.0])
     twist = np.column_stack([np.full(len(t), speed), np.zeros(len(t)), rate])

@@ -286,9 +286,9 @@ def _draw_zoom(comparison: Comparison, zoom: _Zoom, ax: Axes) -> None:
         motion.draw(ax, *_joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
         _dart(ax, motion.pieces[zoom.piece].pose[zoom.sample], motion.name, 14.0)
     (x, y), half = zoom.centre, 0.8 * zoom.size
+    ax.locator_params(axis="x", nbins=6)  # asks for new limits, so before they are held
     _hold(ax, (x - half, x + half), (y - half, y + half))
     ax.set_aspect("equal", adjustable="datalim")
-    ax.locator_params(axis="x", nbins=6)
     ax.set(xlabel="x [m]", ylabel="y [m]", label="zoom")
     ax.set_title(f"Farthest apart: all at t = {comparison.reference[zoom.piece].t[zoom.sample]:.2f} s [m]")
 
@@ -431,6 +431,11 @@ def _commanded(comparison: Comparison) -> bool:
     return all(commands.kind == "twist" for commands in comparison.commands)
 
 
+def _impulsive(comparison: Comparison, name: str) -> bool:
+    """Whether a plant's yaw rate steps: without inertia, or, but for the simulator, with wheels that do as they are told."""
+    return name in IMPULSIVE or (not _commanded(comparison) and name not in ("mujoco", comparison.reference_name))
+
+
 def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: Axes) -> None:
     """Yaw accelerations around the swiftest reversal of the turn, where friction changes its sign."""
     leader = next((motion for motion in motions if motion.name == CHATTERING), motions[0])
@@ -444,17 +449,25 @@ def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: A
         x, y = _over_time([motion.pieces[i]], lambda piece: piece.channels["yaw_acceleration_rad_s2"], span)
         curves[motion.name] = y
         if motion.name == CHATTERING:
-            ax.fill_between(x, 0.0, y, color=_ink(motion.name), alpha=0.2, linewidth=0.0, zorder=1.6)
+            band = _reach(motion.pieces[i], span)
+            curves[f"{motion.name} between samples"] = band.ravel()
+            ax.fill_between(x, band[:, 0], band[:, 1], color=_ink(motion.name), alpha=0.2, linewidth=0.0, step="pre", zorder=1.6)
             ax.plot(x, y, color=_ink(motion.name), linewidth=0.9, zorder=1.7, gid=motion.name)
         else:
             motion.draw(ax, x, y)
     low, high, cut = _clip(curves)
-    left_out = [motion.name for motion in _motions(comparison) if motion.name in IMPULSIVE]
+    left_out = [motion.name for motion in _motions(comparison) if _impulsive(comparison, motion.name)]
     where = "where the turn reverses" if reverses else "where the turn changes most"
     ax.set(title=f"Yaw acceleration [rad/s²] {where}", xlim=span, ylim=(low, high))
     ax.set_xlabel(f"time [s], a sample every {1e3 * _period(stamps):.3g} ms")
-    shaded = [f"{leader.name} shaded"] if leader.name == CHATTERING else []
+    shaded = [f"{leader.name}: all it reaches is shaded"] if leader.name == CHATTERING else []
     _note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, left out" for name in left_out)]))
+
+
+def _reach(piece: Trajectory, span: Span) -> FloatArray:
+    """(M, 2) least and greatest yaw acceleration since the sample before [rad/s2]: what a chattering model hides between samples."""
+    inside = (piece.t >= span[0]) & (piece.t <= span[1])
+    return piece.channels["yaw_acceleration_range_rad_s2"][inside]
 
 
 def _clip(curves: Mapping[str, FloatArray]) -> tuple[float, float, list[str]]:
@@ -538,7 +551,7 @@ def _draw_loads(comparison: Comparison, motion: _Motion, ax: Axes) -> None:
 def _panels(comparison: Comparison) -> list[list[Panel]]:
     """What is drawn below the paths, row by row; panels for which there is nothing are left out."""
     motions = _motions(comparison)
-    with_acceleration = [m for m in motions if m.name not in IMPULSIVE and _has(m, "yaw_acceleration_rad_s2")]
+    with_acceleration = [m for m in motions if not _impulsive(comparison, m.name) and _has(m, "yaw_acceleration_rad_s2")]
     with_loads = [m for m in motions if _has(m, "wheel_load_N")]
     errors: list[Panel] = []
     if any(result.horizons for result in comparison.plants.values()):

@@ -1,6 +1,7 @@
 """How fast the parts are, beside their peers, all in one run: `python -m benchmarks.simulate [--out FILE.json]`.
 
-Ratios count, not seconds: machines are shared. Each pair is timed alternately, and the ratio is of the medians.
+Ratios count, not seconds: machines are shared. Each pair is timed alternately, and the ratio is of the fastest times: what
+each can do when nobody disturbs it.
 The thesis' Simulink times stand there for the record only (another machine, 2019).
 """
 
@@ -63,15 +64,15 @@ class Row:
     bound: str
     """What was asked for; empty where it is only for the record."""
     ours_s: float
-    """Median time of ours [s]."""
+    """Fastest time of ours [s]."""
     peer_s: float
-    """Median time of the peer [s]."""
+    """Fastest time of the peer [s]."""
     ok: bool
     """Whether the bound is kept."""
 
 
 def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
-    """Median time of each call [s], all called in turn so that a busy machine hurts them alike."""
+    """Fastest time of each call [s], all called in turn so that a busy machine hurts them alike."""
     for call in calls:
         call()
     times = np.empty((repeats, len(calls)))
@@ -80,7 +81,7 @@ def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
             began = time.perf_counter()
             call()
             times[i, j] = time.perf_counter() - began
-    return [float(t) for t in np.median(times, axis=0)]
+    return [float(t) for t in times.min(axis=0)]
 
 
 def compile_c(folder: Path) -> ctypes.CDLL:
@@ -256,7 +257,7 @@ def metric_rows(commands: Commands, repeats: int) -> list[Row]:
 
 def as_table(rows: Sequence[Row]) -> Table:
     """The rows for the terminal."""
-    table = Table(title="benchmarks/simulate: ratios of medians, measured side by side")
+    table = Table(title="benchmarks/simulate: ratios of the fastest times, measured side by side")
     for column in ("what", "ratio", "asked", "ours [ms]", "peer [ms]", ""):
         table.add_column(column, justify="left" if column in ("what", "") else "right")
     for row in rows:
@@ -270,7 +271,7 @@ def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31) -
 
     Args:
         out: Where the JSON goes.
-        repeats: How often each pair is timed; medians count.
+        repeats: How often each pair is timed; the fastest counts.
     """
     if repeats < 1:
         raise cli.UserError(f"--repeats {repeats} must be positive")

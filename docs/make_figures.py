@@ -24,6 +24,7 @@ from ssmr.types import Commands, State, Trajectory
 from ssmr.vehicle import Drive
 from validation.husky import CAPSULE_HALF_LENGTH, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
 from validation.mujoco_plant import MujocoPlant, check_health
+from validation.profiles import load
 
 WHEELBASE, TRACK, RADIUS, WEIGHT, GRAVITY = 0.512, 0.5708, 0.1651, 73.30 * 9.81, 9.81
 DIAGONAL = math.hypot(WHEELBASE, TRACK)
@@ -208,6 +209,18 @@ def table_steps() -> None:
             loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
             turned = f"yaw {np.ptp(runs[1].yaw):.2f} rad"
             print_row(friction, limit, scenario, *apart, *loads, f"{slip:.3f}", turned)
+    lab = load("thesis-lab").plants["mujoco"]
+    for scenario in TRAJECTORIES:
+        runs = [
+            MujocoPlant(replace(lab.parameters, timestep=dt), lab.drive).run(
+                TRAJECTORIES[scenario].commands(), State(), 0.01
+            )
+            for dt in (0.005, 0.002, 0.001, 0.0005)
+        ]
+        health = check_health(runs[1].channels["wheel_load_N"])
+        slip = np.abs(runs[1].twist[runs[1].t > 3.0, 1]).max()
+        loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
+        print_row("thesis-lab", scenario, *(f"{ends_apart(a, b):.2f}" for a, b in pairwise(runs)), *loads, f"{slip:.3f}")
     print("\npyramidal cone, trajectory 4: end moves from 2 to 1, 1 to 0.5 ms [mm]")
     for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
         runs = [

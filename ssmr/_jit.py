@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,9 @@ from numba.core import config as numba_config
 
 config: Any = numba_config
 """numba fills this module from the environment when it is imported; no stub knows what is in it."""
+
+CACHE_LIFETIME = 7 * 24 * 3600.0
+"""How long a cache that no source asks for any more is kept [s]."""
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -35,6 +40,8 @@ def _cache_folder() -> str:
     for root in roots:
         folder = root / f"numba-{digest.hexdigest()[:12]}"
         try:
+            if not folder.is_dir():
+                _forget_old(root)
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:
             continue
@@ -43,16 +50,29 @@ def _cache_folder() -> str:
     return ""
 
 
+def _forget_old(root: Path) -> None:
+    """Remove the caches of sources that have changed since, once they are a week old."""
+    for folder in root.glob("numba-*"):
+        if time.time() - folder.stat().st_mtime > CACHE_LIFETIME:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
 _FOLDER = _cache_folder()
 
 
 def jit(function: Callable[..., Any] | None = None, *, parallel: bool = False) -> Any:
-    """Compile a numeric function without the interpreter lock, cached on disk; IEEE arithmetic is kept (no fast-math)."""
+    """Compile a numeric function without the interpreter lock, cached on disk; IEEE arithmetic is kept (no fast-math).
+
+    Serial functions are inlined where they are called: the laws are a few lines each, and a call costs as much as they do.
+    """
     if function is None:
         return lambda f: jit(f, parallel=parallel)
     before = config.CACHE_DIR
     try:
         config.CACHE_DIR = _FOLDER
-        return numba.njit(cache=bool(_FOLDER), nogil=True, parallel=parallel, error_model="numpy")(function)
+        compiled = numba.njit(
+            cache=bool(_FOLDER), nogil=True, parallel=parallel, error_model="numpy", forceinline=not parallel
+        )
+        return compiled(function)
     finally:
         config.CACHE_DIR = before

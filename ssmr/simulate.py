@@ -105,10 +105,13 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
         v, w, torque_left, torque_right = advance(
             model, v, w, (references[k, 0], references[k, 1]), push, dt, vehicle, parameters, side_limit
         )
-        if not (math.isfinite(v) and math.isfinite(w)):
+        if not math.isfinite(v + w):
             return k
         turn = (w - w_before) / dt
-        least, most = min(least, turn), max(most, turn)
+        if turn < least:
+            least = turn
+        if turn > most:
+            most = turn
         v_mid, w_mid = 0.5 * (v_before + v), 0.5 * (w_before + w)
         heading = yaw + 0.5 * dt * w_mid
         c, s = math.cos(heading), math.sin(heading)

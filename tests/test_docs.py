@@ -1,0 +1,174 @@
+"""The documentation says what the code has: parameters, modules, links, and the tests that errata claim."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssmr.models.coulomb import CoulombParameters
+from ssmr.models.improved import ImprovedParameters
+from ssmr.models.kinematic import KinematicParameters
+from ssmr.models.linear import LinearParameters
+from ssmr.scenarios import SineScenario
+from ssmr.sensors import SensorNoise
+from ssmr.vehicle import Drive, Vehicle
+from tests.test_architecture import LAYERS
+from validation.husky import WHEELS, HuskyCalibration, xml_path
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md"] if p.is_file())]
+DOCUMENTED = (
+    Vehicle,
+    Drive,
+    CoulombParameters,
+    ImprovedParameters,
+    LinearParameters,
+    KinematicParameters,
+    HuskyCalibration,
+    SineScenario,
+    SensorNoise,
+)
+GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}
+PHYSICAL = {
+    "option": {"timestep", "integrator", "cone", "impratio", "iterations", "tolerance"},
+    "flag": {"multiccd"},
+    "default tire": {"condim", "priority", "friction", "solref", "solimp"},
+    "default wheel": {"armature", "damping", "frictionloss"},
+    "body": {"pos"},
+    "inertial": {"pos", "mass", "diaginertia"},
+    "site imu": {"pos"},
+    "geom tires": {"size"},
+    "joint belts": {"solref", "solimp"},
+    "tendon joints": {"coef"},
+    "velocity motors": {"kv", "forcerange"},
+}
+"""Which attributes of husky.xml are physics, by element; what is not here is looks, or says nothing the table could miss."""
+
+
+def tables(page: str) -> dict[str, list[list[str]]]:
+    """Rows of all tables of a page by the heading they stand under; header rows and rulers left out."""
+    found: dict[str, list[list[str]]] = {}
+    heading, header = "", True
+    for line in (DOCS / page).read_text(encoding="utf-8").splitlines():
+        if line.startswith("#"):
+            heading = line.lstrip("# ").strip("`")
+        if not line.startswith("|"):
+            header = True
+        elif header:
+            header = False
+        elif not line.startswith("|---"):
+            found.setdefault(heading, []).append([cell.strip() for cell in line.strip("|").split("|")])
+    return found
+
+
+def matches(written: str, value: object) -> bool:
+    """Whether a cell writes this value."""
+    if isinstance(value, str):
+        return written == value
+    return isinstance(value, int | float) and (math.inf if written == "∞" else float(written)) == value
+
+
+@pytest.mark.parametrize("kind", DOCUMENTED, ids=lambda kind: kind.__name__)
+def test_every_parameter_is_listed_with_its_default(kind: Any) -> None:
+    rows = {row[0].strip("`"): row for row in tables("parameters.md")[kind.__name__]}
+    assert list(rows) == [f.name for f in fields(kind)]
+    for f in fields(kind):
+        if f.default is MISSING:
+            assert rows[f.name][1] == "–", f.name
+        else:
+            assert matches(rows[f.name][1], f.default), (f.name, rows[f.name][1], f.default)
+
+
+def test_every_parameter_has_a_unit_and_a_known_grade() -> None:
+    for heading, rows in tables("parameters.md").items():
+        for row in rows:
+            unit, grade = row[-3], row[-2]
+            assert unit, (heading, row)
+            assert grade in GRADES, (heading, row)
+
+
+def test_constants_are_listed_as_they_are() -> None:
+    for name, written, *_ in tables("parameters.md")["Constants"]:
+        module, _, attribute = name.strip("`").rpartition(".")
+        assert matches(written, getattr(importlib.import_module(module), attribute)), name
+
+
+def elements() -> Mapping[str, list[Mapping[str, str]]]:
+    """Attributes of the elements of husky.xml that hold physics, by the names the page gives them."""
+    root = ElementTree.parse(xml_path()).getroot()
+    found: dict[str, list[Mapping[str, str]]] = {"flag": [e.attrib for e in root.iterfind("option/flag")]}
+    found["option"] = [e.attrib for e in root.iterfind("option")]
+    for kind in ("tire", "wheel"):
+        found[f"default {kind}"] = [e.attrib for e in root.iterfind(f".//default[@class='{kind}']/*") if e.tag != "default"]
+    for name in ("base", *WHEELS):
+        found[f"body {name}"] = [e.attrib for e in root.iterfind(f".//body[@name='{name}']")]
+    found["inertial base"] = [e.attrib for e in root.iterfind(".//body[@name='base']/inertial")]
+    found["inertial wheels"] = [e.attrib for w in WHEELS for e in root.iterfind(f".//body[@name='{w}']/inertial")]
+    found["geom tires"] = [e.attrib for w in WHEELS for e in root.iterfind(f".//geom[@name='{w}_tire']")]
+    found["site imu"] = [e.attrib for e in root.iterfind(".//site[@name='imu']")]
+    found["joint belts"] = [e.attrib for e in root.iterfind("equality/joint")]
+    found["tendon joints"] = [e.attrib for e in root.iterfind("tendon/fixed/joint")]
+    found["velocity motors"] = [e.attrib for e in root.iterfind("actuator/velocity")]
+    return found
+
+
+def test_numbers_of_husky_xml_are_listed_as_they_are() -> None:
+    rows = {(row[0], row[1]): row[2] for row in tables("parameters.md")["husky.xml"]}
+    there = elements()
+    for (element, attribute), written in rows.items():
+        values = {a[attribute] for a in there[element] if attribute in a}
+        assert values == {written}, (element, attribute)
+    for element, attributes in there.items():
+        physical = PHYSICAL.get(element) or PHYSICAL[element.split()[0]]
+        used = {name for a in attributes for name in a} & physical
+        if element == "inertial wheels":
+            assert all(a["pos"] == "0 0 0" for a in attributes)  # at the wheels' centres: nothing to list
+            used -= {"pos"}
+        assert used == {attribute for e, attribute in rows if e == element}, element
+
+
+def test_every_module_is_listed_in_its_layer() -> None:
+    listed: dict[int, set[str]] = {}
+    for layer, module, what in tables("architecture.md")["Modules"]:
+        assert what, module
+        listed.setdefault(int(layer), set()).add(module.strip("`"))
+    assert [listed[layer] for layer in sorted(listed)] == list(LAYERS)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_relative_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
+        if "://" not in target and not target.startswith("mailto:"):
+            assert (page.parent / target).exists(), target
+
+
+def test_every_erratum_is_numbered_and_shown_by_a_test_that_exists_or_by_the_text() -> None:
+    existing = set()
+    for name in ("test_errata.py", "test_published.py"):
+        tree = ast.parse((ROOT / "tests" / name).read_text(encoding="utf-8"))
+        existing |= {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    numbers = []
+    for rows in tables("errata.md").values():
+        for row in (r for r in rows if r[0].isdigit()):
+            numbers.append(int(row[0]))
+            claimed = re.findall(r"`(test_\w+)`", row[-1])
+            assert (row[-1] == "text") != bool(claimed), row[0]
+            assert set(claimed) <= existing, (row[0], set(claimed) - existing)
+    assert numbers == list(range(1, len(numbers) + 1))
+
+
+def test_references_to_errata_are_to_numbers_there_are() -> None:
+    count = sum(row[0].isdigit() for rows in tables("errata.md").values() for row in rows)
+    for page in PAGES:
+        for number in re.findall(r"\[E(\d+)\]", page.read_text(encoding="utf-8")):
+            assert 1 <= int(number) <= count, (page.name, number)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from ssmr.errors import DivergedError
+from ssmr.geometry import shift_reference
 from ssmr.metrics import PathMetrics
 from ssmr.types import State
 from tests.conftest import data_folder
@@ -47,6 +48,7 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
     driving = (t >= 1.0)[:, None]  # it stands at first: what was commanded before a log begins nobody knows
     commands = Commands(0.05, np.column_stack([0.3 + 0.1 * np.sin(t), np.sin(0.7 * t)]) * driving)
     motion = make_plant(profile, plant).run(commands, State(), 0.05)
+    pose = shift_reference(motion.pose, profile.plants[plant].tracked_point)
     held = np.vstack([commands.values, commands.values[-1:]])
     columns = {
         "t": motion.t,
@@ -55,7 +57,7 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
         "enc_left": motion.wheels[:, 0],
         "enc_right": motion.wheels[:, 1],
     }
-    columns |= {"x": motion.pose[:, 0], "y": motion.pose[:, 1], "yaw": motion.pose[:, 2], "gyro_z": motion.twist[:, 2]}
+    columns |= {"x": pose[:, 0], "y": pose[:, 1], "yaw": pose[:, 2], "gyro_z": motion.twist[:, 2]}
     keep = (motion.t < 8.0) | (motion.t > 9.0) if gap else np.full(len(motion), fill_value=True)
     path = tmp_path / "drive.csv"
     write_csv({name: values[keep] for name, values in columns.items()}, path)
@@ -243,7 +245,8 @@ def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
 
 MISTAKES = (
     "unknown scenario", "unknown plant after @", "unknown plant", "plant twice", "unknown reference", "unknown profile",
-    "no such recording", "other format", "no pose", "no wheel rates", "wheels of a scenario", "cut scenario", "cut to nothing",
+    "no such recording", "other format", "no pose", "no wheel rates", "wheels of a scenario", "cut scenario",
+    "cut to nothing",
     "horizons", "no number", "negative seed", "out is a file", "view without recording",
 )  # fmt: skip
 

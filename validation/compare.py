@@ -147,6 +147,7 @@ def compare(
             wall[name],
             simulated / wall[name],
             _health(motions[name]),
+            profile.plants[name].tracked_point,
         )
     return Comparison(
         source.name,

@@ -451,7 +451,9 @@ def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: A
         if motion.name == CHATTERING:
             band = _reach(motion.pieces[i], span)
             curves[f"{motion.name} between samples"] = band.ravel()
-            ax.fill_between(x, band[:, 0], band[:, 1], color=_ink(motion.name), alpha=0.2, linewidth=0.0, step="pre", zorder=1.6)
+            ax.fill_between(
+                x, band[:, 0], band[:, 1], color=_ink(motion.name), alpha=0.2, linewidth=0.0, step="pre", zorder=1.6
+            )
             ax.plot(x, y, color=_ink(motion.name), linewidth=0.9, zorder=1.7, gid=motion.name)
         else:
             motion.draw(ax, x, y)
@@ -465,7 +467,7 @@ def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: A
 
 
 def _reach(piece: Trajectory, span: Span) -> FloatArray:
-    """(M, 2) least and greatest yaw acceleration since the sample before [rad/s2]: what a chattering model hides between samples."""
+    """(M, 2) least and greatest yaw acceleration since the sample before [rad/s2]: what chatter hides between samples."""
     inside = (piece.t >= span[0]) & (piece.t <= span[1])
     return piece.channels["yaw_acceleration_range_rad_s2"][inside]
 

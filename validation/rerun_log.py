@@ -42,6 +42,7 @@ from validation.husky import WHEELS
 from validation.palette import Rgb, colour, mix
 from validation.results import Comparison
 from validation.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.store import write_atomic
 
 os.environ.setdefault("RERUN_ANALYTICS", "false")  # rerun looks at it when it is imported
 
@@ -88,6 +89,8 @@ class _Track:
     pieces: tuple[Trajectory, ...]
     reference: _Track | None
     """The robot to compare with; None for that robot itself."""
+    tracked_point: tuple[float, float] = (0.0, 0.0)
+    """The point of the body whose poses these are [m]."""
 
     @property
     def colour(self) -> Rgb:
@@ -107,6 +110,11 @@ class _Track:
     def pose(self) -> FloatArray:
         """(M, 3) poses [m, m, rad]."""
         return np.concatenate([p.pose for p in self.pieces])
+
+    @cached_property
+    def body(self) -> FloatArray:
+        """(M, 3) poses of the body's own reference point, the middle between the axles [m, m, rad]."""
+        return shift_reference(self.pose, np.negative(self.tracked_point))
 
     @cached_property
     def turns(self) -> FloatArray:
@@ -153,13 +161,7 @@ def write_recording(comparison: Comparison, path: Path, report_markdown: str) ->
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
     data = _encoded(comparison, report_markdown)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_bytes(data)
-        os.replace(partial, path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
 def open_viewer(path: Path) -> bool:
@@ -226,9 +228,13 @@ def _strict() -> Iterator[None]:
 
 def _tracks(comparison: Comparison) -> list[_Track]:
     """All robots, the reference first."""
-    reference = _Track(comparison.reference_name, comparison.reference, None)
-    others = [(name, result.pieces) for name, result in comparison.plants.items() if name != reference.name]
-    return [reference, *(_Track(name, pieces, reference) for name, pieces in others)]
+    plants = comparison.plants
+    known = plants.get(comparison.reference_name) or next(
+        iter(plants.values())
+    )  # where a recording was tracked its plants say
+    reference = _Track(comparison.reference_name, comparison.reference, None, known.tracked_point)
+    others = [result for result in plants.values() if result.name != reference.name]
+    return [reference, *(_Track(result.name, result.pieces, reference, result.tracked_point) for result in others)]
 
 
 def _identity(comparison: Comparison, tracks: Sequence[_Track]) -> uuid.UUID:
@@ -273,7 +279,7 @@ def _write_scene(recording: rr.RecordingStream, tracks: Sequence[_Track]) -> Non
         overlaps = np.median(track.apart) < robot.box[1, 0]
         opacity = SOLID if track.reference is None else FAINT_GLASS if overlaps else GLASS
         _write_robot(recording, f"{world}/robot", robot, track, opacity)
-        _write_motion(recording, f"{world}/robot", robot, track, track.pose)
+        _write_motion(recording, f"{world}/robot", robot, track, track.body)
         _write_path(recording, track, interval)
         _write_robot(recording, f"{lineup}/robot", robot, track, SOLID)
         _write_motion(recording, f"{lineup}/robot", robot, track, track.seen * ([1, 1, 1] if close else [0, 0, 1]) + place)

@@ -28,6 +28,8 @@ class PlantResult:
     """Simulated over wall time [1]."""
     health: Health | None = None
     """What the wheel loads say; only the MuJoCo Husky has them."""
+    tracked_point: tuple[float, float] = (0.0, 0.0)
+    """The point (x, y) of the plant's body whose motion `pieces` is [m]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -158,7 +158,7 @@ def peer_rows(commands: Commands, repeats: int) -> list[Row]:
         )
         return np.array([s[3] * np.cos(s[2]), s[3] * np.sin(s[2]), s[4], (v - s[3]) / PLANAR_DT, (w - s[4]) / PLANAR_DT])
 
-    system = linear.state_space(section.vehicle, profile.plants["linear"].parameters, section.drive.command_half_track)
+    system = linear.state_space(section.vehicle, profile.plants["linear"].parameters, section.drive)
     t = np.arange(len(references)) * PLANAR_DT
     held = np.repeat(commands.values, 50, axis=0)
     start = State()

@@ -323,3 +323,19 @@ def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> N
     found = compare.compare(source, load("husky-tile"), ("mujoco", "kinematic"), settings=Settings(horizons=(6.0,)))
     assert found.plants["mujoco"].horizons[6.0].position_median_m <= position
     assert found.plants["mujoco"].horizons[6.0].n >= 20
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="interrupts are sent otherwise there")
+def test_an_interrupt_in_mid_run_leaves_nothing(lab: Profile, tmp_path: Path) -> None:
+    recorded(lab, "improved", tmp_path)
+    program = "import os, signal, threading; from validation import cli, compare; import sys; "
+    program += "sys.argv = ['compare', 'drive.csv', '--out', 'out']; real = compare.drive; "
+    program += (
+        "compare.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; cli.run(compare.main, 'compare')"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)
+    assert done.returncode == cli.EXIT_INTERRUPTED, done.stderr
+    assert done.stderr.strip() == "interrupted"
+    assert not (tmp_path / "out").exists()

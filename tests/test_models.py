@@ -159,11 +159,11 @@ def test_coulomb_chatters_at_rest_and_improved_does_not() -> None:
 # ------------------------------------------------------------------------------- linear, Eq. 2.41-2.47
 def test_linear_equals_python_control() -> None:
     """The stepped model is the zero-order-hold discretisation of `state_space`."""
-    p, drive = LinearParameters(), replace(LOOSE, command_half_track=0.3)
+    p, drive = LinearParameters(), replace(LOOSE, command_half_track=0.3, command_radius=0.17)
     rng = np.random.default_rng(3)
     commands = Commands(0.05, np.column_stack([rng.uniform(-1, 1, 60), rng.uniform(-2, 2, 60)]))
     motion = PlanarPlant(PlanarModel(p, VEHICLE, drive)).run(commands, State(), 0.001)
-    system = control.sample_system(linear.state_space(VEHICLE, p, drive.command_half_track), 0.001, "zoh")
+    system = control.sample_system(linear.state_space(VEHICLE, p, drive), 0.001, "zoh")
     held = np.repeat(commands.values, 50, axis=0)
     response = control.forced_response(system, inputs=np.vstack([held, held[-1:]]).T)
     assert np.allclose(response.outputs[1], motion.twist[:, 0], rtol=1e-9, atol=1e-12)
@@ -172,7 +172,7 @@ def test_linear_equals_python_control() -> None:
 
 
 def test_linear_is_stable_and_its_gain_is_the_ratio_of_loop_to_friction() -> None:
-    a, b = linear.matrices(VEHICLE, LinearParameters(), 0.275)
+    a, b = linear.matrices(VEHICLE, LinearParameters(), LOOSE)
     poles = np.linalg.eigvals(a[np.ix_([1, 3], [1, 3])])
     assert np.all(poles.real < 0.0)
     motion = PlanarPlant(PlanarModel(LinearParameters(), VEHICLE, LOOSE)).run(hold(0.5, 0.4), State(), 0.01)

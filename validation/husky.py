@@ -31,13 +31,15 @@ GRAVITY = 9.81
 class HuskyCalibration:
     """The numbers of the MuJoCo Husky that a fit may move. What drives it is a `ssmr.vehicle.Drive`, as for every plant."""
 
-    friction: float = 0.6
-    """Sliding friction of tyre on ground [1] -> geom_friction[0]; with anisotropic wheels the longitudinal one."""
+    friction: float = 0.3
+    """Sliding friction of tyre on ground [1] -> geom_friction[0]; with anisotropic wheels the longitudinal one. Assumed:
+    above 0.356 a robot of these numbers cannot turn on the spot with the 7 N m a wheel of Tab. 3.8 (docs/physics.md)."""
     friction_ratio: float = 1.0
     """Lateral over longitudinal friction [1] -> pair_friction; other than 1 only with capsule wheels, whose contact frame
     turns with the robot (for other shapes MuJoCo lays the tangents along the world's axes)."""
     wheel_radius: float = 0.1651
-    """Effective rolling radius [m] -> geom_size; the maker's robot description."""
+    """Effective rolling radius [m] -> geom_size, larger by half of what the contact lets the tyre in (`PRESSED_IN`); the
+    maker's robot description."""
     radius_difference: float = 0.0
     """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped alike -> geom_size."""
     rolling_resistance: float = 0.0
@@ -45,8 +47,8 @@ class HuskyCalibration:
     gain: float = 118.04
     """K_P of a side's velocity servo [N m s/rad] -> actuator_gainprm; Tab. 3.11."""
     armature: float = 0.3
-    """Rotor inertia of a wheel through the gearbox [kg m2] -> dof_armature; assumed. With the gain it sets the servo's time
-    constant, which must stay above the time step."""
+    """Rotor inertia of a wheel through the gearbox [kg m2] -> dof_armature; assumed. Light wheels behind a stiff servo
+    make the answer depend on the time step; heavy ones add armature / wheel_radius^2 of apparent mass each."""
     mass: float = 73.30
     """Total mass [kg] -> body_mass of the base, less the wheels; Tab. 3.1."""
     com_x: float = 0.0
@@ -144,6 +146,11 @@ def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False) -> str:
     return arena.to_xml_string()
 
 
+PRESSED_IN: dict[str, float] = {"ellipsoid": 0.00283, "cylinder": 0.00252, "capsule": 0.00252}
+"""How deep the soft contact of husky.xml lets each shape of tyre in at rest [m], whatever the load: MuJoCo scales a
+contact by the inertia behind it. The contact point lies halfway, so the rolling radius is half of it less than the
+geom's."""
+
 CAPSULE_HALF_LENGTH = 0.00715
 """Half the distance of a capsule wheel's two contact points [m]: narrow, so that the contact stays nearly one point."""
 
@@ -211,7 +218,8 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration) -> None:
     model.body_inertia[base] = inertia
     model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
     for wheel, geom in zip(WHEELS, wheel_geoms(model), strict=True):
-        radius = calibration.wheel_radius + (0.5 if wheel.endswith("left") else -0.5) * calibration.radius_difference
+        side = 0.5 if wheel.endswith("left") else -0.5
+        radius = calibration.wheel_radius + side * calibration.radius_difference + 0.5 * PRESSED_IN[calibration.wheel_shape]
         model.geom_friction[geom, 0] = calibration.friction
         model.geom_size[geom, 0] = radius
         if calibration.wheel_shape == "ellipsoid":

@@ -19,7 +19,7 @@ import numpy as np
 from ssmr._jit import jit
 from ssmr.drive import wheel_torques
 from ssmr.types import FloatArray
-from ssmr.vehicle import Vehicle, require_in_range
+from ssmr.vehicle import Drive, Vehicle, require_in_range
 
 Form = Literal["used", "single", "printed"]
 
@@ -31,7 +31,7 @@ class LinearParameters:
     k_u: float = 0.0277
     """K_u, longitudinal viscous coefficient [s/m]."""
     k_y: float = 0.0298
-    """K_y, lateral viscous coefficient [s/m]."""
+    """K_y, lateral viscous coefficient, with the printed lever [s] (by Eq. 2.40 it would be s/m)."""
     gain: float = 229.58
     """K_P of the wheel torque loop, a side, per wheel speed in m/s [N m s/m]."""
 
@@ -59,30 +59,34 @@ def coefficients(vehicle, k_u, k_y, gain):
 
 
 def matrices(
-    vehicle: Vehicle, parameters: LinearParameters, command_half_track: float, form: Form = "used"
+    vehicle: Vehicle, parameters: LinearParameters, drive: Drive, form: Form = "used"
 ) -> tuple[FloatArray, FloatArray]:
     """A (4, 4) and B (4, 2) of Eq. 2.46.
 
     Args:
         vehicle: mass and geometry.
         parameters: viscous coefficients and loop gain.
-        command_half_track: half-track of the driver [m]; the thesis: c.
+        drive: its half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's.
         form: `printed` takes A_22 as it stands in print and `single` one load mg in it, for the errata's tests.
     """
     loop, friction, loop_yaw, friction_yaw = coefficients(
         tuple(vehicle.packed()), parameters.k_u, parameters.k_y, parameters.gain
     )
     friction = {"used": friction, "single": friction / LOAD_SUM, "printed": friction / LOAD_SUM * vehicle.mass}[form]
+    stretch = vehicle.wheel_radius / drive.command_radius
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[0, 1] = a[2, 3] = 1.0
-    a[1, 1], b[1, 0] = -(loop + friction), loop
-    a[3, 3], b[3, 1] = -(loop_yaw * vehicle.effective_half_track + friction_yaw), loop_yaw * command_half_track
+    a[1, 1], b[1, 0] = -(loop + friction), loop * stretch
+    a[3, 3], b[3, 1] = (
+        -(loop_yaw * vehicle.effective_half_track + friction_yaw),
+        loop_yaw * drive.command_half_track * stretch,
+    )
     return a, b
 
 
-def state_space(vehicle: Vehicle, parameters: LinearParameters, command_half_track: float) -> control.StateSpace:
+def state_space(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) -> control.StateSpace:
     """The model as a `control.StateSpace` with named signals (Eq. 2.43, 2.47: C = identity, D = 0)."""
-    a, b = matrices(vehicle, parameters, command_half_track)
+    a, b = matrices(vehicle, parameters, drive)
     names = ["x", "v", "yaw", "yaw_rate"]
     return control.StateSpace(
         a, b, np.eye(4), np.zeros((4, 2)), states=names, outputs=names, inputs=["v_cmd", "yaw_rate_cmd"], name="husky_linear"

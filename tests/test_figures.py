@@ -463,3 +463,11 @@ def test_a_figure_takes_seconds_only(tmp_path: Path) -> None:
     began = time.process_time()
     save_figure(comparison_figure(comparison), tmp_path / "compare.png")
     assert time.process_time() - began < SECONDS
+
+
+def test_the_zoom_shows_less_than_the_paths_and_is_outlined_in_them() -> None:
+    ax = panels(comparison_figure(make(stamps=[np.arange(0.0, 20.0, 0.008)])))
+    width = {name: float(np.ptp(ax[name].get_xlim())) for name in ("paths", "zoom")}
+    assert width["zoom"] < 0.4 * width["paths"]
+    (outline,) = ax["paths"].patches[-1:]
+    assert outline.get_width() == pytest.approx(width["zoom"])  # type: ignore[attr-defined]

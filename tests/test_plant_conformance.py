@@ -114,6 +114,18 @@ def test_periods_that_physics_does_not_divide_are_refused(make: Make) -> None:
         plant.run(Commands(0.0517 + 0.1 * plant.dt, WEAVE.values), State(), 0.01)
 
 
+def test_whole_turns_are_counted_however_seldom_one_looks(make: Make) -> None:
+    """At some 1.5 rad/s three seconds are more than half a turn."""
+    plant = make()
+    spin = Commands(0.05, np.tile([0.0, 1.6], (360, 1)))
+    seldom, often = plant.run(spin, State(yaw=9.0), 3.0), plant.run(spin, State(yaw=9.0), 0.05)
+    assert often.yaw[-1] - 9.0 > 4 * np.pi
+    assert np.abs(seldom.yaw - often.yaw[::60]).max() <= SYMMETRY
+    plant.reset(State(yaw=9.0))
+    stepped = [plant.step((0.0, 1.6), 3.0).yaw for _ in range(6)]
+    assert np.abs(stepped - often.yaw[60::60]).max() <= SYMMETRY
+
+
 def test_n_commands_leave_n_plus_one_states(make: Make) -> None:
     motion = make().run(WEAVE, State(), WEAVE.dt)
     assert len(motion) == WEAVE.n + 1

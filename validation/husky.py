@@ -218,8 +218,8 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration) -> None:
     model.body_inertia[base] = inertia
     model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
     for wheel, geom in zip(WHEELS, wheel_geoms(model), strict=True):
-        side = 0.5 if wheel.endswith("left") else -0.5
-        radius = calibration.wheel_radius + side * calibration.radius_difference + 0.5 * PRESSED_IN[calibration.wheel_shape]
+        share = 0.5 if wheel.endswith("left") else -0.5
+        radius = calibration.wheel_radius + share * calibration.radius_difference + 0.5 * PRESSED_IN[calibration.wheel_shape]
         model.geom_friction[geom, 0] = calibration.friction
         model.geom_size[geom, 0] = radius
         if calibration.wheel_shape == "ellipsoid":

@@ -172,14 +172,15 @@ class MujocoPlant:
         """
         data = self._data
         data.qfrc_applied[5] = self._yaw_inertia * yaw_acceleration
+        turned = self._last.yaw  # to within a step: enough to count whole turns, however long the command is held
         for reference in self._driver.references(command, whole_steps(dt, self.dt, "the step")):
             data.ctrl[:] = reference
             before = data.time
             mujoco.mj_step(self.model, data)
             if not data.time > before:
                 raise DivergedError(f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last)
-        now = self._read()
-        self._turns += round((self._last.yaw - now.yaw) / (2.0 * math.pi))
+            turned += self.dt * float(data.qvel[5])
+        self._turns += round((turned - self._read().yaw) / (2.0 * math.pi))
         self._last = self._read()
         return self._last
 
@@ -210,27 +211,28 @@ class MujocoPlant:
         mujoco.mj_getState(self.model, self._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         model = self._prescribed_wheels() if commands.kind == "wheels" else self.model
         states, sensors = rollout.rollout(model, self._data, start[None], control[None], control_spec=int(spec))
-        table = np.vstack([start, states[0, :-1]])[::stride]
-        sensors = sensors[0, ::stride]
-        self._check_finite(states[0], table)
-        trajectory = self._trajectory(table, sensors[: len(table)], sample_dt, state)
+        self._check_finite(states[0])
+        table = np.vstack([start, states[0, :-1]])
+        trajectory = self._trajectory(table, sensors[0], stride, state)
         health = check_health(trajectory.channels["wheel_load_N"])
         if self._strict and not health.ok:
             raise UnhealthyRunError(health.advice, health=health, loads=trajectory.channels["wheel_load_N"])
         return trajectory
 
-    def _check_finite(self, states: FloatArray, table: FloatArray) -> None:
+    def _check_finite(self, states: FloatArray) -> None:
         """A diverged rollout resets itself: its clock jumps back."""
         bad = np.flatnonzero((np.diff(states[:, 0]) <= 0.0) | ~np.isfinite(states[1:]).all(axis=1))
         if len(bad):
             t = (int(bad[0]) + 1) * self.dt
-            raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=table)
+            raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=states[: int(bad[0]) + 1])
 
-    def _trajectory(self, table: FloatArray, sensors: FloatArray, sample_dt: float, state: State) -> Trajectory:
+    def _trajectory(self, table: FloatArray, sensors: FloatArray, stride: int, state: State) -> Trajectory:
+        """Every `stride`-th of (n + 1, 1 + nq + nv) states and their sensors; yaw is unwrapped over all of them."""
         nq = self.model.nq
-        qpos, qvel = table[:, 1 : 1 + nq], table[:, 1 + nq : 1 + nq + self.model.nv]
-        yaw = np.unwrap(quat_wxyz_to_yaw(qpos[:, 3:7]))
+        yaw = np.unwrap(quat_wxyz_to_yaw(table[:, 4:8]))[::stride]
         yaw += 2.0 * math.pi * round((state.yaw - yaw[0]) / (2.0 * math.pi))
+        table, sensors = table[::stride], sensors[::stride]
+        qpos, qvel = table[:, 1 : 1 + nq], table[:, 1 + nq : 1 + nq + self.model.nv]
         twist = np.column_stack([rotate_world_to_body(qvel[:, :2], yaw), qvel[:, 5]])
         wheels = np.column_stack([qvel[:, self._left].mean(axis=1), qvel[:, self._right].mean(axis=1)])
         channels = {
@@ -238,6 +240,5 @@ class MujocoPlant:
             "torque_N_m": sensors[:, self._torque_columns],
             "yaw_acceleration_rad_s2": sensors[:, self._acceleration_column],
         }
-        return Trajectory(
-            sample_dt * np.arange(len(table), dtype=np.float64), np.column_stack([qpos[:, :2], yaw]), twist, wheels, channels
-        )
+        t = stride * self.dt * np.arange(len(table), dtype=np.float64)
+        return Trajectory(t, np.column_stack([qpos[:, :2], yaw]), twist, wheels, channels)

@@ -22,7 +22,7 @@ from ssmr.drive import wheel_rates
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
 from ssmr.vehicle import Drive
-from validation.husky import CAPSULE_HALF_LENGTH, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
+from validation.husky import CAPSULE_HALF_LENGTH, PRESSED_IN, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
 from validation.mujoco_plant import MujocoPlant, check_health
 from validation.profiles import load
 
@@ -62,9 +62,11 @@ class Turn:
     """A steady turn, over the last 3 s."""
 
     multiplier: float
-    """Wheels' share of the yaw rate by the nominal radius [1]."""
+    """Wheels' yaw rate over the body's, by the rolling radius [1]."""
     by_contact_radius: float
-    """The same by the distance of the contact points from the axle [1]."""
+    """The same by the distance of the contact points from the axle while it turns [1]."""
+    contact_radius: float
+    """That distance [m]; at rest it is the rolling radius."""
     ripple: float
     """Range of the yaw rate over its mean [1]."""
     lowest_load: float
@@ -101,10 +103,12 @@ def turn(
     table = np.array(rows)
     yaw_rate, wheels, depth, torque = table[:, :4].mean(axis=0)
     multiplier = RADIUS * wheels / (TRACK * yaw_rate)
+    contact_radius = RADIUS + 0.5 * PRESSED_IN[calibration.wheel_shape] - 0.5 * depth
     loads = table[:, 4:]
     return Turn(
         multiplier,
-        multiplier * (RADIUS - 0.5 * depth) / RADIUS,
+        multiplier * contact_radius / RADIUS,
+        contact_radius,
         float(np.ptp(table[:, 0]) / yaw_rate),
         float((loads.min(axis=0) / loads.mean(axis=0)).min()),
         depth,
@@ -144,7 +148,7 @@ def table_turning() -> None:
     print("\nfriction: torque of a side, closed form with the contact's radius [N m]")
     for friction in (0.1, 0.3, 0.6, 0.8):
         found = turn(HuskyCalibration(friction=friction))
-        form = (RADIUS - 0.5 * found.depth) * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
+        form = found.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
         print_row(friction, f"{found.torque:.2f}", f"{form:.2f}", f"depth {1e3 * found.depth:.2f} mm")
 
 
@@ -290,8 +294,7 @@ def table_between() -> None:
     print("\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], multiplier by contact radius at rest")
     lag = 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
     drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
-    radius = RADIUS - 0.5 * turn(HuskyCalibration(), 0.01).depth
-    print(f"rolling radius {radius:.5f} m")
+    radius = RADIUS
     for friction in (0.2, 0.4, 0.8):
         for v, w in ((0.25, 0.5), (0.5, 0.25), (0.5, 0.5), (0.5, 0.75), (1.0, 0.5)):
             motion = MujocoPlant(HuskyCalibration(friction=friction), drive).run(
@@ -309,7 +312,7 @@ def table_between() -> None:
             for w in (0.25, 0.75):
                 found = turn(HuskyCalibration(friction=friction, gain=gain), w)
                 wheel = HALF_TRACK * w / RADIUS
-                load = (RADIUS - 0.5 * found.depth) * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
+                load = found.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
                 reached = found.multiplier * TRACK * found.rate / (2.0 * RADIUS * wheel)
                 print_row(friction, gain, w, f"{reached:.4f}", f"{1.0 - load / gain / wheel:.4f}", f"{found.rate / w:.3f}")
 

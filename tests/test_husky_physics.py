@@ -155,7 +155,8 @@ def test_it_holds_on_a_side_slope(shape: str, friction: float) -> None:
 def test_a_sliding_stop_takes_v_squared_over_two_mu_g(friction: float, sideways: bool) -> None:
     """Wheels blocked, 1.5 m/s, forward or sideways.
 
-    A tyre that begins to slide rises out of its impression, which makes short stops too short: at 0.5 m/s and friction 0.8 they end 5.9 % early.
+    A tyre that begins to slide rises out of its impression, which makes short stops too short: by 5.9 % from 0.5 m/s at
+    friction 0.8 (docs/physics.md).
     """
     model, data = settled(HuskyCalibration(friction=friction, armature=30.0, gain=1e4))
     axis, v = int(sideways), 1.5

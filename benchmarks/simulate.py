@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import ctypes
 import os
-import platform
 import shutil
 import subprocess
 import tempfile
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -26,9 +22,9 @@ import mujoco
 import numba
 import numpy as np
 from mujoco import rollout
-from rich.table import Table
 from scipy.integrate import solve_ivp
 
+from benchmarks.rows import Row, alternate, report
 from ssmr.drive import wheel_references
 from ssmr.metrics import compare_paths
 from ssmr.models import improved, linear
@@ -44,44 +40,13 @@ from ssmr.simulate import (
     run_population,
 )
 from ssmr.types import Commands, State
-from validation import cli, store
+from validation import cli
 from validation.mujoco_plant import MujocoPlant
 from validation.profiles import load
 
 SIMULINK_S = {"coulomb": 2.75, "improved": 0.70}
 """Sec. 3.6: trajectory 4 on the authors' machine [s]."""
 POPULATION = 64
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measured ratio."""
-
-    what: str
-    """What is compared with what."""
-    ratio: float
-    """Ours over the peer's time, or a speed."""
-    bound: str
-    """What was asked for; empty where it is only for the record."""
-    ours_s: float
-    """Fastest time of ours [s]."""
-    peer_s: float
-    """Fastest time of the peer [s]."""
-    ok: bool
-    """Whether the bound is kept."""
-
-
-def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
-    """Fastest time of each call [s], all called in turn so that a busy machine hurts them alike."""
-    for call in calls:
-        call()
-    times = np.empty((repeats, len(calls)))
-    for i in range(repeats):
-        for j, call in enumerate(calls):
-            began = time.perf_counter()
-            call()
-            times[i, j] = time.perf_counter() - began
-    return [float(t) for t in times.min(axis=0)]
 
 
 def compile_c(folder: Path) -> ctypes.CDLL:
@@ -199,7 +164,7 @@ def population_row(commands: Commands, repeats: int) -> Row:
 
     def on(threads: int) -> None:
         numba.set_num_threads(threads)
-        run_population(models, commands, State(), SAMPLE_DT)
+        run_population(models, commands, [State()] * len(models), SAMPLE_DT)
 
     most = numba.get_num_threads()
     try:
@@ -255,17 +220,6 @@ def metric_rows(commands: Commands, repeats: int) -> list[Row]:
     ]
 
 
-def as_table(rows: Sequence[Row]) -> Table:
-    """The rows for the terminal."""
-    table = Table(title="benchmarks/simulate: ratios of the fastest times, measured side by side")
-    for column in ("what", "ratio", "asked", "ours [ms]", "peer [ms]", ""):
-        table.add_column(column, justify="left" if column in ("what", "") else "right")
-    for row in rows:
-        verdict = "" if not row.bound else "ok" if row.ok else "FALLS SHORT"
-        table.add_row(row.what, f"{row.ratio:.3g}", row.bound, f"{1e3 * row.ours_s:.3f}", f"{1e3 * row.peer_s:.3f}", verdict)
-    return table
-
-
 def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31) -> None:
     """Time every part beside its peer; print the ratios and write them as JSON.
 
@@ -283,16 +237,7 @@ def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31) -
         *mujoco_rows(commands, max(3, repeats // 3)),
         *metric_rows(commands, repeats),
     ]
-    cli.report_console().print(as_table(rows))
-    machine = {"machine": platform.machine(), "cores": os.cpu_count(), "load": os.getloadavg()[0]}
-    document: dict[str, Any] = {
-        "schema": "ssmr.benchmark/1",
-        "versions": store.versions(),
-        **machine,
-        "rows": [vars(r) for r in rows],
-    }
-    cli.output_folder(out.parent)
-    store.write_json(out, document)
+    report("benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out)
 
 
 if __name__ == "__main__":

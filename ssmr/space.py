@@ -1,0 +1,108 @@
+"""What an optimiser may move: named parameters with units and bounds, and the unit cube that stands for them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ssmr.types import FloatArray
+
+Scale = Literal["linear", "log"]
+
+BOUND_SHARE = 1e-3
+"""A value within this share of the width of its bounds from one of them lies at the bound [1]."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that is searched."""
+
+    name: str
+    """What users call it."""
+    unit: str
+    """Of value and bounds; `1` for a pure number."""
+    lower: float
+    """Least value."""
+    upper: float
+    """Greatest value."""
+    scale: Scale = "linear"
+    """`log` where only the order of magnitude is known: equal steps in the cube are equal factors."""
+
+    def __post_init__(self) -> None:
+        """Check the bounds.
+
+        Raises:
+            ValueError: they are not finite, not in order, or not positive on a logarithmic scale.
+        """
+        if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
+            raise ValueError(f"the bounds of {self.name}, {self.lower:g} and {self.upper:g}, must be finite")
+        if not self.lower < self.upper:
+            raise ValueError(
+                f"the bounds of {self.name} are {self.lower:g} and {self.upper:g}: the lower must be less than the upper"
+            )
+        if self.scale == "log" and not self.lower > 0.0:
+            raise ValueError(
+                f"{self.name} is searched on a logarithmic scale; its lower bound {self.lower:g} must be positive"
+            )
+
+
+class ParameterSpace:
+    """A box of parameters, seen by optimisers as the unit cube."""
+
+    def __init__(self, parameters: tuple[Parameter, ...]) -> None:
+        """Keep the parameters in their order.
+
+        Raises:
+            ValueError: there is none, or two have one name.
+        """
+        names = [p.name for p in parameters]
+        if not names or len(set(names)) != len(names):
+            raise ValueError(f"a space needs parameters with names of their own, got: {', '.join(names) or 'none'}")
+        self.parameters = parameters
+        self._log = np.array([p.scale == "log" for p in parameters])
+        lower, upper = (np.array([getattr(p, end) for p in parameters], dtype=np.float64) for end in ("lower", "upper"))
+        self.lower, self.upper = lower, upper
+        self._low, self._high = (np.where(self._log, np.log(np.where(self._log, b, 1.0)), b) for b in (lower, upper))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    def __len__(self) -> int:
+        """How many parameters there are, n."""
+        return len(self.parameters)
+
+    def values(self, points: ArrayLike) -> FloatArray:
+        """(..., n) points of the unit cube -> parameter values, never outside the bounds."""
+        inner = self._low + np.asarray(points, dtype=np.float64) * (self._high - self._low)
+        return np.clip(np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner), self.lower, self.upper)
+
+    def points(self, values: ArrayLike) -> FloatArray:
+        """(..., n) parameter values -> points of the unit cube.
+
+        Raises:
+            ValueError: a value lies outside its bounds, or is not finite; the message names it.
+        """
+        array = np.asarray(values, dtype=np.float64)
+        outside = ~((array >= self.lower) & (array <= self.upper)).reshape(-1, len(self))
+        if outside.any():
+            row, k = (int(i) for i in np.argwhere(outside)[0])
+            p, value = self.parameters[k], array.reshape(-1, len(self))[row, k]
+            raise ValueError(f"{p.name} = {value:g} {p.unit} lies outside its bounds, {p.lower:g} to {p.upper:g}")
+        inner = np.where(self._log, np.log(np.where(self._log, array, 1.0)), array)
+        return np.clip((inner - self._low) / (self._high - self._low), 0.0, 1.0)
+
+    def slopes(self, points: ArrayLike) -> FloatArray:
+        """(..., n) change of each value per change of its coordinate in the cube, at points of the cube."""
+        width = self._high - self._low
+        return np.where(self._log, self.values(points) * width, width)
+
+    def at_bound(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(..., n) which coordinates lie at a bound (`BOUND_SHARE`)."""
+        array = np.asarray(points, dtype=np.float64)
+        return (array <= BOUND_SHARE) | (array >= 1.0 - BOUND_SHARE)

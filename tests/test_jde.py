@@ -1,0 +1,504 @@
+"""Differential evolution: each formula by hand, what can never happen, repetition, stop rules and convergence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from io import BytesIO
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as effort
+from hypothesis import strategies as st
+
+from ssmr.jde import (
+    PARTNERS,
+    Jde,
+    JdeSettings,
+    adapt,
+    binomial_mask,
+    distinct_partners,
+    exponential_mask,
+    mutate,
+    repair,
+    replaces,
+)
+from ssmr.types import FloatArray
+from tests.conftest import ROUNDOFF
+
+Objective = Callable[[FloatArray], FloatArray]
+SHORT = JdeSettings(population=12, generations=15, patience=16)
+
+
+def sphere(x: FloatArray) -> FloatArray:
+    return np.sum((x - 0.3) ** 2, axis=1)
+
+
+def rastrigin(x: FloatArray) -> FloatArray:
+    y = 10.24 * (x - 0.5)
+    return np.sum(y * y + 10.0 * (1.0 - np.cos(2.0 * np.pi * y)), axis=1)
+
+
+def finish(search: Jde, objective: Objective = sphere) -> Jde:
+    while not search.finished:
+        search.tell(objective(search.ask()))
+    return search
+
+
+def same(a: Jde, b: Jde) -> bool:
+    one, other = a.state(), b.state()
+    return one.keys() == other.keys() and all(np.array_equal(one[k], other[k]) for k in one)
+
+
+def saved(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Through a file without pickle."""
+    buffer = BytesIO()
+    np.savez(buffer, allow_pickle=False, **state)
+    buffer.seek(0)
+    with np.load(buffer, allow_pickle=False) as loaded:
+        return dict(loaded)
+
+
+# --- formulas -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_defaults_are_table_3_7() -> None:
+    s = JdeSettings()
+    assert (s.f_init, s.f_bounds, s.cr_init, s.cr_bounds) == (0.75, (0.1, 0.9), 0.8, (0.0, 1.0))
+    assert (s.tau_f, s.tau_cr, PARTNERS[s.strategy], s.slope) == (0.1, 0.1, 4, 0.2)
+    assert (s.df, s.population, s.generations) == (1e-3, 50, 300)
+
+
+def test_f_is_drawn_anew_descends_or_stays_at_its_least() -> None:
+    """At generation 151 of 300 the descent is 0.2 * 150 / 300 = 0.1."""
+    f, draws = np.array([0.75, 0.75, 0.75, 0.105]), np.array([[0.0, 0.0999, 0.1, 0.5], [0.0, 0.5, 0.5, 0.5]])
+    adapted = adapt(f, draws, (0.1, 0.9), 0.1, 0.2 * (151 - 1) / 300)
+    assert adapted == pytest.approx([0.1, 0.5, 0.675, 0.1], rel=ROUNDOFF)
+    assert np.array_equal(adapt(f, np.ones((2, 4)), (0.1, 0.9), 0.1, 0.0), f), "slope 0 keeps F, as the classic jDE does"
+
+
+def test_the_descent_follows_the_generations() -> None:
+    """Trials that never win, tau 0: F of generation ng is F_init (1 - slp (ng - 1) / ng_max)."""
+    search = Jde(2, replace(SHORT, tau_f=0.0, tau_cr=0.0), 1)
+    search.tell(sphere(search.ask()))
+    for ng in range(1, 16):
+        search.ask()
+        share = 1.0 - 0.2 * (ng - 1) / 15
+        state = search.state()
+        assert state["trial_f"] == pytest.approx(np.full(12, 0.75 * share), rel=ROUNDOFF)
+        assert state["trial_cr"] == pytest.approx(np.full(12, 0.8 * share), rel=ROUNDOFF)
+        search.tell(np.full(12, 1e9))
+
+
+@pytest.mark.parametrize(
+    ("strategy", "partners", "expected"),
+    [
+        ("best/2", [[1], [2], [3], [4]], [7.0 + 0.5 * (1 - 2) + 0.5 * (4 - 8), 9.0 + 0.5 * (2 - 4) + 0.5 * (8 - 16)]),
+        ("rand/1", [[1], [2], [3]], [1.0 + 0.5 * (2 - 4), 2.0 + 0.5 * (4 - 8)]),
+        ("best/1", [[1], [2]], [7.0 + 0.5 * (1 - 2), 9.0 + 0.5 * (2 - 4)]),
+    ],
+)
+def test_mutation_by_hand(strategy: Any, partners: list[list[int]], expected: list[float]) -> None:
+    population = np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 4.0], [4.0, 8.0], [8.0, 16.0]])
+    before = population.copy()
+    base, donors = mutate(strategy, population, np.array([7.0, 9.0]), np.array([0.5]), np.array(partners))
+    assert np.array_equal(donors, [expected])
+    assert np.array_equal(np.ravel(base), population[1] if strategy == "rand/1" else [7.0, 9.0])
+    assert np.array_equal(population, before)
+
+
+def test_repair_by_hand() -> None:
+    donors = np.array([[-0.5, 0.25, 1.5], [0.0, 1.0, -1e-9]])
+    assert np.array_equal(repair(donors, np.array([0.5, 0.5, 0.75])), [[0.25, 0.25, 0.875], [0.0, 1.0, 0.375]])
+    assert np.array_equal(repair(donors, np.array([[1.0, 0.0, 1.0], [0.0, 0.0, 0.0]])), [[0.5, 0.25, 1.0], [0.0, 1.0, 0.0]])
+
+
+def test_binomial_crossover_by_hand() -> None:
+    draws = np.array([[0.1, 0.5, 0.9], [0.1, 0.5, 0.9], [0.0, 0.0, 0.0], [0.99, 0.99, 0.99]])
+    mask = binomial_mask(np.array([0.5, 0.6, 0.0, 1.0]), draws, np.array([2, 0, 1, 0]))
+    assert np.array_equal(mask, np.array([[1, 0, 1], [1, 1, 0], [0, 1, 0], [1, 1, 1]], dtype=bool))
+
+
+def test_exponential_crossover_by_hand() -> None:
+    """0.5^0, 0.5^1, 0.5^2, 0.5^3 = 1, 0.5, 0.25, 0.125 from the first gene on, around the end."""
+    cr, first = np.array([0.5, 0.5, 0.5, 0.0, 1.0]), np.array([0, 3, 2, 1, 3])
+    mask = exponential_mask(cr, np.array([0.3, 0.2, 0.0, 0.0, 0.99]), first, 4)
+    expected = [[1, 1, 0, 0], [1, 1, 0, 1], [1, 1, 1, 1], [0, 1, 0, 0], [1, 1, 1, 1]]
+    assert np.array_equal(mask, np.array(expected, dtype=bool))
+
+
+def test_selection_by_hand() -> None:
+    parents = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, np.inf, np.inf, np.inf])
+    trials = np.array([0.5, 1.0, 1.5, np.nan, np.inf, -np.inf, 5.0, np.inf, np.nan])
+    assert np.flatnonzero(replaces(trials, parents)).tolist() == [0, 1, 6]
+
+
+# --- distinct indices -----------------------------------------------------------------------------------------------------
+
+
+def greedy(draws: FloatArray) -> list[list[int]]:
+    """The slow obvious version: draw from the list of those that are left."""
+    rows = []
+    for i in range(draws.shape[1]):
+        left = [j for j in range(draws.shape[1]) if j != i]
+        rows.append([left.pop(int(u * len(left))) for u in draws[:, i]])
+    return np.array(rows).T.tolist()
+
+
+@given(st.integers(0, 2**32), st.integers(2, 30), st.data())
+def test_partners_are_distinct_and_as_drawn_one_by_one(seed: int, size: int, data: st.DataObject) -> None:
+    k = data.draw(st.integers(1, min(4, size - 1)))
+    draws = np.random.default_rng(seed).random((k, size))
+    partners = distinct_partners(draws)
+    assert partners.tolist() == greedy(draws)
+    assert all(len({i, *column}) == k + 1 for i, column in enumerate(partners.T.tolist()))
+    assert partners.min() >= 0
+    assert partners.max() < size
+
+
+def test_partners_reach_the_last_index() -> None:
+    assert distinct_partners(np.full((4, 5), np.nextafter(1.0, 0.0))).T.tolist() == [
+        [4, 3, 2, 1], [4, 3, 2, 0], [4, 3, 1, 0], [4, 2, 1, 0], [3, 2, 1, 0]
+    ]  # fmt: skip
+
+
+def test_every_choice_of_partners_is_equally_likely() -> None:
+    """A grid of draws that is as fine as the choices: of five vectors each gets each of its 24 choices once."""
+    grid = [(a, b, c, d) for a in range(4) for b in range(3) for c in range(2) for d in range(1)]
+    middles = (np.array(grid) + 0.5) / np.array([4, 3, 2, 1])
+    found = np.array([distinct_partners(np.repeat(u[:, np.newaxis], 5, axis=1)) for u in middles])
+    for i in range(5):
+        assert {tuple(c) for c in found[:, :, i].tolist()} == set(permutations(set(range(5)) - {i}))
+
+
+# --- what never happens ---------------------------------------------------------------------------------------------------
+
+
+@effort(max_examples=40)
+@given(
+    st.integers(0, 2**63), st.integers(1, 7), st.sampled_from(list(PARTNERS)), st.sampled_from(["bin", "exp"]),
+    st.floats(0.0, 1.0), st.floats(0.0, 1.0),
+)  # fmt: skip
+def test_points_stay_in_the_cube_and_f_and_cr_in_their_bounds(
+    seed: int, n: int, strategy: Any, crossover: Any, tau: float, slope: float
+) -> None:
+    """Also where the optimum lies in a corner, outside."""
+    settings = replace(SHORT, strategy=strategy, crossover=crossover, tau_f=tau, tau_cr=tau, slope=slope)
+    search = Jde(n, settings, seed)
+    while not search.finished:
+        points = search.ask()
+        assert points.shape == (12, n)
+        assert points.min() >= 0.0
+        assert points.max() <= 1.0
+        state = search.state()
+        assert np.all((state["trial_f"] >= 0.1) & (state["trial_f"] <= 0.9))
+        assert np.all((state["trial_cr"] >= 0.0) & (state["trial_cr"] <= 1.0))
+        search.tell(np.sum(points * np.where(np.arange(n) % 2, 1.0, -1.0), axis=1))
+    assert np.all(np.diff(search.history) <= 0.0)
+
+
+@effort(max_examples=40)
+@given(st.integers(0, 2**32), st.floats(0.0, 0.9))
+def test_costs_that_are_no_numbers_are_never_selected(seed: int, share: float) -> None:
+    rng, known = np.random.default_rng(seed), set()
+    search = Jde(3, SHORT, seed)
+    while not search.finished:
+        points = search.ask()
+        costs = np.where(rng.random(12) < share, rng.choice([np.nan, np.inf, -np.inf], 12), sphere(points))
+        known |= {tuple(p) for p in points[np.isfinite(costs)]}
+        search.tell(costs)
+        held = np.isfinite(search.costs)
+        assert all(tuple(p) in known for p in search.population[held])
+        assert np.array_equal(search.costs[held], sphere(search.population[held]))
+        assert search.best_cost == search.costs.min()
+
+
+def test_nothing_finite_at_all() -> None:
+    search = finish(Jde(2, SHORT, 0), lambda x: np.full(len(x), np.nan))
+    assert search.finished == "generations"
+    assert search.best_cost == math.inf
+    assert np.array_equal(search.population, Jde(2, SHORT, 0).ask())
+
+
+def test_any_finite_cost_replaces_an_unknown_one() -> None:
+    search = Jde(2, SHORT, 0)
+    search.ask()
+    search.tell(np.full(12, np.nan))
+    trials = search.ask()
+    search.tell(np.full(12, 1e300))
+    assert np.array_equal(search.population, trials)
+
+
+def test_lower_bounds_of_lost_trials_change_nothing() -> None:
+    exact, bounded = Jde(4, SHORT, 5), Jde(4, SHORT, 5)
+    while not exact.finished:
+        costs = sphere(exact.ask())
+        assert np.array_equal(bounded.ask(), exact.ask())
+        parents = bounded.costs
+        lost = costs > parents
+        between = np.where(lost, np.nextafter(np.where(lost, parents, 0.0), np.inf), costs)
+        exact.tell(costs)
+        bounded.tell(between)
+        assert same(exact, bounded)
+    assert bounded.finished
+
+
+def test_trials_that_win_bring_their_f_and_cr() -> None:
+    search = Jde(3, SHORT, 2)
+    search.ask()
+    search.tell(np.full(12, 1.0))
+    points, before = search.ask(), search.state()
+    won = np.arange(12) % 3 == 0
+    search.tell(np.where(won, 1.0, 1.1))
+    after = search.state()
+    for parent, trial in (("f", "trial_f"), ("cr", "trial_cr")):
+        assert np.array_equal(after[parent], np.where(won, before[trial], before[parent]))
+    assert np.array_equal(search.population, np.where(won[:, np.newaxis], points, before["population"]))
+
+
+def test_nothing_is_shared_with_the_caller() -> None:
+    search, other = Jde(3, SHORT, 2), Jde(3, SHORT, 2)
+    for _ in range(3):
+        points = search.ask()
+        costs = sphere(points)
+        points[:] = 7.0
+        search.tell(costs)
+        other.tell(sphere(other.ask()))
+        costs[:] = search.best[:] = search.costs[:] = search.population[:] = search.history[:] = -1.0
+        for array in search.state().values():
+            array.fill(0)
+        assert same(search, other)
+
+
+# --- repetition -----------------------------------------------------------------------------------------------------------
+
+
+def test_equal_seeds_give_equal_searches_and_others_do_not() -> None:
+    a, b, c = (finish(Jde(4, SHORT, seed)) for seed in (3, 3, 4))
+    assert same(a, b)
+    assert not np.array_equal(a.population, c.population)
+
+
+def test_asking_twice_gives_the_same() -> None:
+    a, b = Jde(4, SHORT, 3), Jde(4, SHORT, 3)
+    for _ in range(4):
+        assert np.array_equal(a.ask(), a.ask())
+        a.tell(sphere(a.ask()))
+        b.tell(sphere(b.ask()))
+    assert same(a, b)
+
+
+def test_draws_do_not_depend_on_costs() -> None:
+    a, b = Jde(4, SHORT, 3), Jde(4, SHORT, 3)
+    for search, factor in ((a, 1.0), (b, -1.0)):
+        for _ in range(5):
+            search.tell(factor * sphere(search.ask()))
+    assert np.array_equal(a.state()["rng"], b.state()["rng"])
+
+
+@pytest.mark.parametrize("crossover", ["bin", "exp"])
+def test_a_restored_search_goes_on_bit_for_bit(crossover: Any) -> None:
+    settings = replace(SHORT, crossover=crossover, strategy="rand/1", target=0.0, slope=0)
+    whole = finish(Jde(4, settings, 9))
+    for stop in range(16):
+        for asked in (False, True):
+            search = Jde(4, settings, 9)
+            for _ in range(stop):
+                search.tell(sphere(search.ask()))
+            if asked:
+                search.ask()
+            restored = Jde.restore(saved(search.state()))
+            assert restored.settings == settings
+            assert same(restored, search)
+            assert restored.generation == search.generation
+            assert np.array_equal(restored.best, search.best)
+            assert same(finish(restored), whole)
+    finished = Jde.restore(saved(whole.state()))
+    assert finished.finished == whole.finished == "generations"
+
+
+def broken(**changes: Any) -> dict[str, Any]:
+    search = Jde(3, SHORT, 0)
+    search.tell(sphere(search.ask()))
+    state: dict[str, Any] = search.state()
+    for name, value in changes.items():
+        if value is None:
+            del state[name]
+        else:
+            state[name] = np.asarray(value)
+    return state
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"costs": None}, "costs missing"),
+        ({"rng": None, "f": None}, "f, rng missing"),
+        ({"version": "ssmr.jde/0"}, "version"),
+        ({"population": np.zeros((11, 3))}, "population .* shape"),
+        ({"population": np.full((12, 3), 1.5)}, "population of the state leaves"),
+        ({"population": np.full((12, 3), np.nan)}, "population of the state leaves"),
+        ({"population": np.zeros((12, 0))}, "at least one parameter"),
+        ({"trials": np.zeros((12, 2))}, "trials .* shape"),
+        ({"f": np.zeros(12)}, "f of the state leaves its bounds"),
+        ({"trial_cr": np.full(12, np.nan)}, "trial_cr of the state leaves its bounds"),
+        ({"costs": np.full(12, np.nan)}, "neither numbers nor unknown"),
+        ({"costs": np.zeros(12, dtype=int)}, "costs .* type"),
+        ({"history": np.zeros(99)}, "too long, or it grows"),
+        ({"history": [-1.0]}, "do not agree"),
+        ({"rng": np.zeros(4)}, "rng .* type"),
+        ({"rng": np.zeros(3, dtype=np.uint64)}, "rng .* shape"),
+        ({"asked": 1.0}, "asked .* type"),
+        ({"settings.slope": 7.0}, "slope must lie within"),
+        ({"settings.population": "many"}, "population .* type"),
+    ],
+)
+def test_what_is_no_state_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Jde.restore(broken(**changes))
+
+
+# --- stop rules -----------------------------------------------------------------------------------------------------------
+
+
+def told(settings: JdeSettings, costs: list[float]) -> Jde:
+    """A search that hears the same cost for all, generation by generation."""
+    search = Jde(2, settings, 0)
+    for cost in costs:
+        assert search.finished == ""
+        search.ask()
+        search.tell(np.full(settings.population, cost))
+    return search
+
+
+def test_it_stops_after_the_generations() -> None:
+    search = finish(Jde(2, SHORT, 0))
+    assert (search.finished, search.generation, search.evaluations, len(search.history)) == ("generations", 15, 16 * 12, 16)
+    with pytest.raises(ValueError, match="finished"):
+        search.ask()
+
+
+def test_it_stops_at_the_target() -> None:
+    assert told(replace(SHORT, target=2.0), [4.0, 3.0, 2.0]).finished == "target"
+    assert told(replace(SHORT, target=2.0), [2.0]).finished == "target"
+    assert told(replace(SHORT, target=2.0), [np.inf, np.nan, 2.1]).finished == ""
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_it_stops_when_the_cost_no_longer_improves(sign: float) -> None:
+    """A tenth, of the size the cost had two generations before."""
+    rule = replace(SHORT, df=0.1, patience=2)
+    base = 100.0 * sign
+    assert told(rule, [base, base - 8.0, base - 11.0]).finished == ""
+    assert told(rule, [base, base - 8.0, base - 10.0]).finished == "improvement"
+    assert told(replace(rule, patience=1), [base, base - 8.0]).finished == "improvement"
+    assert told(rule, [np.inf, np.inf, np.inf, base]).finished == "", "nothing known then, nothing to compare"
+
+
+# --- it finds what is there -----------------------------------------------------------------------------------------------
+
+
+def test_start_points_are_in_the_first_population() -> None:
+    start = np.array([[0.25, 0.5], [1.0, 0.0]])
+    points, drawn = Jde(2, SHORT, 0, start).ask(), Jde(2, SHORT, 0).ask()
+    assert np.array_equal(points[:2], start)
+    assert np.array_equal(points[2:], drawn[2:])
+
+
+@pytest.mark.parametrize("crossover", ["bin", "exp"])
+@pytest.mark.parametrize("strategy", list(PARTNERS))
+def test_sphere(strategy: Any, crossover: Any) -> None:
+    settings = JdeSettings(30, 300, strategy, crossover, df=0.0, target=1e-8)
+    assert finish(Jde(5, settings, 1)).finished == "target"
+
+
+def test_an_optimum_in_a_corner_is_approached() -> None:
+    search = finish(Jde(5, JdeSettings(30, 200, df=0.0), 1), lambda x: np.sum(x, axis=1))
+    assert search.best_cost < 1e-12
+    assert np.all(search.best < 1e-12)
+
+
+def test_rastrigin_in_eight_dimensions() -> None:
+    settings = JdeSettings(50, 700, "rand/1", slope=0.0, patience=701, target=1e-9)
+    assert [finish(Jde(8, settings, seed), rastrigin).finished for seed in range(3)] == ["target"] * 3
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.2])
+def test_known_parameters_are_recovered(slope: float) -> None:
+    """A damped wave a exp(-b t) sin(c t + d), sampled without noise, from a box that has local minima in c."""
+    t = np.linspace(0.0, 6.0, 61)
+    low, high = np.array([0.1, 0.0, 0.5, -1.5]), np.array([5.0, 2.0, 8.0, 1.5])
+
+    def wave(p: FloatArray) -> FloatArray:
+        a, b, c, d = (p[:, k, np.newaxis] for k in range(4))
+        return a * np.exp(-b * t) * np.sin(c * t + d)
+
+    true = np.array([2.0, 0.4, 3.0, 0.5])
+    measured = wave(true[np.newaxis])
+
+    def misfit(x: FloatArray) -> FloatArray:
+        return np.sqrt(np.mean((wave(low + (high - low) * x) - measured) ** 2, axis=1))
+
+    search = finish(Jde(4, JdeSettings(slope=slope, target=1e-9), 4), misfit)
+    assert search.finished == "target"
+    assert np.allclose(low + (high - low) * search.best, true, rtol=1e-7)  # a misfit of 1e-9 of an amplitude of 2
+
+
+# --- errors ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"strategy": "best/3"}, "unknown strategy 'best/3'; there are: best/2, rand/1, best/1"),
+        ({"crossover": "none"}, "unknown crossover 'none'; there are: bin, exp"),
+        ({"population": 4}, "population must be at least 5 for best/2, got 4"),
+        ({"population": 3, "strategy": "rand/1"}, "population must be at least 4 for rand/1, got 3"),
+        ({"generations": 0}, "generations must be at least 1, got 0"),
+        ({"patience": 0}, "patience must be at least 1, got 0"),
+        ({"f_bounds": (0.9, 0.1)}, "f_bounds must increase within 0 and 2, got 0.9 and 0.1"),
+        ({"cr_bounds": (0.0, 1.1)}, "cr_bounds must increase within 0 and 1, got 0 and 1.1"),
+        ({"f_init": 0.95}, "f_init must lie within 0.1 and 0.9, got 0.95"),
+        ({"cr_init": math.nan}, "cr_init must lie within 0 and 1, got nan"),
+        ({"tau_f": -0.1}, "tau_f must lie within 0 and 1, got -0.1"),
+        ({"slope": 1.1}, "slope must lie within 0 and 1, got 1.1"),
+        ({"df": -1.0}, "df must be finite and not negative, got -1"),
+        ({"target": math.nan}, "target must be a number, got nan"),
+    ],
+)
+def test_settings_are_checked(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        JdeSettings(**changes)
+
+
+@pytest.mark.parametrize(
+    ("n", "seed", "start", "message"),
+    [
+        (0, 0, None, "at least one parameter"),
+        (2, -1, None, "seed must not be negative"),
+        (2, 0, [[0.5, 1.01]], "start leaves the unit cube: 1.01"),
+        (2, 0, [[0.5, math.nan]], "start is not finite"),
+        (2, 0, [[0.5, 0.5, 0.5]], "start has shape"),
+        (2, 0, np.full((13, 2), 0.5), "more than the population of 12"),
+    ],
+)
+def test_arguments_are_checked(n: int, seed: int, start: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Jde(n, SHORT, seed, start)
+
+
+def test_telling_is_checked() -> None:
+    search = Jde(2, SHORT, 0)
+    with pytest.raises(ValueError, match="no points were asked"):
+        search.tell(np.zeros(12))
+    search.ask()
+    with pytest.raises(ValueError, match="shape"):
+        search.tell(np.zeros(11))
+    assert search.best_cost == math.inf
+    assert search.evaluations == search.generation == len(search.history) == 0
+    search.tell(np.zeros(12))
+    assert (search.generation, search.evaluations) == (0, 12)

@@ -1,12 +1,15 @@
-"""The drive in front of every plant: saturation, sample-and-hold, dead time, wheel kinematics, ramp, wheel torque loop.
+"""The drive in front of every plant: saturation, hold, dead time, acceleration limits, wheel kinematics, lag, torque loop.
 
-Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, saturated, delayed, turned into wheel-rate references with
-the driver's own half-track and radius, and ramped. All times are whole physics steps, so a run repeats to the bit.
+Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, delayed, saturated; v and omega move towards it no faster
+than their limits, and are turned into wheel-rate references with the driver's own half-track and radius, which the motor
+controllers follow with a lag. All times are whole physics steps, so a run repeats to the bit.
 
 Measured wheel rates (`Commands.kind == "wheels"`) are references as they are: the driver has already had its say.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -70,42 +73,60 @@ def held_value(values, column, step, delay_steps, hold_steps, period_steps, befo
 
 
 @jit
-def reference_at(values, step, limits, steps, before):
-    """Unramped wheel-rate references at one physics step.
+def follow(values, step, limits, steps, before, state):
+    """Advance the driver by one physics step.
 
     Args:
         values: (N, 2) twist commands.
         step: which physics step since the first command.
-        limits: v_max [m/s], w_max [rad/s], command half-track [m], command radius [m].
+        limits: v_max [m/s], w_max [rad/s], command half-track [m], command radius [m], greatest change of v [m/s] and of
+            omega [rad/s] in a step, share of its way that a wheel-rate reference goes in a step [1].
         steps: delays of v and of omega, hold, command period, in physics steps.
         before: the twist commanded before the first.
+        state: v [m/s] and omega [rad/s] asked for, references of the left and the right wheels [rad/s], at the last step.
+
+    Returns:
+        The state at this step.
     """
     v = saturate(held_value(values, 0, step, steps[0], steps[2], steps[3], before[0]), limits[0])
     w = saturate(held_value(values, 1, step, steps[1], steps[2], steps[3], before[1]), limits[1])
-    return wheel_rates(v, w, limits[2], limits[3])
+    v, w = ramp(state[0], v, limits[4]), ramp(state[1], w, limits[5])
+    left, right = wheel_rates(v, w, limits[2], limits[3])
+    if limits[6] < 1.0:
+        left, right = state[2] + limits[6] * (left - state[2]), state[3] + limits[6] * (right - state[3])
+    return v, w, left, right
 
 
 @jit
-def fill_references(values, limits, steps, before, largest_change, left, right, out):
-    """Wheel-rate references of `len(out)` physics steps, ramped from the rates (left, right); writes (n, 2) `out`."""
+def fill_references(values, limits, steps, before, left, right, out):
+    """Wheel-rate references of `len(out)` physics steps, from wheels that turn at (left, right); writes (n, 2) `out`."""
+    v, w = body_rates(left, right, limits[2], limits[3])
+    state = (v, w, left, right)
     for k in range(len(out)):
-        target_left, target_right = reference_at(values, k, limits, steps, before)
-        left = ramp(left, target_left, largest_change)
-        right = ramp(right, target_right, largest_change)
-        out[k, 0] = left
-        out[k, 1] = right
+        state = follow(values, k, limits, steps, before, state)
+        out[k, 0] = state[2]
+        out[k, 1] = state[3]
 
 
 def packed(drive: Drive, period: float, dt: float) -> tuple[tuple[float, ...], tuple[int, ...]]:
     """What the compiled loops want of a drive.
 
     Returns:
-        (v_max, w_max, half-track, radius), and delay of v, of omega, hold and command period in physics steps.
+        The `limits` and the `steps` of `follow`.
 
     Raises:
         ValueError: the hold or the command period is no whole number of steps; delays are rounded.
     """
-    limits = (drive.v_max, drive.w_max, drive.command_half_track, drive.command_radius)
+    share = 1.0 if drive.wheel_lag == 0.0 else -math.expm1(-dt / drive.wheel_lag)  # exact for a reference that is held
+    limits = (
+        drive.v_max,
+        drive.w_max,
+        drive.command_half_track,
+        drive.command_radius,
+        drive.acceleration_v * dt,
+        drive.acceleration_w * dt,
+        share,
+    )
     steps = (
         round(drive.delay_v / dt),
         round(drive.delay_w / dt),
@@ -122,7 +143,7 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
         commands: what is commanded, over `commands.duration`.
         drive: the driver; delays are rounded to whole steps.
         dt: physics step [s].
-        state: where the robot starts; the ramp starts from its wheel rates.
+        state: where the robot starts; ramp and lag start from its wheel rates.
 
     Returns:
         (n, 2) left and right [rad/s].
@@ -134,9 +155,8 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
     if commands.kind == "wheels":
         return np.repeat(commands.values, period_steps, axis=0)
     out = np.empty((commands.n * period_steps, 2))
-    change = drive.wheel_acceleration * dt
     limits, steps = packed(drive, commands.dt, dt)
-    fill_references(commands.values, limits, steps, commands.before, change, state.wheel_left, state.wheel_right, out)
+    fill_references(commands.values, limits, steps, commands.before, state.wheel_left, state.wheel_right, out)
     return out
 
 
@@ -144,23 +164,22 @@ class Driver:
     """The same drive, one command at a time, for closed loops; equal to `wheel_references` to the bit."""
 
     def __init__(self, drive: Drive, dt: float, state: State, before: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Start with empty delay lines: `before` was commanded until now; ramps start from the state's wheel rates."""
+        """Start with empty delay lines: `before` was commanded until now; ramp and lag start from the state's wheels."""
         self._limits, self._steps = packed(drive, dt, dt)  # one command a physics step
-        self._largest_change = drive.wheel_acceleration * dt
         self._before = before
         self._samples: list[tuple[float, float]] = []
-        self._left, self._right = state.wheel_left, state.wheel_right
+        left, right = state.wheel_left, state.wheel_right
+        self._state = (*body_rates(left, right, drive.command_half_track, drive.command_radius), left, right)
 
     def references(self, command: tuple[float, float], n: int) -> FloatArray:
         """(n, 2) references of the next `n` physics steps, while `command` (v [m/s], omega [rad/s]) is held."""
         step = len(self._samples)
         self._samples.extend([command] * n)
-        values, change = np.array(self._samples, dtype=np.float64), self._largest_change
+        values = np.array(self._samples, dtype=np.float64)
         out = np.empty((n, 2))
         for k in range(n):
-            target = reference_at(values, step + k, self._limits, self._steps, self._before)
-            self._left, self._right = ramp(self._left, target[0], change), ramp(self._right, target[1], change)
-            out[k] = self._left, self._right
+            self._state = follow(values, step + k, self._limits, self._steps, self._before, self._state)
+            out[k] = self._state[2:]
         self._forget()
         return out
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numba
 import numpy as np
@@ -124,20 +124,28 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
 
 @jit(parallel=True)
 def run_planar_population(
-    model, values, limits, steps, before, changes, dt, vehicles, parameters, side_limits, stride, start, poses
+    model, prescribed, values, limits, steps, before, dt, vehicles, parameters, side_limits, stride, starts, poses
 ):
-    """The same motion for many candidates at once, one a thread; writes (S, M, 3) poses and NaN where one diverges."""
+    """The same inputs for many candidates at once, one a thread; writes (S, M, 3) poses and NaN where one diverges.
+
+    `prescribed`: the values are the wheel rates themselves.
+    """
     for i in numba.prange(len(vehicles)):
         period = steps[i, 3]
         n = len(values) * period
         references = np.empty((n, 2))
-        limit = (limits[i, 0], limits[i, 1], limits[i, 2], limits[i, 3])
-        whole = (steps[i, 0], steps[i, 1], steps[i, 2], period)
-        fill_references(values, limit, whole, before, changes[i], start[5], start[6], references)
+        if prescribed:
+            for k in range(n):
+                references[k, 0], references[k, 1] = values[k // period, 0], values[k // period, 1]
+        else:
+            u = limits[i]
+            limit = (u[0], u[1], u[2], u[3], u[4], u[5], u[6])
+            whole = (steps[i, 0], steps[i, 1], steps[i, 2], period)
+            fill_references(values, limit, whole, before, starts[i, 5], starts[i, 6], references)
         u = vehicles[i]
         vehicle = (u[0], u[1], u[2], u[3], u[4], u[5], u[6], u[7], u[8])
         p = parameters[i]
-        row = start[:5].copy()
+        row = starts[i, :5].copy()
         out = np.empty((1 + n // stride, 13))
         failed = run_planar(
             model, references, np.zeros(1), dt, vehicle, (p[0], p[1], p[2], p[3], p[4]), side_limits[i], stride, row, out
@@ -171,6 +179,17 @@ class PlanarModel:
     def name(self) -> str:
         """`coulomb`, `improved`, `linear` or `kinematic`."""
         return _KINDS[type(self.parameters)][0]
+
+    def prescribed(self) -> PlanarModel:
+        """What is left of the model where the wheel rates are given, whatever torque that takes.
+
+        No planar model knows longitudinal slip, so of each dynamic one its kinematics remain, Eq. 2.9 and 2.10.
+        """
+        if isinstance(self.parameters, kinematic.KinematicParameters):
+            return self
+        c_eff = self.vehicle.effective_half_track
+        x_icr = self.vehicle.x_icr if isinstance(self.parameters, coulomb.CoulombParameters) else 0.0
+        return replace(self, parameters=kinematic.KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
 
 
 class PlanarPlant:
@@ -207,15 +226,10 @@ class PlanarPlant:
     def _advance(
         self, references: FloatArray, disturbance: FloatArray, stride: int, row: FloatArray, *, prescribed: bool = False
     ) -> FloatArray:
-        """Run the fused loop; `prescribed`: the references are what the wheels do, whatever torque that takes.
-
-        No planar model knows longitudinal slip, so given wheel rates leave of each dynamic one its kinematics, Eq. 2.9
-        and 2.10.
-        """
+        """Run the fused loop; `prescribed`: the references are what the wheels do, see `PlanarModel.prescribed`."""
         kind, parameters = self._kind, self._parameters
-        if prescribed and kind != _KINDS[kinematic.KinematicParameters][1]:
-            c_eff, x_icr = self._model.vehicle.effective_half_track, self._model.vehicle.x_icr if kind == 0 else 0.0
-            kind, packed = pack_parameters(kinematic.KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
+        if prescribed:
+            kind, packed = pack_parameters(self._model.prescribed().parameters)
             parameters = tuple(packed)
         out = np.empty((1 + len(references) // stride, _COLUMNS))
         failed = run_planar(
@@ -290,14 +304,14 @@ def simulate(
 
 
 def run_population(
-    models: Sequence[PlanarModel], commands: Commands, state: State, sample_dt: float, dt: float = PLANAR_DT
+    models: Sequence[PlanarModel], commands: Commands, starts: Sequence[State], sample_dt: float, dt: float = PLANAR_DT
 ) -> FloatArray:
-    """Drive many candidates of one model with the same commands, one a thread (`numba.set_num_threads`).
+    """Drive many candidates of one model with the same inputs, one a thread (`numba.set_num_threads`).
 
     Args:
         models: S candidates of the same kind.
-        commands: twist commands, the same for all.
-        state: where all start.
+        commands: what drives all of them.
+        starts: where each starts.
         sample_dt: time between samples [s].
         dt: physics step [s].
 
@@ -305,28 +319,28 @@ def run_population(
         (S, M, 3) poses; a candidate that diverges is NaN throughout, for the caller to rate.
 
     Raises:
-        ValueError: candidates of different kinds, or wheel-rate commands.
+        ValueError: candidates of different kinds, or periods that are no whole number of steps.
     """
-    if len({type(m.parameters) for m in models}) != 1 or commands.kind != "twist":
-        raise ValueError("a population is one kind of model, driven by twist commands")
+    if len({type(m.parameters) for m in models}) != 1:
+        raise ValueError("a population is one kind of model")
+    prescribed = commands.kind == "wheels"
     stride = whole_steps(sample_dt, dt, "the sample period")
-    packed = [pack_parameters(m.parameters) for m in models]
+    packed = [pack_parameters((m.prescribed() if prescribed else m).parameters) for m in models]
     drives = [packed_drive(m.drive, commands.dt, dt) for m in models]
     poses = np.empty((len(models), 1 + commands.n * drives[0][1][3] // stride, 3))
-    start = np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate, state.wheel_left, state.wheel_right])
     run_planar_population(
         packed[0][0],
+        prescribed,
         commands.values,
         np.array([d[0] for d in drives]),
         np.array([d[1] for d in drives]),
         commands.before,
-        np.array([m.drive.wheel_acceleration * dt for m in models]),
         dt,
         np.array([m.vehicle.packed() for m in models]),
         np.array([p for _, p in packed]),
         np.array([2.0 * m.drive.torque_limit for m in models]),
         stride,
-        start,
+        np.array([(s.x, s.y, s.yaw, s.v_x, s.yaw_rate, s.wheel_left, s.wheel_right) for s in starts]),
         poses,
     )
     return poses

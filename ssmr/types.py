@@ -141,6 +141,10 @@ class Trajectory:
             channels[name] = frozen_array(array, name, (len(t), *array.shape[1:]))
         object.__setattr__(self, "channels", MappingProxyType(channels))
 
+    def __reduce__(self) -> tuple[type[Trajectory], tuple[object, ...]]:
+        """Copy by its arrays: other processes get it too."""
+        return Trajectory, (self.t, self.pose, self.twist, self.wheels, dict(self.channels))
+
     def __len__(self) -> int:
         """How many samples there are, M."""
         return len(self.t)

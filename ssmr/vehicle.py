@@ -93,8 +93,14 @@ class Drive:
     c."""
     command_radius: float = 0.1651
     """Wheel radius that the driver uses to turn v into wheel rates [m]."""
-    wheel_acceleration: float = math.inf
-    """Greatest rate of change of a wheel-rate reference [rad/s2]; off (infinite) by default."""
+    acceleration_v: float = math.inf
+    """Greatest rate of change of the linear velocity that the driver asks of its wheels [m/s2]; off (infinite) by default.
+    ROS' diff_drive_controller, which drives a Husky, limits v and omega one by one."""
+    acceleration_w: float = math.inf
+    """The same of the yaw rate [rad/s2]."""
+    wheel_lag: float = 0.0
+    """Time constant with which the motor controllers follow a wheel-rate reference [s], where the wheel torque loop does
+    not describe it; 0: at once."""
     torque_limit: float = 7.0
     """Greatest torque of one wheel [N m]; a side has twice that. Tab. 3.8, whose value only works per wheel
     (docs/errata.md)."""
@@ -105,7 +111,9 @@ class Drive:
         Raises:
             ValueError: a limit, a period or a length that is not positive, or a negative delay.
         """
-        for name in ("v_max", "w_max", "hold", "command_half_track", "command_radius", "wheel_acceleration", "torque_limit"):
+        for name in ("v_max", "w_max", "hold", "command_half_track", "command_radius", "torque_limit"):
             require_in_range(self, name, 0.0, open_low=True)
-        for name in ("delay_v", "delay_w"):
+        for name in ("acceleration_v", "acceleration_w"):
+            require_in_range(self, name, 0.0, open_low=True)
+        for name in ("delay_v", "delay_w", "wheel_lag"):
             require_in_range(self, name, 0.0, 10.0)

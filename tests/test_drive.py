@@ -1,4 +1,4 @@
-"""Between command and wheel: saturation, hold, delay, kinematics, ramp, each on a case made by hand."""
+"""Between command and wheel: saturation, hold, delay, acceleration limits, kinematics, lag, each on a case made by hand."""
 
 from __future__ import annotations
 
@@ -61,18 +61,28 @@ def test_commands_faster_than_the_hold_are_sampled() -> None:
     assert np.allclose(references[50:], 0.05)
 
 
-def test_the_ramp_limits_each_wheel_from_where_it_turns() -> None:
-    drive = replace(PLAIN, wheel_acceleration=4.0)
-    references = wheel_references(Commands(0.05, np.tile([0.5, 0.0], (20, 1))), drive, DT, State(wheel_left=1.0))
-    assert np.abs(np.diff(references, axis=0)).max() == pytest.approx(4.0 * DT)
-    assert references[0, 0] == pytest.approx(1.0 + 4.0 * DT)
-    assert references[0, 1] == pytest.approx(4.0 * DT)
-    assert references[-1, 0] == pytest.approx(0.5 / drive.command_radius)
+def test_acceleration_limits_hold_for_each_velocity_from_where_it_is() -> None:
+    """V and omega each ramp at their own rate, from what the turning wheels amount to."""
+    drive = replace(PLAIN, acceleration_v=0.5, acceleration_w=2.0)
+    began = State(wheel_left=1.0, wheel_right=1.0)
+    references = wheel_references(Commands(0.05, np.tile([0.5, 1.0], (40, 1))), drive, DT, began)
+    v, w = body_rates(references[:, 0], references[:, 1], drive.command_half_track, drive.command_radius)
+    t = DT * (1.0 + np.arange(len(v)))
+    assert v == pytest.approx(np.minimum(drive.command_radius + 0.5 * t, 0.5))
+    assert w == pytest.approx(np.minimum(2.0 * t, 1.0), abs=1e-12)
+
+
+def test_the_lag_is_first_order() -> None:
+    """A step of the reference is approached exponentially, exactly at every step of the physics."""
+    drive = replace(PLAIN, wheel_lag=0.2)
+    references = wheel_references(Commands(0.05, np.tile([0.5, 0.0], (20, 1))), drive, DT, State())
+    t = DT * (1.0 + np.arange(len(references)))
+    assert references[:, 0] == pytest.approx(0.5 / drive.command_radius * (1.0 - np.exp(-t / 0.2)))
 
 
 def test_measured_wheel_rates_pass_as_they_are() -> None:
     rates = Commands(0.05, [[3.0, -20.0], [4.0, 20.0]], "wheels")
-    references = wheel_references(rates, replace(PLAIN, wheel_acceleration=0.1, delay_v=1.0), DT, State())
+    references = wheel_references(rates, replace(PLAIN, acceleration_v=0.1, wheel_lag=0.5, delay_v=1.0), DT, State())
     assert np.array_equal(references, np.repeat(rates.values, 50, axis=0))
 
 
@@ -83,7 +93,7 @@ def test_torque_is_proportional_and_limited() -> None:
 
 
 @pytest.mark.parametrize("chunk", [0.001, 0.01, 0.05, 0.2])
-@pytest.mark.parametrize("drive", [Drive(), Drive(delay_v=0.013, delay_w=0.4, wheel_acceleration=5.0, hold=0.02)])
+@pytest.mark.parametrize("drive", [Drive(), Drive(delay_v=0.013, delay_w=0.4, acceleration_w=5.0, wheel_lag=0.1, hold=0.02)])
 def test_stepping_is_the_whole_run(drive: Drive, chunk: float) -> None:
     """A driver that is told one command at a time, at any period, does what the precomputed references say."""
     rng = np.random.default_rng(1)

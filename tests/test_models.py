@@ -246,9 +246,9 @@ def test_a_population_is_its_members_and_workers_do_not_matter() -> None:
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        one = run_population(models, commands, State(), 0.01)
+        one = run_population(models, commands, [State()] * len(models), 0.01)
         numba.set_num_threads(before)
-        many = run_population(models, commands, State(), 0.01)
+        many = run_population(models, commands, [State()] * len(models), 0.01)
     finally:
         numba.set_num_threads(before)
     alone = np.array([PlanarPlant(m).run(commands, State(), 0.01).pose for m in models])
@@ -262,7 +262,7 @@ def test_divergence_is_named() -> None:
     with pytest.raises(DivergedError, match=r"coulomb: no finite velocity after step \d+"):
         plant.run(hold(0.5, 0.5), State(), 0.01)
 
-    population = run_population([PlanarModel(CoulombParameters(gain=1e6), VEHICLE, LOOSE)], hold(0.5, 0.5), State(), 0.01)
+    population = run_population([PlanarModel(CoulombParameters(gain=1e6), VEHICLE, LOOSE)], hold(0.5, 0.5), [State()], 0.01)
     assert np.isnan(population).all()
 
 

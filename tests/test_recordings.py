@@ -333,9 +333,29 @@ def test_zero_order_hold() -> None:
 
 
 def test_commands_just_reach_the_last_sample() -> None:
-    segment = timed([0.0, 0.1, 0.25], enc_left=[1.0, 2.0, 3.0], enc_right=[4.0, 5.0, 6.0]).segments()[0]
-    assert segment.commands("wheels", 0.1).values.tolist() == [[1.0, 4.0], [2.0, 5.0], [2.0, 5.0]]
-    assert segment.commands("wheels", 5.0).values.tolist() == [[1.0, 4.0]]
+    segment = timed([0.0, 0.1, 0.25], cmd_v=[1.0, 2.0, 3.0], cmd_w=[4.0, 5.0, 6.0]).segments()[0]
+    assert segment.commands("twist", 0.1).values.tolist() == [[1.0, 4.0], [2.0, 5.0], [2.0, 5.0]]
+    assert segment.commands("twist", 5.0).values.tolist() == [[1.0, 4.0]]
+
+
+def test_measured_wheel_rates_go_on_between_samples() -> None:
+    """A rate that rises steadily is not late, though it is refreshed at half the log's rate."""
+    t = np.arange(41) * 0.05
+    logged = np.floor(np.arange(41) / 2) * 0.1  # the time of the last refresh
+    c = timed(list(t), enc_left=list(3.0 * logged), enc_right=list(-2.0 * logged)).segments()[0].commands("wheels", 0.01)
+    middle = (np.arange(c.n) + 0.5) * 0.01
+    np.testing.assert_allclose(c.values, np.outer(middle, [3.0, -2.0]), atol=1e-12)
+
+
+def test_a_wheel_that_held_its_rate_did_not_creep() -> None:
+    """A constant stretch stays constant until one refresh before the jump that ends it."""
+    t = np.arange(61) * 0.05
+    rate = np.where(t < 2.0 - 1e-9, 1.0 + 0.01 * (np.floor(np.arange(61) / 2) % 2) * (t < 0.5), 5.0)
+    c = timed(list(t), enc_left=list(rate), enc_right=list(rate)).segments()[0].commands("wheels", 0.01)
+    middle = (np.arange(c.n) + 0.5) * 0.01
+    held = (middle > 0.7) & (middle < 1.9)
+    assert np.ptp(c.values[held]) == 0.0
+    assert np.all(c.values[middle > 2.0] == 5.0)
 
 
 @given(n=st.integers(1, 400), substeps=st.integers(1, 20), start=st.floats(0.0, 1e5))

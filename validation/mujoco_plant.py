@@ -57,7 +57,7 @@ class Health:
         return (
             f"{what}: keep the soft contact of husky.xml (solimp 0.1 0.95 0.005), an elliptic cone and a time step "
             "of at most 5 ms; "
-            "if they are as shipped, lower the gain, raise the armature or limit wheel_acceleration"
+            "if they are as shipped, lower the gain, raise the armature or limit the acceleration"
         )
 
 

@@ -230,9 +230,13 @@ class Segment:
         return self.recording.table(INPUTS[kind])[self.start : self.stop]
 
     def commands(self, kind: CommandKind, dt: float) -> Commands:
-        """The inputs held until the next sample (zero-order hold), on a uniform grid that begins with the first sample.
+        """The inputs on a uniform grid that begins with the first sample.
 
-        Each grid time takes the last sample at or before it; one that comes up to `TIME_ROUNDOFF` later counts as at it.
+        What was commanded is held until the next sample (zero-order hold): each grid time takes the last sample at or before
+        it; one that comes up to `TIME_ROUNDOFF` later counts as at it. What was measured, the wheel rates, goes on between
+        samples: it is interpolated linearly from one fresh sample to the next, and taken in the middle of each period;
+        holding it would make the wheels late by half a sample.
+
         There are just as many commands as reach the last sample: ceil(duration / dt), so only the last may end after it.
 
         Args:
@@ -248,8 +252,13 @@ class Segment:
         values = self.inputs(kind)
         if not (math.isfinite(dt) and dt > 0.0):
             raise ValueError(f"the command period must be positive, got {dt} s")
-        n = max(1, math.ceil((float(self.t[-1] - self.t[0]) - TIME_ROUNDOFF) / dt))
-        held = np.searchsorted(self.t - self.t[0], np.arange(n) * dt + TIME_ROUNDOFF, side="right") - 1
+        t = self.t - self.t[0]
+        n = max(1, math.ceil((float(t[-1]) - TIME_ROUNDOFF) / dt))
+        if kind == "wheels":
+            known = _refreshed(t, values)
+            middle = (np.arange(n) + 0.5) * dt
+            return Commands(dt, np.column_stack([np.interp(middle, t[known], c) for c in values[known].T]), kind)
+        held = np.searchsorted(t, np.arange(n) * dt + TIME_ROUNDOFF, side="right") - 1
         return Commands(dt, values[held], kind)
 
     @property
@@ -294,6 +303,19 @@ class Segment:
             v = np.linalg.lstsq(design, (pose[:, :2] - pose[:, :2].mean(axis=0)).ravel())[0]
         x, y, yaw_0 = map(float, self.pose[0])
         return State(x, y, yaw_0, float(v[0]), float(v[1]), yaw_rate, float(wheels[0]), float(wheels[1]))
+
+
+def _refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+    """(M,) bool: which rows of (M, k) measured values were measured anew, and not only logged again.
+
+    A row equal to the one before counts if nothing new came for longer than a usual refresh takes, or than `STILL_AFTER`:
+    then the value held.
+    """
+    changed = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
+    times = t[changed]
+    usual = min(float(np.median(np.diff(times))), STILL_AFTER) if len(times) > 1 else 0.0
+    last = t[np.maximum.accumulate(np.where(changed, np.arange(len(t)), 0))]
+    return changed | (t - last >= usual - TIME_ROUNDOFF)
 
 
 def read_csv(path: str | Path, gap_factor: float = 2.5) -> Recording:

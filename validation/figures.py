@@ -9,33 +9,52 @@ Everything is drawn by matplotlib's objects under a style of its own: no pyplot,
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Rectangle
-from matplotlib.path import Path as Outline
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from matplotlib.transforms import Affine2D
 
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics import HorizonErrors, horizon_windows, relative_pose_error
+from ssmr.metrics import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
+from validation.drawing import (
+    ALARM,
+    BROAD,
+    NARROW,
+    QUIET,
+    WIDTH_IN,
+    Dashes,
+    HorizonMarks,
+    Panel,
+    Row,
+    Span,
+    at_least,
+    corner_note,
+    draw_dart,
+    draw_directions,
+    draw_horizons,
+    draw_ring,
+    draw_section,
+    equal_scales,
+    hold_limits,
+    ink_of,
+    joined,
+    line_legend,
+    put_together,
+    side_by_side,
+    text_row,
+    yaw_degrees,
+)
+from validation.drawing import save_figure as save_figure
 from validation.husky import WHEELS
-from validation.palette import colour, mix
 from validation.results import Comparison
-from validation.store import write_atomic
-from validation.tables import HEADLINE_HORIZON, headline, length_unit
+from validation.tables import HEADLINE_HORIZON, headline, length_unit, shortened
 
 LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by then."""
@@ -45,8 +64,6 @@ STRETCH = 36.0
 """How long that stretch is [s]."""
 MAX_WINDOWS = 4
 """How many windows are shown, one from the middle of each share of the errors."""
-MAX_LABELLED = 3
-"""Up to so many plants there is room for numbers beside their points."""
 ZOOM_TIME = 0.6
 """What the yaw acceleration is shown over [s]: a dozen of the driver's 20 Hz holds, each of them visible."""
 ZOOM_SAMPLES = 40
@@ -66,35 +83,9 @@ IMPULSIVE = frozenset({"kinematic"})
 CHATTERING = "coulomb"
 """The plant whose acceleration is drawn thin and behind the others, for it may fill the panel."""
 
-_WIDTH_IN, _DPI, _EDGE_IN = 12.8, 125, 0.12  # 1600 px
-_MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
 _HEADER_IN, _SECTION_IN, _ROW_IN, _WINDOW_IN, _FOOTER_IN = 0.78, 0.28, 2.3, 3.2, 0.22
 _ZOOM_IN, _PATHS_IN = 4.0, (3.0, 5.5)  # least width of the zoom; least and greatest height of the paths
-_STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.5,
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.5,
-    "axes.edgecolor": "0.35",
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.7,
-    "xtick.color": "0.25",
-    "ytick.color": "0.25",
-    "axes.labelpad": 3.0,
-    "text.parse_math": False,
-}
-
-Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
-Panel = Callable[[Axes], None]
 Series = Callable[[Trajectory], FloatArray]
-Span = tuple[float, float]
 
 _DASHES: dict[str, Dashes] = {
     "improved": (0.0, (6.0, 1.5)),
@@ -103,16 +94,8 @@ _DASHES: dict[str, Dashes] = {
     "kinematic": (0.0, (3.0, 1.2)),
 }
 _MARKERS = {"mujoco": "o", "improved": "s", "coulomb": "^", "linear": "D", "kinematic": "v"}
-_DART = Outline([(1.0, 0.0), (-0.8, 0.75), (-0.35, 0.0), (-0.8, -0.75), (1.0, 0.0)], closed=True)
 _SIDES: tuple[Dashes, Dashes] = ("solid", (0.0, (4.0, 1.5)))
-_BROAD, _NARROW = 2.6, 1.5
-_QUIET, _COMMAND, _ALARM = "0.4", "0.5", "#b00020"
-
-
-def _ink(name: str) -> tuple[float, float, float]:
-    """A plant's colour for lines on white: a little darker than for surfaces."""
-    red, green, blue = mix(colour(name), (0, 0, 0), 0.1)
-    return red / 255.0, green / 255.0, blue / 255.0
+_COMMAND = "0.5"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +112,9 @@ class _Motion:
         ax.plot(
             x,
             y,
-            color=_ink(self.name),
+            color=ink_of(self.name),
             linestyle=_DASHES.get(self.name, "solid"),
-            linewidth=_BROAD if broad else _NARROW,
+            linewidth=BROAD if broad else NARROW,
             zorder=2.0 if broad else 2.5,
             gid=self.name,
         )
@@ -143,21 +126,10 @@ def _motions(comparison: Comparison) -> list[_Motion]:
     return [_Motion(comparison.reference_name, comparison.reference, True), *others]
 
 
-def _joined(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """(M,) abscissae and (M, ...) ordinates of all pieces, with a NaN between two, where the line breaks."""
-    if not parts:
-        return np.empty(0), np.empty(0)
-    xs, ys = [parts[0][0]], [parts[0][1]]
-    for x, y in parts[1:]:
-        xs += [np.full(1, np.nan), x]
-        ys += [np.full((1, *y.shape[1:]), np.nan), y]
-    return np.concatenate(xs), np.concatenate(ys)
-
-
 def _over_time(pieces: Sequence[Trajectory], series: Series, span: Span) -> tuple[FloatArray, FloatArray]:
     """Stamps [s] and values of a series within a time span, broken at gaps."""
     kept = [(piece, (piece.t >= span[0]) & (piece.t <= span[1])) for piece in pieces]
-    return _joined([(piece.t[keep], series(piece)[keep]) for piece, keep in kept if keep.any()])
+    return joined([(piece.t[keep], series(piece)[keep]) for piece, keep in kept if keep.any()])
 
 
 def _period(t: FloatArray) -> float:
@@ -191,62 +163,15 @@ def _in_windows(comparison: Comparison) -> bool:
     return stop - start > LONGEST_PATH or len(comparison.reference) > 1
 
 
-def _dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
-    """A dart at a pose (x, y [m], yaw [rad]) that points along its yaw."""
-    marker = MarkerStyle(_DART, transform=Affine2D().rotate(float(pose[2])))
-    ax.plot(
-        pose[0],
-        pose[1],
-        marker=marker,
-        markersize=size,
-        color=_ink(name),
-        markeredgecolor="white",
-        markeredgewidth=0.6,
-        zorder=4.0,
-    )
-
-
-def _ring(ax: Axes, x: float, y: float) -> None:
-    """Where motions start."""
-    ax.plot(x, y, "o", markersize=8.0, markerfacecolor="white", markeredgecolor="0.1", markeredgewidth=1.5, zorder=3.5)
-
-
-def _directions(ax: Axes, xy: FloatArray, name: str, shares: Sequence[float]) -> None:
-    """Darts on a path, at shares of its length, that point where it goes; none on a path that goes nowhere."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
-    if not along[-1] > 1e-3:
-        return
-    for share in shares:
-        where = along[-1] * np.array([share - 0.005, share + 0.005])
-        x, y = np.interp(where, along, xy[:, 0]), np.interp(where, along, xy[:, 1])
-        _dart(ax, np.array([x.mean(), y.mean(), math.atan2(y[1] - y[0], x[1] - x[0])]), name, 13.0)
-
-
-def _equal(ax: Axes, smallest: float) -> None:
-    """Equal scales that fill the panel and show all data and at least `smallest` [m] each way."""
-    ax.margins(0.09)
-    ax.autoscale_view()
-    (x, x_end), (y, y_end) = ax.get_xlim(), ax.get_ylim()
-    wider, taller = max(0.0, 0.5 * (smallest - (x_end - x))), max(0.0, 0.5 * (smallest - (y_end - y)))
-    _hold(ax, (x - wider, x_end + wider), (y - taller, y_end + taller))
-    ax.set_aspect("equal", adjustable="datalim")
-
-
-def _hold(ax: Axes, x: Span, y: Span) -> None:
-    """Set limits that equal scales may widen: fixed ones make matplotlib complain."""
-    ax.set_xlim(*x, auto=True)
-    ax.set_ylim(*y, auto=True)
-
-
 def _draw_paths(comparison: Comparison, ax: Axes) -> None:
     """The paths as they were driven."""
     for motion in _motions(comparison):
-        motion.draw(ax, *_joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
-        _dart(ax, motion.pieces[-1].pose[-1], motion.name, 12.0)
+        motion.draw(ax, *joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
+        draw_dart(ax, motion.pieces[-1].pose[-1], motion.name, 12.0)
     first = comparison.reference[0]
-    _directions(ax, first.xy, comparison.reference_name, (0.15, 0.4, 0.65))
-    _ring(ax, *map(float, first.xy[0]))
-    _equal(ax, 1.0)
+    draw_directions(ax, first.xy, comparison.reference_name, (0.15, 0.4, 0.65))
+    draw_ring(ax, *map(float, first.xy[0]))
+    equal_scales(ax, 1.0)
     ax.set(title="Paths [m]: from the ring, along the darts", xlabel="x [m]", ylabel="y [m]", label="paths")
 
 
@@ -283,11 +208,11 @@ def _find_zoom(comparison: Comparison) -> _Zoom | None:
 def _draw_zoom(comparison: Comparison, zoom: _Zoom, ax: Axes) -> None:
     """The paths around one instant, and everybody's pose then."""
     for motion in _motions(comparison):
-        motion.draw(ax, *_joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
-        _dart(ax, motion.pieces[zoom.piece].pose[zoom.sample], motion.name, 14.0)
+        motion.draw(ax, *joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
+        draw_dart(ax, motion.pieces[zoom.piece].pose[zoom.sample], motion.name, 14.0)
     (x, y), half = zoom.centre, 0.8 * zoom.size
     ax.locator_params(axis="x", nbins=6)  # asks for new limits, so before they are held
-    _hold(ax, (x - half, x + half), (y - half, y + half))
+    hold_limits(ax, (x - half, x + half), (y - half, y + half))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x [m]", ylabel="y [m]", label="zoom")
     ax.set_title(f"Farthest apart: all at t = {comparison.reference[zoom.piece].t[zoom.sample]:.2f} s [m]")
@@ -324,26 +249,19 @@ def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes)
     for motion in _motions(comparison):
         seen = relative(motion.pieces[i].pose[a], motion.pieces[i].pose[a : b + 1])
         motion.draw(ax, seen[:, 0], seen[:, 1])
-        _dart(ax, seen[-1], motion.name, 13.0)
-    _ring(ax, 0.0, 0.0)
-    _equal(ax, 0.6)
+        draw_dart(ax, seen[-1], motion.name, 13.0)
+    draw_ring(ax, 0.0, 0.0)
+    equal_scales(ax, 0.6)
     ax.locator_params(axis="x", nbins=5)
     t = comparison.reference[i].t
     ax.set_title(f"{t[a]:.1f} to {t[b]:.1f} s", fontweight="normal")
     ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
 
 
-def _at_least(ax: Axes, reach: float) -> None:
-    """Widen the ordinate to show at least `reach`: rounding errors are not to fill a panel."""
-    low, high = ax.get_ylim()
-    spare = max(0.0, 0.5 * (reach - (high - low)))
-    ax.set_ylim(low - spare, high + spare)
-
-
 def _draw_position_error(comparison: Comparison, ax: Axes) -> None:
     reference, *others = _motions(comparison)
     errors = [
-        _joined([(r.t, np.hypot(*(p.xy - r.xy).T)) for p, r in zip(motion.pieces, reference.pieces, strict=True)])
+        joined([(r.t, np.hypot(*(p.xy - r.xy).T)) for p, r in zip(motion.pieces, reference.pieces, strict=True)])
         for motion in others
     ]
     unit = length_unit([float(np.nanmax(error)) for _, error in errors])
@@ -358,45 +276,19 @@ def _draw_yaw_error(comparison: Comparison, ax: Axes) -> None:
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=1.5)
     for motion in others:
         pairs = zip(motion.pieces, reference.pieces, strict=True)
-        t, error = _joined([(r.t, np.degrees(wrap_angle(p.yaw - r.yaw))) for p, r in pairs])
+        t, error = joined([(r.t, np.degrees(wrap_angle(p.yaw - r.yaw))) for p, r in pairs])
         wraps = np.flatnonzero(np.abs(np.diff(error)) > 180.0) + 1
         motion.draw(ax, np.insert(t, wraps, np.nan), np.insert(error, wraps, np.nan))
     ax.set(title="Yaw error [deg]: plant less reference, wrapped", xlabel="time [s]", xlim=_whole(comparison))
-    _at_least(ax, 0.5)
+    at_least(ax, 0.5)
 
 
-def _draw_horizons(
-    comparison: Comparison, what: str, value: Callable[[HorizonErrors], tuple[float, float]], ax: Axes
-) -> None:
-    """Median and 95th percentile of each plant, horizon by horizon."""
-    plants = {name: result for name, result in comparison.plants.items() if result.horizons}
-    horizons = sorted({h for result in plants.values() for h in result.horizons})
-    smallest, largest = math.inf, 0.0
-    for k, (name, result) in enumerate(plants.items()):
-        at = np.array([horizons.index(h) for h in result.horizons]) + 0.4 * (2 * k + 1 - len(plants)) / len(plants)
-        median, high = np.array([value(errors) for errors in result.horizons.values()]).T
-        ink = _ink(name)
-        ax.vlines(at, median, high, colors=[ink], linewidth=2.5, zorder=2.5)
-        ax.plot(at, high, "_", color=ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
-        ax.plot(
-            at, median, _MARKERS.get(name, "o"), color=ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=name
-        )
-        for x, y in zip(at, median, strict=True) if len(plants) <= MAX_LABELLED else ():
-            ax.annotate(f"{y:.2g}" if y < 10.0 else f"{y:.0f}", (x, y), (0, -6), textcoords="offset points", ha="center",
-                        va="top", fontsize=8.0, color="0.25")  # fmt: skip
-        smallest, largest = min(smallest, float(median.min())), max(largest, float(high.max()))
-    if smallest > 0.0:
-        ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,)))
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
-    ax.margins(y=0.25)
-    counts = [max(r.horizons[h].n for r in plants.values() if h in r.horizons) for h in horizons]
-    ax.set_xticks(
-        range(len(horizons)), [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)]
-    )
-    ax.grid(visible=False, axis="x")
-    ax.set(title=f"{what}: median, bar to 95th percentile", xlim=(-0.55, len(horizons) - 0.45))
+def _horizon_marks(comparison: Comparison) -> list[HorizonMarks]:
+    return [
+        HorizonMarks(name, ink_of(name), _MARKERS.get(name, "o"), result.horizons)
+        for name, result in comparison.plants.items()
+        if result.horizons
+    ]
 
 
 def _time_axis(comparison: Comparison, ax: Axes, remark: str = "") -> None:
@@ -420,10 +312,10 @@ def _draw_velocity(comparison: Comparison, title: str, column: int, command: int
             values = np.append(commands.values[:, command], commands.values[-1, command])
             if keep.any():
                 parts.append((t[keep], values[keep]))
-        t, values = _joined(parts)
+        t, values = joined(parts)
         ax.plot(t, values, color=_COMMAND, linewidth=1.0, drawstyle="steps-post", zorder=1.8, gid="command")
     ax.set_title(title)
-    _at_least(ax, 0.1)
+    at_least(ax, 0.1)
     _time_axis(comparison, ax)
 
 
@@ -452,9 +344,9 @@ def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: A
             band = _reach(motion.pieces[i], span)
             curves[f"{motion.name} between samples"] = band.ravel()
             ax.fill_between(
-                x, band[:, 0], band[:, 1], color=_ink(motion.name), alpha=0.2, linewidth=0.0, step="pre", zorder=1.6
+                x, band[:, 0], band[:, 1], color=ink_of(motion.name), alpha=0.2, linewidth=0.0, step="pre", zorder=1.6
             )
-            ax.plot(x, y, color=_ink(motion.name), linewidth=0.9, zorder=1.7, gid=motion.name)
+            ax.plot(x, y, color=ink_of(motion.name), linewidth=0.9, zorder=1.7, gid=motion.name)
         else:
             motion.draw(ax, x, y)
     low, high, cut = _clip(curves)
@@ -463,7 +355,7 @@ def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: A
     ax.set(title=f"Yaw acceleration [rad/s²] {where}", xlim=span, ylim=(low, high))
     ax.set_xlabel(f"time [s], a sample every {1e3 * _period(stamps):.3g} ms")
     shaded = [f"{leader.name}: all it reaches is shaded"] if leader.name == CHATTERING else []
-    _note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, left out" for name in left_out)]))
+    corner_note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, left out" for name in left_out)]))
 
 
 def _reach(piece: Trajectory, span: Span) -> FloatArray:
@@ -511,12 +403,6 @@ def _swiftest_turn(motion: _Motion) -> tuple[bool, int, float]:
     return best[0], best[2], best[3]
 
 
-def _note(ax: Axes, text: str, ink: str = _QUIET) -> None:
-    """A remark in a panel's corner."""
-    ax.text(0.995, 0.02, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, color=ink, zorder=6.0,
-            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0})  # fmt: skip
-
-
 def _running_mean(t: FloatArray, values: FloatArray) -> FloatArray:
     """Means of (M, k) values over `MEAN_TIME` around each sample, or over what of that there is."""
     reach = int(0.5 * MEAN_TIME / _period(t))
@@ -532,14 +418,14 @@ def _draw_loads(comparison: Comparison, motion: _Motion, ax: Axes) -> None:
     t, loads = _over_time(motion.pieces, lambda piece: piece.channels["wheel_load_N"], span)
     _, means = _over_time(motion.pieces, lambda piece: _running_mean(piece.t, piece.channels["wheel_load_N"]), span)
     for k, wheel in enumerate(WHEELS):
-        ink, name = _ink(motion.name) if wheel.startswith("front") else "0.25", wheel.replace("_", " ")
+        ink, name = ink_of(motion.name) if wheel.startswith("front") else "0.25", wheel.replace("_", " ")
         ax.plot(t, loads[:, k], color=ink, linewidth=0.6, alpha=0.35, zorder=1.8)
         ax.plot(t, means[:, k], color=ink, linestyle=_SIDES[wheel.endswith("right")], linewidth=1.6, label=name, gid=wheel)
     ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=4, frameon=False, fontsize=9.0, handlelength=1.8,
               columnspacing=1.2, borderaxespad=0.0)  # fmt: skip
     ax.set_title("Wheel loads [N]")
     _time_axis(comparison, ax, f"; lines are means over {MEAN_TIME:g} s")
-    _at_least(ax, 10.0)
+    at_least(ax, 10.0)
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.2 * (high - low), high)  # room for the verdict
     result = comparison.plants.get(motion.name)
@@ -547,7 +433,7 @@ def _draw_loads(comparison: Comparison, motion: _Motion, ax: Axes) -> None:
         health = result.health
         verdict = "healthy" if health.ok else "UNHEALTHY"
         shares = f"least {health.lowest_load_share:.0%} of a wheel's mean, deviation {health.load_deviation:.1%}"
-        _note(ax, f"{motion.name} {verdict}: {shares}, over all the run", _QUIET if health.ok else _ALARM)
+        corner_note(ax, f"{motion.name} {verdict}: {shares}, over all the run", QUIET if health.ok else ALARM)
 
 
 def _panels(comparison: Comparison) -> list[list[Panel]]:
@@ -559,12 +445,17 @@ def _panels(comparison: Comparison) -> list[list[Panel]]:
     if any(result.horizons for result in comparison.plants.values()):
         errors = [
             partial(
-                _draw_horizons,
-                comparison,
-                "Position error by horizon [m]",
+                draw_horizons,
+                _horizon_marks(comparison),
+                "Position error by horizon [m]: median, bar to 95th percentile",
                 lambda e: (e.position_median_m, e.position_p95_m),
             ),
-            partial(_draw_horizons, comparison, "Yaw error by horizon [deg]", _yaw_degrees),
+            partial(
+                draw_horizons,
+                _horizon_marks(comparison),
+                "Yaw error by horizon [deg]: median, bar to 95th percentile",
+                yaw_degrees,
+            ),
         ]
     elif len(motions) > 1:
         errors = [partial(_draw_position_error, comparison), partial(_draw_yaw_error, comparison)]
@@ -578,124 +469,74 @@ def _panels(comparison: Comparison) -> list[list[Panel]]:
     return [row for row in (errors, turn, ride) if row]
 
 
-def _yaw_degrees(errors: HorizonErrors) -> tuple[float, float]:
-    return math.degrees(errors.yaw_median_rad), math.degrees(errors.yaw_p95_rad)
-
-
 def _draw_header(comparison: Comparison, ax: Axes) -> None:
     """Title, and the only legend of plants."""
     ax.set_axis_off()
     kind = "commands" if _commanded(comparison) else "measured wheel rates"
     n = len(comparison.plants)
-    title = _short(Path(comparison.source).name, 48) + f": {n} plant{'s' * (n > 1)} driven by the same {kind}" * (n > 0)
+    title = shortened(Path(comparison.source).name, 48) + f": {n} plant{'s' * (n > 1)} driven by the same {kind}" * (n > 0)
     ax.text(0.0, 1.0, title, transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top")
     marked = any(result.horizons for result in comparison.plants.values())
     handles, labels = [], []
     for motion in _motions(comparison):
         marker = _MARKERS.get(motion.name, "o") if marked and not motion.is_reference else ""
-        width = _BROAD if motion.is_reference else _NARROW
+        width = BROAD if motion.is_reference else NARROW
         handles.append(
             Line2D(
-                [], [], color=_ink(motion.name), linestyle=_DASHES.get(motion.name, "solid"), linewidth=width, marker=marker
+                [],
+                [],
+                color=ink_of(motion.name),
+                linestyle=_DASHES.get(motion.name, "solid"),
+                linewidth=width,
+                marker=marker,
             )
         )
         labels.append(f"{motion.name}\n{'reference' if motion.is_reference else headline(comparison, motion.name)}")
     if _commanded(comparison):
         handles.append(Line2D([], [], color=_COMMAND, linewidth=1.0))
         labels.append("command\nas given")
-    for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
-        legend = ax.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
-            borderaxespad=0.0, borderpad=0.0, handlelength=2.8, columnspacing=1.4, handletextpad=0.6,
-        )  # fmt: skip
-        if legend.get_window_extent().width <= ax.get_window_extent().width:
-            break
-
-
-def _short(text: str, most: int) -> str:
-    """A text in one line of at most `most` characters: its end says more than its beginning."""
-    line = " ".join(text.split())
-    return line if len(line) <= most else f"…{line[1 - most :]}"
+    line_legend(ax, handles, labels)
 
 
 def _draw_footer(comparison: Comparison, ax: Axes) -> None:
     """How it was made."""
     ax.set_axis_off()
     parts = [
-        f"source {_short(Path(comparison.source).name, 32)}",
-        f"profile {_short(comparison.profile, 20)}",
+        f"source {shortened(Path(comparison.source).name, 32)}",
+        f"profile {shortened(comparison.profile, 20)}",
         f"reference {comparison.reference_name}",
         f"seed {comparison.seed}",
         *(name for name, value in comparison.options.items() if value is True),
         *(f"{name} {comparison.versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in comparison.versions),
     ]
-    ax.text(0.0, 0.0, " · ".join(parts), transform=ax.transAxes, fontsize=8.5, color=_QUIET, va="bottom")
-
-
-def _draw_section(text: str, ax: Axes) -> None:
-    """A heading over a row of panels."""
-    ax.set_axis_off()
-    ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=10.5, fontweight="bold", va="bottom")
-
-
-@dataclass(frozen=True)
-class _Row:
-    """Panels side by side."""
-
-    height: float
-    """[in], labels included."""
-    panels: tuple[tuple[float, Panel], ...]
-    """Each with its share of the width."""
-    bare: bool = False
-    """Texts only, which need no room for labels."""
-
-    def place(self, figure: Figure, top: float) -> None:
-        """Draw the panels, from `top` [in] above the figure's lower edge downwards."""
-        margins = (0.0, 0.0, 0.0, 0.0) if self.bare else _MARGINS_IN
-        wide, tall = figure.get_size_inches()
-        left, right, bottom, above = margins
-        x, room = _EDGE_IN, wide - 2.0 * _EDGE_IN
-        for share, panel in self.panels:
-            box = (x + left, top - self.height + bottom, share * room - left - right, self.height - bottom - above)
-            panel(figure.add_axes((box[0] / wide, box[1] / tall, box[2] / wide, box[3] / tall)))
-            x += share * room
-
-
-def _row(height: float, panels: Sequence[Panel]) -> _Row:
-    """Panels of equal width."""
-    return _Row(height, tuple((1.0 / len(panels), panel) for panel in panels))
-
-
-def _text(height: float, panel: Panel) -> _Row:
-    """A row without axes."""
-    return _Row(height, ((1.0, panel),), bare=True)
+    ax.text(0.0, 0.0, " · ".join(parts), transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
 
 
 def _paths_size(comparison: Comparison) -> Span:
     """Width [in] and height [in] of the panel of paths, near their own proportions."""
     width, height = np.ptp(np.concatenate([piece.xy for piece in comparison.reference]), axis=0) + 0.5
-    wide = _WIDTH_IN - _ZOOM_IN
+    wide = WIDTH_IN - _ZOOM_IN
     tall = float(np.clip(wide * height / width, *_PATHS_IN))
-    return min(wide, max(tall * float(width / height), 0.5 * _WIDTH_IN)), tall
+    return min(wide, max(tall * float(width / height), 0.5 * WIDTH_IN)), tall
 
 
-def _rows(comparison: Comparison) -> list[_Row]:
+def _rows(comparison: Comparison) -> list[Row]:
     """Everything, from top to bottom."""
-    rows = [_text(_HEADER_IN, partial(_draw_header, comparison))]
+    rows = [text_row(_HEADER_IN, partial(_draw_header, comparison))]
     zoom = _find_zoom(comparison)
     if _in_windows(comparison):
         words, windows = _windows(comparison)
         heading = f"Paths over {words}, all laid on the same pose at each start, from small errors to large ones [m]"
-        rows.append(_text(_SECTION_IN, partial(_draw_section, heading)))
-        rows.append(_row(_WINDOW_IN, [partial(_draw_window, comparison, window) for window in windows]))
+        rows.append(text_row(_SECTION_IN, partial(draw_section, heading)))
+        rows.append(side_by_side(_WINDOW_IN, [partial(_draw_window, comparison, window) for window in windows]))
     elif zoom is None:
-        rows.append(_row(_paths_size(comparison)[1], [partial(_draw_paths, comparison)]))
+        rows.append(side_by_side(_paths_size(comparison)[1], [partial(_draw_paths, comparison)]))
     else:
         wide, tall = _paths_size(comparison)
         paths, closer = partial(_draw_paths, comparison), partial(_draw_zoom, comparison, zoom)
-        rows.append(_Row(tall, ((wide / _WIDTH_IN, paths), (1.0 - wide / _WIDTH_IN, closer))))
-    rows += [_row(_ROW_IN, panels) for panels in _panels(comparison)]
-    rows.append(_text(_FOOTER_IN, partial(_draw_footer, comparison)))
+        rows.append(Row(tall, ((wide / WIDTH_IN, paths), (1.0 - wide / WIDTH_IN, closer))))
+    rows += [side_by_side(_ROW_IN, panels) for panels in _panels(comparison)]
+    rows.append(text_row(_FOOTER_IN, partial(_draw_footer, comparison)))
     return rows
 
 
@@ -710,17 +551,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
         horizon), yaw rate and yaw acceleration, speed and wheel loads. Panels for which there are no data are left out.
         Lines carry the name of their motion, or `command`, as gid.
     """
-    with matplotlib.style.context(["default", _STYLE]):
-        rows = _rows(comparison)
-        figure = Figure(figsize=(_WIDTH_IN, 2.0 * _EDGE_IN + sum(row.height for row in rows)), dpi=_DPI)
-        FigureCanvasAgg(figure)
-        top = float(figure.get_size_inches()[1]) - _EDGE_IN
-        for row in rows:
-            row.place(figure, top)
-            top -= row.height
-        figure.draw_without_rendering()  # settles ticks, in this style, and what panels of equal scales show
-        _outline_zoom(figure)
-    return figure
+    return put_together(_rows(comparison), _outline_zoom)
 
 
 def _outline_zoom(figure: Figure) -> None:
@@ -731,18 +562,3 @@ def _outline_zoom(figure: Figure) -> None:
         panels["paths"].add_patch(
             Rectangle((x, y), x_end - x, y_end - y, fill=False, edgecolor="0.3", linewidth=1.0, zorder=5.0, clip_on=False)
         )
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure, whole or not at all.
-
-    Args:
-        figure: what to write.
-        path: where; the suffix says the format (.png, .svg, .pdf).
-
-    Raises:
-        ValueError: the format is unknown; nothing is written.
-        OSError: the file cannot be written.
-    """
-    with matplotlib.style.context(["default", _STYLE]):
-        write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=figure.dpi))

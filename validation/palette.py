@@ -19,9 +19,10 @@ PALETTE: Mapping[str, Rgb] = MappingProxyType(
         "linear": (0, 158, 115),  # green
         "kinematic": (204, 121, 167),  # purple
         "recording": (32, 32, 36),  # near-black: what really happened
+        "truth": (64, 64, 72),  # a plant's motion that the same plant is fitted to
     }
 )
-"""Red, green, blue, 0-255, by the name of the plant or `recording`."""
+"""Red, green, blue, 0-255, by the name of the plant, `recording` or `truth`."""
 
 
 def colour(name: str) -> Rgb:

@@ -7,6 +7,7 @@ Everything is in metres, seconds and radians, z up, on the timeline `sim_time`:
 - `lineup/<plant>/robot`: the same robots side by side, each displaced from its place as it is from the reference's robot
   (where one strays far, they are only turned);
 - `plots/<quantity>/<plant>`: what is drawn over time;
+- `history/<what>`: what changed from step to step, on a timeline of its own;
 - `report`: the report as text.
 """
 
@@ -145,7 +146,24 @@ class _Track:
         return np.concatenate([p.channels[name] for p in self.pieces])
 
 
-def write_recording(comparison: Comparison, path: Path, report_markdown: str) -> None:
+@dataclass(frozen=True, eq=False)
+class History:
+    """What changed from step to step, not over the robots' time."""
+
+    what: str
+    """Its entity is `history/<what>`."""
+    title: str
+    timeline: str
+    """What the steps are called."""
+    names: tuple[str, ...]
+    """k names."""
+    colours: tuple[Rgb, ...]
+    """k colours."""
+    values: FloatArray
+    """(G, k), of the steps 0 to G - 1; where one is not finite, the line is interrupted."""
+
+
+def write_recording(comparison: Comparison, path: Path, report_markdown: str, histories: Sequence[History] = ()) -> None:
     """Write a comparison as a rerun recording, whole or not at all.
 
     The recording's id is a digest of what was asked for and of the motions that came out: a run that is repeated compares
@@ -155,12 +173,13 @@ def write_recording(comparison: Comparison, path: Path, report_markdown: str) ->
         comparison: what to show.
         path: the file, `.rrd`; one that is there already is replaced.
         report_markdown: the report, in markdown.
+        histories: what else to plot, each on its own timeline.
 
     Raises:
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    data = _encoded(comparison, report_markdown)
+    data = _encoded(comparison, report_markdown, histories)
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
@@ -192,7 +211,7 @@ def open_viewer(path: Path) -> bool:
     return False
 
 
-def _encoded(comparison: Comparison, report_markdown: str) -> bytes:
+def _encoded(comparison: Comparison, report_markdown: str, histories: Sequence[History]) -> bytes:
     """The whole recording as the bytes of a file."""
     tracks = _tracks(comparison)
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(comparison, tracks), send_properties=False)
@@ -202,12 +221,14 @@ def _encoded(comparison: Comparison, report_markdown: str) -> bytes:
     try:
         with _strict():
             plots = _plots(comparison, tracks)
-            recording.send_blueprint(_layout(tracks, plots), make_active=False, make_default=True)
+            recording.send_blueprint(_layout(tracks, plots, histories), make_active=False, make_default=True)
             _write_properties(recording, comparison)
             recording.log("report", rr.TextDocument(report_markdown, media_type=rr.MediaType.MARKDOWN), static=True)
             _write_scene(recording, tracks)
             for entity, series in plots.items():
                 _write_series(recording, f"plots/{entity}", series, _gaps(tracks[0]))
+            for history in histories:
+                _write_history(recording, history)
     finally:
         data = stream.read()  # after a failure too: rerun complains of a stream that is not read
     if not data:
@@ -426,6 +447,15 @@ def _write_series(recording: rr.RecordingStream, entity: str, series: _Series, g
         recording.send_columns(entity, [time], rr.Clear.columns(is_recursive=[False] * len(gaps)))
 
 
+def _write_history(recording: rr.RecordingStream, history: History) -> None:
+    """Send the values of all steps."""
+    entity, steps = f"history/{history.what}", rr.TimeColumn(history.timeline, sequence=np.arange(len(history.values)))
+    style = rr.SeriesLines(names=list(history.names), colors=list(history.colours), widths=[1.5] * len(history.names))
+    recording.log(entity, style, static=True)
+    values = np.where(np.isfinite(history.values), history.values, np.nan)
+    recording.send_columns(entity, [steps], rr.Scalars.columns(scalars=values))
+
+
 def _plots(comparison: Comparison, tracks: Sequence[_Track]) -> dict[str, _Series]:
     """All series by entity below `plots`."""
     plots = _command_plots(comparison)
@@ -461,7 +491,9 @@ def _plots_of(track: _Track) -> dict[str, _Series]:
 
 
 def _command_plots(comparison: Comparison) -> dict[str, _Series]:
-    """What was commanded by entity: each command at its instant, and the last again where its time ends."""
+    """What was commanded by entity: each command at its instant, and the last again where its time ends; if it was kept."""
+    if not comparison.commands:
+        return {}
     commands, starts = comparison.commands, [piece.t[0] for piece in comparison.reference]
     t = np.concatenate([start + c.dt * np.arange(c.n + 1) for start, c in zip(starts, commands, strict=True)])
     values = np.concatenate([np.vstack([c.values, c.values[-1:]]) for c in commands])
@@ -509,8 +541,8 @@ class _Extent:
         self.post = max(0.8, 0.1 * self.distance)
 
 
-def _layout(tracks: Sequence[_Track], plots: Mapping[str, _Series]) -> rrb.Blueprint:
-    """Three looks at the robots and the report on the left, plots on the right."""
+def _layout(tracks: Sequence[_Track], plots: Mapping[str, _Series], histories: Sequence[History]) -> rrb.Blueprint:
+    """Three looks at the robots, the report and histories on the left, plots on the right."""
     overview, above, lineup, close = _views_of_robots(tracks)
     first, duration = float(tracks[0].t[0]), float(tracks[0].t[-1] - tracks[0].t[0])
     at = rr.TimeRangeBoundary.absolute
@@ -543,7 +575,11 @@ def _layout(tracks: Sequence[_Track], plots: Mapping[str, _Series]) -> rrb.Bluep
         *plot("yaw_error", f"Yaw error to {name} [rad]"),
     ]
     report = rrb.TextDocumentView(origin="/report", name="Report")
-    left = rrb.Vertical(rrb.Tabs(overview, above, report), rrb.Horizontal(lineup, close), row_shares=[6, 5])
+    steps = [
+        rrb.TimeSeriesView(origin=f"/history/{h.what}", name=f"{h.title} (choose the timeline '{h.timeline}')")
+        for h in histories
+    ]
+    left = rrb.Vertical(rrb.Tabs(overview, above, report, *steps), rrb.Horizontal(lineup, close), row_shares=[6, 5])
     right = rrb.Vertical(*(rrb.Tabs(*views) for views in (errors, motion, wheels) if views))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[8, 5]),

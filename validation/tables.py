@@ -106,7 +106,7 @@ COLUMNS = (
 )  # fmt: skip
 """What a comparison says about each plant, in the order of its table."""
 
-_HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] = (
+HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] = (
     ("position median", METRES, lambda e: e.position_median_m),
     ("position p95", METRES, lambda e: e.position_p95_m),
     ("yaw median", DEGREES, lambda e: e.yaw_median_rad),
@@ -115,7 +115,7 @@ _HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] 
 
 
 @dataclass(frozen=True)
-class _Cell:
+class Cell:
     """One entry as it is written, and whether it is the best of its kind."""
 
     text: str
@@ -123,12 +123,12 @@ class _Cell:
 
 
 @dataclass(frozen=True)
-class _Grid:
+class Grid:
     """A table before it is drawn: everything that the terminal and the report have in common."""
 
     header: tuple[tuple[str, str], ...]
     """Name and unit of each column; the unit may be empty."""
-    groups: tuple[tuple[tuple[_Cell, ...], ...], ...]
+    groups: tuple[tuple[tuple[Cell, ...], ...], ...]
     """Rows, in groups that a line separates."""
     left: int
     """How many of the columns hold words."""
@@ -142,7 +142,7 @@ def length_unit(values: Iterable[float]) -> Unit:
     return Unit("mm", 1e3, 3 if 1e-6 <= largest < 0.01 else 1)
 
 
-def _unit(quantity: Quantity, values: Sequence[float]) -> Unit:
+def unit_of(quantity: Quantity, values: Sequence[float]) -> Unit:
     """How to write all values of a quantity in one table."""
     if quantity == "length":
         return length_unit(values)
@@ -169,51 +169,51 @@ def _best(texts: Mapping[str, str], values: Mapping[str, float], wanted: Wanted)
     return {name for name in finite if texts[name] == texts[winner]}
 
 
-def _plant_grid(comparison: Comparison) -> _Grid:
+def _plant_grid(comparison: Comparison) -> Grid:
     """Plants as rows, metrics as columns; the reference, at no distance from itself, is judged by its speed only."""
     plants = comparison.plants
-    columns: list[dict[str, _Cell]] = []
+    columns: list[dict[str, Cell]] = []
     header = [("plant", "")]
     lengths = [c.value(r) for c in COLUMNS if c.quantity == "length" for r in plants.values()]
     for column in COLUMNS:
         values = {name: column.value(result) for name, result in plants.items()}
-        unit = _unit(column.quantity, lengths if column.quantity == "length" else list(values.values()))
+        unit = unit_of(column.quantity, lengths if column.quantity == "length" else list(values.values()))
         texts = {name: unit.text(value) for name, value in values.items()}
         judged = {n: v for n, v in values.items() if n != comparison.reference_name or column.quantity == "speed-up"}
         best = _best(texts, judged, column.wanted)
         header.append((column.name, unit.symbol))
-        columns.append({name: _Cell(text, name in best) for name, text in texts.items()})
+        columns.append({name: Cell(text, name in best) for name, text in texts.items()})
     rows = []
     for name in plants:
         label = f"{name} (ref)" if name == comparison.reference_name else name
-        rows.append((_Cell(label), *(column[name] for column in columns)))
-    return _Grid(tuple(header), (tuple(rows),), left=1)
+        rows.append((Cell(label), *(column[name] for column in columns)))
+    return Grid(tuple(header), (tuple(rows),), left=1)
 
 
-def _horizon_grid(comparison: Comparison) -> _Grid | None:
+def _horizon_grid(comparison: Comparison) -> Grid | None:
     """Horizons as groups, plants as rows; None where there is no horizon."""
     plants = comparison.plants
     horizons = sorted({h for result in plants.values() for h in result.horizons})
     if not horizons:
         return None
     header = [("horizon", "s"), ("plant", ""), ("windows", "1")]
-    header += [(name, unit.symbol) for name, unit, _ in _HORIZON_VALUES]
+    header += [(name, unit.symbol) for name, unit, _ in HORIZON_VALUES]
     groups = []
     for horizon in horizons:
         errors = {name: result.horizons[horizon] for name, result in plants.items() if horizon in result.horizons}
         columns = []
-        for _, unit, value in _HORIZON_VALUES:
+        for _, unit, value in HORIZON_VALUES:
             values = {name: value(e) for name, e in errors.items()}
             texts = {name: unit.text(v) for name, v in values.items()}
             best = _best(texts, values, "low")
-            columns.append({name: _Cell(text, name in best) for name, text in texts.items()})
+            columns.append({name: Cell(text, name in best) for name, text in texts.items()})
         groups.append(
             tuple(
-                (_Cell(f"{horizon:g}"), _Cell(name), _Cell(str(e.n)), *(column[name] for column in columns))
+                (Cell(f"{horizon:g}"), Cell(name), Cell(str(e.n)), *(column[name] for column in columns))
                 for name, e in errors.items()
             )
         )
-    return _Grid(tuple(header), tuple(groups), left=2)
+    return Grid(tuple(header), tuple(groups), left=2)
 
 
 def _unhealthy(comparison: Comparison) -> list[tuple[str, str]]:
@@ -221,7 +221,7 @@ def _unhealthy(comparison: Comparison) -> list[tuple[str, str]]:
     return [(n, r.health.advice) for n, r in comparison.plants.items() if r.health is not None and not r.health.ok]
 
 
-def _rich(grid: _Grid, title: str, caption: str) -> Table:
+def rich_table(grid: Grid, title: str, caption: str) -> Table:
     """Draw a grid for the terminal. Texts of the user's go in as they are, never as markup."""
     table = Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold"), caption=Text(caption))
     table.title_justify = table.caption_justify = "left"
@@ -236,20 +236,27 @@ def _rich(grid: _Grid, title: str, caption: str) -> Table:
     return table
 
 
-def _one_line(text: object) -> str:
+def one_line(text: object) -> str:
+    """Foreign text without line breaks."""
     return " ".join(str(text).split())
 
 
-def _code(text: object) -> str:
+def shortened(text: str, most: int) -> str:
+    """A text in one line of at most `most` characters: its end says more than its beginning."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else f"…{line[1 - most :]}"
+
+
+def code_span(text: object) -> str:
     """Foreign text as a code span."""
-    return "`" + _one_line(text).replace("`", "'") + "`"
+    return "`" + one_line(text).replace("`", "'") + "`"
 
 
-def _markdown(grid: _Grid) -> list[str]:
+def markdown_table(grid: Grid) -> list[str]:
     """Draw a grid as the lines of a table of GitHub-flavoured markdown."""
 
     def line(cells: Iterable[str]) -> str:
-        return "| " + " | ".join(_one_line(cell).replace("|", "\\|") for cell in cells) + " |"
+        return "| " + " | ".join(one_line(cell).replace("|", "\\|") for cell in cells) + " |"
 
     rows = [row for group in grid.groups for row in group]
     return [
@@ -259,13 +266,13 @@ def _markdown(grid: _Grid) -> list[str]:
     ]
 
 
-def _option(value: object) -> str:
+def option_text(value: object) -> str:
     """How an option is written; several values, such as horizons, are joined by commas."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return ",".join(map(_option, value))
-    return f"{value:g}" if isinstance(value, float) else _one_line(value)
+        return ",".join(map(option_text, value))
+    return f"{value:g}" if isinstance(value, float) else one_line(value)
 
 
 def comparison_table(comparison: Comparison) -> Table:
@@ -278,11 +285,11 @@ def comparison_table(comparison: Comparison) -> Table:
         Plants as rows, the reference marked, metrics as columns; the best value of each column is emphasised, the reference
         itself, being at no distance from itself, left out.
     """
-    title = f"{_one_line(comparison.source)} · profile {_one_line(comparison.profile)}"
+    title = f"{one_line(comparison.source)} · profile {one_line(comparison.profile)}"
     caption = f"against {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
     for name, _ in _unhealthy(comparison):
         caption += f"\n{name} is unhealthy: by its wheel loads its contact is not to be believed"
-    return _rich(_plant_grid(comparison), title, caption)
+    return rich_table(_plant_grid(comparison), title, caption)
 
 
 def horizon_table(comparison: Comparison) -> Table | None:
@@ -297,7 +304,7 @@ def horizon_table(comparison: Comparison) -> Table | None:
     """
     grid = _horizon_grid(comparison)
     title = "Error of the relative pose after a horizon"
-    return None if grid is None else _rich(grid, title, f"against {comparison.reference_name} · emphasised: the best")
+    return None if grid is None else rich_table(grid, title, f"against {comparison.reference_name} · emphasised: the best")
 
 
 def headline(comparison: Comparison, name: str) -> str:
@@ -332,33 +339,33 @@ def report_markdown(comparison: Comparison) -> str:
         How it was run, the tables of `comparison_table` and `horizon_table`, what each metric means, and what to change
         where a plant is unhealthy.
     """
-    options = ", ".join(f"{_one_line(k)} {_option(v)}" for k, v in comparison.options.items())
-    versions = ", ".join(f"{_one_line(k)} {_one_line(v)}" for k, v in comparison.versions.items())
+    options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in comparison.options.items())
+    versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in comparison.versions.items())
     lines = [
         "# Comparison",
         "",
-        f"- source: {_code(comparison.source)}",
-        f"- profile: {_code(comparison.profile)}",
-        f"- reference: {_code(comparison.reference_name)}",
+        f"- source: {code_span(comparison.source)}",
+        f"- profile: {code_span(comparison.profile)}",
+        f"- reference: {code_span(comparison.reference_name)}",
         f"- seed: {comparison.seed}",
-        f"- options: {_code(options) if options else 'none'}",
-        f"- versions: {_code(versions) if versions else 'unknown'}",
+        f"- options: {code_span(options) if options else 'none'}",
+        f"- versions: {code_span(versions) if versions else 'unknown'}",
         "",
         "## Plants against the reference",
         "",
-        *_markdown(_plant_grid(comparison)),
+        *markdown_table(_plant_grid(comparison)),
         "",
         "Bold: the best of each column; the reference, at no distance from itself, competes only in real time.",
     ]
     for name, advice in _unhealthy(comparison):
-        lines += ["", f"> **{name} is unhealthy:** {_one_line(advice)}."]
+        lines += ["", f"> **{name} is unhealthy:** {one_line(advice)}."]
     horizons = _horizon_grid(comparison)
     if horizons is not None:
         lines += [
             "",
             "## Error of the relative pose after a horizon",
             "",
-            *_markdown(horizons),
+            *markdown_table(horizons),
             "",
             "The motion over each window of a horizon's length, as the plant has it against as the reference has it: what"
             " dead reckoning loses in that time, whatever the drift before. Windows follow one another and span no gap;"

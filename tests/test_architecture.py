@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 LAYERS = (
     {"ssmr.errors", "ssmr._jit", "ssmr.types"},
-    {"ssmr.geometry", "ssmr.friction", "ssmr.vehicle", "ssmr.scenarios"},
+    {"ssmr.geometry", "ssmr.friction", "ssmr.vehicle", "ssmr.scenarios", "ssmr.space", "ssmr.jde"},
     {"ssmr.drive", "ssmr.sensors", "ssmr.metrics"},
     {"ssmr.models.coulomb", "ssmr.models.improved", "ssmr.models.linear", "ssmr.models.kinematic"},
     {"ssmr.simulate"},
@@ -24,9 +24,23 @@ LAYERS = (
         "validation.recordings",
     },
     {"validation.mujoco_plant", "validation.robot_mesh"},
-    {"validation.profiles", "validation.results"},
-    {"validation.sources", "validation.tables", "validation.figures", "validation.rerun_log"},
-    {"validation.compare"},
+    {"validation.profiles", "validation.results", "validation.drawing"},
+    {
+        "validation.searchable",
+        "validation.sources",
+        "validation.tables",
+        "validation.figures",
+        "validation.rerun_log",
+        "validation.fit_report",
+        "validation.fit_figure",
+        "validation.fit_rerun",
+    },
+    {"validation.driving"},
+    {"validation.compare", "validation.population"},
+    {"validation.objective"},
+    {"validation.targets", "validation.uncertainty", "validation.cluster"},
+    {"validation.fitting"},
+    {"validation.fit"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 

@@ -18,7 +18,8 @@ from ssmr.metrics import PathMetrics
 from ssmr.types import State
 from tests.conftest import data_folder
 from validation import cli, compare
-from validation.compare import Settings, as_document, resample, score_horizons
+from validation.compare import Settings, as_document
+from validation.driving import drive, resample, score_horizons
 from validation.profiles import Profile, load, make_plant
 from validation.recordings import write_csv
 from validation.sources import move_reference, open_source
@@ -141,7 +142,7 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     (tmp_path / "p.toml").write_text(text)
     shifted = load(str(tmp_path / "p.toml"))
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))
-    there = compare.drive(make_plant(shifted, "kinematic"), source.pieces[0], (0.3, 0.1), source, Settings())
+    there = drive(make_plant(shifted, "kinematic"), source.pieces[0], (0.3, 0.1), source.sample_dt)
     assert np.allclose(there.pose[0], source.pieces[0].reference.pose[0])  # type: ignore[union-attr]
     error = score_horizons([there], source, (2.0,))[2.0].position_median_m
     assert 0.02 < error < 0.4

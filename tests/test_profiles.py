@@ -36,7 +36,7 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(
         HEAD
-        + "[vehicle]\nmass = 50\n[drive]\ndelay_v = 0.1\nwheel_acceleration = inf\n"
+        + "[vehicle]\nmass = 50\n[drive]\ndelay_v = 0.1\nacceleration_v = inf\n"
         + "[plants.improved]\ntracked_point = [0.1, -0.2]\n[plants.improved.drive]\ndelay_v = 0.3\n"
     )
     profile = load(str(path))
@@ -44,8 +44,8 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
     assert profile.plants["improved"].drive.delay_v == 0.3
     assert profile.plants["improved"].vehicle.mass == 50.0
     assert profile.plants["improved"].tracked_point == (0.1, -0.2)
-    assert math.isinf(profile.plants["coulomb"].drive.wheel_acceleration)
-    assert profile.as_dict()["coulomb"]["drive"]["wheel_acceleration"] is None  # JSON has no infinity
+    assert math.isinf(profile.plants["coulomb"].drive.acceleration_v)
+    assert profile.as_dict()["coulomb"]["drive"]["acceleration_v"] is None  # JSON has no infinity
 
 
 @pytest.mark.parametrize(

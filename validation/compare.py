@@ -6,28 +6,22 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
-from ssmr.geometry import shift_reference
-from ssmr.metrics import (
-    HorizonErrors,
-    compare_pieces,
-    horizon_errors,
-    horizon_windows,
-    relative_pose_error,
-)
+from ssmr.metrics import compare_pieces
 from ssmr.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.types import CommandKind, Commands, Plant, State, Trajectory
 from validation import cli, store
+from validation.driving import drive, score_horizons
 from validation.mujoco_plant import Health, check_health
 from validation.profiles import PLANTS, Profile, load, make_plant
 from validation.results import Comparison, PlantResult
-from validation.sources import Piece, Source, move_reference, open_source
+from validation.sources import Source, open_source
 
 SCHEMA = "ssmr.compare/1"
 WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
@@ -48,58 +42,6 @@ class Settings:
     """Push the plants' yaw at random (Sec. 3.4.5)."""
     seed: int = 0
     """Seed of both."""
-
-
-def drive(plant: Plant, piece: Piece, tracked: tuple[float, float], source: Source, settings: Settings) -> Trajectory:
-    """A plant's motion over one piece, its tracked point where the reference's starts, at the reference's stamps.
-
-    Args:
-        plant: what to drive; reset first.
-        piece: commands, start and stamps.
-        tracked: the tracked point in the plant's body [m].
-        source: where the piece is from.
-        settings: seed and disturbance.
-    """
-    start = move_reference(piece.start, (-tracked[0], -tracked[1]))
-    push = None
-    if settings.disturbance:
-        push = yaw_disturbance(piece.commands.duration, plant.dt, np.random.default_rng(settings.seed))
-    motion = plant.run(piece.commands, start, source.sample_dt, push)
-    pose = shift_reference(motion.pose, tracked)
-    twist = motion.twist + motion.twist[:, 2:] * np.array([-tracked[1], tracked[0], 0.0])
-    motion = replace(motion, pose=pose, twist=twist)
-    return motion if piece.t is None else resample(motion, piece.t)
-
-
-def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
-    """The motion at the stamps `t` [s], its first sample being at `t[0]`; linear between samples."""
-
-    def at(values: np.ndarray) -> np.ndarray:
-        columns = values.reshape(len(values), -1)
-        return np.column_stack([np.interp(t, motion.t + t[0], column) for column in columns.T]).reshape(
-            len(t), *values.shape[1:]
-        )
-
-    return Trajectory(
-        t, at(motion.pose), at(motion.twist), at(motion.wheels), {k: at(v) for k, v in motion.channels.items()}
-    )
-
-
-def score_horizons(pieces: Sequence[Trajectory], source: Source, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
-    """Errors of the relative pose over windows that never span a gap; horizons with no window are left out."""
-    found = {}
-    for horizon in horizons:
-        position, yaw = [], []
-        for motion, piece in zip(pieces, source.pieces, strict=True):
-            if piece.reference is None or piece.t is None:
-                continue
-            starts, ends = horizon_windows(piece.t, horizon, piece.fresh)
-            errors = relative_pose_error(motion.pose, piece.reference.pose, starts, ends)
-            position.append(errors[0])
-            yaw.append(errors[1])
-        if sum(map(len, position)):
-            found[horizon] = horizon_errors(np.concatenate(position), np.concatenate(yaw))
-    return found
 
 
 def compare(
@@ -175,7 +117,10 @@ def _drive_all(
         motions = []
         for piece in source.pieces:
             if not stop.is_set():
-                motions.append(drive(plant, piece, tracked, source, settings))
+                push = None
+                if settings.disturbance:
+                    push = yaw_disturbance(piece.commands.duration, plant.dt, np.random.default_rng(settings.seed))
+                motions.append(drive(plant, piece, tracked, source.sample_dt, push))
                 bar.advance(task)
         return motions, time.perf_counter() - began
 

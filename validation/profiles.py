@@ -17,6 +17,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
+import tomli_w
 
 from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters
@@ -47,7 +48,7 @@ class ProfileError(ValueError):
     """A profile that cannot be found, read or believed."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PlantProfile:
     """Everything that defines one plant."""
 
@@ -173,6 +174,21 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
+
+
+def dump(profile: Profile) -> str:
+    """The profile as TOML: what differs from the defaults, so that a reader sees what was decided."""
+    plants: dict[str, Any] = {}
+    for name, plant in profile.plants.items():
+        section: dict[str, Any] = {"tracked_point": list(plant.tracked_point)} if any(plant.tracked_point) else {}
+        for part, default in (("parameters", _PARAMETERS[name]()), ("vehicle", Vehicle()), ("drive", Drive())):
+            values = {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
+            if values:
+                section[part] = values
+        if section:
+            plants[name] = section
+    document = {"schema": SCHEMA, "name": profile.name, "description": profile.description, "plants": plants}
+    return tomli_w.dumps({**document, "provenance": dict(profile.provenance)})
 
 
 def make_plant(profile: Profile, name: str) -> Plant:

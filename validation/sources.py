@@ -74,13 +74,21 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
         return Source(name, (piece,), plant or "mujoco", SAMPLE_DT)
     path = Path(name)
     if path.suffix.lower() == ".csv":
-        recording = read_csv(path).cut(start, stop)
-        return Source(name, tuple(_piece(s, kind) for s in recording.segments()), "recording", RECORDING_GRID)
+        return source_of(read_csv(path).cut(start, stop), name, kind)
     if path.exists():
         raise ValueError(f"{name}: recordings are read from .csv files, see README for the columns")
     raise ValueError(
         f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and paths of .csv recordings"
     )
+
+
+def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:
+    """A recording as a motion to compare plants on.
+
+    Raises:
+        ValueError: it lacks the inputs or the pose.
+    """
+    return Source(name, tuple(_piece(s, kind) for s in recording.segments()), "recording", RECORDING_GRID)
 
 
 def _piece(segment: Segment, kind: CommandKind) -> Piece:

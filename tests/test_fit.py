@@ -1,0 +1,323 @@
+"""The fit program: recovery, resumption, interruption, held-out sources, mistakes; and what it writes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.jde import Jde, JdeSettings
+from tests.conftest import EXACT
+from tests.test_objective import recorded, scenario
+from validation import fit
+from validation.fitting import CheckpointError, Search, identity
+from validation.objective import CostSettings, Problem
+from validation.profiles import Profile, load
+from validation.recordings import write_csv
+from validation.searchable import make_space
+from validation.uncertainty import VAGUE, estimate
+
+QUICK = ("--population", "16", "--generations", "12")
+
+
+def run(*args: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "validation.fit", *args], capture_output=True, text=True, timeout=300)
+
+
+def call(*args: str) -> int:
+    """The program in this process; its exit status."""
+    from validation import cli
+
+    before = sys.argv
+    sys.argv = ["fit", *args]
+    try:
+        cli.run(fit.main, "fit")
+    except SystemExit as left:
+        return int(left.code or 0)
+    finally:
+        sys.argv = before
+    return 0
+
+
+def document(folder: Path) -> dict:  # type: ignore[type-arg]
+    return dict(json.loads((folder / "fit.json").read_text()))
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "drive.csv"
+    write_csv(recorded(load("thesis-lab"), "kinematic", 40.0), path)
+    return path
+
+
+# ------------------------------------------------------------------------------------------------------- outcome
+
+
+def test_known_parameters_come_back(tmp_path: Path) -> None:
+    args = ["--free", "u_x,mu_c,gain", "--generations", "60", "--seed", "1"]
+    assert call("coulomb", "--to", "traj4@coulomb", "--out", str(tmp_path), *args) == 0
+    found, truth = document(tmp_path), load("thesis-lab").plants["coulomb"].parameters
+    assert found["status"] == "finished"
+    assert found["train"]["sync_rms_m"] < 1e-3
+    for name, p in found["parameters"].items():
+        assert p["value"] == pytest.approx(getattr(truth, name), rel=0.02)
+        assert p["lower"] < p["value"] < p["upper"]
+        assert not p["at_bound"]
+
+
+def test_a_log_is_fitted_by_both_inputs_and_judged_on_what_was_cut_off(log: Path, tmp_path: Path) -> None:
+    args = ["kinematic", "--to", str(log), "--until", "25", "--held-out", str(log), "--input", "both", "--horizons", "2"]
+    free = ["--free", "y_l,y_r,alpha_l", "--profile", "thesis-lab", "--generations", "40", "--population", "24"]
+    assert call(*args, *free, "--out", str(tmp_path), "--rerun") == 0
+    found = document(tmp_path)
+    assert set(found["train_by_source"]) == set(found["held_out"]) == {f"{log} (wheels)", f"{log} (commands)"}
+    for scores in (*found["train_by_source"].values(), *found["held_out"].values()):
+        assert scores["horizons"]["2"]["position_median_m"] < 0.01
+    assert (
+        found["train_by_source"][f"{log} (wheels)"]["horizons"]["2"]["n"]
+        > found["held_out"][f"{log} (wheels)"]["horizons"]["2"]["n"]
+    )
+    assert found["parameters"]["y_l"]["value"] == pytest.approx(0.275, abs=0.01)
+    for name in ("fit.png", "fit.rrd", "profile.toml", "checkpoint.npz"):
+        assert (tmp_path / name).stat().st_size > 500
+    again = load(str(tmp_path / "profile.toml"))
+    assert again.plants["kinematic"].parameters.y_l == found["parameters"]["y_l"]["value"]
+    assert again.plants["mujoco"] == load("thesis-lab").plants["mujoco"]
+    provenance = again.provenance["kinematic"]
+    assert provenance["seed"] == 0
+    assert provenance["cost"] == found["cost"]
+    assert set(provenance["standard_errors"]) == {"y_l", "y_r", "alpha_l"}
+
+
+def test_the_result_does_not_depend_on_workers(tmp_path: Path) -> None:
+    for workers in ("1", "2"):
+        args = ("linear", "--to", "traj2@linear", "--workers", workers, "--out", str(tmp_path / workers), *QUICK)
+        assert call(*args) == 0
+    one, two = document(tmp_path / "1"), document(tmp_path / "2")
+    assert one["parameters"] == two["parameters"]
+    assert one["cost"] == two["cost"]
+
+
+def test_the_search_is_the_same_with_and_without_abandoning(lab: Profile) -> None:
+    """Limits save work; they change no cost that is kept."""
+    from tests.test_objective import log_target
+
+    space = make_space("linear", ("k_u", "k_y", "gain", "delay"), {})
+    problem = Problem("linear", lab.plants["linear"], space, [log_target(lab)], CostSettings("horizon"))
+    searches = []
+    for abandon in (True, False):
+        search = Search(Jde(len(space), JdeSettings(12, 10), 3), {})
+        search.run(lambda points, limits, _, a=abandon: problem.costs(points, limits if a else None))
+        searches.append(search)
+    assert np.abs(searches[0].jde.population - searches[1].jde.population).max() == EXACT
+    assert np.array_equal(searches[0].jde.costs, searches[1].jde.costs)
+
+
+# ------------------------------------------------------------------------------------------------------- honesty
+
+
+def test_standard_errors_follow_the_data(lab: Profile) -> None:
+    """Noise of known size on the truth: the error of the estimate has the size that is claimed, here within a factor."""
+    from dataclasses import replace
+
+    from validation.objective import Target
+
+    base = scenario(lab, "traj4@linear")
+    space = make_space("linear", ("effective_half_track", "wheel_radius"), {})
+    errors, claims = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        blocks = np.repeat(rng.normal(0.0, 0.01, (21, 2)), 125, axis=0)[: len(base.truth[0])]  # one error a second
+        pose = base.truth[0].pose + np.column_stack([blocks, np.zeros(len(blocks))])
+        noisy = Target("noisy", base.source, (replace(base.truth[0], pose=pose),))
+        problem = Problem("linear", lab.plants["linear"], space, [noisy], CostSettings("sync", yaw_weight=0.1))
+        search = Search(Jde(2, JdeSettings(16, 40), seed), {})
+        search.run(lambda points, limits, _, p=problem: p.costs(points, limits))
+        truth = space.points([0.275, 0.1651])
+        errors.append(search.jde.best - truth)
+        claims.append(estimate(problem, search.jde.best).share)
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(claims, axis=0)
+    assert np.all(ratio > 0.3)
+    assert np.all(ratio < 3.0)
+
+
+def test_what_the_data_cannot_tell_is_said(lab: Profile, tmp_path: Path) -> None:
+    """Two numbers of which only the quotient matters, and one that does nothing here."""
+    args = ["kinematic", "--to", "traj4@kinematic", "--free", "wheel_radius,alpha_l,alpha_r,acceleration_w", *QUICK]
+    assert call(*args, "--out", str(tmp_path), "--bounds", "acceleration_w=5:20") == 0
+    found = document(tmp_path)
+    told = " ".join(found["notes"])
+    assert "cannot tell" in told
+    assert "wheel_radius" in told
+    assert "hardly determine acceleration_w" in told
+    p = found["parameters"]["acceleration_w"]
+    assert p["standard_error"] > VAGUE * (p["upper"] - p["lower"]) * 0.5
+
+
+def test_a_bound_that_was_reached_is_flagged(tmp_path: Path) -> None:
+    args = ["kinematic", "--to", "traj4@kinematic", "--free", "alpha_l,alpha_r", "--bounds", "alpha_l=0.8:0.9", *QUICK]
+    assert call(*args, "--out", str(tmp_path), "--generations", "40") == 0
+    found = document(tmp_path)
+    assert found["parameters"]["alpha_l"]["at_bound"]
+    assert not found["parameters"]["alpha_r"]["at_bound"]
+    assert any("alpha_l ended at its upper bound, 0.9" in note for note in found["notes"])
+
+
+# ---------------------------------------------------------------------------------------- interruption, resumption
+
+
+def wait_for(path: Path, child: subprocess.Popen[bytes], seconds: float = 120.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not path.exists() and time.monotonic() < deadline and child.poll() is None:
+        time.sleep(0.01)
+    assert path.exists()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_broken_off_fit_resumes_to_the_same_end(how: signal.Signals, tmp_path: Path) -> None:
+    args = [
+        "improved",
+        "--to",
+        "traj4@coulomb",
+        "--seed",
+        "3",
+        "--generations",
+        "25",
+        "--population",
+        "30",
+        "--patience",
+        "99",
+    ]
+    through, broken = tmp_path / "through", tmp_path / "broken"
+    assert call(*args, "--out", str(through)) == 0
+    command = [sys.executable, "-m", "validation.fit", *args, "--out", str(broken)]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    wait_for(broken / "checkpoint.npz", child)
+    child.send_signal(how)
+    _, errors = child.communicate(timeout=60)
+    if how == signal.SIGINT and child.returncode != 0:  # 0: it was done before the signal came
+        assert child.returncode == 130, errors
+        stopped = document(broken)
+        assert stopped["status"] == "interrupted"
+        assert stopped["parameters"]["gain"]["standard_error"] is None
+        assert load(str(broken / "profile.toml")).provenance["improved"]["status"] == "interrupted"
+    assert call(*args, "--out", str(broken), "--resume") == 0
+    a, b = document(through), document(broken)
+    assert a["parameters"] == b["parameters"]
+    assert (a["cost"], a["evaluations"], a["generations"]) == (b["cost"], b["evaluations"], b["generations"])
+
+
+def test_a_checkpoint_of_another_fit_is_refused(lab: Profile, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    args = ["kinematic", "--to", "traj4@kinematic", "--free", "alpha_l", "--out", str(tmp_path), "--population", "8"]
+    assert call(*args, "--generations", "2") == 0
+    capsys.readouterr()
+    for change, what in (
+        (["--seed", "4"], "seed"),
+        (["--bounds", "alpha_l=0.9:1.1"], "parameters or bounds"),
+        (["--objective", "sync"], "objective"),
+        (["--generations", "3"], "settings of the search"),
+    ):
+        settings = [] if "--generations" in change else ["--generations", "2"]
+        assert call(*args, *settings, *change, "--resume") == 2
+        told = capsys.readouterr().err.strip()
+        assert f"checkpoint of another fit: it differs in {what};" in told
+        assert "\n" not in told
+    (tmp_path / "checkpoint.npz").write_bytes(b"PK\x03\x04 rubbish")
+    assert call(*args, "--generations", "2", "--resume") == 2
+    assert "no checkpoint of a fit, or a damaged one" in capsys.readouterr().err
+
+
+def test_a_checkpoint_holds_the_whole_search(lab: Profile, tmp_path: Path) -> None:
+    space = make_space("coulomb", ("u_x", "mu_c"), {})
+    problem = Problem("coulomb", lab.plants["coulomb"], space, [scenario(lab)], CostSettings())
+    settings = JdeSettings(10, 6)
+    who = identity(problem, settings, 0, None)
+    search = Search(Jde(2, settings, 0), who)
+    search.run(lambda points, limits, _: problem.costs(points, limits), tmp_path / "c.npz")
+    again, _ = Search.load(tmp_path / "c.npz", who)
+    assert again.best_cost == search.best_cost
+    assert np.array_equal(again.jde.population, search.jde.population)
+    with pytest.raises(CheckpointError, match="differs in seed"):
+        Search.load(tmp_path / "c.npz", identity(problem, settings, 1, None))
+
+
+def test_resuming_from_nothing_begins_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    args = ["kinematic", "--to", "traj4@kinematic", "--free", "alpha_l", "--population", "8", "--generations", "2"]
+    assert call(*args, "--out", str(tmp_path), "--resume") == 0
+    assert "the fit begins anew" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("args", "what"),
+    [
+        (["coulomb", "--to", "traj9"], "no source 'traj9'"),
+        (["coulomb", "--to", "traj4@gazebo"], "unknown plant 'gazebo'"),
+        (["coulomb", "--to", "nosuch.csv"], "nosuch.csv"),
+        (["coulomb", "--to", "traj4", "--free", "mu_s"], "coulomb has no parameter 'mu_s' to fit; there are: u_x, mu_c"),
+        (["coulomb", "--to", "traj4", "--bounds", "gain=90:20"], "bounds of gain are 90 and 20"),
+        (["coulomb", "--to", "traj4", "--bounds", "gain=1:inf"], "must be finite"),
+        (["coulomb", "--to", "traj4", "--bounds", "gain=1"], "NAME=LOW:HIGH"),
+        (["coulomb", "--to", "traj4", "--start", "gain=900"], "gain = 900 N m s/rad lies outside its bounds, 10 to 500"),
+        (["coulomb", "--to", "traj4", "--start", "wheel_lag=0.1"], "wheel_lag, which is not free"),
+        (["coulomb", "--to", "traj4", "--fix", "gain"], "NAME=NUMBER"),
+        (["coulomb", "--to", "traj4", "--fix", "gain=-3"], "gain = -3.0 lies outside"),
+        (["coulomb", "--to", "traj4", "--free", "gain", "--fix", "gain=50"], "a space needs parameters"),
+        (["coulomb", "--to", "traj4", "--population", "3"], "population"),
+        (["coulomb", "--to", "traj4", "--generations", "-1"], "generations"),
+        (["coulomb", "--to", "traj4", "--held-out", "traj4"], "cannot be held out"),
+        (["coulomb", "--to", "traj4", "--input", "wheels"], "no measured wheel rates"),
+        (["coulomb", "--to", "traj4", "--from", "3"], "cut recordings"),
+        (["coulomb", "--to", "traj4", "--objective", "horizon", "--horizons", "500"], "no window"),
+        (["coulomb", "--to", "traj4", "--workers", "0"], "--workers 0 must be positive"),
+        (["mujoco", "--to", "traj4", "--free", "yaw_inertia", "--bounds", "yaw_inertia=1:9"], "no rigid body"),
+        (["mujoco", "--to", "traj4", "--fix", "yaw_inertia=50"], "no rigid body"),
+        (["coulomb", "--to", "traj4", "--scheduler", "tcp://127.0.0.1:9"], "no dask scheduler answers at tcp://127.0.0.1:9"),
+    ],
+)
+def test_mistakes_are_one_clear_line(
+    args: Sequence[str], what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("validation.cluster.CONNECT_TIMEOUT", 0.5)
+    out = tmp_path / "out"
+    assert call(*args, "--out", str(out)) == 2
+    told = capsys.readouterr().err.strip()
+    assert what in told
+    assert "Traceback" not in told
+    assert "\n" not in told
+    assert not out.exists() or not any(out.iterdir())
+
+
+def test_a_source_without_what_is_asked_for(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bare = tmp_path / "bare.csv"
+    rows = [line.split(",") for line in log.read_text().splitlines()]
+    keep = [i for i, name in enumerate(rows[0]) if not name.startswith("enc")]
+    bare.write_text("\n".join(",".join(row[i] for i in keep) for row in rows))
+    out = tmp_path / "out"
+    assert call("kinematic", "--to", str(bare), "--input", "wheels", "--out", str(out)) == 2
+    assert "no column enc_left, enc_right" in capsys.readouterr().err
+    assert call("kinematic", "--to", str(log), "--held-out", str(log), "--out", str(out)) == 2
+    assert "nothing of it is held out" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path.chmod(0o500)
+    assert call("coulomb", "--to", "traj4", "--out", str(tmp_path / "x")) == 2
+    assert "cannot be made" in capsys.readouterr().err
+
+
+def test_an_out_that_is_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "x").write_text("")
+    assert call("coulomb", "--to", "traj4", "--out", str(tmp_path / "x")) == 2
+    assert "cannot be made" in capsys.readouterr().err

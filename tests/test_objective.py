@@ -1,0 +1,232 @@
+"""Costs: what they are made of, that abandoning early changes nothing, that workers do not matter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ssmr.metrics import compare_paths
+from ssmr.types import State, Trajectory
+from tests.conftest import EXACT, ROUNDOFF
+from validation.driving import drive, horizons_of
+from validation.objective import CostSettings, Problem, Target, make_raters, windows
+from validation.profiles import Profile, make_plant
+from validation.recordings import Recording
+from validation.searchable import DEFAULT_FREE, SEARCHABLE, find, make_space, with_values
+from validation.sources import open_source, source_of
+
+
+def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Recording:
+    """A drive of a planar plant as a log at 20 Hz with one gap in it."""
+    rng = np.random.default_rng(2)
+    t = 0.05 * np.arange(round(seconds / 0.05))
+    v = np.repeat(rng.uniform(-0.3, 0.5, len(t) // 100 + 1), 100)[: len(t)]
+    w = np.repeat(rng.uniform(-0.8, 0.8, len(t) // 100 + 1), 100)[: len(t)]
+    from ssmr.types import Commands
+
+    motion = make_plant(lab, plant).run(Commands(0.05, np.column_stack([v, w])), State(), 0.05)
+    columns = {
+        "t": t, "cmd_v": v, "cmd_w": w, "enc_left": motion.wheels[:-1, 0], "enc_right": motion.wheels[:-1, 1],
+        "x": motion.pose[:-1, 0], "y": motion.pose[:-1, 1], "yaw": motion.pose[:-1, 2],
+    }  # fmt: skip
+    keep = np.abs(t - 0.4 * seconds) > 0.2
+    return Recording.from_columns("log", {k: c[keep] for k, c in columns.items()})
+
+
+def scenario(lab: Profile, name: str = "traj4@improved") -> Target:
+    source = open_source(name)
+    plant = make_plant(lab, source.reference)
+    return Target(name, source, tuple(drive(plant, p, (0.0, 0.0), source.sample_dt) for p in source.pieces))
+
+
+def log_target(lab: Profile, kind: str = "twist") -> Target:
+    source = source_of(recorded(lab), "log", kind)  # type: ignore[arg-type]
+    return Target("log", source, tuple(p.reference for p in source.pieces if p.reference is not None))
+
+
+FREE = {
+    "improved": ("u_x", "mu_s", "mu_d", "gain"),
+    "coulomb": ("u_x", "mu_c", "gain"),
+    "mujoco": ("command_half_track", "tracked_x"),
+}
+
+
+def problem(lab: Profile, target: Target, cost: CostSettings, model: str = "improved") -> Problem:
+    return Problem(model, lab.plants[model], make_space(model, FREE[model], {}), [target], cost)
+
+
+def points(n: int, size: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).random((size, n))
+
+
+def test_the_true_parameters_cost_nothing(lab: Profile) -> None:
+    for cost in (CostSettings("path"), CostSettings("sync")):
+        p = problem(lab, scenario(lab), cost)
+        truth = p.space.points([find("improved", n).read(p.base) for n in p.space.names])
+        assert p.costs(truth[None])[0] < 1e-9
+    p = problem(lab, log_target(lab), CostSettings("horizon", horizons=(2.0,)))
+    truth = p.space.points([find("improved", n).read(p.base) for n in p.space.names])
+    assert p.costs(truth[None])[0] < 0.003  # the start's twist is estimated, and inputs are held between samples
+
+
+def test_path_cost_is_equation_3_1(lab: Profile) -> None:
+    """20 d_rms + 8 d_haus + 5 |1 - d_ratio| of the metrics that comparisons print."""
+    target = scenario(lab)
+    p = problem(lab, target, CostSettings("path"))
+    x = points(4, 3)
+    x[:, 2] = x[:, 1] * 0.9  # mu_d, the third, below mu_s, the second
+    for point, cost in zip(x, p.costs(x), strict=True):
+        candidate = p.candidate(point)
+        assert candidate is not None
+        plant = make_plant(Profile("", "", {"improved": candidate}, {}), "improved")
+        m = compare_paths(
+            drive(plant, target.source.pieces[0], candidate.tracked_point, target.source.sample_dt), target.truth[0]
+        )
+        assert cost == pytest.approx(20 * m.d_rms_m + 8 * m.d_haus_m + 5 * abs(1 - m.d_ratio), rel=1e-9)
+
+
+def test_sync_cost_is_what_comparisons_print(lab: Profile) -> None:
+    target = scenario(lab)
+    p = problem(lab, target, CostSettings("sync", yaw_weight=0.5), "coulomb")
+    x = points(3, 2)
+    for point, cost in zip(x, p.costs(x), strict=True):
+        candidate = p.candidate(point)
+        assert candidate is not None
+        plant = make_plant(Profile("", "", {"coulomb": candidate}, {}), "coulomb")
+        m = compare_paths(
+            drive(plant, target.source.pieces[0], candidate.tracked_point, target.source.sample_dt), target.truth[0]
+        )
+        assert cost == pytest.approx(m.sync_rms_m + 0.5 * m.yaw_rms_rad, rel=1e-9)
+
+
+def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> None:
+    target = log_target(lab)
+    for piece in target.source.pieces:
+        assert piece.t is not None
+        starts, ends = windows(piece.t, 2.0, piece.fresh)
+        assert np.all(piece.t[ends] - piece.t[starts] >= 2.0 - 1e-9)
+        assert np.all(piece.t[ends] - piece.t[starts] < 2.2)
+        assert len(starts) > len(horizons_of([], (2.0,)))
+    raters = make_raters(CostSettings("horizon", yaw_weight=0.0, horizons=(2.0,)), [target])
+    shift = 0.1  # every window of a robot that stands still is off by what the recorded one moved
+    still = [np.repeat(truth.pose[:1], len(truth), axis=0)[None] for truth in target.truth]
+    moved = []
+    for piece, truth in zip(target.source.pieces, target.truth, strict=True):
+        assert piece.t is not None
+        a, b = windows(piece.t, 2.0, piece.fresh)
+        moved.append(np.hypot(*(truth.pose[b, :2] - truth.pose[a, :2]).T))
+    got = sum(float(r.cost(s)[0]) for r, s in zip(raters[0], still, strict=True))
+    assert got == pytest.approx(np.concatenate(moved).mean(), rel=ROUNDOFF)
+    turned = [truth.pose[None] + np.array([shift, 0.0, 0.0]) for truth in target.truth]
+    assert sum(float(r.cost(s)[0]) for r, s in zip(raters[0], turned, strict=True)) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["twist", "wheels"])
+def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
+    """A cost within its limit is exact; one beyond is a lower bound that exceeds the limit."""
+    target = log_target(lab, kind)
+    p = Problem(
+        "linear", lab.plants["linear"], make_space("linear", DEFAULT_FREE["recording"]["linear"], {}), [target],
+        CostSettings("horizon"),
+    )  # fmt: skip
+    x = points(len(p.space), 24)
+    whole = p.costs(x)
+    limits = np.where(np.arange(len(x)) % 2, np.inf, 0.3 * np.nan_to_num(whole, posinf=1.0))
+    some = p.costs(x, limits)
+    within = whole <= limits
+    assert within.any()
+    assert np.array_equal(some[within], whole[within])
+    assert np.all(some[~within] > limits[~within])
+    assert np.all(some[~within] <= whole[~within])
+    assert np.any(some[~within] < whole[~within])  # it did save work
+
+
+@pytest.mark.parametrize("model", ["improved", "mujoco"])
+def test_workers_do_not_matter(lab: Profile, model: str) -> None:
+    target = scenario(lab)
+    p = problem(lab, target, CostSettings("sync"), model)
+    x = points(len(p.space), 3)
+    assert np.abs(np.subtract(*(np.nan_to_num(p.costs(x, workers=w), posinf=-1.0) for w in (1, 2)))).max() == EXACT
+
+
+def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
+    """Bit for bit the same alone and among many: shares of a generation may be rated anywhere."""
+    for target, cost in (
+        (scenario(lab), CostSettings("path")),
+        (scenario(lab), CostSettings("sync")),
+        (log_target(lab), CostSettings("horizon")),
+    ):
+        p = problem(lab, target, cost, "coulomb")
+        x = points(3, 7)
+        assert np.array_equal(p.costs(x), np.concatenate([p.costs(one[None]) for one in x]))
+
+
+def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
+    """Candidates of every plant, by commands and by wheel rates, end where the plant alone ends."""
+    from validation.population import make_population
+
+    for kind in ("twist", "wheels"):
+        target = log_target(lab, kind)
+        piece = target.source.pieces[0]
+        for name, plant in lab.plants.items():
+            other = replace(plant, tracked_point=(0.12, -0.03))
+            many = make_population(name, [plant, None, other], 2).poses([0, 1, 2], piece, target.source.sample_dt)
+            assert np.isnan(many[1]).all()
+            for row, profile in ((0, plant), (2, other)):
+                made = make_plant(Profile("", "", {name: profile}, {}), name)
+                alone = drive(made, piece, profile.tracked_point, target.source.sample_dt).pose
+                assert np.abs(many[row] - alone).max() < 1e-12
+
+
+def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
+    for model, numbers in SEARCHABLE.items():
+        for number in numbers:
+            value = 0.5 * (number.lower + number.upper)
+            names, values = [number.name], [value]
+            if number.name == "mu_d":
+                names, values = ["mu_s", "mu_d"], [2.0 * value, value]
+            assert number.read(with_values(model, lab.plants[model], names, values)) == value
+    for occasion in DEFAULT_FREE.values():
+        for model, names in occasion.items():
+            assert len(make_space(model, names, {})) == len(names)
+
+
+def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
+    p = Problem(
+        "improved", lab.plants["improved"], make_space("improved", ("mu_s", "mu_d"), {}), [scenario(lab)], CostSettings()
+    )
+    assert p.candidate(np.array([0.1, 0.9])) is None
+    assert p.costs(np.array([[0.1, 0.9], [0.9, 0.1]])).tolist()[0] == np.inf
+
+
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [
+        (lambda: make_space("coulomb", ("mu_s",), {}), "coulomb has no parameter 'mu_s' to fit; there are: u_x"),
+        (lambda: make_space("coulomb", ("gain",), {"gain": (5.0, 1.0)}), "bounds of gain are 5 and 1"),
+        (lambda: make_space("coulomb", ("gain",), {"u_x": (0.0, 1.0)}), "u_x, which is not free"),
+        (lambda: make_space("coulomb", ("delay", "delay_v"), {}), "delay and delay_v move the same number"),
+        (lambda: CostSettings("nice"), "unknown cost 'nice'"),  # type: ignore[arg-type]
+        (lambda: CostSettings(yaw_weight=float("nan")), "yaw_weight"),
+    ],
+)
+def test_mistakes_are_named(make, what: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=what):
+        make()
+
+
+def test_a_horizon_longer_than_the_source_is_refused(lab: Profile) -> None:
+    with pytest.raises(ValueError, match=r"no window of 100 s fits.*name shorter --horizons"):
+        make_raters(CostSettings("horizon", horizons=(2.0, 100.0)), [log_target(lab)])
+
+
+def test_equal_motions_have_equal_trajectories(lab: Profile) -> None:
+    """A trajectory copies by its arrays, as other processes need it."""
+    import copy
+
+    motion = scenario(lab).truth[0]
+    again: Trajectory = copy.copy(motion)
+    assert np.array_equal(motion.pose, again.pose)
+    assert list(again.channels) == list(motion.channels)

@@ -1,0 +1,342 @@
+"""`python -m validation.fit MODEL --to SOURCE`: a plant's parameters from a motion, by differential evolution."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from rich.progress import Progress as Bar
+
+from ssmr.jde import Crossover, Jde, JdeSettings, Strategy
+from ssmr.space import ParameterSpace
+from ssmr.types import FloatArray
+from validation import cli, store
+from validation.cluster import Cluster
+from validation.fitting import CHECKPOINT, Asked, Evaluate, Progress, Search, as_document, conclude, fitted_profile, identity
+from validation.objective import CostName, CostSettings, Problem
+from validation.profiles import PlantProfile, Profile, dump, load
+from validation.results import FitResult
+from validation.searchable import DEFAULT_FREE, find, make_space, with_values
+from validation.targets import Input, held_out_targets, is_scenario, parse_sources, train_targets
+
+POPULATION = {"mujoco": 32}
+"""Default size of the population where it is not that of Tab. 3.7."""
+GENERATIONS = {"mujoco": 60}
+"""Default number of generations likewise."""
+LOG_EVERY_S = 10.0
+"""Where standard error is no terminal, a line of progress appears this often [s]."""
+
+COSTS: dict[str, CostName] = {"scenario": "path", "recording": "horizon"}
+"""What is made small unless the user says otherwise."""
+
+
+def parse_values(text: str, what: str) -> dict[str, float]:
+    """`name=value,name=value` as numbers.
+
+    Raises:
+        UserError: something else.
+    """
+    out: dict[str, float] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        name, equals, value = part.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = np.nan
+        if not equals or not np.isfinite(number) or name.strip() in out:
+            raise cli.UserError(f"{what} '{part}' is no NAME=NUMBER of its own, such as friction=0.4")
+        out[name.strip()] = number
+    return out
+
+
+def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
+    """`name=low:high,...` as pairs of numbers.
+
+    Raises:
+        UserError: something else.
+    """
+    out: dict[str, tuple[float, float]] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        name, equals, span = part.partition("=")
+        low, colon, high = span.partition(":")
+        try:
+            pair = (float(low), float(high))
+        except ValueError:
+            colon = ""
+        if not equals or not colon or name.strip() in out:
+            raise cli.UserError(f"--bounds '{part}' is no NAME=LOW:HIGH of its own, such as friction=0.2:0.8")
+        out[name.strip()] = pair
+    return out
+
+
+def first_points(space: ParameterSpace, model: str, base: PlantProfile, start: str | None) -> FloatArray | None:
+    """(1, n) the candidate to begin with, in the unit cube: the profile's values, and others where given.
+
+    Raises:
+        ValueError: a start outside the bounds, or of a parameter that is not free.
+    """
+    if start is None:
+        return None
+    given = {} if start == "profile" else parse_values(start, "--start")
+    for name in given:
+        find(model, name)
+        if name not in space.names:
+            raise ValueError(f"--start names {name}, which is not free")
+    values = [given.get(name, find(model, name).read(base)) for name in space.names]
+    return space.points(np.array(values)[None])
+
+
+def require_possible(problem: Problem, model: str) -> None:
+    """Refuse what no candidate can be: the profile's own numbers, and bounds of the inertia that no body has.
+
+    Raises:
+        ValueError: the plant cannot be built; the message says why.
+    """
+    from validation.mujoco_plant import MujocoPlant
+
+    if model != "mujoco":
+        return
+    ends: list[dict[str, float]] = [{}]
+    ends += [
+        {p.name: end} for p in problem.space.parameters if p.name in ("yaw_inertia", "mass") for end in (p.lower, p.upper)
+    ]
+    for end in ends:
+        plant = with_values(model, problem.base, list(end), list(end.values()))
+        try:
+            MujocoPlant(plant.parameters, plant.drive)
+        except ValueError as error:
+            what = f"bounds of {next(iter(end))}: " if end else ""
+            raise ValueError(f"{what}{error}") from error
+
+
+@contextlib.contextmanager
+def shown(space: ParameterSpace, settings: JdeSettings) -> Iterator[Callable[[Progress], None]]:
+    """A progress bar on a terminal, a line every few seconds elsewhere: generation, cost, best values, speed."""
+    bar: Bar = cli.progress()
+    began, last, first = time.perf_counter(), [time.perf_counter()], [-1]
+
+    def show(progress: Progress) -> None:
+        if first[0] < 0:
+            first[0] = progress.evaluations
+        rate = (progress.evaluations - first[0]) / max(time.perf_counter() - began, 1e-9)
+        text = f"cost {progress.best_cost:.5g}"
+        if len(progress.best):
+            values = space.values(progress.best)
+            few = ", ".join(f"{n} {v:.4g}" for n, v in list(zip(space.names, values, strict=True))[:4])
+            text += f"  {few}{', …' if len(space) > 4 else ''}  {rate:.1f}/s"
+        bar.update(task, completed=progress.generation + progress.share, description=text)
+        if bar.disable and time.perf_counter() - last[0] > LOG_EVERY_S:
+            last[0] = time.perf_counter()
+            left = (
+                (settings.generations + 1 - progress.generation - progress.share)
+                / max(progress.generation + progress.share, 1e-9)
+                * progress.wall_s
+            )
+            done = f"generation {max(progress.generation - 1, 0)} of {settings.generations}"
+            print(f"{done}  {text}  at most {left:.0f} s left", file=sys.stderr, flush=True)
+
+    with bar:
+        task = bar.add_task("first generation", total=settings.generations + 1)
+        yield show
+
+
+def main(
+    model: Annotated[Literal["mujoco", "improved", "coulomb", "linear", "kinematic"], tyro.conf.Positional],
+    /,
+    *,
+    to: str,
+    input: Input = "commands",
+    start_at: Annotated[float | None, tyro.conf.arg(name="from")] = None,
+    until: float | None = None,
+    held_out: str | None = None,
+    profile: str | None = None,
+    free: str | None = None,
+    fix: str = "",
+    bounds: str = "",
+    start: str | None = None,
+    objective: CostName | None = None,
+    horizons: str = "2,6",
+    yaw_weight: float = 1.0,
+    population: int | None = None,
+    generations: int | None = None,
+    strategy: Strategy = "best/2",
+    crossover: Crossover = "bin",
+    df: float = 1e-3,
+    patience: int = 30,
+    target: float | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    out: Path | None = None,
+    name: str | None = None,
+    resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    rerun: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
+    """Fit a plant's parameters to a motion by self-adaptive differential evolution (jDE).
+
+    Prints tables and writes fit.json, profile.toml, fit.png and, after every generation, checkpoint.npz.
+    Ctrl-C ends the search and writes the best found so far, marked as interrupted.
+
+    Args:
+        model: The plant to fit.
+        to: What to fit it to: traj4@mujoco (the scenario as that plant drives it), the path of a recording, or several,
+            comma-separated.
+        input: What of a recording drives the plant: commands, measured wheel rates, or both, each in its turn.
+        start_at: Leave out what was recorded before this time [s].
+        until: Leave out what was recorded after this time [s].
+        held_out: Sources to judge the fit on, comma-separated; a recording that is also fitted to means its parts outside
+            --from and --until.
+        profile: The numbers to begin with, and of everything that is not fitted; thesis-lab for scenarios, husky-tile for
+            recordings.
+        free: Which parameters to search, comma-separated; the default depends on plant and source. A wrong name lists all.
+        fix: Values to hold, such as friction=0.4,com_y=0; such a parameter is not searched.
+        bounds: Bounds of the search, such as friction=0.2:0.8,delay=0:0.5.
+        start: Put one candidate into the first population: 'profile', or values such as friction=0.4 (the others from the
+            profile).
+        objective: path (Eq. 3.1, default for scenarios), sync (errors at equal times) or horizon (errors of the relative
+            pose after some seconds, default for recordings).
+        horizons: Of the horizon objective [s].
+        yaw_weight: What a radian counts beside a metre in the sync and horizon objectives [m/rad].
+        population: Candidates in a generation; 50, and 32 for mujoco.
+        generations: At most so many after the first population; 300, and 60 for mujoco.
+        strategy: Mutation. best/2 converges fast; rand/1 does not get stuck.
+        crossover: Binomial or exponential.
+        df: Stop when the cost improved by no more than this share ...
+        patience: ... over this many generations.
+        target: Stop at this cost.
+        seed: Seed of the search.
+        workers: Threads; the result does not depend on it.
+        scheduler: Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates.
+        out: Folder for the results; runs/fit/MODEL-SOURCE if not given.
+        name: Name of the profile that is written.
+        resume: Continue from the checkpoint in --out.
+        rerun: Write fit.rrd too.
+    """
+    with cli.mistakes_are_users():
+        sources = parse_sources(to, "--to")
+        wanted_held_out = parse_sources(held_out, "--held-out") if held_out is not None else ()
+        if seed < 0 or (workers is not None and workers < 1):
+            raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
+        occasion: Literal["scenario", "recording"] = "scenario" if all(map(is_scenario, sources)) else "recording"
+        base = load(profile or ("thesis-lab" if occasion == "scenario" else "husky-tile"))
+        held = parse_values(fix, "--fix")
+        begun = with_values(model, base.plants[model], list(held), held.values())
+        names = tuple(n.strip() for n in free.split(",") if n.strip()) if free is not None else DEFAULT_FREE[occasion][model]
+        space = make_space(model, [n for n in names if n not in held], parse_bounds(bounds))
+        first = first_points(space, model, begun, start)
+        cost = CostSettings(
+            objective or COSTS[occasion], yaw_weight=yaw_weight, horizons=cli.parse_numbers(horizons, "--horizons")
+        )
+        settings = JdeSettings(
+            population=POPULATION.get(model, 50) if population is None else population,
+            generations=GENERATIONS.get(model, 300) if generations is None else generations,
+            strategy=strategy,
+            crossover=crossover,
+            df=df,
+            patience=patience,
+            target=-np.inf if target is None else target,
+        )
+        problem = Problem(model, begun, space, train_targets(sources, base, input, start_at, until), cost)
+        require_possible(problem, model)
+        judged = held_out_targets(wanted_held_out, sources, base, input, start_at, until)
+        folder = cli.output_folder(out or Path("runs") / "fit" / f"{model}-{Path(sources[0]).stem}")
+        search = begin(folder / CHECKPOINT, problem, settings, seed, first, resume)
+    options = {
+        "input": input if occasion == "recording" else None,
+        "from": start_at,
+        "until": until,
+        "objective": cost.name,
+        **({"horizons_s": list(cost.horizons)} if cost.name == "horizon" else {}),
+        **({"yaw_weight_m_rad": cost.yaw_weight} if cost.name != "path" else {}),
+        "fixed": held or None,
+        **{k: v for k, v in asdict(settings).items() if not (k == "target" and target is None)},
+        "start": start,
+        "scheduler": scheduler,
+    }
+    threads = workers or os.cpu_count() or 1
+    with contextlib.ExitStack() as stack:
+        if scheduler is None:
+            evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, threads, tell)  # noqa: E731
+        else:
+            with cli.mistakes_are_users():
+                evaluate = stack.enter_context(Cluster(scheduler, problem))
+        with shown(space, settings) as show:
+            search.run(evaluate, folder / CHECKPOINT, show)
+    if search.interrupted and not np.isfinite(search.jde.best_cost):
+        raise KeyboardInterrupt
+    with cli.progress() as bar:
+        bar.add_task("standard errors and scores", total=None)
+        result = conclude(search, problem, Asked(base, to, judged, seed, options), threads)
+    written = write(result, search.jde.best, problem, base, name or f"{base.name}-fitted", folder, rerun=rerun)
+    _report(result, written)
+    if search.interrupted:
+        raise KeyboardInterrupt
+
+
+def begin(
+    checkpoint: Path, problem: Problem, settings: JdeSettings, seed: int, first: FloatArray | None, resume: bool
+) -> Search:
+    """A new search, or the one that a checkpoint holds.
+
+    Raises:
+        ValueError: settings that make no sense, or the checkpoint of another fit.
+    """
+    who = identity(problem, settings, seed, first)
+    if not resume:
+        return Search(Jde(len(problem.space), settings, seed, first), who)
+    if not checkpoint.is_file():
+        cli.warn(f"there is no {checkpoint} to resume from; the fit begins anew")
+        return Search(Jde(len(problem.space), settings, seed, first), who)
+    search, versions = Search.load(checkpoint, who)
+    now = store.versions()
+    differs = [f"{package} {was}, now {now.get(package)}" for package, was in versions.items() if was != now.get(package)]
+    if differs:
+        cli.warn(f"the fit began with other versions, so its course may differ: {'; '.join(differs)}")
+    return search
+
+
+def write(
+    result: FitResult, point: FloatArray, problem: Problem, base: Profile, name: str, folder: Path, *, rerun: bool
+) -> list[Path]:
+    """Write fit.png, profile.toml, fit.rrd (if wanted) and, last, fit.json; return what was written."""
+    from validation.figures import save_figure
+    from validation.fit_figure import fit_figure
+
+    written = [folder / "fit.png"]
+    save_figure(fit_figure(result), written[0])
+    date = datetime.datetime.now(datetime.UTC).date().isoformat()
+    text = dump(fitted_profile(result, base, problem, point, name, date))
+    written.append(folder / "profile.toml")
+    store.write_atomic(written[-1], lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    if rerun:
+        from validation.fit_rerun import write_fit_recording
+
+        written.append(folder / "fit.rrd")
+        write_fit_recording(result, written[-1])
+    written.append(folder / "fit.json")
+    store.write_json(written[-1], as_document(result))
+    return written
+
+
+def _report(result: FitResult, written: Sequence[Path]) -> None:
+    from validation.fit_report import fit_notes, fit_tables
+
+    console = cli.report_console()
+    for table in fit_tables(result):
+        console.print(table)
+    for note in fit_notes(result):
+        console.print(note, highlight=False)
+    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    cli.run(main, "python -m validation.fit")

@@ -1,0 +1,112 @@
+"""What the shipped profiles reach: MuJoCo against the published models, the models against MuJoCo, all against a real Husky.
+
+Limits are the thesis' own distances between model and robot, and for the real Husky what a kinematic fit of the field
+reaches; they are never set by what this project happens to get.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from ssmr.jde import Jde, JdeSettings
+from tests.conftest import data_folder
+from validation import published
+from validation.compare import Settings, compare
+from validation.objective import CostSettings, Problem
+from validation.profiles import Profile, load
+from validation.results import PlantResult
+from validation.search import Search
+from validation.searchable import DEFAULT_FREE, make_space, with_values
+from validation.sources import open_source
+from validation.targets import train_targets
+
+TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")
+OWN_TABLE = {"coulomb": "3.9", "improved": "3.12", "linear": "3.15"}
+"""Each model's distance from the lab's robot."""
+MODELS = tuple(OWN_TABLE)
+TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"
+HELD_OUT_FROM = 500.0
+"""What no parameter of husky-tile has seen [s]."""
+
+
+def limit(model: str, trajectory: str) -> float:
+    return published.value(OWN_TABLE[model], trajectory, "d_rms_m")
+
+
+def driven(profile: Profile, source: str, reference: str, plant: str) -> PlantResult:
+    return compare(open_source(source), profile, (plant,), reference).plants[plant]
+
+
+# ---------------------------------------------------------------------------------------------------- thesis-lab
+
+
+@pytest.mark.parametrize("trajectory", TRAJECTORIES)
+def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(lab: Profile, trajectory: str) -> None:
+    result = driven(lab, trajectory, "improved", "mujoco")
+    assert result.metrics.d_rms_m <= limit("improved", trajectory)
+    assert result.health is not None
+    assert result.health.ok
+
+
+@pytest.mark.parametrize("trajectory", TRAJECTORIES)
+@pytest.mark.parametrize("model", MODELS)
+def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, trajectory: str) -> None:
+    """The published parameters belong to a robot that MuJoCo stands for: no nearer than twice the real one's distance."""
+    assert driven(lab, trajectory, "mujoco", model).metrics.d_rms_m <= 2.0 * limit(model, trajectory)
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
+    """The thesis' experiment: a model fitted to trajectory 4 as MuJoCo drives it, and its d_rms on all four."""
+    lab, model = load("thesis-lab"), request.param
+    space = make_space(model, DEFAULT_FREE["scenario"][model], {})
+    targets = train_targets(("traj4@mujoco",), lab, "commands", None, None)
+    problem = Problem(model, lab.plants[model], space, targets, CostSettings("path"))
+    search = Search(Jde(len(space), JdeSettings(50, 120, patience=30), 1), {})
+    search.run(lambda points, limits, _: problem.costs(points, limits, 2))
+    found = with_values(model, lab.plants[model], list(space.names), space.values(search.jde.best))
+    fitted = Profile(lab.name, "", {**lab.plants, model: found}, {})
+    return model, {t: driven(fitted, t, "mujoco", model).metrics.d_rms_m for t in TRAJECTORIES}
+
+
+def test_models_fitted_to_mujoco_are_as_near_as_the_thesis_came(
+    refitted: tuple[str, Mapping[str, float]],
+) -> None:
+    model, d_rms = refitted
+    for trajectory, value in d_rms.items():
+        assert value <= limit(model, trajectory), f"{model} on {trajectory}"
+
+
+# ---------------------------------------------------------------------------------------------------- husky-tile
+
+
+@pytest.fixture(scope="module")
+def tile() -> Mapping[str, Mapping[str, PlantResult]]:
+    """All plants on what was held out, by input."""
+    if not Path(TILE).is_file():
+        pytest.skip(f"no recording at {TILE}; SSMR_DATA says where recordings lie")
+    profile = load("husky-tile")
+    kinds = {"wheels": "wheels", "commands": "twist"}
+    return {
+        name: compare(open_source(str(TILE), kind, HELD_OUT_FROM), profile, settings=Settings(horizons=(6.0,))).plants  # type: ignore[arg-type]
+        for name, kind in kinds.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "position", "yaw"),
+    [("wheels", 0.050, 0.035), ("commands", 0.095, 0.065)],
+)
+def test_mujoco_follows_a_real_husky(
+    tile: Mapping[str, Mapping[str, PlantResult]], given: str, position: float, yaw: float
+) -> None:
+    after = tile[given]["mujoco"].horizons[6.0]
+    assert after.position_median_m <= position
+    assert after.yaw_median_rad <= yaw
+
+
+def test_a_dynamic_model_follows_a_real_husky_from_commands(tile: Mapping[str, Mapping[str, PlantResult]]) -> None:
+    assert min(tile["commands"][m].horizons[6.0].position_median_m for m in MODELS) <= 0.095

@@ -29,10 +29,10 @@ from ssmr.jde import Jde, JdeSettings
 from ssmr.simulate import SAMPLE_DT, PlanarModel, run_population
 from ssmr.types import FloatArray, State
 from validation import cli
-from validation.fitting import Search
 from validation.mujoco_plant import MujocoPlant
 from validation.objective import CostSettings, Problem
 from validation.profiles import PlantProfile, load
+from validation.search import Search
 from validation.searchable import make_space
 from validation.targets import train_targets
 

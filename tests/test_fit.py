@@ -18,10 +18,11 @@ from ssmr.jde import Jde, JdeSettings
 from tests.conftest import EXACT
 from tests.test_objective import recorded, scenario
 from validation import fit
-from validation.fitting import CheckpointError, Search, identity
+from validation.fitting import identity
 from validation.objective import CostSettings, Problem
 from validation.profiles import Profile, load
 from validation.recordings import write_csv
+from validation.search import CheckpointError, Search
 from validation.searchable import make_space
 from validation.uncertainty import VAGUE, estimate
 

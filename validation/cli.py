@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -84,6 +85,45 @@ def parse_numbers(text: str, what: str) -> tuple[float, ...]:
     if not numbers or any(not 0.0 < n < float("inf") for n in numbers) or any(b <= a for a, b in pairwise(numbers)):
         raise UserError(f"{what} '{text}' must be positive numbers that increase, such as 2,6,30,60")
     return numbers
+
+
+def parse_values(text: str, what: str) -> dict[str, float]:
+    """`name=value,name=value` as numbers.
+
+    Raises:
+        UserError: something else.
+    """
+    out: dict[str, float] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        name, equals, value = part.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not equals or not math.isfinite(number) or name.strip() in out:
+            raise UserError(f"{what} '{part}' is no NAME=NUMBER of its own, such as friction=0.4")
+        out[name.strip()] = number
+    return out
+
+
+def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
+    """`name=low:high,...` as pairs of numbers.
+
+    Raises:
+        UserError: something else.
+    """
+    out: dict[str, tuple[float, float]] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        name, equals, span = part.partition("=")
+        low, colon, high = span.partition(":")
+        try:
+            pair = (float(low), float(high))
+        except ValueError:
+            colon = ""
+        if not equals or not colon or name.strip() in out:
+            raise UserError(f"--bounds '{part}' is no NAME=LOW:HIGH of its own, such as friction=0.2:0.8")
+        out[name.strip()] = pair
+    return out
 
 
 def progress() -> Progress:

@@ -5,26 +5,24 @@ from __future__ import annotations
 import contextlib
 import datetime
 import os
-import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 import tyro
-from rich.progress import Progress as Bar
 
-from ssmr.jde import Crossover, Jde, JdeSettings, Strategy
+from ssmr.jde import Crossover, JdeSettings, Strategy
 from ssmr.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import cli, store
 from validation.cluster import Cluster
-from validation.fitting import CHECKPOINT, Asked, Evaluate, Progress, Search, as_document, conclude, fitted_profile, identity
+from validation.fitting import Asked, as_document, conclude, fitted_profile, identity
 from validation.objective import CostName, CostSettings, Problem
 from validation.profiles import PlantProfile, Profile, dump, load
 from validation.results import FitResult
+from validation.search import CHECKPOINT, Evaluate, begin, shown
 from validation.searchable import DEFAULT_FREE, find, make_space, with_values
 from validation.targets import Input, held_out_targets, is_scenario, parse_sources, train_targets
 
@@ -32,50 +30,9 @@ POPULATION = {"mujoco": 32}
 """Default size of the population where it is not that of Tab. 3.7."""
 GENERATIONS = {"mujoco": 60}
 """Default number of generations likewise."""
-LOG_EVERY_S = 10.0
-"""Where standard error is no terminal, a line of progress appears this often [s]."""
 
 COSTS: dict[str, CostName] = {"scenario": "path", "recording": "horizon"}
 """What is made small unless the user says otherwise."""
-
-
-def parse_values(text: str, what: str) -> dict[str, float]:
-    """`name=value,name=value` as numbers.
-
-    Raises:
-        UserError: something else.
-    """
-    out: dict[str, float] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        name, equals, value = part.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = np.nan
-        if not equals or not np.isfinite(number) or name.strip() in out:
-            raise cli.UserError(f"{what} '{part}' is no NAME=NUMBER of its own, such as friction=0.4")
-        out[name.strip()] = number
-    return out
-
-
-def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
-    """`name=low:high,...` as pairs of numbers.
-
-    Raises:
-        UserError: something else.
-    """
-    out: dict[str, tuple[float, float]] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        name, equals, span = part.partition("=")
-        low, colon, high = span.partition(":")
-        try:
-            pair = (float(low), float(high))
-        except ValueError:
-            colon = ""
-        if not equals or not colon or name.strip() in out:
-            raise cli.UserError(f"--bounds '{part}' is no NAME=LOW:HIGH of its own, such as friction=0.2:0.8")
-        out[name.strip()] = pair
-    return out
 
 
 def first_points(space: ParameterSpace, model: str, base: PlantProfile, start: str | None) -> FloatArray | None:
@@ -86,7 +43,7 @@ def first_points(space: ParameterSpace, model: str, base: PlantProfile, start: s
     """
     if start is None:
         return None
-    given = {} if start == "profile" else parse_values(start, "--start")
+    given = {} if start == "profile" else cli.parse_values(start, "--start")
     for name in given:
         find(model, name)
         if name not in space.names:
@@ -116,37 +73,6 @@ def require_possible(problem: Problem, model: str) -> None:
         except ValueError as error:
             what = f"bounds of {next(iter(end))}: " if end else ""
             raise ValueError(f"{what}{error}") from error
-
-
-@contextlib.contextmanager
-def shown(space: ParameterSpace, settings: JdeSettings) -> Iterator[Callable[[Progress], None]]:
-    """A progress bar on a terminal, a line every few seconds elsewhere: generation, cost, best values, speed."""
-    bar: Bar = cli.progress()
-    began, last, first = time.perf_counter(), [time.perf_counter()], [-1]
-
-    def show(progress: Progress) -> None:
-        if first[0] < 0:
-            first[0] = progress.evaluations
-        rate = (progress.evaluations - first[0]) / max(time.perf_counter() - began, 1e-9)
-        text = f"cost {progress.best_cost:.5g}"
-        if len(progress.best):
-            values = space.values(progress.best)
-            few = ", ".join(f"{n} {v:.4g}" for n, v in list(zip(space.names, values, strict=True))[:4])
-            text += f"  {few}{', …' if len(space) > 4 else ''}  {rate:.1f}/s"
-        bar.update(task, completed=progress.generation + progress.share, description=text)
-        if bar.disable and time.perf_counter() - last[0] > LOG_EVERY_S:
-            last[0] = time.perf_counter()
-            left = (
-                (settings.generations + 1 - progress.generation - progress.share)
-                / max(progress.generation + progress.share, 1e-9)
-                * progress.wall_s
-            )
-            done = f"generation {max(progress.generation - 1, 0)} of {settings.generations}"
-            print(f"{done}  {text}  at most {left:.0f} s left", file=sys.stderr, flush=True)
-
-    with bar:
-        task = bar.add_task("first generation", total=settings.generations + 1)
-        yield show
 
 
 def main(
@@ -228,10 +154,10 @@ def main(
             raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
         occasion: Literal["scenario", "recording"] = "scenario" if all(map(is_scenario, sources)) else "recording"
         base = load(profile or ("thesis-lab" if occasion == "scenario" else "husky-tile"))
-        held = parse_values(fix, "--fix")
+        held = cli.parse_values(fix, "--fix")
         begun = with_values(model, base.plants[model], list(held), held.values())
         names = tuple(n.strip() for n in free.split(",") if n.strip()) if free is not None else DEFAULT_FREE[occasion][model]
-        space = make_space(model, [n for n in names if n not in held], parse_bounds(bounds))
+        space = make_space(model, [n for n in names if n not in held], cli.parse_bounds(bounds))
         first = first_points(space, model, begun, start)
         cost = CostSettings(
             objective or COSTS[occasion], yaw_weight=yaw_weight, horizons=cli.parse_numbers(horizons, "--horizons")
@@ -249,7 +175,8 @@ def main(
         require_possible(problem, model)
         judged = held_out_targets(wanted_held_out, sources, base, input, start_at, until)
         folder = cli.output_folder(out or Path("runs") / "fit" / f"{model}-{Path(sources[0]).stem}")
-        search = begin(folder / CHECKPOINT, problem, settings, seed, first, resume)
+        who = identity(problem, settings, seed, first)
+        search = begin(folder / CHECKPOINT, who, len(space), settings, seed, first, resume)
     options = {
         "input": input if occasion == "recording" else None,
         "from": start_at,
@@ -280,28 +207,6 @@ def main(
     _report(result, written)
     if search.interrupted:
         raise KeyboardInterrupt
-
-
-def begin(
-    checkpoint: Path, problem: Problem, settings: JdeSettings, seed: int, first: FloatArray | None, resume: bool
-) -> Search:
-    """A new search, or the one that a checkpoint holds.
-
-    Raises:
-        ValueError: settings that make no sense, or the checkpoint of another fit.
-    """
-    who = identity(problem, settings, seed, first)
-    if not resume:
-        return Search(Jde(len(problem.space), settings, seed, first), who)
-    if not checkpoint.is_file():
-        cli.warn(f"there is no {checkpoint} to resume from; the fit begins anew")
-        return Search(Jde(len(problem.space), settings, seed, first), who)
-    search, versions = Search.load(checkpoint, who)
-    now = store.versions()
-    differs = [f"{package} {was}, now {now.get(package)}" for package, was in versions.items() if was != now.get(package)]
-    if differs:
-        cli.warn(f"the fit began with other versions, so its course may differ: {'; '.join(differs)}")
-    return search
 
 
 def write(

@@ -158,7 +158,7 @@ def _groups(names: Sequence[str], uncertainty: Uncertainty) -> list[tuple[list[s
     count, label = connected_components(linked, directed=False)
     found = []
     for k in range(count):
-        (members,) = np.nonzero(label == k)
+        members = [int(i) for i in np.flatnonzero(label == k)]
         if len(members) == 2:
             found.append(([names[i] for i in members], f"{uncertainty.correlation[members[0], members[1]]:+.2f}"))
         elif len(members) > 2:

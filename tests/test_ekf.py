@@ -1,0 +1,478 @@
+"""The state filter: its laws, its derivative, and that it is as sure as it says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssmr.drive import wheel_rates
+from ssmr.ekf import (
+    EkfSettings,
+    SensorModel,
+    covariance,
+    filter_step,
+    initial_memory,
+    predict,
+    run_ekf,
+    run_filter,
+    sense,
+    simulate_sensors,
+    update,
+    update_gyro,
+    update_wheels,
+)
+from ssmr.geometry import compose, rotate_body_to_world
+from ssmr.models.kinematic import KinematicParameters
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.simulate import PlanarModel, PlanarPlant
+from ssmr.types import FloatArray, State, Trajectory
+from ssmr.vehicle import Drive, Vehicle
+from tests import test_docs
+from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
+
+STOCK = EkfSettings()
+SURE = (0.02, 0.03, 0.05, 0.04, 0.06)
+"""Standard deviations of a start that is roughly known."""
+numbers = st.floats(-3.0, 3.0)
+
+
+def memory_of(mean: FloatArray, p: FloatArray) -> FloatArray:
+    return np.concatenate([mean, p.ravel()])
+
+
+def random_memory(seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    root = 0.3 * rng.standard_normal((5, 5))
+    return memory_of(rng.standard_normal(5), root @ root.T)
+
+
+def motion(mean: FloatArray, dt: float) -> FloatArray:
+    """The midpoint rule as a book writes it."""
+    x, y, yaw, v, w = mean
+    heading = yaw + 0.5 * dt * w
+    return np.array([x + dt * v * np.cos(heading), y + dt * v * np.sin(heading), yaw + dt * w, v, w])
+
+
+def jacobian(mean: FloatArray, dt: float) -> FloatArray:
+    """Its derivative, by hand."""
+    heading, v = mean[2] + 0.5 * dt * mean[4], mean[3]
+    f = np.eye(5)
+    f[0, 2:] = -dt * v * np.sin(heading), dt * np.cos(heading), -0.5 * dt * dt * v * np.sin(heading)
+    f[1, 2:] = dt * v * np.cos(heading), dt * np.sin(heading), 0.5 * dt * dt * v * np.cos(heading)
+    f[2, 4] = dt
+    return f
+
+
+def jacobian_of_the_kernel(mean: FloatArray, dt: float) -> FloatArray:
+    """Read off it: a start of which one number alone is uncertain ends with f f', f that number's column, whose own is 1."""
+    columns = []
+    for j in range(5):
+        memory = memory_of(mean, np.diag(np.eye(5)[j]))
+        predict(memory, dt, (0.0, 0.0, 0.0, 0.0))
+        columns.append(covariance(memory)[j].copy())
+    return np.column_stack(columns)
+
+
+def process_noise(mean: FloatArray, dt: float, process: tuple[float, ...]) -> FloatArray:
+    """The integral of f(s) q f(s)' over a step, f the columns of the Jacobian after s at the step's heading; by Gauss."""
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    heading, v = mean[2] + 0.5 * dt * mean[4], mean[3]
+    total = process[0] * dt * np.diag([1.0, 1.0, 0.0, 0.0, 0.0])
+    for node, weight in zip(nodes, weights, strict=True):
+        s = 0.5 * dt * (node + 1.0)
+        across, along = np.array([-np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), np.sin(heading)])
+        columns = (
+            np.array([*(s * v * across), 1.0, 0.0, 0.0]),
+            np.array([*(s * along), 0.0, 1.0, 0.0]),
+            np.array([*(0.5 * s * s * v * across), s, 0.0, 1.0]),
+        )
+        for q, f in zip(process[1:], columns, strict=True):
+            total += 0.5 * dt * weight * q * np.outer(f, f)
+    return total
+
+
+def process_of(s: EkfSettings) -> tuple[float, ...]:
+    return s.process_position, s.process_yaw, s.process_v, s.process_yaw_rate
+
+
+def textbook_step(
+    mean: FloatArray, p: FloatArray, sensed: tuple[float, float, float], dt: float, s: EkfSettings
+) -> tuple[FloatArray, FloatArray]:
+    """Predict with F P F' + Q and take in all three measurements at once with K = P H' S^-1."""
+    left, right, gyro = sensed
+    f = jacobian(mean, dt)
+    p = f @ p @ f.T + process_noise(mean, dt, process_of(s))
+    mean = motion(mean, dt)
+    h = np.array([[0, 0, 0, 1, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 1]], dtype=float)
+    z = np.array([0.5 * s.radius * (left + right), 0.5 * s.radius * (right - left) / s.half_track, gyro])
+    r = np.diag([s.variance_v, s.variance_wheel_yaw_rate, s.variance_gyro])
+    k = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
+    return mean + k @ (z - h @ mean), (np.eye(5) - k @ h) @ p
+
+
+def circle(dt: float, duration: float = 4.0, v: float = 0.8, w: float = 1.3) -> tuple[FloatArray, FloatArray]:
+    t = dt * np.arange(round(duration / dt) + 1)
+    return t, np.column_stack([v / w * np.sin(w * t), v / w * (1.0 - np.cos(w * t)), w * t])
+
+
+def exact_sensors(n: int, v: float, w: float, s: EkfSettings = STOCK) -> tuple[FloatArray, FloatArray, FloatArray]:
+    left, right = wheel_rates(v, w, s.half_track, s.radius)
+    return np.full(n, left), np.full(n, right), np.full(n, w)
+
+
+def test_exact_sensors_on_a_circle_err_by_the_midpoint_rule_alone() -> None:
+    """Its chord is v dt instead of 2 v/w sin(w dt/2): second order, and the yaw is exact."""
+    errors = []
+    for dt in (0.1, 0.05, 0.025):
+        t, pose = circle(dt)
+        got = run_ekf(t, *exact_sensors(len(t), 0.8, 1.3), STOCK, State(v_x=0.8, yaw_rate=1.3))
+        chord = 0.8 * dt / (2.0 * 0.8 / 1.3 * math.sin(0.65 * dt))
+        assert np.allclose(got.pose[:, :2], chord * pose[:, :2], rtol=0.0, atol=1e-11)
+        assert np.allclose(got.yaw, pose[:, 2], rtol=0.0, atol=1e-11)
+        errors.append(np.abs(got.pose - pose).max())
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_changing_speed_is_followed_to_second_order_too() -> None:
+    """What a measurement says of v moves the pose by half a step of it, if v is hardly filtered: the trapezium."""
+    errors = []
+    for dt in (0.08, 0.04, 0.02):
+        t = dt * np.arange(round(4.0 / dt) + 1)
+        v, w = 0.5 + 0.3 * np.sin(2.0 * t), np.cos(1.5 * t)
+        fine = np.linspace(0.0, 4.0, 400001)
+        turned = np.sin(1.5 * fine) / 1.5
+        speed = (0.5 + 0.3 * np.sin(2.0 * fine)) * np.array([np.cos(turned), np.sin(turned)])
+        left, right = wheel_rates(v, w, STOCK.half_track, STOCK.radius)
+        quick = replace(STOCK, process_v=1e6, process_yaw_rate=1e6)
+        end = run_ekf(t, left, right, w, quick, State(v_x=0.5, yaw_rate=1.0)).pose[-1]
+        errors.append(np.abs(end - [*np.trapezoid(speed, fine), turned[-1]]).max())
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2.0, abs=0.2)
+
+
+@given(st.lists(numbers, min_size=5, max_size=5), st.floats(0.001, 1.0))
+def test_the_jacobian_is_the_derivative_of_the_motion(state: list[float], dt: float) -> None:
+    mean, h = np.array(state), 1e-5
+    memory = memory_of(mean, np.eye(5))
+    predict(memory, dt, (0.0, 0.0, 0.0, 0.0))
+    assert np.allclose(memory[:5], motion(mean, dt), rtol=ROUNDOFF, atol=ROUNDOFF)
+    differences = np.column_stack([(motion(mean + h * e, dt) - motion(mean - h * e, dt)) / (2 * h) for e in np.eye(5)])
+    assert np.allclose(jacobian_of_the_kernel(mean, dt), differences, rtol=DERIVATIVE, atol=DERIVATIVE)
+    assert np.allclose(jacobian_of_the_kernel(mean, dt), jacobian(mean, dt), rtol=ROUNDOFF, atol=ROUNDOFF)
+
+
+@given(st.integers(0, 1000), st.floats(0.001, 0.2), numbers, numbers, numbers)
+def test_it_is_the_textbook_filter(seed: int, dt: float, left: float, right: float, gyro: float) -> None:
+    s = EkfSettings(process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4, variance_gyro=0.05)
+    memory = random_memory(seed)
+    mean, p = memory[:5].copy(), covariance(memory).copy()
+    for k in range(5):
+        sensed = (left + k, right, gyro - 0.1 * k)
+        filter_step(memory, *sensed, dt, s.packed())
+        mean, p = textbook_step(mean, p, sensed, dt, s)
+        assert np.allclose(memory[:5], mean, rtol=1e-10, atol=1e-10)
+        assert np.allclose(covariance(memory), p, rtol=1e-10, atol=1e-10)
+
+
+def test_one_update_is_joseph_s_form() -> None:
+    for index in range(5):
+        memory = random_memory(index)
+        p = covariance(memory).copy()
+        update(memory, index, 0.3, 0.02)
+        k = p[:, index] / (p[index, index] + 0.02)
+        m = np.eye(5) - np.outer(k, np.eye(5)[index])
+        assert np.allclose(covariance(memory), m @ p @ m.T + 0.02 * np.outer(k, k), rtol=ROUNDOFF, atol=ROUNDOFF)
+
+
+def test_a_step_is_predict_wheels_and_gyro_in_this_order() -> None:
+    one, two = random_memory(3), random_memory(3)
+    filter_step(one, 4.0, 5.0, 0.2, 0.02, STOCK.packed())
+    same = random_memory(3)
+    filter_step(same, 4.0, 5.0, 0.2, 0.02, tuple(STOCK.packed()))
+    predict(two, 0.02, process_of(STOCK))
+    update_wheels(two, 0.5 * 0.1651 * 9.0, 0.5 * 0.1651 / 0.275, STOCK.variance_v, STOCK.variance_wheel_yaw_rate)
+    update_gyro(two, 0.2, STOCK.variance_gyro)
+    assert np.allclose(one, two, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert np.array_equal(one, same)
+
+
+def test_the_compiled_filter_is_its_own_source() -> None:
+    t, _ = circle(0.02, 1.0)
+    rng, out = np.random.default_rng(1), np.empty((len(t), 8))
+    left, right, gyro = rng.normal(5.0, 0.1, (3, len(t)))
+    memory = initial_memory(State(), SURE)
+    for k in range(len(t)):
+        filter_step.py_func(memory, left[k], right[k], gyro[k], t[k] - t[max(k - 1, 0)], STOCK.packed())
+    again = initial_memory(State(), SURE)
+    run_filter(t, left, right, gyro, STOCK.packed(), again, out)
+    assert np.allclose(memory, again, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert np.allclose(out[-1], [*again[:5], *np.sqrt(again[5:18:6])], rtol=ROUNDOFF)
+
+
+@given(numbers, numbers, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
+def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: float, cut: float) -> None:
+    p = covariance(random_memory(7))
+    whole = memory_of(np.array([0.3, 0.4, yaw, v, 0.0]), p)
+    parts = whole.copy()
+    process = (0.1, 0.2, 0.3, 0.4)
+    predict(whole, dt, process)
+    predict(parts, cut * dt, process)
+    predict(parts, dt - cut * dt, process)
+    assert np.allclose(whole, parts, rtol=ROUNDOFF, atol=10 * ROUNDOFF)  # two steps of some forty operations
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.02, 0.5]), st.sampled_from([1.0, 30.0, 1000.0]))
+def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild: float) -> None:
+    rng, n = np.random.default_rng(seed), 1000
+    memory, out = initial_memory(State()), np.empty((n, 8))
+    for _ in range(100):
+        t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
+        left, right, gyro = wild * rng.standard_normal((3, n))
+        gyro[rng.random(n) < 0.3] = np.nan
+        run_filter(t, left, right, gyro, STOCK.packed(), memory, out)
+        p = covariance(memory)
+        assert np.array_equal(p, p.T)
+        assert np.all(np.isfinite(memory))
+        scale = 1.0 / np.sqrt(np.diag(p))
+        np.linalg.cholesky(p * np.outer(scale, scale))  # raises unless positive definite
+
+
+def test_a_sharp_measurement_of_a_wide_guess_leaves_a_positive_variance() -> None:
+    """P R/S and not P - P P/S, of which 24 orders of magnitude below P nothing would be left."""
+    memory = memory_of(np.zeros(5), 0.5e12 * (np.eye(5) + np.ones((5, 5))))
+    update(memory, 3, 1.0, 1e-12)
+    assert np.allclose(covariance(memory)[3], 1e-12 * np.array([0.5, 0.5, 0.5, 1.0, 0.5]), rtol=ROUNDOFF, atol=0.0)
+    assert np.array_equal(covariance(memory), covariance(memory).T)
+    assert memory[3] == 1.0
+
+
+@given(numbers, numbers, numbers)
+def test_no_frame_is_preferred(x: float, y: float, yaw: float) -> None:
+    rng, n = np.random.default_rng(5), 200
+    t = np.cumsum(rng.uniform(0.01, 0.03, n))
+    log = rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T
+    out, moved = np.empty((n, 8)), np.empty((n, 8))
+    memory, elsewhere = initial_memory(State(v_x=0.5)), initial_memory(State(x, y, yaw, v_x=0.5))
+    run_filter(t, *log, STOCK.packed(), memory, out)
+    run_filter(t, *log, STOCK.packed(), elsewhere, moved)
+    assert np.allclose(moved[:, :3], compose([x, y, yaw], out[:, :3]), rtol=0.0, atol=1e-11)
+    turn = np.eye(5)
+    turn[:2, :2] = rotate_body_to_world(np.eye(2), yaw).T
+    assert np.allclose(covariance(elsewhere), turn @ covariance(memory) @ turn.T, rtol=1e-9, atol=1e-12)
+
+
+def test_left_and_right_are_mirror_images() -> None:
+    rng, n = np.random.default_rng(6), 500
+    t = np.cumsum(rng.uniform(0.01, 0.03, n))
+    left, right, gyro = rng.normal([4.0, 5.0, 0.4], 0.5, (n, 3)).T
+    a = run_ekf(t, left, right, gyro, STOCK, State(0.1, 0.2, 0.3, 0.4, 0.0, 0.5), SURE)
+    b = run_ekf(t, right, left, -gyro, STOCK, State(0.1, -0.2, -0.3, 0.4, 0.0, -0.5), SURE)
+    mirror = np.array([1.0, -1.0, -1.0])
+    assert np.abs(a.pose - b.pose * mirror).max() == EXACT
+    assert np.abs(a.twist - b.twist * mirror).max() == EXACT
+    assert np.abs(a.channels["pose_std"] - b.channels["pose_std"]).max() == EXACT
+
+
+def test_it_repeats_and_leaves_what_it_was_given() -> None:
+    rng = np.random.default_rng(7)
+    t, log = 0.02 * np.arange(100), rng.standard_normal((3, 100))
+    kept = log.copy()
+    a, b = (run_ekf(t, *log, STOCK, State()) for _ in range(2))
+    assert np.array_equal(a.pose, b.pose)
+    assert np.array_equal(log, kept)
+    assert np.array_equal(a.wheels, log[:2].T)
+    assert np.all(a.twist[:, 1] == 0.0)
+
+
+class Fleet:
+    """Two hundred robots that move as the filter supposes, and their filters; the truth in steps of a quarter of theirs."""
+
+    RUNS, STEPS, DT, PARTS = 200, 200, 0.02, 4
+
+    def __init__(self) -> None:
+        rng, s = np.random.default_rng(2024), replace(STOCK, process_yaw=1e-4)  # enough of every noise to be seen
+        start = np.array([0.5, -0.3, 0.4, 0.6, 0.2])
+        truth = start + SURE * rng.standard_normal((self.RUNS, 5))
+        memories = np.array([initial_memory(State(*start[:4], 0.0, start[4]), SURE)] * self.RUNS)
+        h = self.DT / self.PARTS
+        root = np.sqrt(
+            h * np.array([s.process_position, s.process_position, s.process_yaw, s.process_v, s.process_yaw_rate])
+        )
+        self.errors = np.empty((self.STEPS, self.RUNS, 5))
+        self.p = np.empty((self.STEPS, self.RUNS, 5, 5))
+        self.nis = np.empty((self.STEPS, self.RUNS, 3))
+        variances = (s.variance_v, s.variance_wheel_yaw_rate, s.variance_gyro)
+        for k in range(self.STEPS):
+            for _ in range(self.PARTS):
+                truth = motion(truth.T, h).T + root * rng.standard_normal((self.RUNS, 5))
+            sensed = truth[:, [3, 4, 4]] + np.sqrt(variances) * rng.standard_normal((self.RUNS, 3))
+            for i, memory in enumerate(memories):
+                predict(memory, self.DT, process_of(s))
+                for j, (state, value, r) in enumerate(zip((3, 4, 4), sensed[i], variances, strict=True)):
+                    self.nis[k, i, j] = (value - memory[state]) ** 2 / (memory[5 + 6 * state] + r)
+                    update(memory, state, value, r)
+            self.errors[k] = truth - memories[:, :5]
+            self.p[k] = memories[:, 5:].reshape(-1, 5, 5)
+
+
+@pytest.fixture(scope="module")
+def fleet() -> Fleet:
+    return Fleet()
+
+
+def nees(errors: FloatArray, p: FloatArray) -> FloatArray:
+    """Errors squared in units of what was claimed of them, e' P^-1 e."""
+    return np.einsum("...i,...i", errors, np.linalg.solve(p, errors[..., None])[..., 0])
+
+
+def assert_mean_is_chi_square(values: FloatArray, degrees: int) -> None:
+    """N independent chi-squares of d degrees have a mean of d, with the standard error sqrt(2 d/N); 4 of them allowed."""
+    assert abs(values.mean() - degrees) < 4.0 * math.sqrt(2.0 * degrees / values.size)
+
+
+@pytest.mark.parametrize("k", [0, 9, 49, 99, 149, 199])
+def test_it_is_as_sure_of_its_velocities_as_it_may_be(fleet: Fleet, k: int) -> None:
+    """200 runs, independent; within one run errors are not, so instants are taken one by one."""
+    assert_mean_is_chi_square(nees(fleet.errors[k, :, 3:], fleet.p[k, :, 3:, 3:]), 2)
+
+
+@pytest.mark.parametrize("k", [0, 9, 49, 99, 149, 199])
+def test_it_is_as_sure_of_its_pose_as_it_may_be(fleet: Fleet, k: int) -> None:
+    """Nothing measures the pose, so what is claimed of it is all that there is to go by."""
+    assert_mean_is_chi_square(nees(fleet.errors[k], fleet.p[k]), 5)
+    claimed = np.sqrt(np.diagonal(fleet.p[k], axis1=-2, axis2=-1)[:, :3].mean(axis=0))
+    assert fleet.errors[k, :, :3].std(axis=0) == pytest.approx(claimed, rel=0.2)  # 4 standard errors, 4/sqrt(400)
+
+
+def test_innovations_are_white_and_of_the_size_foreseen(fleet: Fleet) -> None:
+    """The innovations of a consistent filter are independent, so all 120 000 count."""
+    for j in range(3):
+        assert_mean_is_chi_square(fleet.nis[:, :, j], 1)
+    centred = fleet.nis - 1.0
+    assert abs((centred[1:] * centred[:-1]).mean()) < 4.0 * 2.0 / math.sqrt(centred[1:].size)  # variance 2 each
+
+
+def test_the_gyro_saves_the_yaw_where_the_wheels_slip() -> None:
+    """A robot with an effective half-track of 0.5 m, odometry with 0.275 m: wheels alone turn it 1.8 times too far."""
+    slipping = replace(STOCK, half_track=0.5)
+    t, pose = circle(0.02)
+    left, right, gyro = exact_sensors(len(t), 0.8, 1.3, slipping)
+    start = State(v_x=0.8, yaw_rate=1.3)
+    turned = {g is None: run_ekf(t, left, right, g, STOCK, start).yaw[-1] / pose[-1, 2] for g in (gyro, None)}
+    assert turned[False] == pytest.approx(1.0, abs=0.002)  # a thousandth of 0.8
+    assert turned[True] == pytest.approx(0.5 / 0.275, rel=0.02)  # it takes some samples to believe the wheels
+    told = run_ekf(t, left, right, None, slipping, start)
+    assert told.yaw[-1] == pytest.approx(pose[-1, 2], rel=1e-9)
+    assert told.channels["pose_std"][-1, 2] > 3.0 * run_ekf(t, left, right, gyro, STOCK, start).channels["pose_std"][-1, 2]
+
+
+def test_wheels_of_infinite_variance_are_not_used_and_nan_is_no_sample() -> None:
+    t, _ = circle(0.02)
+    left, right, gyro = exact_sensors(len(t), 0.8, 1.3)
+    deaf = replace(STOCK, variance_wheel_yaw_rate=math.inf)
+    start = State(v_x=0.8, yaw_rate=1.3)
+    assert run_ekf(t, right, left, gyro, deaf, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
+    nothing = run_ekf(t, left, right, np.full(len(t), np.nan), STOCK, start)
+    assert np.array_equal(nothing.pose, run_ekf(t, left, right, None, STOCK, start).pose)
+    half = gyro.copy()
+    half[::2] = np.nan
+    assert run_ekf(t, left, right, half, STOCK, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
+
+
+def test_the_first_sample_counts_where_the_start_is_not_sure() -> None:
+    left, right, gyro = exact_sensors(1, 0.8, 1.3)
+    sure, unsure = (run_ekf([2.0], left, right, gyro, STOCK, State(1.0, 2.0, 3.0), std) for std in ((0.0,) * 5, (1.0,) * 5))
+    assert np.array_equal(sure.pose[0], [1.0, 2.0, 3.0])
+    assert np.array_equal(sure.twist[0], [0.0, 0.0, 0.0])
+    assert unsure.twist[0] == pytest.approx([0.8, 0.0, 1.3], rel=1e-4)
+
+
+def test_its_output_is_about_as_noisy_as_table_3_4_measured() -> None:
+    """Why the table's variances, of a filter's output, serve as its input's: at 50 Hz it keeps 0.85 of them."""
+    n, rng = 20000, np.random.default_rng(8)
+    still = Trajectory(0.02 * np.arange(n), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2)))
+    got = run_ekf(*simulate_sensors(still, rng), STOCK, State())
+    assert got.twist[:, 0].var() == pytest.approx(0.85 * 5.0115e-05, rel=0.05)
+    assert got.twist[:, 2].var() == pytest.approx(0.85 * 3.5298e-05, rel=0.05)
+
+
+def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
+    n, model = 20001, SensorModel(variance_encoder=0.01, variance_gyro=0.04, gyro_bias=-0.5)
+    wheels = np.column_stack([np.full(n, 3.0), np.full(n, 4.0)])
+    moving = Trajectory(0.002 * np.arange(n), np.zeros((n, 3)), np.full((n, 3), 0.7), wheels)
+    log, same = (simulate_sensors(moving, np.random.default_rng(9), model) for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(log, same, strict=True))
+    assert np.array_equal(log.t, moving.t[::10])
+    m = len(log.t)  # 2001: a sample variance is within 4 standard errors, 4 sqrt(2/2000) = 13 %
+    for seen, mean, variance in ((log.left, 3.0, 0.01), (log.right, 4.0, 0.01), (log.gyro, 0.2, 0.04)):
+        assert seen.var() == pytest.approx(variance, rel=0.13)
+        assert seen.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(variance / m))
+    draws = np.random.default_rng(9).standard_normal((m, 3))
+    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), model.packed()) == pytest.approx(
+        (log.left[5], log.right[5], log.gyro[5]), rel=ROUNDOFF
+    )
+    uneven = simulate_sensors(moving, np.random.default_rng(9), model, rate=130.0)
+    assert np.all(np.isin(uneven.t, moving.t))
+    assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)
+    with pytest.raises(ValueError, match="rate"):
+        simulate_sensors(moving, np.random.default_rng(9), model, rate=0.0)
+
+
+def test_the_encoders_default_gives_table_3_4_s_speed() -> None:
+    s = SensorModel()
+    assert 0.5 * EkfSettings().radius ** 2 * s.variance_encoder == pytest.approx(EkfSettings().variance_v, rel=1e-4)
+    assert s.variance_gyro == EkfSettings().variance_gyro
+
+
+def test_it_follows_a_skidding_robot_within_what_it_claims() -> None:
+    """Trajectory 4 by a robot that slips as on tile; the filter knows nothing of that but the gyro."""
+    vehicle = Vehicle(effective_half_track=0.5)
+    slipping = PlanarModel(KinematicParameters(y_l=0.5, y_r=-0.5), vehicle, Drive(command_half_track=0.5))
+    true = PlanarPlant(slipping).run(TRAJECTORIES["traj4"].commands(), State(), 0.008)
+    log = simulate_sensors(true, np.random.default_rng(10))
+    got = run_ekf(*log, STOCK, State())
+    pose = np.column_stack([np.interp(got.t, true.t, true.pose[:, i]) for i in range(3)])
+    assert np.all(np.abs(got.pose - pose)[25:] < 4.0 * got.channels["pose_std"][25:])
+    assert np.abs(got.pose - pose).max() < 0.05
+    drifting = run_ekf(*simulate_sensors(true, np.random.default_rng(10), SensorModel(gyro_bias=0.01)), STOCK, State())
+    assert drifting.yaw[-1] - got.yaw[-1] == pytest.approx(0.01 * true.t[-1], rel=0.02)  # nothing here knows of a bias
+
+
+def test_bad_logs_are_refused() -> None:
+    t, a = np.array([0.0, 1.0, 2.0]), np.zeros(3)
+    for bad in ([0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, np.nan, 2.0]):
+        with pytest.raises(ValueError, match=r"^t "):
+            run_ekf(bad, a, a, a, STOCK, State())
+    for name, log in (
+        ("left", ([0.0, np.nan, 0.0], a, a)),
+        ("right", (a, [0.0, 0.0], a)),
+        ("gyro", (a, a, [0.0, np.inf, 0.0])),
+        ("gyro", (a, a, np.zeros(2))),
+    ):
+        with pytest.raises(ValueError, match=name):
+            run_ekf(t, *log, STOCK, State())
+    with pytest.raises(ValueError, match="negative"):
+        initial_memory(State(), (0.0, -1.0, 0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="start"):
+        initial_memory(State(x=np.nan))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("radius", 0.0), ("variance_gyro", 0.0), ("process_v", -1.0), ("process_v", np.inf), ("half_track", np.nan)],
+)
+def test_impossible_settings_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        replace(STOCK, **{name: value})
+    with pytest.raises(ValueError, match="variance_encoder"):
+        SensorModel(variance_encoder=-1.0)
+
+
+@pytest.mark.parametrize("kind", [EkfSettings, SensorModel], ids=lambda kind: kind.__name__)
+def test_its_numbers_are_listed_in_the_docs(kind: type) -> None:
+    test_docs.test_every_parameter_is_listed_with_its_default(kind)

@@ -19,6 +19,7 @@ from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,11 +45,17 @@ TIME_ROUNDOFF = 1e-6
 """Instants closer than this are the same one: well over rounding, well under any sample step [s]."""
 STILL_AFTER = 1.0
 """A pose that repeats for longer is a robot standing still, not a localiser slower than the log [s]."""
-_HEADER = f"a recording begins with a header line, separated by commas, that names t and any of {', '.join(COLUMNS)}"
 
 
-class RecordingError(ValueError):
-    """A file is no recording: what was wrong, where, and what would be right, in one line."""
+class TableError(ValueError):
+    """A file is not the table it should be: what was wrong, where, and what would be right, in one line."""
+
+    wanted: ClassVar[str]
+    """What the file should have been, with its ending."""
+    header: ClassVar[str]
+    """What its first line should have said."""
+    counted: ClassVar[str] = "line"
+    """What an editor calls the lines of such a file."""
 
     def __init__(self, path: Path, what: str, line: int | None = None, column: str | None = None) -> None:
         """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""
@@ -56,9 +63,16 @@ class RecordingError(ValueError):
         self.path, self.what, self.line, self.column = path, what, line, column
 
     def __str__(self) -> str:
-        line = "" if self.line is None else f", line {self.line}"
+        line = "" if self.line is None else f", {self.counted} {self.line}"
         column = "" if self.column is None else f", column {self.column}"
         return f"{self.path}{line}{column}: {self.what}"
+
+
+class RecordingError(TableError):
+    """A file is no recording."""
+
+    wanted = "a recording (.csv)"
+    header = f"a recording begins with a header line, separated by commas, that names t and any of {', '.join(COLUMNS)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,12 +346,12 @@ def read_csv(path: str | Path, gap_factor: float = 2.5) -> Recording:
         RecordingError: the file cannot be read or is no valid recording.
     """
     path = Path(path)
-    (first, *rows), (line, *lines) = _read_table(path)
+    (first, *rows), (line, *lines) = read_table(path, RecordingError)
     header = _read_header(path, first, line)
     cells = list(zip(*rows, strict=True)) or [()] * len(header)
     columns: dict[str, FloatArray] = {}
     for name, column in zip(header, cells, strict=True):
-        values = _read_column(path, name, column, lines)
+        values = read_column(path, name, column, lines, RecordingError)
         if values is not None:
             columns[name] = values
     if len(rows) < 2:
@@ -378,51 +392,59 @@ def _is_name(name: str) -> bool:
     return bool(name) and name.isprintable() and name == name.strip()
 
 
-def _shown(texts: Iterable[str]) -> str:
+def shown(texts: Iterable[str]) -> str:
     """Foreign text for a message: quoted, shortened, on one line."""
     quoted = [repr(s if len(s) <= 30 else s[:27] + "...") for s in texts]
     return ", ".join(quoted if len(quoted) <= 12 else [*quoted[:12], "..."])
 
 
-def _read_text(path: Path) -> str:
-    """The file's text without its byte order mark; RecordingError where there is none."""
+def read_bytes(path: Path, error: type[TableError]) -> bytes:
+    """What the file holds; an `error` where it cannot be read."""
     try:
-        data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+        return path.read_bytes()
     except FileNotFoundError:
-        raise RecordingError(path, "there is no such file; wanted a recording (.csv)") from None
+        raise error(path, f"there is no such file; wanted {error.wanted}") from None
     except IsADirectoryError:
-        raise RecordingError(path, "this is a folder; wanted a recording (.csv)") from None
-    except OSError as error:
-        raise RecordingError(path, f"the file cannot be read: {error.strerror or error}") from error
+        raise error(path, f"this is a folder; wanted {error.wanted}") from None
+    except OSError as cause:
+        raise error(path, f"the file cannot be read: {cause.strerror or cause}") from cause
+
+
+def _read_text(path: Path, error: type[TableError]) -> str:
+    """The file's text without its byte order mark; an `error` where there is none."""
+    data = read_bytes(path, error).removeprefix(codecs.BOM_UTF8)
     try:
         text = data.decode("utf-8")
         bad, what = data.find(b"\0"), "a NUL byte"
-    except UnicodeDecodeError as error:
-        text, bad, what = "", error.start, "a byte that is not UTF-8"
+    except UnicodeDecodeError as cause:
+        text, bad, what = "", cause.start, "a byte that is not UTF-8"
     if bad >= 0:
         line = data.count(b"\n", 0, bad) + 1
-        raise RecordingError(path, f"there is {what}; wanted a CSV file, which is plain UTF-8 text", line)
+        raise error(path, f"there is {what}; wanted a CSV file, which is plain UTF-8 text", line)
     return text
 
 
-def _read_table(path: Path) -> tuple[list[list[str]], list[int]]:
-    """Rows of cells, the header first, all of one length, and the line on which each begins; blank lines are left out."""
+def read_table(path: Path, error: type[TableError]) -> tuple[list[list[str]], list[int]]:
+    """Rows of cells, the header first, all of one length, and the line on which each begins; blank lines are left out.
+
+    A UTF-8 byte order mark and any line ending are fine; whatever is no CSV file is an `error`.
+    """
     rows: list[list[str]] = []
     lines: list[int] = []
-    reader = csv.reader(io.StringIO(_read_text(path), newline=""), strict=True)
+    reader = csv.reader(io.StringIO(_read_text(path, error), newline=""), strict=True)
     line = 1
     try:
         for row in reader:
             if len(row) > 1 or any(map(str.strip, row)):
                 if rows and len(row) != len(rows[0]):
-                    raise RecordingError(path, f"there are {len(row)} fields, wanted {len(rows[0])} as in the header", line)
+                    raise error(path, f"there are {len(row)} fields, wanted {len(rows[0])} as in the header", line)
                 rows.append(row)
                 lines.append(line)
             line = reader.line_num + 1
-    except csv.Error as error:
-        raise RecordingError(path, f"this is no CSV: {error}", line) from error
+    except csv.Error as cause:
+        raise error(path, f"this is no CSV: {cause}", line) from cause
     if not rows:
-        raise RecordingError(path, f"the file is empty; {_HEADER}")
+        raise error(path, f"the file is empty; {error.header}")
     return rows, lines
 
 
@@ -431,10 +453,10 @@ def _read_header(path: Path, cells: Sequence[str], line: int) -> list[str]:
     names = [cell.strip() for cell in cells]
     for wanted, some in (("column t", ("t",)), ("known column", COLUMNS)):
         if not any(n in some for n in names):
-            raise RecordingError(path, f"there is no {wanted} among {_shown(names)}; {_HEADER}", line)
+            raise RecordingError(path, f"there is no {wanted} among {shown(names)}; {RecordingError.header}", line)
     for k, name in enumerate(names):
         if not _is_name(name):
-            raise RecordingError(path, f"{_shown([name])} names no column; wanted printable text", line, f"number {k + 1}")
+            raise RecordingError(path, f"{shown([name])} names no column; wanted printable text", line, f"number {k + 1}")
         if name in names[:k]:
             raise RecordingError(path, "the header names this column twice; each needs a name of its own", line, name)
     return names
@@ -448,8 +470,13 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _read_column(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -> FloatArray | None:
-    """Numbers of a column, (M,); None, with a warning, for a channel that is text throughout or has holes."""
+def read_column(
+    path: Path, name: str, cells: Sequence[str], lines: Sequence[int], error: type[TableError]
+) -> FloatArray | None:
+    """Numbers of a column, (M,); None, with a warning, for a channel that is text throughout or has holes.
+
+    In `t` and the columns of `COLUMNS` whatever is no finite number is an `error`.
+    """
     values = [_number(cell) for cell in cells]
     bad = [k for k, v in enumerate(values) if v is None or not math.isfinite(v)]
     if not bad:
@@ -458,9 +485,9 @@ def _read_column(path: Path, name: str, cells: Sequence[str], lines: Sequence[in
     text = [k for k in bad if values[k] is None and cells[k].strip()]
     if known or (text and len(bad) < len(cells)):
         k = bad[0] if known else text[0]
-        what = "nothing" if not cells[k].strip() else _shown([cells[k].strip()])
+        what = "nothing" if not cells[k].strip() else shown([cells[k].strip()])
         unit = f" [{COLUMNS.get(name, 's')}]" if known else ""
-        raise RecordingError(path, f"there is {what}, wanted a finite number{unit}", lines[k], name)
+        raise error(path, f"there is {what}, wanted a finite number{unit}", lines[k], name)
     why = "text" if text else "no finite number"
     logger.warning("%s, line %d, column %s: there is %s; the channel is left out", path, lines[bad[0]], name, why)
     return None

@@ -1,0 +1,190 @@
+"""Gain sets: equal to the thesis' tables, round trips, and how mistakes are said."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.controllers.laws import GAINS
+from tests.test_docs import tables
+from validation import cli, published
+from validation.gains import FIELDS, SCHEMA, GainsError, GainSet, dump_gains, load_gains, names
+
+PRINTED = {
+    "pid": {
+        "k_p_rho": "K_P_rho",
+        "k_i_rho": "K_I_rho",
+        "k_p_y": "K_P_y",
+        "k_i_y": "K_I_y",
+        "k_p_alpha": "K_P_alpha",
+        "k_i_alpha": "K_I_alpha",
+        "k_p_u": "K_P_u",
+        "k_i_u": "K_I_u",
+        "k_p_w": "K_P_omega",
+        "k_i_w": "K_I_omega",
+        "ff_u": "K_P_FF_u",
+        "ff_w": "K_P_FF_omega",
+    },
+    "lqr": {
+        "q_x": "Q_11",
+        "q_v": "Q_22",
+        "q_yaw": "Q_33",
+        "q_w": "Q_44",
+        "r_v": "R_11",
+        "r_w": "R_22",
+        "k_alpha": "K_alpha",
+        "k_y": "K_y",
+        "k_i_rho": "K_I_rho",
+    },
+}
+"""Names of the thesis by ours."""
+FROM = {
+    "pid-published": ("4.4", "value"),
+    "lqr-published": ("4.21", "optimised"),
+    "lqr-manual": ("4.21", "manual"),
+}
+"""Table and column of each shipped set."""
+
+
+def document(**changes: Any) -> dict[str, Any]:
+    """A good file of gains, changed."""
+    gains = dict.fromkeys(FIELDS["lqr"], 1.0)
+    return {"schema": SCHEMA, "controller": "lqr", "name": "mine", "source": "a test", "gains": gains} | changes
+
+
+def on_file(folder: Path, content: dict[str, Any] | bytes) -> Path:
+    path = folder / "gains.toml"
+    path.write_bytes(content if isinstance(content, bytes) else tomli_w.dumps(content).encode())
+    return path
+
+
+def refused(controller: str, name: str | Path) -> str:
+    """The one line that it is refused with; a command line would leave with status 2 on it."""
+    with pytest.raises(GainsError) as caught:
+        load_gains(controller, str(name))
+    with pytest.raises(cli.UserError), cli.mistakes_are_users():
+        load_gains(controller, str(name))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# ----------------------------------------------------------------------------------------------------------- the shipped
+
+
+def test_all_printed_sets_are_shipped() -> None:
+    assert set(FROM) <= set(names())
+    assert set(names("lqr")) >= {"lqr-manual", "lqr-published"}
+    assert all(n.startswith("pid-") for n in names("pid"))
+
+
+@pytest.mark.parametrize("name", FROM)
+def test_shipped_gains_are_the_printed_ones(name: str) -> None:
+    controller = name.partition("-")[0]
+    number, column = FROM[name]
+    gains = load_gains(controller, name)
+    expected = {ours: published.value(number, theirs, column) for ours, theirs in PRINTED[controller].items()}
+    assert dict(gains.values) == expected
+    assert set(PRINTED[controller].values()) == set(published.table(number)["rows"])
+    assert gains.provenance["table"] == number
+    assert f"Tab. {number}" in gains.source
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(name: str) -> None:
+    controller, _, short = name.rpartition("-")
+    gains = load_gains(controller, name)
+    assert (gains.controller, gains.name) == (controller, name)
+    assert dump_gains(load_gains(controller, short)) == dump_gains(gains)
+    GAINS[controller](**gains.values)
+    by_hand, searched = set(gains.provenance["by_hand"]), set(gains.provenance.get("searched", ()))
+    assert by_hand | searched == set(FIELDS[controller])
+    assert not by_hand & searched
+
+
+@pytest.mark.parametrize("name", ["pid-published", "lqr-published"])
+def test_the_published_sets_are_the_defaults(name: str) -> None:
+    controller = name.partition("-")[0]
+    assert GAINS[controller](**load_gains(controller, name).values) == GAINS[controller]()
+
+
+def test_the_page_lists_the_manual_set() -> None:
+    rows = {row[0].strip("`"): float(row[1]) for row in tables("parameters.md")["lqr-manual"]}
+    assert rows == dict(load_gains("lqr", "manual").values)
+
+
+# ----------------------------------------------------------------------------------------------------------- round trips
+
+
+@given(st.sampled_from(sorted(FIELDS)), st.data(), st.text(st.characters(codec="utf-8"), max_size=9))
+def test_a_set_survives_its_file(
+    tmp_path_factory: pytest.TempPathFactory, controller: str, data: st.DataObject, text: str
+) -> None:
+    number = st.floats(allow_nan=False, allow_infinity=False)
+    values = {name: data.draw(number) for name in FIELDS[controller]}
+    gains = GainSet(controller, text, values, {"note": text, "seed": 3}, text)
+    path = on_file(tmp_path_factory.mktemp("gains"), dump_gains(gains).encode())
+    again = load_gains(controller, str(path))
+    assert dict(again.values) == values
+    assert (again.name, again.source, dict(again.provenance)) == (text, text, {"note": text, "seed": 3})
+    assert list(again.values) == list(FIELDS[controller])
+
+
+def test_whole_numbers_are_numbers_and_no_provenance_is_needed(tmp_path: Path) -> None:
+    gains = load_gains("lqr", str(on_file(tmp_path, document(gains=dict.fromkeys(FIELDS["lqr"], 2)))))
+    assert gains.values["q_x"] == 2.0
+    assert not gains.provenance
+
+
+def test_a_set_is_read_only() -> None:
+    values = dict(load_gains("pid", "published").values)
+    gains = GainSet("pid", "mine", values)
+    values["k_p_u"] = 9.0
+    assert gains.values["k_p_u"] != 9.0
+    with pytest.raises(TypeError):
+        gains.values["k_p_u"] = 1.0  # type: ignore[index]
+
+
+# -------------------------------------------------------------------------------------------------------------- mistakes
+
+MISTAKES: dict[str, tuple[dict[str, Any] | bytes, str]] = {
+    "another controller": (document(controller="pid"), "these are gains of pid, wanted lqr"),
+    "no controller": ({k: v for k, v in document().items() if k != "controller"}, "gains of no controller, wanted lqr"),
+    "schema": (document(schema="ssmr.profile/1"), "schema is 'ssmr.profile/1', wanted 'ssmr.gains/1'"),
+    "unknown key": (document(gain=1), "the top level has unknown keys gain; there are: controller, gains, name"),
+    "no gains": (document(gains=3), "gains is 3, wanted a table"),
+    "no name": (document(name=3), "name is 3, wanted text"),
+    "provenance": (document(provenance="mine"), "provenance is 'mine', wanted a table"),
+    "unknown": (document(gains={**document()["gains"], "q_z": 1.0}), "unknown names q_z; lqr has q_x, q_v,"),
+    "missing": (document(gains={"q_x": 1.0, "q_v": 0.0}), "lacks q_yaw, q_w, r_v, r_w, k_alpha, k_y, k_i_rho; lqr needs"),
+    "nan": (document(gains={**document()["gains"], "k_y": math.nan}), "k_y is nan, wanted a finite number"),
+    "infinite": (document(gains={**document()["gains"], "k_y": math.inf}), "k_y is inf, wanted a finite number"),
+    "text": (document(gains={**document()["gains"], "k_y": "1"}), "k_y is '1', wanted a finite number"),
+    "truth": (document(gains={**document()["gains"], "k_y": True}), "k_y is True, wanted a finite number"),
+    "no TOML": (b"schema = \nname", "Invalid value"),
+    "rubbish": (bytes(range(256)), "cannot be read as text"),
+}
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_a_bad_file_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
+    content, message = MISTAKES[case]
+    path = on_file(tmp_path, content)
+    text = refused("lqr", path)
+    assert message in text
+    assert str(path) in text
+
+
+def test_pid_has_no_manual_set() -> None:
+    assert refused("pid", "manual") == ("pid has no gains 'manual'; there are: published; or give the path of a TOML file")
+
+
+def test_unknown_names_list_those_there_are() -> None:
+    assert refused("lqr", "best").startswith("lqr has no gains 'best'; there are: manual, published;")
+    assert refused("mpc", "published").startswith("unknown controller 'mpc'; there are: pid, lqr")
+    assert "these are gains of pid, wanted lqr" in refused("lqr", "pid-published")

@@ -1,0 +1,198 @@
+"""The sample trajectories: their geometry, what they ask of the robot, and that data and page agree."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr import references
+from ssmr.references import SPACING, circle, line, sine
+from ssmr.types import FloatArray
+from ssmr.vehicle import Drive
+from ssmr.waypoints import Waypoints
+from tests.conftest import ROUNDOFF
+from tests.test_docs import tables
+from validation import published
+from validation.waypoint_files import REFERENCES
+
+PRINTED = 1e-6
+"""generic.csv is written to the micrometre: half of that at both ends of a segment, and of the table's pieces [m]."""
+LAST_DIGIT = 0.5e-4
+"""Half a unit of the last digit that the thesis prints of d_haus and d_ratio."""
+
+
+def curvatures(waypoints: Waypoints) -> FloatArray:
+    """(N - 2,) signed, at the waypoints between the ends [1/m]."""
+    lengths = np.diff(waypoints.packed()[:, 4])
+    return np.diff(waypoints.headings) / (0.5 * (lengths[1:] + lengths[:-1]))
+
+
+@pytest.mark.parametrize("speed", [0.25, 0.5])
+@pytest.mark.parametrize("name", REFERENCES)
+def test_references_are_dense_smooth_and_as_fast_as_asked(name: str, speed: float) -> None:
+    waypoints = REFERENCES[name](speed)
+    steps = np.diff(waypoints.packed()[:, 4])
+    assert np.max(steps) <= SPACING + PRINTED
+    assert np.min(steps) > 0.5 * SPACING
+    assert np.max(np.abs(np.diff(waypoints.headings)), initial=0.0) < math.radians(5.0)  # no kink
+    assert waypoints.speed == pytest.approx(speed, rel=ROUNDOFF)
+    assert np.array_equal(waypoints.xy[0], np.zeros(2))
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_speed_changes_times_only(name: str) -> None:
+    slow, fast = REFERENCES[name](0.25), REFERENCES[name](0.5)
+    assert np.array_equal(slow.xy, fast.xy)
+    assert np.allclose(slow.t, 2.0 * fast.t, rtol=ROUNDOFF)
+
+
+@given(st.floats(0.1, 30.0))
+def test_a_line_is_as_long_as_asked(length: float) -> None:
+    waypoints = line(0.25, length)
+    assert waypoints.length == pytest.approx(length, rel=1e-11)
+    assert not np.any(waypoints.headings)
+
+
+def lengths_by(number: str) -> tuple[float, float]:
+    """Lengths of the line that a table's printed digits allow: a robot short by d_haus lacks the share 1 - d_ratio."""
+    (row,) = published.table(number)["rows"]
+    gap, missing = published.value(number, row, "d_haus_m"), 1.0 - published.value(number, row, "d_ratio")
+    return (gap - LAST_DIGIT) / (missing + LAST_DIGIT), (gap + LAST_DIGIT) / (missing - LAST_DIGIT)
+
+
+def test_the_length_of_the_line_is_what_the_tables_allow() -> None:
+    length = inspect.signature(line).parameters["length"].default
+    bounds = np.array([lengths_by(number) for number in ("4.5", "4.6", "4.22", "4.23")])
+    low, high = np.max(bounds[:, 0]), np.min(bounds[:, 1])
+    assert (round(low, 2), round(high, 2)) == (10.79, 10.85)  # what docs/references.md says of all four
+    assert low < length < high
+
+
+@given(st.floats(0.2, 5.0), st.floats(0.1, 3.0))
+def test_a_circle_is_as_long_and_as_far_as_its_radius_says(radius: float, turns: float) -> None:
+    """The chords of steps h are shorter than the arc by the share h^2 / 24 r^2."""
+    waypoints = circle(0.25, radius, turns)
+    short = (SPACING / radius) ** 2 / 24.0
+    assert waypoints.length <= 2.0 * math.pi * radius * turns * (1.0 + ROUNDOFF)
+    assert waypoints.length >= 2.0 * math.pi * radius * turns * (1.0 - short)
+    assert np.allclose(np.hypot(*(waypoints.xy - (0.0, radius)).T), radius, rtol=ROUNDOFF)
+    assert np.all(curvatures(waypoints) > 0.0)
+
+
+@pytest.mark.parametrize("speed", [0.25, 0.5])
+def test_the_yaw_rate_of_a_circle_is_speed_over_radius(speed: float) -> None:
+    rate = circle(speed, 1.5).packed()[1:-1, 6]
+    assert np.allclose(rate, speed / 1.5, rtol=2e-5)  # h^2 / 24 r^2 = 7e-6
+
+
+@given(st.floats(0.05, 1.0), st.floats(1.0, 6.0), st.floats(0.5, 3.0))
+def test_a_sine_is_one_with_steps_of_one_length(amplitude: float, wavelength: float, periods: float) -> None:
+    waypoints = sine(0.25, amplitude, wavelength, periods)
+    x, y = waypoints.xy.T
+    k = 2.0 * math.pi / wavelength
+    assert np.allclose(y, amplitude * np.sin(k * x), atol=ROUNDOFF)
+    assert x[-1] == pytest.approx(periods * wavelength, rel=ROUNDOFF)
+    steps = np.diff(waypoints.packed()[:, 4])
+    tightest = amplitude * k * k
+    assert np.max(steps) - np.min(steps) < SPACING * ((SPACING * tightest) ** 2 / 24.0 + 1e-4)
+    assert np.max(np.abs(curvatures(waypoints))) <= tightest * (1.0 + 1e-3)
+
+
+def test_the_arc_of_the_sine_is_its_integral() -> None:
+    k, slope = math.pi / 2.0, 0.5 * math.pi / 2.0
+    x = np.linspace(0.0, 8.0, 4_000_001)
+    arc = np.trapezoid(np.hypot(1.0, slope * np.cos(k * x)), x)
+    assert sine(0.25).length == pytest.approx(arc, rel=1e-5)  # h^2 kappa^2 / 24 is 2.5e-5 at the crests, a third in the mean
+
+
+def test_the_sine_is_far_from_saturation_at_half_a_metre_a_second() -> None:
+    assert 0.5 * np.max(np.abs(curvatures(sine(0.5)))) < Drive().w_max / 3.0
+
+
+@pytest.mark.parametrize(
+    ("maker", "numbers"),
+    [(line, {"length": 0.0}), (circle, {"radius": -1.0}), (circle, {"turns": math.nan}), (sine, {"amplitude": math.inf})],
+)
+def test_geometry_must_be_positive_and_finite(maker: Callable[..., Waypoints], numbers: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(numbers))} must be positive and finite"):
+        maker(0.25, **numbers)
+
+
+# ------------------------------------------------------------------------------------------------------------- generic
+
+
+def test_generic_saturates_at_half_a_metre_a_second_and_not_at_a_quarter() -> None:
+    """Its corners ask for 1.4 to 2 rad/s, the driver gives 2: nothing is left to correct with. Half of that is easy."""
+    w_max = Drive().w_max
+    for speed, low, high in ((0.5, 0.9, 1.0), (0.25, 0.45, 0.5)):
+        rates = np.abs(REFERENCES["generic"](speed).packed()[:, 6])
+        assert low * w_max < np.max(rates) < high * w_max
+
+
+def test_generic_fits_the_lab_and_turns_both_ways() -> None:
+    waypoints = REFERENCES["generic"](0.25)
+    assert 10.0 <= waypoints.length <= 14.0
+    assert np.all(np.ptp(waypoints.xy, axis=0) <= 4.0)
+    tight = np.abs(curvatures(waypoints)) > 1.0 / 0.36
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], tight, [False]]).astype(int)))
+    turns = [float(np.sum(np.diff(waypoints.headings)[a:b])) for a, b in edges.reshape(-1, 2)]
+    assert len([t for t in turns if t > 0.5]) >= 3
+    assert len([t for t in turns if t < -0.5]) >= 3
+
+
+def drawn(pieces: list[list[str]]) -> FloatArray:
+    """Corners of the pieces of docs/references.md; each is begun where the one before ended, in complex numbers."""
+    z, direction, corners = 0j, 1 + 0j, [0j]
+    for kind, size, angle in pieces:
+        turn = 0.0 if kind == "straight" else math.radians(float(angle))
+        length = float(size) * (abs(turn) or 1.0)
+        n = math.ceil(length / SPACING - 1e-9)
+        for i in range(1, n + 1):
+            half = 0.5 * turn * i / n
+            chord = length * i / n * (math.sin(half) / half if half else 1.0)
+            corners.append(z + direction * chord * complex(math.cos(half), math.sin(half)))
+        z, direction = corners[-1], direction * complex(math.cos(turn), math.sin(turn))
+    return np.column_stack([np.real(corners), np.imag(corners)])
+
+
+def test_generic_is_what_its_page_says() -> None:
+    expected = drawn(tables("references.md")["Pieces"])
+    waypoints = REFERENCES["generic"](0.25)
+    assert waypoints.xy.shape == expected.shape
+    assert np.max(np.abs(waypoints.xy - expected)) <= 0.5 * PRINTED + ROUNDOFF
+
+
+def test_the_page_lists_what_each_reference_asks_for() -> None:
+    rows = tables("references.md")["Reference trajectories"]
+    assert [row[0] for row in rows] == list(REFERENCES)
+    for name, _, *written in rows:
+        waypoints = REFERENCES[name](0.25)
+        tightest = np.max(np.abs(curvatures(waypoints)))
+        for text, value in zip(written, (waypoints.length, tightest, 0.25 * tightest, 0.5 * tightest), strict=True):
+            digits = len(text.partition(".")[2])
+            assert abs(float(text) - value) <= 0.55 * 10.0**-digits, (name, text, value)
+
+
+@pytest.mark.parametrize("row", tables("parameters.md")["References"], ids=lambda row: row[0])
+def test_the_page_lists_the_defaults(row: list[str]) -> None:
+    maker, _, parameter = row[0].strip("`").partition(".")
+    signature: Any = inspect.signature(getattr(references, maker))
+    assert float(row[1]) == signature.parameters[parameter].default
+
+
+def test_every_default_is_on_the_page() -> None:
+    listed = {row[0].strip("`") for row in tables("parameters.md")["References"]}
+    there = {
+        f"{name}.{p.name}"
+        for name, maker in references.REFERENCES.items()
+        for p in inspect.signature(maker).parameters.values()
+        if p.default is not p.empty
+    }
+    assert listed == there

@@ -1,0 +1,286 @@
+"""Waypoints: what is refused, the moving target, and the errors of a robot to it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+
+from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, wrap_angle
+from ssmr.types import FloatArray
+from ssmr.waypoints import ALPHA_SWITCH, LARGEST, Waypoints, position_errors, target
+from tests.conftest import EXACT, ROUNDOFF
+from validation import published
+
+FRAME = 1e-9
+"""Moving the frame by some metres rounds coordinates to 1e-15 m, and angles of centimetres to 1e-13."""
+
+coordinates = st.floats(-5.0, 5.0)
+angles = st.floats(-10.0, 10.0)
+steps = st.tuples(st.floats(0.05, 2.0), st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)).filter(
+    lambda s: math.hypot(s[1], s[2]) > 1e-3
+)
+paths = st.lists(steps, min_size=1, max_size=12)
+
+
+def wander(moves: list[tuple[float, float, float]], t0: float = 0.0) -> Waypoints:
+    """Waypoints from the origin by steps (dt, dx, dy)."""
+    table = np.cumsum(np.array([(t0, 0.0, 0.0), *moves]), axis=0)
+    return Waypoints(table[:, 0], table[:, 1:])
+
+
+def at(waypoints: Waypoints, t: float) -> tuple[float, ...]:
+    """x, y, phi, v_ref, w_ref of the target at a mission time."""
+    return tuple(target(waypoints.packed(), t, 0)[:5])
+
+
+# ---------------------------------------------------------------------------------------------------- what is refused
+
+NOT_WAYPOINTS: dict[str, tuple[ArrayLike, ArrayLike, str]] = {
+    "none": ([], np.zeros((0, 2)), "at least two waypoints, got 0"),
+    "one": ([0.0], [[0.0, 0.0]], "at least two waypoints, got 1"),
+    "nan": ([0, 1, 2], [[0, 0], [1, np.nan], [2, 0]], r"waypoint 2: y is nan, wanted a finite number \[m\]"),
+    "infinite": ([0, 1, 2], [[0, 0], [1, 0], [np.inf, 0]], r"waypoint 3: x is inf, wanted a finite number \[m\]"),
+    "far": ([0, 1], [[0, 0], [2 * LARGEST, 0]], r"waypoint 2: x is 2e\+12, wanted .* no larger than 1e\+12"),
+    "nan time": ([0, np.nan], [[0, 0], [1, 0]], r"waypoint 2: t is nan, wanted a finite number \[s\]"),
+    "time twice": ([0, 1, 1], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 1 s follows 1 s"),
+    "time back": ([0, 1, 0.5], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 0.5 s follows 1 s"),
+    "same place": ([0, 1, 2], [[0, 0], [1, 2], [1, 2]], r"waypoint 3: it is where the one before is, at \(1, 2\) m"),
+    "lengths": ([0, 1, 2], [[0, 0], [1, 0]], r"2 waypoints need as many times, got an array of shape \(3,\)"),
+    "three coordinates": ([0, 1], [[0, 0, 0], [1, 0, 0]], r"shape \(2, 3\), wanted Nx2"),
+}
+
+
+@pytest.mark.parametrize("case", NOT_WAYPOINTS)
+def test_what_is_no_trajectory_is_refused_in_one_line(case: str) -> None:
+    t, xy, message = NOT_WAYPOINTS[case]
+    with pytest.raises(ValueError, match=message) as caught:
+        Waypoints(np.array(t, dtype=float), np.array(xy, dtype=float))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("speed", [0.0, -0.5, math.nan, math.inf])
+def test_a_speed_must_be_positive_and_finite(speed: float) -> None:
+    with pytest.raises(ValueError, match="must be positive and finite"):
+        Waypoints.from_path([[0.0, 0.0], [1.0, 0.0]], speed)
+
+
+def test_a_speed_that_makes_no_times_is_refused() -> None:
+    with pytest.raises(ValueError, match="waypoint 2: t is inf"):
+        Waypoints.from_path([[0.0, 0.0], [1.0, 0.0]], 5e-324)
+    with pytest.raises(ValueError, match="waypoint 2: time must increase"):
+        Waypoints.from_path([[0.0, 0.0], [1.0, 0.0]], 1e300)
+
+
+def test_a_path_that_stands_still_or_is_no_number_is_refused_as_such() -> None:
+    """And not for the times that follow from it."""
+    with pytest.raises(ValueError, match="waypoint 2: it is where the one before is"):
+        Waypoints.from_path([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]], 0.5)
+    with pytest.raises(ValueError, match="waypoint 2: x is nan"):
+        Waypoints.from_path([[0.0, 0.0], [np.nan, 0.0], [1.0, 0.0]], 0.5)
+
+
+def test_arrays_are_copied_and_read_only() -> None:
+    t, xy = np.array([0.0, 1.0]), np.array([[0.0, 0.0], [1.0, 0.0]])
+    waypoints = Waypoints(t, xy)
+    xy[0] = 7.0
+    assert waypoints.xy[0, 0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        waypoints.t[0] = 1.0
+
+
+# ------------------------------------------------------------------------------------------------------- what they are
+
+
+@given(paths, st.floats(0.05, 2.0))
+def test_a_reference_speed_is_that_of_every_segment(moves: list[tuple[float, float, float]], speed: float) -> None:
+    waypoints = Waypoints.from_path(wander(moves).xy, speed)
+    v = waypoints.packed()[:-1, 5]
+    assert np.allclose(v, speed, rtol=1e-9)  # a segment's times are differences of sums ten thousand times as long
+    assert waypoints.speed == pytest.approx(speed, rel=ROUNDOFF)
+    assert waypoints.duration == pytest.approx(waypoints.length / speed, rel=ROUNDOFF)
+
+
+@given(paths, st.floats(-1e3, 1e3))
+def test_the_table_agrees_with_the_path(moves: list[tuple[float, float, float]], t0: float) -> None:
+    waypoints = wander(moves, t0)
+    table = waypoints.packed()
+    assert table.shape == (len(waypoints), 7)
+    assert np.array_equal(table[:, 0], waypoints.t - waypoints.t[0])
+    assert np.array_equal(table[:, 1:3], waypoints.xy)
+    assert table[-1, 4] == pytest.approx(waypoints.length, rel=ROUNDOFF)
+    lengths = np.diff(table[:, 4])
+    along = lengths[:, None] * np.column_stack([np.cos(table[:-1, 3]), np.sin(table[:-1, 3])])
+    assert np.allclose(along, np.diff(waypoints.xy, axis=0), atol=1e-11)
+    assert np.allclose(table[:-1, 5] * np.diff(table[:, 0]), lengths, rtol=ROUNDOFF)
+    assert table[-1, 3] == table[-2, 3]
+    assert table[-1, 5] == table[-1, 6] == table[0, 6] == 0.0
+    assert np.all(np.abs(np.diff(waypoints.headings)) <= math.pi)
+
+
+@given(paths)
+def test_the_integral_of_the_reference_yaw_rate_is_the_change_of_heading(moves: list[tuple[float, float, float]]) -> None:
+    table = wander(moves).packed()
+    turned = np.trapezoid(table[:, 6], table[:, 0])
+    assert turned == pytest.approx(table[-1, 3] - table[0, 3], abs=1e-9)
+
+
+@given(paths)
+def test_it_starts_at_rest_facing_the_second_waypoint(moves: list[tuple[float, float, float]]) -> None:
+    waypoints = wander(moves)
+    start = waypoints.start
+    assert (start.v_x, start.v_y, start.yaw_rate, start.wheel_left, start.wheel_right) == (0.0,) * 5
+    ahead = rotate_world_to_body(waypoints.xy[1] - (start.x, start.y), start.yaw)
+    assert ahead[0] > 0.0
+    assert abs(ahead[1]) < 1e-12
+
+
+# -------------------------------------------------------------------------------------------------------- the target
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.1, 3.0), st.lists(st.floats(0.05, 1.0), min_size=2, max_size=9), st.floats(0, 1))
+def test_interpolation_is_exact_on_a_linear_motion(v_x: float, v_y: float, gaps: list[float], share: float) -> None:
+    t = np.concatenate([[0.0], np.cumsum(gaps)])
+    waypoints = Waypoints(t + 100.0, np.column_stack([v_x * t, v_y * t]))
+    now = share * waypoints.duration
+    x, y, phi, v, w = at(waypoints, now)
+    assert np.allclose((x, y), (v_x * now, v_y * now), atol=1e-10)  # times of 100 s round to 1e-14 s, gaps are 0.05 s
+    if now < waypoints.duration:
+        assert v == pytest.approx(math.hypot(v_x, v_y), rel=1e-9)
+    assert phi == pytest.approx(math.atan2(v_y, v_x), abs=1e-9)
+    assert abs(w) < 1e-9
+
+
+@given(paths)
+def test_the_target_waits_at_both_ends(moves: list[tuple[float, float, float]]) -> None:
+    waypoints = wander(moves)
+    for t, k in ((-1.0, 0), (-1e-12, 0), (waypoints.duration, -1), (waypoints.duration + 1.0, -1)):
+        x, y, phi, v, w = at(waypoints, t)
+        assert (x, y, phi) == (*waypoints.xy[k], waypoints.headings[k])
+        assert v == w == 0.0
+
+
+@given(paths, st.lists(st.floats(-0.5, 1.5), min_size=1, max_size=20), st.integers(-3, 99))
+def test_the_hint_changes_nothing_but_the_way(
+    moves: list[tuple[float, float, float]], shares: list[float], hint: int
+) -> None:
+    """Whatever segment the search begins at, also where time goes back; the segment holds the time."""
+    waypoints = wander(moves)
+    table, k = waypoints.packed(), hint
+    for share in shares:
+        t = share * waypoints.duration
+        *found, k = target(table, t, k)
+        assert tuple(found) == at(waypoints, t)
+        assert 0 <= k < len(moves)
+        assert table[k, 0] <= max(t, 0.0)
+        assert k == len(moves) - 1 or t < table[k + 1, 0]
+
+
+@given(paths)
+def test_the_target_is_at_each_waypoint_in_its_time(moves: list[tuple[float, float, float]]) -> None:
+    waypoints = wander(moves)
+    for k, t in enumerate(waypoints.t):
+        assert at(waypoints, float(t))[:2] == tuple(waypoints.xy[k])
+
+
+@given(paths, st.floats(0.01, 1.0))
+def test_the_reference_trajectory_is_the_target_sampled(moves: list[tuple[float, float, float]], dt: float) -> None:
+    waypoints = wander(moves, 7.0)
+    reference = waypoints.trajectory(dt)
+    assert reference.t[0] == 0.0
+    assert reference.t[-1] == waypoints.duration
+    assert np.allclose(np.diff(reference.t)[:-1], dt, rtol=1e-9)
+    assert np.diff(reference.t)[-1] <= dt * (1.0 + 1e-6)
+    for k in (0, len(reference) // 2, len(reference) - 1):
+        pose, twist = reference.pose[k], reference.twist[k]
+        assert (*pose, twist[0], twist[2]) == at(waypoints, float(reference.t[k]))
+    assert not np.any(reference.twist[:, 1])
+    assert not np.any(reference.wheels)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
+def test_a_sample_period_must_be_positive_and_finite(dt: float) -> None:
+    with pytest.raises(ValueError, match="sample period"):
+        wander([(1.0, 1.0, 0.0)]).trajectory(dt)
+
+
+# --------------------------------------------------------------------------------------------------- position errors
+
+
+def errors(pose: ArrayLike, goal: ArrayLike, switch: float = ALPHA_SWITCH) -> FloatArray:
+    return np.array(position_errors(*map(float, np.asarray(pose)), *map(float, np.asarray(goal)), switch))
+
+
+poses = st.tuples(coordinates, coordinates, angles)
+
+
+def test_the_switch_is_the_published_one() -> None:
+    assert published.value("text", "alpha_switch_distance") == ALPHA_SWITCH
+
+
+@given(poses, poses)
+def test_errors_are_those_of_the_figure(pose: tuple[float, ...], goal: tuple[float, ...]) -> None:
+    """Distance and bearing put together from the offset in body coordinates, without any angle."""
+    ahead, left = rotate_world_to_body(np.subtract(goal[:2], pose[:2]), pose[2])
+    assume(abs(ahead) > 1e-9)
+    e_rho, e_y, e_alpha = errors(pose, goal)
+    assert e_y == pytest.approx(left, abs=FRAME)
+    assert e_rho == pytest.approx(math.copysign(math.hypot(ahead, left), ahead), abs=FRAME)
+    assume(abs(abs(e_rho) - ALPHA_SWITCH) > FRAME)
+    assert e_alpha == pytest.approx(wrap_angle(goal[2] - pose[2]) if abs(e_rho) < ALPHA_SWITCH else 0.0, abs=EXACT)
+
+
+@given(poses, poses, poses)
+def test_errors_do_not_depend_on_the_frame(
+    pose: tuple[float, ...], goal: tuple[float, ...], frame: tuple[float, ...]
+) -> None:
+    moved = [
+        (*(np.array(frame[:2]) + rotate_body_to_world(np.array(p[:2]), frame[2])), p[2] + frame[2]) for p in (pose, goal)
+    ]
+    before = errors(pose, goal)
+    assume(abs(rotate_world_to_body(np.subtract(goal[:2], pose[:2]), pose[2])[0]) > 1e-9)
+    assume(abs(abs(before[0]) - ALPHA_SWITCH) > FRAME)
+    after = errors(*moved)
+    assert np.allclose(after[:2], before[:2], atol=FRAME)
+    assert abs(wrap_angle(after[2] - before[2])) < FRAME
+
+
+@given(poses, poses)
+def test_errors_mirror(pose: tuple[float, ...], goal: tuple[float, ...]) -> None:
+    """What lies to the left of one lies as far to the right of the other."""
+    e_rho, e_y, e_alpha = errors(pose, goal)
+    assume(abs(rotate_world_to_body(np.subtract(goal[:2], pose[:2]), pose[2])[0]) > 1e-9)
+    m_rho, m_y, m_alpha = errors((pose[0], -pose[1], -pose[2]), (goal[0], -goal[1], -goal[2]))
+    assert m_rho == pytest.approx(e_rho, abs=ROUNDOFF)
+    assert m_y == pytest.approx(-e_y, abs=ROUNDOFF)
+    assert abs(wrap_angle(m_alpha + e_alpha)) < ROUNDOFF
+
+
+@given(poses, st.floats(0.01, 3.0), st.floats(-1.5, 1.5))
+def test_a_target_behind_is_at_a_negative_distance(pose: tuple[float, ...], distance: float, bearing: float) -> None:
+    """So that a positive gain never drives a robot away from its target."""
+    ahead = distance * np.array([math.cos(pose[2] + bearing), math.sin(pose[2] + bearing)])
+    for sign in (1.0, -1.0):
+        e_rho, _, _ = errors(pose, (*(np.array(pose[:2]) + sign * ahead), 0.0))
+        assert e_rho == pytest.approx(sign * distance, abs=FRAME)
+
+
+@given(poses)
+def test_at_the_target_there_is_no_error(pose: tuple[float, ...]) -> None:
+    assert np.array_equal(errors(pose, pose), np.zeros(3))
+
+
+@given(angles, angles)
+def test_the_error_of_heading_turns_the_robot_to_the_segment(yaw: float, phi: float) -> None:
+    _, _, e_alpha = errors((0.0, 0.0, yaw), (0.0, 0.0, phi))
+    assert -math.pi < e_alpha <= math.pi
+    assert np.allclose([math.cos(yaw + e_alpha), math.sin(yaw + e_alpha)], [math.cos(phi), math.sin(phi)], atol=ROUNDOFF)
+
+
+def test_heading_does_not_matter_beyond_the_switch() -> None:
+    assert errors((0.0, 0.0, 0.0), (0.5, 0.0, 1.0), switch=0.5)[2] == 1.0
+    assert errors((0.0, 0.0, 0.0), (0.5, 0.0, 1.0), switch=0.499)[2] == 0.0

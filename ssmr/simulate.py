@@ -57,6 +57,30 @@ def advance(model, v, w, reference, disturbance, dt, vehicle, parameters, side_l
 
 
 @jit
+def rotation_centre(model, vehicle, parameters):
+    """x_ICR of a model [m]; zero in the improved and the linear one (Sec. 2.2.3)."""
+    if model == 0:
+        return vehicle[7]
+    if model == 3:
+        return parameters[2]
+    return 0.0
+
+
+@jit
+def move(model, x, y, yaw, v, w, reference, disturbance, dt, vehicle, parameters, side_limit, x_icr):
+    """One step of pose and velocities; returns x, y, yaw, v, omega, left torque, right torque."""
+    v_next, w_next, torque_left, torque_right = advance(
+        model, v, w, reference, disturbance, dt, vehicle, parameters, side_limit
+    )
+    v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
+    heading = yaw + 0.5 * dt * w_mid
+    c, s = math.cos(heading), math.sin(heading)
+    x += dt * (v_mid * c + x_icr * w_mid * s)  # Eq. 2.13
+    y += dt * (v_mid * s - x_icr * w_mid * c)
+    return x, y, yaw + dt * w_mid, v_next, w_next, torque_left, torque_right
+
+
+@jit
 def run_planar(model, references, disturbance, dt, vehicle, parameters, side_limit, stride, row, out):
     """Advance a planar model over all references, writing every `stride`-th state.
 
@@ -77,11 +101,7 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
     """
     x, y, yaw, v, w = row[0], row[1], row[2], row[3], row[4]
     r, c_eff = vehicle[2], vehicle[4]
-    x_icr = 0.0  # the improved and the linear model: Sec. 2.2.3
-    if model == 0:
-        x_icr = vehicle[7]
-    elif model == 3:
-        x_icr = parameters[2]
+    x_icr = rotation_centre(model, vehicle, parameters)
     n = len(references)
     torque_left, torque_right, sample, due = 0.0, 0.0, 0, 0
     turn, least, most = 0.0, 0.0, 0.0  # yaw acceleration
@@ -100,10 +120,10 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
             least, most = math.inf, -math.inf
         if k == n:
             break
-        v_before, w_before = v, w
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
-        v, w, torque_left, torque_right = advance(
-            model, v, w, (references[k, 0], references[k, 1]), push, dt, vehicle, parameters, side_limit
+        w_before = w
+        x, y, yaw, v, w, torque_left, torque_right = move(
+            model, x, y, yaw, v, w, (references[k, 0], references[k, 1]), push, dt, vehicle, parameters, side_limit, x_icr
         )
         if not math.isfinite(v + w):
             return k
@@ -112,12 +132,6 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
             least = turn
         if turn > most:
             most = turn
-        v_mid, w_mid = 0.5 * (v_before + v), 0.5 * (w_before + w)
-        heading = yaw + 0.5 * dt * w_mid
-        c, s = math.cos(heading), math.sin(heading)
-        x += dt * (v_mid * c + x_icr * w_mid * s)  # Eq. 2.13
-        y += dt * (v_mid * s - x_icr * w_mid * c)
-        yaw += dt * w_mid
     row[0], row[1], row[2], row[3], row[4] = x, y, yaw, v, w
     return -1
 

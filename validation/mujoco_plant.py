@@ -147,6 +147,28 @@ class MujocoPlant:
         data.qvel[self._right] = state.wheel_right
         self._turns = round((state.yaw - float(quat_wxyz_to_yaw(data.qpos[3:7]))) / (2.0 * math.pi))
 
+    def placed(self, state: State) -> FloatArray:
+        """(1 + nq + nv) the simulator's whole state where the robot rests on its tyres in `state`."""
+        self._place(state)
+        start = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(self.model, self._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        return start
+
+    @property
+    def drive(self) -> Drive:
+        """What stands between command and wheels."""
+        return self._drive
+
+    @property
+    def yaw_inertia(self) -> float:
+        """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
+        return self._yaw_inertia
+
+    @property
+    def wheel_dofs(self) -> tuple[list[int], list[int]]:
+        """Degrees of freedom of the left and of the right wheels."""
+        return self._left, self._right
+
     def _read(self) -> State:
         """The simulator's state as a planar one; yaw is unwrapped from the last reading."""
         qpos, qvel = self._data.qpos, self._data.qvel
@@ -196,7 +218,7 @@ class MujocoPlant:
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         references = wheel_references(commands, self._drive, self.dt, state)
-        self._place(state)
+        start = self.placed(state)
         spec, control = (
             mujoco.mjtState.mjSTATE_CTRL,
             np.vstack([references, references[-1:]]),
@@ -207,8 +229,6 @@ class MujocoPlant:
             applied = np.zeros((len(control), self.model.nv))
             applied[:-1, 5] = self._yaw_inertia * np.asarray(disturbance)
             spec, control = spec | mujoco.mjtState.mjSTATE_QFRC_APPLIED, np.hstack([control, applied])
-        start = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        mujoco.mj_getState(self.model, self._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         model = self._prescribed_wheels() if commands.kind == "wheels" else self.model
         states, sensors = rollout.rollout(model, self._data, start[None], control[None], control_spec=int(spec))
         self._check_finite(states[0])

@@ -1,10 +1,11 @@
-"""What a comparison or a fit found, as frozen values: made by the programs, taken by the sinks (table, picture, file)."""
+"""What a comparison, a fit, a tracked reference or a tuning found: frozen values, made by the programs, taken by the sinks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ssmr.closed_loop import ClosedRun
 from ssmr.metrics import HorizonErrors, PathMetrics
 from ssmr.types import Commands, FloatArray, Trajectory
 from validation.mujoco_plant import Health
@@ -164,5 +165,131 @@ class FitResult:
     """How the search went."""
     options: Mapping[str, object]
     """How it was run: objective, weights, strategy, population, spans."""
+    versions: Mapping[str, str]
+    """Of this project, Python and the packages that decide numbers."""
+
+
+@dataclass(frozen=True)
+class TrackMetrics:
+    """How well a reference was followed: the thesis' figures, and those that see time and errors."""
+
+    path: PathMetrics
+    """Distances of the robot's path from the reference, and errors at equal times."""
+    e_rho_rms_m: float
+    """Root mean square of the signed distance to the target [m]."""
+    e_y_rms_m: float
+    """Of the offset across [m]."""
+    e_alpha_rms_rad: float
+    """Of the heading error, zero beyond 0.4 m from the target [rad]."""
+    u_rms_ratio: float
+    """Root mean square of speed over the reference's mean speed [1] (Sec. 4.4.3)."""
+    saturated_fraction: float
+    """Share of time in which a side's torque, or a command, was at its limit [1]."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackResult:
+    """A robot that followed a reference under a controller."""
+
+    controller: str
+    """`pid`, `lqr`, `lqr-scheduled` or `smc`."""
+    gains_name: str
+    """Name or file of the gain set."""
+    gains: Mapping[str, float]
+    """By name."""
+    reference: str
+    """As the user named it."""
+    speed: float
+    """Mean speed of the reference [m/s]."""
+    plant: str
+    """Which plant was the robot."""
+    profile: str
+    """Name of the profile that gave its parameters."""
+    seed: int
+    """Of noise and disturbance."""
+    run: ClosedRun
+    """What happened, tick by tick."""
+    target: Trajectory
+    """The reference at the same ticks."""
+    metrics: TrackMetrics
+    """How well."""
+    wall_s: float
+    """Time that simulating took [s]."""
+    options: Mapping[str, object]
+    """How it was run: feedback, disturbance, look-ahead, periods."""
+    versions: Mapping[str, str]
+    """Of this project, Python and the packages that decide numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """One reference, followed with the tuned gains and with those that the tuning is held against."""
+
+    label: str
+    """Reference, speed and plant in words: `generic at 0.25 m/s, improved`."""
+    reference: str
+    """As the user named it."""
+    speed: float
+    """Mean speed of the reference [m/s]."""
+    plant: str
+    """Which plant was the robot."""
+    target: Trajectory
+    """The whole reference."""
+    tuned: ClosedRun
+    """With the tuned gains; it may have been lost."""
+    tuned_metrics: TrackMetrics
+    """Of `tuned`."""
+    tuned_cost: float
+    """Infinite where it was lost."""
+    baseline: ClosedRun
+    """With the gains it is held against."""
+    baseline_metrics: TrackMetrics
+    """Of `baseline`."""
+    baseline_cost: float
+    """Infinite where it was lost."""
+
+
+@dataclass(frozen=True, eq=False)
+class TuneResult:
+    """What a tuning found."""
+
+    controller: str
+    """`pid`, `lqr`, `lqr-scheduled` or `smc`."""
+    profile: str
+    """Name of the profile that gave the plants' parameters."""
+    seed: int
+    """Of the search, and of noise and disturbance."""
+    status: str
+    """`finished` or `interrupted`."""
+    stopped_by: str
+    """`generations`, `improvement`, `target`, or `interrupt`."""
+    cost: float
+    """Of the best candidate, over all of `train`."""
+    baseline_name: str
+    """Name of the gain set that the tuning is held against."""
+    baseline_cost: float
+    """Its cost; infinite where it loses a reference."""
+    cost_name: str
+    """`path` (the thesis') or `time`."""
+    evaluations: int
+    """Candidates rated."""
+    generations: int
+    """Completed after the initial population."""
+    wall_s: float
+    """Time that the search took [s]."""
+    parameters: tuple[FittedParameter, ...]
+    """What was searched; `before` is the baseline's."""
+    gains: Mapping[str, float]
+    """All gains of the controller, searched or held."""
+    notes: tuple[str, ...]
+    """Plain sentences: gains at their bounds, lost references."""
+    train: tuple[Followed, ...]
+    """What the cost is made of."""
+    held_out: tuple[Followed, ...]
+    """What the tuning has not seen."""
+    trace: FitTrace
+    """How the search went."""
+    options: Mapping[str, object]
+    """How it was run."""
     versions: Mapping[str, str]
     """Of this project, Python and the packages that decide numbers."""

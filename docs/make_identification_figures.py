@@ -1,0 +1,371 @@
+"""Draw figures of docs/centre_of_mass.md and README.md; with `--tables RECORDING`, measure for docs/identification.md.
+
+Run from the project's root: `python docs/make_identification_figures.py [--tables husky_tile_train.csv]`. The figures need
+no recording: they are drawn from profile `husky-tile` and from the numbers below, whose origin docs/centre_of_mass.md says.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, FancyBboxPatch, Rectangle
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from ssmr.metrics import horizon_windows, relative_pose_error
+from ssmr.types import CommandKind, FloatArray
+from validation.driving import drive
+from validation.palette import colour
+from validation.profiles import PLANTS, load, make_plant
+from validation.recordings import read_csv
+from validation.sources import open_source
+
+WHEELBASE, TRACK = 0.512, 0.5708
+WHEEL_X = 0.5 * WHEELBASE * np.array([1.0, 1.0, -1.0, -1.0])
+WHEEL_Y = 0.5 * TRACK * np.array([1.0, -1.0, 1.0, -1.0])
+OUTLINE = 0.99, 0.67
+"""Length and width of a Husky A200 [m]."""
+WHEEL = 0.33, 0.1143
+"""Diameter and width of its wheels [m]."""
+CHI = 2.448
+"""Half-axes of the 95 % ellipse of two normal variables over their standard deviations."""
+CORRELATION = 0.48
+"""Of com_x and com_y in the fit of profile husky-tile."""
+SPLIT = 500.0
+"""Until when the recording was fitted to [s]."""
+GYRO_LAG = 0.2
+"""The recording's poses and wheel rates come so much later than its gyro [s]."""
+AIM = 35.0, math.degrees(0.025)
+"""Set beforehand for the median error after 6 s [mm], [deg]."""
+IMAGES = Path(__file__).parent / "img"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the centre of mass is held, and what the other parameters then reach."""
+
+    label: str
+    x: float
+    y: float
+    ratio: float
+    """Lateral over longitudinal friction."""
+    cost: float
+    """On the first 500 s, at a step of 5 ms [m]."""
+    refitted: bool
+    """Whether the other parameters were searched to the end; if not, the cost is an upper bound."""
+    marker: str
+    colour: str
+
+
+PLACES = (
+    Place("fitted", -0.0424, -0.0088, 1.0, 0.0775, True, "o", "#0072b2"),
+    Place("middle", 0.0, 0.0, 1.0, 0.0942, True, "s", "#444444"),
+    Place("maker, now", -0.00065, -0.085, 1.0, 0.2573, True, "^", "#d55e00"),
+    Place("maker, earlier", -0.087, 0.0, 1.0, 0.3779, True, "v", "#a0529a"),
+    Place("middle", 0.0, 0.0, 0.937, 0.0781, False, "s", "#444444"),
+    Place("maker, now", -0.00065, -0.085, 0.848, 0.0803, False, "^", "#d55e00"),
+)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A quasi-static turn on the spot, left and right wheels turning alike."""
+
+    multiplier: float
+    x_icr: float
+    y_icr: float
+
+
+def turn_on_the_spot(x: float, y: float, ratio: float = 1.0) -> Turn:
+    """Four Coulomb contacts that carry a weight whose centre is not in the middle.
+
+    The loads of four equal springs are linear in the place of the weight.
+
+    Args:
+        x: of the centre of mass, ahead of the middle between the axles [m].
+        y: to its left [m].
+        ratio: lateral over longitudinal friction [1].
+    """
+    load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * WHEEL_Y / (0.5 * TRACK) ** 2)
+    belts = np.where(WHEEL_Y > 0.0, -0.5, 0.5) * 1.75  # speed of the tyres' rolling [m/s]; its size does not matter
+
+    def power(motion: FloatArray) -> tuple[float, FloatArray]:
+        """What friction dissipates, up to a constant; convex, and least where its forces and moments are in balance."""
+        v_x, v_y, rate = motion
+        s_x, s_y = v_x - rate * WHEEL_Y - belts, v_y + rate * WHEEL_X
+        size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
+        f_x, f_y = load * s_x / size, load * ratio**2 * s_y / size
+        return float(load @ size), np.array([f_x.sum(), f_y.sum(), (WHEEL_X * f_y - WHEEL_Y * f_x).sum()])
+
+    v_x, v_y, rate = minimize(power, np.array([0.0, 0.0, 1.5]), jac=True, method="BFGS", options={"gtol": 1e-10}).x
+    return Turn(2.0 * belts[1] / (TRACK * rate), -v_y / rate, v_x / rate)
+
+
+def measured_multiplier() -> tuple[float, float]:
+    """By the kinematic baseline, and its standard error."""
+    profile = load("husky-tile")
+    found, errors = profile.plants["kinematic"].parameters, _provenance("kinematic")["standard_errors"]
+    return (found.y_l - found.y_r) / TRACK, math.hypot(errors["y_l"], errors["y_r"]) / TRACK
+
+
+def _provenance(plant: str) -> Mapping[str, Any]:
+    found: Mapping[str, Any] = load("husky-tile").provenance[plant]
+    return found
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _draw_robot(ax: Axes) -> None:
+    """Body and tyres from above, the front up."""
+    length, (diameter, tyre) = OUTLINE[0], WHEEL
+    boxes = [(0.0, 0.0, TRACK - tyre + 0.06, length, "#f7f2e4")]
+    boxes += [(y, x, tyre, diameter, "0.82") for x, y in zip(WHEEL_X, WHEEL_Y, strict=True)]
+    for y, x, wide, long, fill in boxes:
+        corner = y - 0.5 * wide, x - 0.5 * long
+        ax.add_patch(FancyBboxPatch(corner, wide, long, "round,pad=0,rounding_size=0.03", facecolor=fill, edgecolor="0.35"))
+    ax.plot([0.0, 0.0], [-0.5 * WHEELBASE, 0.5 * WHEELBASE], color="0.6", lw=0.7, ls=":")
+    ax.plot([-0.5 * TRACK, 0.5 * TRACK], [0.0, 0.0], color="0.6", lw=0.7, ls=":")
+    ax.annotate("", (0.0, 0.46), (0.0, 0.33), arrowprops={"arrowstyle": "-|>", "color": "0.35"})
+    ax.text(0.02, 0.40, "ahead", fontsize=8.5, color="0.35", ha="right", va="center")
+
+
+def draw_centre() -> None:
+    """The robot from above, the places claimed for its centre, what they mean for a turn, and what they cost."""
+    mujoco = load("husky-tile").plants["mujoco"].parameters
+    errors = _provenance("mujoco")["standard_errors"]
+    figure = _figure(13.0, 4.4)
+    top, near, turns, costs = figure.subplots(1, 4, width_ratios=(0.75, 0.95, 1.15, 1.15))
+    _draw_robot(top)
+    s_x, s_y = errors["com_x"], errors["com_y"]
+    covariance = np.array([[s_y**2, CORRELATION * s_x * s_y], [CORRELATION * s_x * s_y, s_x**2]])
+    values, axes = np.linalg.eigh(covariance)
+    small, large = 2.0 * CHI * np.sqrt(values)
+    angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
+    where = mujoco.com_y, mujoco.com_x
+    near.add_patch(Ellipse(where, large, small, angle=angle, facecolor="#0072b230", edgecolor="#0072b2", linewidth=1.2))
+    near.axhline(0.0, color="0.6", lw=0.7, ls=":")
+    near.axvline(0.0, color="0.6", lw=0.7, ls=":")
+    beside = {"fitted": (0, -20), "middle": (22, 8), "maker, now": (-8, 10), "maker, earlier": (0, -15)}
+    for place in PLACES:
+        if place.ratio == 1.0:
+            for ax, size in ((top, 4), (near, 8)):
+                ax.plot(place.y, place.x, place.marker, color=place.colour, markersize=size, markeredgecolor="white")
+            near.annotate(place.label, (place.y, place.x), beside[place.label], textcoords="offset points", fontsize=8.5,
+                          color=place.colour, ha="center", va="center")  # fmt: skip
+    top.add_patch(Rectangle((-0.12, -0.12), 0.16, 0.16, fill=False, edgecolor="0.2", linewidth=0.9))
+    top.set(
+        xlim=(0.39, -0.39), ylim=(-0.53, 0.53), aspect="equal", xlabel="to the left [m]", ylabel="ahead of the middle [m]"
+    )
+    near.set(xlim=(0.04, -0.12), ylim=(-0.12, 0.04), aspect="equal", xlabel="to the left [m]")
+    near.set_xticks([0.0, -0.05, -0.1])
+    near.set_yticks([0.0, -0.05, -0.1])
+    top.set_title("The robot from above", fontsize=10, pad=18)
+    near.set_title("Its centre, friction held isotropic", fontsize=10, pad=18)
+    rows = np.arange(len(PLACES))[::-1]
+    measured, error = measured_multiplier()
+    turns.axvspan(measured - 1.96 * error, measured + 1.96 * error, color="0.8", lw=0.0)
+    turns.annotate(
+        f"recording: {measured:.2f}",
+        (measured, len(PLACES) - 0.52),
+        ha="center",
+        va="bottom",
+        fontsize=8.5,
+        color="0.3",
+        annotation_clip=False,
+    )
+    for row, place in zip(rows, PLACES, strict=True):
+        expected = turn_on_the_spot(place.x, place.y, place.ratio).multiplier
+        cost = f"{'' if place.refitted else '≤ '}{place.cost:.4f}"
+        for ax, value, text in ((turns, expected, f"{expected:.2f}"), (costs, place.cost, cost)):
+            ax.plot(value, row, place.marker, color=place.colour, markersize=8, zorder=3, markeredgecolor=place.colour,
+                    markerfacecolor=place.colour if place.refitted else "white")  # fmt: skip
+            ax.annotate(text, (value, row), (9, 0), textcoords="offset points", ha="left", va="center", fontsize=8.5)
+    names = [f"{p.label}\n({1e3 * p.x:.0f}, {1e3 * p.y:.0f}) mm, ratio {p.ratio:.3g}".replace("-", "−") for p in PLACES]
+    turns.set_yticks(rows, names, fontsize=8.5)
+    costs.set_yticks(rows, [])
+    turns.set(xlim=(0.9, 2.5), xlabel="yaw-rate multiplier on the spot")
+    costs.set(xlim=(0.0, 0.48), xlabel="cost on what was fitted to [m]")
+    turns.set_title("What it means for a turn", fontsize=10, pad=18)
+    costs.set_title("What it costs", fontsize=10, pad=18)
+    for ax in (turns, costs):
+        ax.set_ylim(-0.6, len(PLACES) - 0.5)
+        ax.axhline(1.5, color="0.6", lw=0.8, ls="--")
+        ax.grid(axis="y", color="0.92")
+        ax.tick_params(axis="y", length=0)
+        ax.spines["left"].set_visible(False)
+    for ax in (top, near, turns, costs):
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.set_axisbelow(True)
+    figure.savefig(IMAGES / "centre_of_mass.png")
+
+
+SPREAD: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "wheels": {
+        "mujoco": (0.0041, 0.0080), "improved": (0.0039, 0.0130), "coulomb": (0.0041, 0.0123), "linear": (0.0039, 0.0130),
+        "kinematic": (0.0057, 0.0049),
+    },
+    "commands": {
+        "mujoco": (0.0055, 0.0078), "improved": (0.0075, 0.0101), "coulomb": (0.0074, 0.0076), "linear": (0.0069, 0.0103),
+        "kinematic": (0.0065, 0.0058),
+    },
+}  # fmt: skip
+"""Standard error of the held-out medians by resampling the windows, as `--tables` prints it [m], [rad]."""
+
+
+def draw_tile() -> None:
+    """Median errors after 6 s of every plant on the recording: what was fitted to, and what was held out."""
+    figure = _figure(9.0, 4.4)
+    panels = figure.subplots(2, 2, sharey=True, sharex="col")
+    rows = {plant: len(PLANTS) - 1 - i for i, plant in enumerate(PLANTS)}
+    for (given, spread), line in zip(SPREAD.items(), panels, strict=True):
+        for k, (ax, key, unit) in enumerate(
+            zip(line, ("position_median_6s_m", "yaw_median_6s_rad"), (1e3, math.degrees(1.0)), strict=True)
+        ):
+            for plant, row in rows.items():
+                ink = tuple(c / 255.0 for c in colour(plant))
+                scores = _provenance(plant)
+                train, held = (
+                    next(v[key] for label, v in scores[part].items() if given in label) * unit
+                    for part in ("train", "held_out")
+                )
+                ax.errorbar(held, row, xerr=spread[plant][k] * unit, fmt="o", color=ink, markersize=7, capsize=3, lw=1.5)
+                ax.plot(train, row, "o", markerfacecolor="white", markeredgecolor=ink, markersize=6, zorder=3)
+            ax.axvline(AIM[k], color="0.4", lw=0.9, ls="--")
+            ax.set_ylim(-0.6, len(PLANTS) - 0.4)
+            ax.set_xlim(0.0, (60.0, 4.2)[k])
+            ax.grid(axis="x", color="0.93")
+            ax.spines[["top", "right", "left"]].set_visible(False)
+            ax.tick_params(axis="y", length=0)
+            ax.set_axisbelow(True)
+            ax.set_title(
+                ("Position", "Yaw")[k] + f", from {'measured wheel rates' if given == 'wheels' else 'commands'}",
+                fontsize=10,
+                loc="left",
+            )
+        line[0].set_yticks(list(rows.values()), list(rows))
+    for ax, name in zip(
+        panels[1], ("median position error after 6 s [mm]", "median yaw error after 6 s [deg]"), strict=True
+    ):
+        ax.set_xlabel(name)
+    ax = panels[0, 0]
+    marks = [
+        *ax.plot([], [], "o", color="0.3", label="held out: the last 150 s, bar: one standard error"),
+        *ax.plot([], [], "o", markerfacecolor="white", markeredgecolor="0.3", label="fitted to: the first 500 s"),
+        *ax.plot([], [], color="0.4", lw=0.9, ls="--", label="aim"),
+    ]
+    figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=8.5)
+    figure.savefig(IMAGES / "tile.png")
+
+
+# --- numbers from the recording ---
+
+
+def _overlapping(
+    t: FloatArray, fresh: NDArray[np.bool_] | None, horizon: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Windows that begin every second."""
+    found: set[tuple[int, int]] = set()
+    for offset in np.arange(0.0, horizon, 1.0):
+        first = int(np.searchsorted(t, t[0] + offset - 1e-9))
+        if first >= len(t) - 1:
+            break
+        starts, ends = horizon_windows(t[first:], horizon, None if fresh is None else fresh[first:])
+        found |= {(first + int(a), first + int(b)) for a, b in zip(starts, ends, strict=True)}
+    pairs = np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def table_scores(path: str) -> None:
+    """Medians after 6 s over the windows of the results and over overlapping ones, with the standard error of the former."""
+    print("input, plant: windows, position [m], yaw [rad], their standard errors; overlapping windows, position, yaw")
+    profile = load("husky-tile")
+    kinds: dict[str, CommandKind] = {"wheels": "wheels", "commands": "twist"}
+    for part, start, stop in (("train", None, SPLIT), ("held out", SPLIT, None)):
+        for given, kind in kinds.items():
+            source = open_source(path, kind, start, stop)
+            for name in PLANTS:
+                plant, point = make_plant(profile, name), profile.plants[name].tracked_point
+                apart: list[FloatArray] = []
+                overlapping: list[FloatArray] = []
+                for piece in source.pieces:
+                    truth, motion = piece.reference, drive(plant, piece, point, source.sample_dt)
+                    assert truth is not None
+                    apart.append(
+                        np.stack(relative_pose_error(motion.pose, truth.pose, *horizon_windows(truth.t, 6.0, piece.fresh)))
+                    )
+                    overlapping.append(
+                        np.stack(relative_pose_error(motion.pose, truth.pose, *_overlapping(truth.t, piece.fresh, 6.0)))
+                    )
+                few, many = np.hstack(apart), np.hstack(overlapping)
+                chosen = np.random.default_rng(0).integers(0, few.shape[1], (2000, few.shape[1]))
+                spread = np.median(few[:, chosen], axis=2).std(axis=1)
+                numbers = *np.median(few, axis=1), *spread
+                print(
+                    part,
+                    given,
+                    name,
+                    few.shape[1],
+                    *(f"{n:.4f}" for n in numbers),
+                    many.shape[1],
+                    *(f"{n:.4f}" for n in np.median(many, axis=1)),
+                )
+
+
+def _least_sizes(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Residuals of a regression that makes the sum of their sizes small."""
+    weight = np.ones(len(b))
+    for _ in range(50):
+        x = np.linalg.lstsq(a * weight[:, None], b * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(b - a @ x), 1e-3))
+    return b - a @ x
+
+
+def table_floor(path: str) -> None:
+    """How much of the yaw after 6 s the gyro explains, and how much a constant map of the wheels' rotation can."""
+    recording = read_csv(path)
+    rows = []
+    for piece in recording.segments():
+        t, wheels = piece.t, piece.inputs("wheels")
+        gyro = recording.columns["gyro_z"][piece.start : piece.stop]
+        turned = np.concatenate([[0.0], np.cumsum(0.5 * (gyro[1:] + gyro[:-1]) * np.diff(t))])
+        rolled = np.concatenate([np.zeros((1, 2)), np.cumsum(wheels[: len(t) - 1] * np.diff(t)[:, None], axis=0)])
+        for i, j in zip(*_overlapping(t, piece.fresh, 6.0), strict=True):
+            if t[i] - GYRO_LAG >= t[0]:
+                by_gyro = np.interp(t[j] - GYRO_LAG, t, turned) - np.interp(t[i] - GYRO_LAG, t, turned)
+                difference = wheels[[j - 1, i], 1] - wheels[[j - 1, i], 0]
+                rows.append(
+                    [
+                        t[i],
+                        piece.pose[j, 2] - piece.pose[i, 2],
+                        by_gyro,
+                        t[j] - t[i],
+                        *(rolled[j] - rolled[i]),
+                        difference[0] - difference[1],
+                    ]
+                )
+    data = np.array(rows)
+    print("yaw of the localiser after 6 s: windows; median and rms left by the gyro; by the wheels' rotation [rad]")
+    for part, which in (("train", data[:, 0] < SPLIT - 6.0), ("held out", data[:, 0] >= SPLIT)):
+        left = [_least_sizes(data[which][:, columns], data[which, 1]) for columns in ([2, 3], [4, 5, 6])]
+        print(part, which.sum(), *(f"{np.median(np.abs(e)):.4f} {math.sqrt(float(np.mean(e**2))):.4f}" for e in left))
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--tables"]:
+        table_scores(sys.argv[2])
+        table_floor(sys.argv[2])
+    draw_centre()
+    draw_tile()

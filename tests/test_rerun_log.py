@@ -321,7 +321,7 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
 
 @pytest.mark.parametrize(("low", "high"), [(-0.77, 0.77), (0.0, 0.3), (158.0, 200.0), (0.0, 0.0), (-6.0, 6.0), (2.1, 2.9)])
 def test_axes_hold_all_samples_and_numbers_to_read_them_by(low: float, high: float) -> None:
-    bottom, top = rerun_log._axis([np.array([low, high]), np.array([high])])
+    bottom, top = rerun_log.axis_range([np.array([low, high]), np.array([high])])
     assert bottom < low <= high < top
     assert top - bottom < 3.0 * max(high - low, 1e-3)
     step = 10.0 ** math.floor(math.log10(top - bottom))

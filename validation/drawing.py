@@ -6,8 +6,10 @@ Everything is drawn by matplotlib's objects under a style of its own: no pyplot,
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -62,6 +64,15 @@ MAX_LABELLED = 3
 DART = Outline([(1.0, 0.0), (-0.8, 0.75), (-0.35, 0.0), (-0.8, -0.75), (1.0, 0.0)], closed=True)
 BROAD, NARROW = 2.6, 1.5
 QUIET, ALARM = "0.4", "#b00020"
+DASHED: Dashes = (0.0, (4.0, 1.8))
+BESIDE_INK: Ink = "0.45"
+"""Of what a result is held against: the plant before a fit, the gains that a tuning began with."""
+
+REFERENCE_INK: Ink = "0.1"
+REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
+"""Of what a controller is told to follow."""
+
+_SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a line of notes; characters in such a line
 
 
 def ink_of(name: str) -> tuple[float, float, float]:
@@ -99,6 +110,19 @@ def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
 def draw_ring(ax: Axes, x: float, y: float) -> None:
     """Where motions start."""
     ax.plot(x, y, "o", markersize=8.0, markerfacecolor="white", markeredgecolor="0.1", markeredgewidth=1.5, zorder=3.5)
+
+
+def draw_reference(ax: Axes, xy: FloatArray) -> None:
+    """What a controller is told to follow, from a ring to a square."""
+    ax.plot(*xy.T, color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES, zorder=2.8, gid="reference")
+    ax.plot(*xy[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, markeredgewidth=1.3,
+            zorder=3.4, gid="reference end")  # fmt: skip
+    draw_ring(ax, *map(float, xy[0]))
+
+
+def draw_loss(ax: Axes, x: float, y: float, gid: str) -> None:
+    """A cross where a robot was lost."""
+    ax.plot(x, y, "x", color=ALARM, markersize=10.0, markeredgewidth=2.1, zorder=4.5, gid=gid)
 
 
 def draw_directions(ax: Axes, xy: FloatArray, name: str, shares: Sequence[float]) -> None:
@@ -224,6 +248,24 @@ def draw_section(text: str, ax: Axes) -> None:
     ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=10.5, fontweight="bold", va="bottom")
 
 
+def draw_footer(text: str, ax: Axes) -> None:
+    """How it was made, in one line."""
+    ax.set_axis_off()
+    ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
+
+
+def stacked(panels: Sequence[tuple[float, Panel]], ax: Axes) -> None:
+    """Panels above one another in the place of one, each with its share of the height."""
+    figure, box = ax.get_figure(root=True), ax.get_position()
+    assert figure is not None
+    ax.remove()
+    gap = 0.85 / float(figure.get_size_inches()[1])  # labels of the upper, title of the lower
+    room, top = box.height - gap * (len(panels) - 1), box.y1
+    for share, panel in panels:
+        panel(figure.add_axes((box.x0, top - share * room, box.width, share * room)))
+        top -= share * room + gap
+
+
 @dataclass(frozen=True)
 class Row:
     """Panels side by side."""
@@ -255,6 +297,20 @@ def side_by_side(height: float, panels: Sequence[Panel]) -> Row:
 def text_row(height: float, panel: Panel) -> Row:
     """A row without axes."""
     return Row(height, ((1.0, panel),), bare=True)
+
+
+def note_rows(notes: Sequence[str]) -> list[Row]:
+    """Sentences below a heading, as many lines as they need, the first of each with a bullet; nothing for none."""
+    lines = [line for note in notes for line in textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")]
+    if not lines:
+        return []
+
+    def draw(ax: Axes) -> None:
+        ax.set_axis_off()
+        for k, line in enumerate(lines):
+            ax.text(0.0, 1.0 - (k + 0.5) / len(lines), line, transform=ax.transAxes, fontsize=9.0, va="center", color="0.2")
+
+    return [text_row(_SECTION_IN, partial(draw_section, "Notes")), text_row(0.08 + _LINE_IN * len(lines), draw)]
 
 
 def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None = None) -> Figure:

@@ -7,7 +7,6 @@ stretch is shown whose error is the median of all, laid on the truth's pose at i
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -24,14 +23,15 @@ from ssmr.geometry import relative
 from ssmr.metrics import (
     HorizonErrors,
     compare_pieces,
-    horizon_errors,
     horizon_windows,
     relative_pose_error,
 )
 from ssmr.types import FloatArray, Trajectory
 from validation.drawing import (
     ALARM,
+    BESIDE_INK,
     BROAD,
+    DASHED,
     NARROW,
     QUIET,
     Dashes,
@@ -41,6 +41,7 @@ from validation.drawing import (
     Row,
     corner_note,
     draw_dart,
+    draw_footer,
     draw_horizons,
     draw_ring,
     draw_section,
@@ -50,13 +51,16 @@ from validation.drawing import (
     joined,
     line_legend,
     narrow,
+    note_rows,
     put_together,
     side_by_side,
+    stacked,
     text_row,
     yaw_degrees,
 )
 from validation.fit_report import (
     STOPPED,
+    Search,
     cube_share,
     effort,
     ending,
@@ -80,14 +84,11 @@ LEAST_CELL_IN = 0.3
 DECADE = 10.0
 """Costs that span more are drawn on a logarithmic scale."""
 
-_HEADER_IN, _GAP_IN, _SECTION_IN, _LEGEND_IN, _HORIZON_IN, _FOOTER_IN, _LINE_IN = 0.84, 0.1, 0.3, 0.24, 2.4, 0.26, 0.185
+_HEADER_IN, _GAP_IN, _SECTION_IN, _LEGEND_IN, _HORIZON_IN, _FOOTER_IN = 0.84, 0.1, 0.3, 0.24, 2.4, 0.26
 _PATHS_IN = {1: 3.7, 2: 3.6, 3: 3.4, 4: 3.1}  # height of a row of paths by how many stand in it
 _CONVERGENCE_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.95  # a strip's height; what their panel needs besides them
 _CHARACTER_IN = 0.076  # width of a usual character at 9.5 points
 _HEADING_IN = 9.3  # width of the heading at most
-_WRAP = 160  # characters in a line of notes
-_BEFORE: Ink = "0.45"
-_DASHED: Dashes = (0.0, (4.0, 1.8))
 _DOUBT = "#8a5a00"
 
 
@@ -120,49 +121,60 @@ def _draw_header(result: FitResult, ax: Axes) -> None:
     handles.append(Line2D([], [], color=ink_of(result.model), linewidth=NARROW))
     labels.append(f"{result.model}, fitted")
     if any(s.before for s in (*result.train, *result.held_out)):
-        handles.append(Line2D([], [], color=_BEFORE, linewidth=1.1, linestyle=_DASHED))
+        handles.append(Line2D([], [], color=BESIDE_INK, linewidth=1.1, linestyle=DASHED))
         labels.append(f"{result.model} before the fit")
     line_legend(ax, handles, labels)
 
 
-def _wrapped_notes(result: FitResult, left_out: Sequence[str]) -> list[str]:
-    """Lines of notes; the first of each has a bullet."""
-    lines = []
-    for note in [*fit_notes(result), *left_out]:
-        lines += textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")
-    return lines
-
-
-def _draw_notes(lines: Sequence[str], ax: Axes) -> None:
-    ax.set_axis_off()
-    for k, line in enumerate(lines):
-        ax.text(0.0, 1.0 - (k + 0.5) / len(lines), line, transform=ax.transAxes, fontsize=9.0, va="center", color="0.2")
-
-
-def _draw_footer(result: FitResult, ax: Axes) -> None:
-    """How it was made."""
-    ax.set_axis_off()
+def footer_text(result: Search) -> str:
+    """How a search was made."""
     options = [
         f"{k} {option_text(result.options[k])}" for k in ("objective", "strategy", "population") if k in result.options
     ]
     versions = [
         f"{name} {version}" for name, version in result.versions.items() if name in ("ssmr-testbed", "mujoco", "numpy")
     ]
-    text = " · ".join([f"profile {shortened(result.profile, 24)}", f"seed {result.seed}", *options, *versions])
-    ax.text(0.0, 0.0, shortened(text, 170), transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
+    parts = [f"profile {shortened(result.profile, 24)}", f"seed {result.seed}", *options, *versions]
+    return shortened(" · ".join(parts), 170)
 
 
 # --- how the search went ---
 
 
-def _draw_convergence(result: FitResult, ax: Axes) -> None:
+@dataclass(frozen=True, eq=False)
+class SearchLooks:
+    """A search, and how it is shown."""
+
+    result: Search
+    ink: Ink
+    """Of what was found."""
+    what: str
+    """What was searched for: `Parameters`, `Gains`."""
+    before: str
+    """What the search is held against, in words."""
+    correlation: FloatArray | None = None
+    """(n, n) of the errors of what was found; None where it was not estimated."""
+    before_cost: float = math.inf
+    """The cost of that; not drawn where it is infinite."""
+
+    @property
+    def numbered(self) -> bool:
+        """Whether correlations refer to the parameters by their numbers."""
+        return self.correlation is not None and len(self.result.parameters) > 1
+
+
+def _draw_convergence(looks: SearchLooks, ax: Axes) -> None:
     """Best and median cost, generation by generation."""
+    result = looks.result
     best, median = result.trace.best_cost, result.trace.median_cost
-    known = np.concatenate([c[np.isfinite(c)] for c in (best, median)])
+    level = np.full(1, looks.before_cost)
+    known = np.concatenate([c[np.isfinite(c)] for c in (best, median, level)])
     marker = "o" if len(best) < 3 else ""
-    for costs, ink, name, width in ((median, "0.6", "median", 1.2), (best, ink_of(result.model), "best", 2.0)):
+    for costs, ink, name, width in ((median, "0.6", "median", 1.2), (best, looks.ink, "best", 2.0)):
         shown = np.where(np.isfinite(costs), costs, np.nan)
         ax.plot(np.arange(len(costs)), shown, color=ink, linewidth=width, marker=marker, label=name, gid=name)
+    if np.isfinite(level[0]):
+        ax.axhline(level[0], color=BESIDE_INK, linewidth=1.1, linestyle=DASHED, label=looks.before, gid="before")
     stop = STOPPED.get(result.stopped_by, result.stopped_by)
     ax.axvline(len(best) - 1.0, color=QUIET if result.status == "finished" else ALARM, linestyle=":", label=stop, gid="stop")
     if len(known) and known.min() > 0.0 and known.max() > DECADE * known.min():
@@ -181,26 +193,22 @@ def _draw_convergence(result: FitResult, ax: Axes) -> None:
 # --- what was found ---
 
 
-def _numbered(result: FitResult) -> bool:
-    """Whether correlations refer to the parameters by their numbers."""
-    return result.correlation is not None and len(result.parameters) > 1
-
-
-def _draw_strips(result: FitResult, which: Sequence[int], places: int, ax: Axes) -> None:
+def _draw_strips(looks: SearchLooks, which: Sequence[int], places: int, ax: Axes) -> None:
     """Some of the parameters within their bounds, a strip each, with room for so many."""
-    names = [f"{i + 1}  {p.name}" if _numbered(result) else p.name for i, p in enumerate(result.parameters)]
+    result = looks.result
+    names = [f"{i + 1}  {p.name}" if looks.numbered else p.name for i, p in enumerate(result.parameters)]
     right = max(len(f"{p.upper:g} {unit_text(p.unit)}") for p in result.parameters)
     inset(ax, left=_CHARACTER_IN * (max(map(len, names)) + 8) - 0.45, right=_CHARACTER_IN * right)
     ax.set(xlim=(0.0, 1.0), ylim=(places - 0.45, -0.6), xticks=[], yticks=[])
-    ax.set_title("Parameters within their bounds" if which[0] == 0 else "")
+    ax.set_title(f"{looks.what} within their bounds" if which[0] == 0 else "")
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)
     members = result.trace.population[np.isfinite(result.trace.costs)]
     for row, i in enumerate(which):
-        _draw_strip(result.parameters[i], row, members[:, i], ink_of(result.model), ax)
+        _draw_strip(result.parameters[i], row, members[:, i], looks.ink, ax)
         ax.annotate(names[i], (0.0, row), (-46.0, 0.0), textcoords="offset points", ha="right", va="center",
                     annotation_clip=False)  # fmt: skip
-    parts = ["dot: found", "tick: before the fit", "grey: last population"]
+    parts = ["dot: found", f"tick: {looks.before}", "grey: last population"]
     if any(p.interval_95 is not None for p in result.parameters):
         parts.insert(1, "bar: 95 %")
     legend = " · ".join(parts) if which[0] == 0 else ""
@@ -234,9 +242,10 @@ def _draw_strip(p: FittedParameter, row: int, members: FloatArray, ink: Ink, ax:
                     color="0.3", annotation_clip=False)  # fmt: skip
 
 
-def _draw_correlation(result: FitResult, beside: bool, ax: Axes) -> None:
+def _draw_correlation(looks: SearchLooks, beside: bool, ax: Axes) -> None:
     """Correlations of the parameters' errors; beside their strips row by row, else with their names."""
-    n, correlation = len(result.parameters), result.correlation
+    result, correlation = looks.result, looks.correlation
+    n = len(result.parameters)
     assert correlation is not None
     if not beside:
         inset(ax, left=_CHARACTER_IN * (max(len(p.name) for p in result.parameters) + 4) - 0.5)
@@ -262,34 +271,22 @@ def _draw_correlation(result: FitResult, beside: bool, ax: Axes) -> None:
                         color="white" if abs(correlation[i, j]) > 0.65 else "0.2")  # fmt: skip
 
 
-def _stacked(panels: Sequence[tuple[float, Panel]], ax: Axes) -> None:
-    """Panels above one another in the place of one, each with its share of the height."""
-    figure, box = ax.get_figure(root=True), ax.get_position()
-    assert figure is not None
-    ax.remove()
-    gap = 0.85 / float(figure.get_size_inches()[1])  # labels of the upper, title of the lower
-    room, top = box.height - gap * (len(panels) - 1), box.y1
-    for share, panel in panels:
-        panel(figure.add_axes((box.x0, top - share * room, box.width, share * room)))
-        top -= share * room + gap
-
-
-def _search_rows(result: FitResult) -> list[Row]:
+def search_rows(looks: SearchLooks) -> list[Row]:
     """Convergence, parameters and their correlations, arranged by how many there are."""
-    n, convergence = len(result.parameters), partial(_draw_convergence, result)
-    every = partial(_draw_strips, result, range(n), n)
+    n, convergence = len(looks.result.parameters), partial(_draw_convergence, looks)
+    every = partial(_draw_strips, looks, range(n), n)
     if n <= BESIDE:
         height = max(_CONVERGENCE_IN, _STRIPS_IN + _STRIP_IN * n)
-        if not _numbered(result):
+        if not looks.numbered:
             return [Row(height, ((0.4, convergence), (0.6, every)))]
-        return [Row(height, ((0.28, convergence), (0.5, every), (0.22, partial(_draw_correlation, result, True))))]
-    if not _numbered(result):
+        return [Row(height, ((0.28, convergence), (0.5, every), (0.22, partial(_draw_correlation, looks, True))))]
+    if not looks.numbered:
         half = (n + 1) // 2
-        columns = [partial(_draw_strips, result, range(half), half), partial(_draw_strips, result, range(half, n), half)]
+        columns = [partial(_draw_strips, looks, range(half), half), partial(_draw_strips, looks, range(half, n), half)]
         return [side_by_side(_CONVERGENCE_IN, [convergence]), side_by_side(_STRIPS_IN + _STRIP_IN * half, columns)]
     height = max(5.8, _STRIPS_IN + _STRIP_IN * n)
     upper = 2.0 / (height - 1.67)
-    left = partial(_stacked, [(upper, convergence), (1.0 - upper, partial(_draw_correlation, result, False))])
+    left = partial(stacked, [(upper, convergence), (1.0 - upper, partial(_draw_correlation, looks, False))])
     return [Row(height, ((0.42, left), (0.58, every)))]
 
 
@@ -356,7 +353,7 @@ def _draw_path(result: FitResult, stretch: _Stretch, ax: Axes) -> None:
     truth, motion = seen(scored.truth[k]), seen(scored.motion[k])
     if scored.before:
         before = seen(scored.before[k])
-        ax.plot(*before[:, :2].T, color=_BEFORE, linewidth=1.1, linestyle=_DASHED, zorder=2.2, gid="before")
+        ax.plot(*before[:, :2].T, color=BESIDE_INK, linewidth=1.1, linestyle=DASHED, zorder=2.2, gid="before")
     ax.plot(*truth[:, :2].T, color=ink_of(key), linewidth=BROAD, zorder=2.0, gid="truth")
     ax.plot(*motion[:, :2].T, color=ink_of(result.model), linewidth=NARROW, zorder=2.5, gid="fitted")
     draw_dart(ax, truth[-1], key, 12.0)
@@ -382,7 +379,7 @@ def _draw_position_error(result: FitResult, scored: Scored, ax: Axes) -> None:
     inset(ax, above=0.22)
     looks: list[tuple[Sequence[Trajectory], Ink, Dashes, str]] = [(scored.motion, ink_of(result.model), "solid", "fitted")]
     if scored.before:
-        looks.append((scored.before, _BEFORE, _DASHED, "before"))
+        looks.append((scored.before, BESIDE_INK, DASHED, "before"))
     curves = []
     for pieces, _, _, _ in looks:
         curves.append(joined([(r.t, np.hypot(*(p.xy - r.xy).T)) for p, r in zip(pieces, scored.truth, strict=True)]))
@@ -432,26 +429,12 @@ def _path_heading(shown: Sequence[_Stretch]) -> str:
 # --- errors by horizon ---
 
 
-def _before_horizons(result: FitResult) -> dict[float, HorizonErrors]:
-    """Errors of the plant before the fit on all that was fitted to; empty where it could not be driven everywhere."""
-    found: dict[float, HorizonErrors] = {}
-    for horizon in result.train_horizons if all(s.before for s in result.train) else ():
-        errors = []
-        for scored in result.train:
-            for piece, truth in zip(scored.before, scored.truth, strict=True):
-                errors.append(relative_pose_error(piece.pose, truth.pose, *horizon_windows(truth.t, horizon)))
-        position, yaw = (np.concatenate(values) for values in zip(*errors, strict=True))
-        if len(position):
-            found[horizon] = horizon_errors(position, yaw)
-    return found
-
-
 def _horizon_rows(result: FitResult) -> list[Row]:
     """Position and yaw error by horizon, of what was fitted to and of what was held out."""
     ink = ink_of(result.model)
     darker: Ink = (0.55 * ink[0], 0.55 * ink[1], 0.55 * ink[2])
     marks = [
-        HorizonMarks("before the fit", _BEFORE, "X", _before_horizons(result)),
+        HorizonMarks("before the fit", BESIDE_INK, "X", result.before_horizons),
         HorizonMarks("what was fitted to", ink, "o", result.train_horizons),
     ]
     for scored, marker in zip(result.held_out, "DsvP" * len(result.held_out), strict=False):
@@ -495,11 +478,8 @@ def fit_figure(result: FitResult) -> Figure:
         the fitted plant and the plant before the fit, errors by horizon where there are recordings, and notes.
     """
     paths, left_out = _path_rows(result)
-    notes = _wrapped_notes(result, left_out)
     rows = [text_row(_HEADER_IN, partial(_draw_header, result)), Row(_GAP_IN, ())]
-    rows += [*_search_rows(result), *paths, *_horizon_rows(result)]
-    if notes:
-        rows.append(text_row(_SECTION_IN, partial(draw_section, "Notes")))
-        rows.append(text_row(0.08 + _LINE_IN * len(notes), partial(_draw_notes, notes)))
-    rows.append(text_row(_FOOTER_IN, partial(_draw_footer, result)))
+    looks = SearchLooks(result, ink_of(result.model), "Parameters", "before the fit", result.correlation)
+    rows += [*search_rows(looks), *paths, *_horizon_rows(result), *note_rows([*fit_notes(result), *left_out])]
+    rows.append(text_row(_FOOTER_IN, partial(draw_footer, footer_text(result))))
     return put_together(rows)

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from ssmr.metrics import HorizonErrors, PathMetrics
-from validation.results import FitResult, FittedParameter, Scored
+from validation.results import FitResult, FittedParameter, Scored, TuneResult
 from validation.tables import (
     COLUMNS,
     DEGREES,
@@ -27,6 +27,9 @@ from validation.tables import (
     shortened,
     unit_of,
 )
+
+Search = FitResult | TuneResult
+"""What a search found."""
 
 VAGUE_SHARE = 0.5
 """An interval wider than this share of the bounds, as they were searched, says little."""
@@ -117,13 +120,13 @@ def flags(p: FittedParameter) -> list[str]:
     return [AT_BOUND] * p.at_bound + [VAGUE] * is_vague(p)
 
 
-def ending(result: FitResult) -> str:
+def ending(result: Search) -> str:
     """How the search ended, in words."""
     why = STOPPED.get(result.stopped_by, result.stopped_by)
     return why if result.status == "finished" else f"INTERRUPTED after {_counted(result.generations, 'generation')}"
 
 
-def effort(result: FitResult) -> str:
+def effort(result: Search) -> str:
     """Cost, and what it took to find it."""
     done = f"{_counted(result.evaluations, 'evaluation')} in {_counted(result.generations, 'generation')}"
     cost = f"{result.cost:.4g}" if math.isfinite(result.cost) else NOTHING
@@ -134,8 +137,11 @@ def _counted(n: int, what: str) -> str:
     return f"{n} {what}{'s' * (n != 1)}"
 
 
-def _parameter_grid(result: FitResult) -> Grid:
-    names = ("parameter", "unit", "value ±\u00a0standard\u00a0error", "lower bound", "upper bound", "before", "beware")
+def parameter_grid(parameters: Sequence[FittedParameter], what: str, before: str) -> Grid:
+    """What a search found, row by row; `what` it is and what it was `before`, as the header says it."""
+    known = any(p.standard_error is not None for p in parameters)
+    value = "value ±\u00a0standard\u00a0error" if known else "value"
+    names = (what, "unit", value, "lower bound", "upper bound", before, "beware")
     rows = [
         tuple(
             map(
@@ -143,7 +149,7 @@ def _parameter_grid(result: FitResult) -> Grid:
                 (p.name, p.unit, value_text(p), f"{p.lower:g}", f"{p.upper:g}", number_text(p.before), ", ".join(flags(p))),
             )
         )
-        for p in result.parameters
+        for p in parameters
     ]
     return Grid(tuple((name, "") for name in names), (tuple(rows),), left=2)
 
@@ -197,7 +203,9 @@ def fit_tables(result: FitResult) -> list[Table]:
         recordings, median errors of the relative pose by horizon.
     """
     title = f"{result.model} fitted to {one_line(result.source)} · begun with profile {one_line(result.profile)}"
-    tables = [rich_table(_parameter_grid(result), title, f"{effort(result)}\n{ending(result)}\n")]
+    tables = [
+        rich_table(parameter_grid(result.parameters, "parameter", "before"), title, f"{effort(result)}\n{ending(result)}\n")
+    ]
     tables.append(rich_table(_score_grid(result), "Scores of the fitted plant", ""))
     horizons = _horizon_grid(result)
     if horizons is not None:
@@ -255,7 +263,7 @@ def fit_markdown(result: FitResult) -> str:
         "",
         "## Parameters",
         "",
-        *markdown_table(_parameter_grid(result)),
+        *markdown_table(parameter_grid(result.parameters, "parameter", "before")),
         "",
         "## Scores",
         "",

@@ -96,7 +96,12 @@ def conclude(search: Search, problem: Problem, asked: Asked, workers: int) -> Fi
         notes=sentences(problem.model, problem.space, point, uncertainty),
         train=train,
         train_metrics=compare_pieces([m for s in train for m in s.motion], [t for s in train for t in s.truth]),
-        train_horizons=horizons_over(problem.targets, train),
+        train_horizons=horizons_over([(t, s.motion) for t, s in zip(problem.targets, train, strict=True)]),
+        before_horizons=(
+            horizons_over([(t, s.before) for t, s in zip(problem.targets, train, strict=True)])
+            if all(s.before for s in train)
+            else {}
+        ),
         held_out=tuple(score(problem, fitted, target) for target in asked.held_out),
         trace=search.trace(),
         options=asked.options,
@@ -138,9 +143,9 @@ def _motions(model: str, plant: PlantProfile, target: Target) -> list[Trajectory
     return [drive(made, piece, plant.tracked_point, target.source.sample_dt) for piece in target.source.pieces]
 
 
-def horizons_over(targets: Sequence[Target], scored: Sequence[Scored]) -> dict[float, HorizonErrors]:
+def horizons_over(driven: Sequence[tuple[Target, Sequence[Trajectory]]]) -> dict[float, HorizonErrors]:
     """Errors of the relative pose over several sources together."""
-    return horizons_of([(t.source, s.motion) for t, s in zip(targets, scored, strict=True)], SCORE_HORIZONS)
+    return horizons_of([(target.source, motions) for target, motions in driven], SCORE_HORIZONS)
 
 
 def fitted_profile(result: FitResult, base: Profile, problem: Problem, point: FloatArray, name: str, date: str) -> Profile:

@@ -20,7 +20,7 @@ import os
 import subprocess
 import sys
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -83,18 +83,19 @@ WHITE: Rgb = (255, 255, 255)
 
 
 @dataclass(frozen=True, eq=False)
-class _Track:
+class Track:
     """One robot of the scene, a plant or the recorded one, with its M samples of all pieces in a row."""
 
     name: str
     pieces: tuple[Trajectory, ...]
-    reference: _Track | None
+    reference: Track | None
     """The robot to compare with; None for that robot itself."""
     tracked_point: tuple[float, float] = (0.0, 0.0)
     """The point of the body whose poses these are [m]."""
 
     @property
     def colour(self) -> Rgb:
+        """Its plant's."""
         return colour(self.name)
 
     @property
@@ -213,22 +214,35 @@ def open_viewer(path: Path) -> bool:
 
 def _encoded(comparison: Comparison, report_markdown: str, histories: Sequence[History]) -> bytes:
     """The whole recording as the bytes of a file."""
-    tracks = _tracks(comparison)
-    recording = rr.RecordingStream(APPLICATION, recording_id=_identity(comparison, tracks), send_properties=False)
+    c, tracks = comparison, _tracks(comparison)
+
+    def fill(recording: rr.RecordingStream) -> None:
+        plots = _plots(comparison, tracks)
+        recording.send_blueprint(_layout(tracks, plots, histories), make_active=False, make_default=True)
+        _write_properties(recording, comparison)
+        recording.log("report", rr.TextDocument(report_markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+        _write_scene(recording, tracks)
+        for entity, series in plots.items():
+            write_series(recording, f"plots/{entity}", series, _gaps(tracks[0]))
+        for history in histories:
+            _write_history(recording, history)
+
+    return encode(identify((c.source, c.profile, c.reference_name, c.seed, sorted(c.options.items())), tracks), fill)
+
+
+def encode(identity: uuid.UUID, fill: Callable[[rr.RecordingStream], None]) -> bytes:
+    """What `fill` sends to a recording of this id, as the bytes of a file; misuse of rerun raises.
+
+    Raises:
+        RuntimeError: rerun is switched off by `RERUN=off`.
+    """
+    recording = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
     if not recording.is_enabled():
         raise RuntimeError("rerun is switched off: unset the environment variable RERUN to write recordings")
     stream = recording.binary_stream()
     try:
         with _strict():
-            plots = _plots(comparison, tracks)
-            recording.send_blueprint(_layout(tracks, plots, histories), make_active=False, make_default=True)
-            _write_properties(recording, comparison)
-            recording.log("report", rr.TextDocument(report_markdown, media_type=rr.MediaType.MARKDOWN), static=True)
-            _write_scene(recording, tracks)
-            for entity, series in plots.items():
-                _write_series(recording, f"plots/{entity}", series, _gaps(tracks[0]))
-            for history in histories:
-                _write_history(recording, history)
+            fill(recording)
     finally:
         data = stream.read()  # after a failure too: rerun complains of a stream that is not read
     if not data:
@@ -247,20 +261,19 @@ def _strict() -> Iterator[None]:
         rr.set_strict_mode(before)
 
 
-def _tracks(comparison: Comparison) -> list[_Track]:
+def _tracks(comparison: Comparison) -> list[Track]:
     """All robots, the reference first."""
     plants = comparison.plants
     known = plants.get(comparison.reference_name) or next(
         iter(plants.values())
     )  # where a recording was tracked its plants say
-    reference = _Track(comparison.reference_name, comparison.reference, None, known.tracked_point)
+    reference = Track(comparison.reference_name, comparison.reference, None, known.tracked_point)
     others = [result for result in plants.values() if result.name != reference.name]
-    return [reference, *(_Track(result.name, result.pieces, reference, result.tracked_point) for result in others)]
+    return [reference, *(Track(result.name, result.pieces, reference, result.tracked_point) for result in others)]
 
 
-def _identity(comparison: Comparison, tracks: Sequence[_Track]) -> uuid.UUID:
-    c = comparison
-    asked = (c.source, c.profile, c.reference_name, c.seed, sorted(c.options.items()))
+def identify(asked: object, tracks: Sequence[Track]) -> uuid.UUID:
+    """The id of a recording: a digest of what was asked for, by its `repr`, and of the motions that came out."""
     digest = hashlib.sha256(repr(asked).encode())
     for track in tracks:
         digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
@@ -276,7 +289,12 @@ def _write_properties(recording: rr.RecordingStream, comparison: Comparison) -> 
         seed=comparison.seed,
     )
     recording.send_property("comparison", about)
-    for name, values in (("options", comparison.options), ("versions", comparison.versions)):
+    write_circumstances(recording, comparison.options, comparison.versions)
+
+
+def write_circumstances(recording: rr.RecordingStream, options: Mapping[str, object], versions: Mapping[str, str]) -> None:
+    """Send how it was run, and with what, as properties of the recording."""
+    for name, values in (("options", options), ("versions", versions)):
         entries = rr.AnyValues()
         for key, value in values.items():
             entries.with_component_from_data(key, str(value))
@@ -287,34 +305,46 @@ def _write_properties(recording: rr.RecordingStream, comparison: Comparison) -> 
 # --- the scene ---
 
 
-def _write_scene(recording: rr.RecordingStream, tracks: Sequence[_Track]) -> None:
+def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None:
     """Log ground, robots, paths and labels, of the world and of the line-up."""
-    robot, extent, close = robot_mesh(), _Extent(tracks), _stays_close(tracks)
+    robot, extent, close = robot_mesh(), Extent(tracks), _stays_close(tracks)
     margin = 0.5 * extent.reach + 5.0
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    recording.log("world/ground", _slab(extent.middle - margin, extent.middle + margin), static=True)
-    recording.log("lineup/ground", _slab(np.full(2, -50.0), np.full(2, 50.0)), static=True)
-    interval = _round_interval((tracks[0].t[-1] - tracks[0].t[0]) / 8.0)
+    recording.log("world/ground", slab(extent.middle - margin, extent.middle + margin), static=True)
+    recording.log("lineup/ground", slab(np.full(2, -50.0), np.full(2, 50.0)), static=True)
+    interval = round_interval((tracks[0].t[-1] - tracks[0].t[0]) / 8.0)
     for rank, track in enumerate(tracks):
         world, lineup, place = f"world/{track.name}", f"lineup/{track.name}", _place(rank, len(tracks))
-        overlaps = np.median(track.apart) < robot.box[1, 0]
-        opacity = SOLID if track.reference is None else FAINT_GLASS if overlaps else GLASS
-        _write_robot(recording, f"{world}/robot", robot, track, opacity)
-        _write_motion(recording, f"{world}/robot", robot, track, track.body)
-        _write_path(recording, track, interval)
-        _write_robot(recording, f"{lineup}/robot", robot, track, SOLID)
-        _write_motion(recording, f"{lineup}/robot", robot, track, track.seen * ([1, 1, 1] if close else [0, 0, 1]) + place)
-        recording.log(f"{world}/robot/outline", _outline(robot, robot.box[1, 2], track.colour), static=True)
-        recording.log(f"{lineup}/place", _outline(robot, 0.0, PLACE), rr.Transform3D(translation=place), static=True)
+        opacity = opacity_of(robot, None if track.reference is None else track.apart)
+        write_robot(recording, f"{world}/robot", robot, track, opacity)
+        write_motion(recording, f"{world}/robot", robot, track, track.body)
+        write_path(recording, track, interval)
+        write_robot(recording, f"{lineup}/robot", robot, track, SOLID)
+        write_motion(recording, f"{lineup}/robot", robot, track, track.seen * ([1, 1, 1] if close else [0, 0, 1]) + place)
+        recording.log(f"{world}/robot/outline", outline(robot, robot.box[1, 2], track.colour), static=True)
+        recording.log(f"{lineup}/place", outline(robot, 0.0, PLACE), rr.Transform3D(translation=place), static=True)
         name = f"{track.name} (reference)" if track.reference is None else track.name
-        recording.log(f"{lineup}/name", _labels([np.add(place, (0.3, 0.0, 0.75))], [name], track.bright), static=True)
-        post = np.append(extent.end + extent.post * extent.along, 0.045 * extent.distance * (rank + 1.0))
-        end = [np.append(track.pieces[-1].xy[-1], 0.01), post]
-        recording.log(f"{world}/end", _lines([end], track.colour, 0.7), static=True)
-        recording.log(f"{world}/end/name", _labels([post], [track.name], track.bright), static=True)
+        recording.log(f"{lineup}/name", labels([np.add(place, (0.3, 0.0, 0.75))], [name], track.bright), static=True)
+        write_signpost(recording, track, extent, rank)
 
 
-def _stays_close(tracks: Sequence[_Track]) -> bool:
+def write_signpost(recording: rr.RecordingStream, track: Track, extent: Extent, rank: int) -> None:
+    """Log a robot's name beyond its end, the higher the later its rank."""
+    entity = f"world/{track.name}/end"
+    post = np.append(extent.end + extent.post * extent.along, 0.045 * extent.distance * (rank + 1.0))
+    end = [np.append(track.pieces[-1].xy[-1], 0.01), post]
+    recording.log(entity, lines([end], track.colour, 0.7), static=True)
+    recording.log(f"{entity}/name", labels([post], [track.name], track.bright), static=True)
+
+
+def opacity_of(robot: RobotMesh, apart: FloatArray | None) -> int:
+    """A robot is the fainter the more it overlaps another, by its distances from that [m]; solid where there is none."""
+    if apart is None:
+        return SOLID
+    return FAINT_GLASS if np.median(apart) < robot.box[1, 0] else GLASS
+
+
+def _stays_close(tracks: Sequence[Track]) -> bool:
     """Whether no robot ever strays farther from the reference's than to its neighbour's place in the line-up."""
     return all(track.apart.max() < LINEUP_GAP[1] for track in tracks)
 
@@ -326,7 +356,7 @@ def _place(rank: int, count: int) -> FloatArray:
     return LINEUP_GAP * (row, 0.5 * (in_row - 1) - column, 0.0)
 
 
-def _write_robot(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: _Track, opacity: int) -> None:
+def write_robot(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: Track, opacity: int) -> None:
     """Log each body's mesh, in the robot's own colours for MuJoCo's and in shades of the plant's for others."""
     size, darkest = (1.0, 0.25) if opacity == SOLID else (GLASS_INSET, 0.6)
     for body, mesh in robot.bodies.items():
@@ -339,7 +369,7 @@ def _write_robot(recording: rr.RecordingStream, entity: str, robot: RobotMesh, t
         recording.log(f"{entity}/{body}", looks, static=True)
 
 
-def _write_motion(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: _Track, pose: FloatArray) -> None:
+def write_motion(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: Track, pose: FloatArray) -> None:
     """Send where the reference point is, from (M, 3) poses, and how far the wheels have turned."""
     time, pose, turns = rr.TimeColumn(TIMELINE, duration=track.t[track.shown]), pose[track.shown], track.turns[track.shown]
     translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
@@ -353,12 +383,12 @@ def _write_motion(recording: rr.RecordingStream, entity: str, robot: RobotMesh, 
         recording.send_columns(f"{entity}/{wheel}", [time], columns)
 
 
-def _write_path(recording: rr.RecordingStream, track: _Track, interval: float) -> None:
+def write_path(recording: rr.RecordingStream, track: Track, interval: float) -> None:
     """Log the path, one strip a piece, and a point for every `interval` [s]; the reference's points say the time."""
     first = track.reference is None
     height = 0.012 if first else 0.008
     strips = [np.column_stack([p.xy, np.full(len(p), height)]) for p in track.pieces]
-    recording.log(f"world/{track.name}/path", _lines(strips, track.colour, 2.2 if first else 1.5), static=True)
+    recording.log(f"world/{track.name}/path", lines(strips, track.colour, 2.2 if first else 1.5), static=True)
     stamps, points = list[float](), list[list[float]]()
     for piece in track.pieces:
         for k in range(math.ceil(piece.t[0] / interval), math.floor(piece.t[-1] / interval) + 1):
@@ -368,35 +398,35 @@ def _write_path(recording: rr.RecordingStream, track: _Track, interval: float) -
         marks = rr.Points3D(points, colors=[track.colour], radii=rr.Radius.ui_points(4.0 if first else 3.0))
         recording.log(f"world/{track.name}/ticks", marks, static=True)
     if points and first:
-        recording.log(f"world/{track.name}/ticks/time", _labels(points, [f"{s:g} s" for s in stamps], GRID), static=True)
+        recording.log(f"world/{track.name}/ticks/time", labels(points, [f"{s:g} s" for s in stamps], GRID), static=True)
 
 
-def _round_interval(seconds: float) -> float:
+def round_interval(seconds: float) -> float:
     """The least of 1, 2, 5, 10, 20, 30, 60 s and whole minutes that is no shorter."""
     return next((float(s) for s in (1, 2, 5, 10, 20, 30, 60) if s >= seconds), 60.0 * math.ceil(seconds / 60.0))
 
 
-def _lines(strips: Sequence[ArrayLike], rgb: Rgb, width: float) -> rr.LineStrips3D:
+def lines(strips: Sequence[ArrayLike], rgb: Rgb, width: float) -> rr.LineStrips3D:
     """Line strips as wide on the screen from near and far."""
     return rr.LineStrips3D([np.asarray(strip) for strip in strips], colors=[rgb], radii=rr.Radius.ui_points(width))
 
 
-def _outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
+def outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
     """A rectangle around the robot as seen from above, with a mark where its front is."""
     z = height + 0.004
     (rear, right, _), (front, left, _) = robot.box
     around = [[front, left, z], [front, right, z], [rear, right, z], [rear, left, z], [front, left, z]]
     nose = [[front, 0.25 * left, z], [front + 0.1, 0.0, z], [front, 0.25 * right, z]]
-    return _lines([around, nose], rgb, 1.2)
+    return lines([around, nose], rgb, 1.2)
 
 
-def _labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
+def labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
     """Texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
     radii = rr.Radius.ui_points(0.1)
     return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)
 
 
-def _slab(low: FloatArray, high: FloatArray) -> rr.Mesh3D:
+def slab(low: FloatArray, high: FloatArray) -> rr.Mesh3D:
     """The ground between two corners, just below the lines that are drawn on it."""
     corners = [(x, y, -0.004) for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
     return rr.Mesh3D(
@@ -411,7 +441,7 @@ def _slab(low: FloatArray, high: FloatArray) -> rr.Mesh3D:
 
 
 @dataclass(frozen=True, eq=False)
-class _Series:
+class Series:
     """What one entity draws: k lines over the same stamps."""
 
     names: Sequence[str]
@@ -425,12 +455,12 @@ class _Series:
     """Whether each value holds until the next, as commands do."""
 
 
-def _gaps(reference: _Track) -> FloatArray:
+def _gaps(reference: Track) -> FloatArray:
     """(pieces - 1,) instants between pieces [s]."""
     return np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(reference.pieces)])
 
 
-def _write_series(recording: rr.RecordingStream, entity: str, series: _Series, gaps: FloatArray) -> None:
+def write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
     """Send the samples; at each instant of `gaps` [s] the lines are interrupted."""
     mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
     style = rr.SeriesLines(
@@ -456,7 +486,7 @@ def _write_history(recording: rr.RecordingStream, history: History) -> None:
     recording.send_columns(entity, [steps], rr.Scalars.columns(scalars=values))
 
 
-def _plots(comparison: Comparison, tracks: Sequence[_Track]) -> dict[str, _Series]:
+def _plots(comparison: Comparison, tracks: Sequence[Track]) -> dict[str, Series]:
     """All series by entity below `plots`."""
     plots = _command_plots(comparison)
     for track in tracks:
@@ -464,14 +494,14 @@ def _plots(comparison: Comparison, tracks: Sequence[_Track]) -> dict[str, _Serie
     return plots
 
 
-def _plots_of(track: _Track) -> dict[str, _Series]:
+def _plots_of(track: Track) -> dict[str, Series]:
     """The series of one robot by entity."""
 
     def add(quantity: str, unit: str, values: FloatArray | None) -> None:
         if values is not None:
-            plots[f"{quantity}/{track.name}"] = _Series([f"{track.name} [{unit}]"], [track.bright], track.t, values)
+            plots[f"{quantity}/{track.name}"] = Series([f"{track.name} [{unit}]"], [track.bright], track.t, values)
 
-    plots = dict[str, _Series]()
+    plots = dict[str, Series]()
     twist = np.concatenate([p.twist for p in track.pieces])
     add("speed", "m/s", twist[:, 0])
     add("yaw_rate", "rad/s", twist[:, 2])
@@ -483,14 +513,14 @@ def _plots_of(track: _Track) -> dict[str, _Series]:
     if torque is not None:
         names = [f"{track.name} {side} [N m]" for side in ("left", "right")]
         shades = [mix(track.bright, WHITE, 0.35), mix(track.bright, BLACK, 0.25)]
-        plots[f"torque/{track.name}"] = _Series(names, shades, track.t, torque)
+        plots[f"torque/{track.name}"] = Series(names, shades, track.t, torque)
     if loads is not None:
         names = [f"{wheel.replace('_', ' ')} [N]" for wheel in WHEELS]
-        plots[f"wheel_load/{track.name}"] = _Series(names, WHEEL_COLOURS, track.t, loads)
+        plots[f"wheel_load/{track.name}"] = Series(names, WHEEL_COLOURS, track.t, loads)
     return plots
 
 
-def _command_plots(comparison: Comparison) -> dict[str, _Series]:
+def _command_plots(comparison: Comparison) -> dict[str, Series]:
     """What was commanded by entity: each command at its instant, and the last again where its time ends; if it was kept."""
     if not comparison.commands:
         return {}
@@ -500,17 +530,17 @@ def _command_plots(comparison: Comparison) -> dict[str, _Series]:
     if commands[0].kind == "wheels":
         names = ["left commanded [rad/s]", "right commanded [rad/s]"]
         shades = [mix(COMMANDED, WHITE, 0.35), mix(COMMANDED, BLACK, 0.25)]
-        return {"wheel_rate/commanded": _Series(names, shades, t, values, held=True)}
+        return {"wheel_rate/commanded": Series(names, shades, t, values, held=True)}
     return {
-        "speed/commanded": _Series(["commanded [m/s]"], [COMMANDED], t, values[:, 0], held=True),
-        "yaw_rate/commanded": _Series(["commanded [rad/s]"], [COMMANDED], t, values[:, 1], held=True),
+        "speed/commanded": Series(["commanded [m/s]"], [COMMANDED], t, values[:, 0], held=True),
+        "yaw_rate/commanded": Series(["commanded [rad/s]"], [COMMANDED], t, values[:, 1], held=True),
     }
 
 
 # --- the layout ---
 
 
-class _Extent:
+class Extent:
     """Where the paths lie and how far an eye must stand off to see them.
 
     Attributes:
@@ -523,7 +553,7 @@ class _Extent:
         post: how far beyond the end the signpost with the plants' names stands [m].
     """
 
-    def __init__(self, tracks: Sequence[_Track]) -> None:
+    def __init__(self, tracks: Sequence[Track]) -> None:
         xy = np.concatenate([track.pose[:, :2] for track in tracks])
         self.end = np.mean([track.pieces[-1].xy[-1] for track in tracks], axis=0)
         offsets = xy - xy.mean(axis=0)
@@ -541,25 +571,13 @@ class _Extent:
         self.post = max(0.8, 0.1 * self.distance)
 
 
-def _layout(tracks: Sequence[_Track], plots: Mapping[str, _Series], histories: Sequence[History]) -> rrb.Blueprint:
+def _layout(tracks: Sequence[Track], plots: Mapping[str, Series], histories: Sequence[History]) -> rrb.Blueprint:
     """Three looks at the robots, the report and histories on the left, plots on the right."""
     overview, above, lineup, close = _views_of_robots(tracks)
-    first, duration = float(tracks[0].t[0]), float(tracks[0].t[-1] - tracks[0].t[0])
-    at = rr.TimeRangeBoundary.absolute
-    span = rr.TimeRange(start=at(seconds=first), end=at(seconds=first + (1.0 + LEGEND_SHARE) * max(duration, 0.1)))
+    first, last = float(tracks[0].t[0]), float(tracks[0].t[-1])
 
     def plot(entity: str, title: str) -> list[rrb.TimeSeriesView]:
-        drawn = [series.values for name, series in plots.items() if f"{name}/".startswith(f"{entity}/")]
-        return [
-            rrb.TimeSeriesView(
-                origin=f"/plots/{entity}",
-                name=title,
-                axis_x=rrb.TimeAxis(view_range=span),
-                axis_y=rrb.ScalarAxis(range=_axis(drawn)),
-                plot_legend=rrb.Corner2D.RightTop,
-            )
-            for _ in drawn[:1]
-        ]
+        return plot_view(plots, entity, title, (first, last))
 
     name = tracks[0].name
     motion = [
@@ -580,7 +598,32 @@ def _layout(tracks: Sequence[_Track], plots: Mapping[str, _Series], histories: S
         for h in histories
     ]
     left = rrb.Vertical(rrb.Tabs(overview, above, report, *steps), rrb.Horizontal(lineup, close), row_shares=[6, 5])
-    right = rrb.Vertical(*(rrb.Tabs(*views) for views in (errors, motion, wheels) if views))
+    return blueprint(left, [errors, motion, wheels])
+
+
+def plot_view(plots: Mapping[str, Series], entity: str, title: str, span: tuple[float, float]) -> list[rrb.TimeSeriesView]:
+    """A view of all series below `plots/<entity>` from the first to the last instant [s], with room for a legend.
+
+    Empty where there is no such series.
+    """
+    drawn = [series.values for name, series in plots.items() if f"{name}/".startswith(f"{entity}/")]
+    at, duration = rr.TimeRangeBoundary.absolute, max(span[1] - span[0], 0.1)
+    shown = rr.TimeRange(start=at(seconds=span[0]), end=at(seconds=span[0] + (1.0 + LEGEND_SHARE) * duration))
+    return [
+        rrb.TimeSeriesView(
+            origin=f"/plots/{entity}",
+            name=title,
+            axis_x=rrb.TimeAxis(view_range=shown),
+            axis_y=rrb.ScalarAxis(range=axis_range(drawn)),
+            plot_legend=rrb.Corner2D.RightTop,
+        )
+        for _ in drawn[:1]
+    ]
+
+
+def blueprint(left: rrb.Container, plots: Sequence[Sequence[rrb.TimeSeriesView]]) -> rrb.Blueprint:
+    """Looks at robots on the left, on the right groups of plots above one another, a group's in tabs; it plays at once."""
+    right = rrb.Vertical(*(rrb.Tabs(*views) for views in plots if views))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[8, 5]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing", loop_mode="off"),
@@ -589,7 +632,7 @@ def _layout(tracks: Sequence[_Track], plots: Mapping[str, _Series], histories: S
     )
 
 
-def _axis(drawn: Sequence[FloatArray]) -> tuple[float, float]:
+def axis_range(drawn: Sequence[FloatArray]) -> tuple[float, float]:
     """From where to where an axis goes.
 
     The viewer would take in a zero wherever a line is interrupted, and write numbers only at whole powers of ten where finer
@@ -603,45 +646,53 @@ def _axis(drawn: Sequence[FloatArray]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _views_of_robots(tracks: Sequence[_Track]) -> list[rrb.Spatial3DView]:
+def _views_of_robots(tracks: Sequence[Track]) -> list[rrb.Spatial3DView]:
     """The scene from aside and from above, the line-up, and the reference's robot from near."""
-    extent, reference = _Extent(tracks), tracks[0].name
-    middle = np.append(extent.middle + 0.6 * extent.post * extent.along, 0.0)
-    aside = middle + extent.distance * np.append(-math.cos(0.6) * extent.across, math.sin(0.6))
-    high = middle + np.array([0.0, 0.0, 1.1 * extent.distance])
+    extent, reference = Extent(tracks), tracks[0].name
     rows = math.ceil(len(tracks) / ABREAST)
     heart = np.array([0.4 * LINEUP_GAP[0] * (rows - 1), 0.1, 0.2])
-    start = tracks[0].pose[0]
-    behind = np.append(shift_reference(start, (-1.5, -1.2))[:2], 1.15)
     names = [f"- /world/{track.name}/end/**" for track in tracks]
     bodies = [f"- /world/{track.name}/robot/{body}" for track in tracks[1:] for body in ("base", *WHEELS)]
 
-    def view(name: str, origin: str, eye: rrb.EyeControls3D, without: Sequence[str] = ()) -> rrb.Spatial3DView:
-        grid = rrb.LineGrid3D(visible=origin == "/world", spacing=1.0, stroke_width=1.0, color=GRID)
-        contents = [f"{origin}/**", *without]
-        return rrb.Spatial3DView(
-            name=name, origin=origin, contents=contents, background=SKY, line_grid=grid, eye_controls=eye
-        )
-
     how = "displaced" if _stays_close(tracks) else "turned"
     return [
-        view("Scene (grid 1 m)", "/world", _eye(aside, middle)),
-        view("From above", "/world", _eye(high, middle, up=np.append(extent.across, 0.0)), names),
+        *overviews(extent, names),
         view(
             f"Side by side, {how} as seen from {reference}",
             "/lineup",
-            _eye(heart + (3.1 + 0.5 * rows) * np.array([-0.73, -0.14, 0.62]), heart),
+            eye(heart + (3.1 + 0.5 * rows) * np.array([-0.73, -0.14, 0.62]), heart),
         ),
-        view(
-            f"Following {reference}",
-            "/world",
-            _eye(behind, np.append(start[:2], 0.2), follow=f"/world/{reference}/robot/base"),
-            [*names, f"- /world/{reference}/ticks/time", *bodies],
-        ),
+        follower(tracks[0], [*names, f"- /world/{reference}/ticks/time", *bodies]),
     ]
 
 
-def _eye(
+def view(name: str, origin: str, looks: rrb.EyeControls3D, without: Sequence[str] = ()) -> rrb.Spatial3DView:
+    """What lies below `origin`, seen by an eye."""
+    grid = rrb.LineGrid3D(visible=origin == "/world", spacing=1.0, stroke_width=1.0, color=GRID)
+    contents = [f"{origin}/**", *without]
+    return rrb.Spatial3DView(name=name, origin=origin, contents=contents, background=SKY, line_grid=grid, eye_controls=looks)
+
+
+def overviews(extent: Extent, names: Sequence[str]) -> list[rrb.Spatial3DView]:
+    """The world from aside and, without the `names`, from above."""
+    middle = np.append(extent.middle + 0.6 * extent.post * extent.along, 0.0)
+    aside = middle + extent.distance * np.append(-math.cos(0.6) * extent.across, math.sin(0.6))
+    high = middle + np.array([0.0, 0.0, 1.1 * extent.distance])
+    return [
+        view("Scene (grid 1 m)", "/world", eye(aside, middle)),
+        view("From above", "/world", eye(high, middle, up=np.append(extent.across, 0.0)), names),
+    ]
+
+
+def follower(track: Track, without: Sequence[str]) -> rrb.Spatial3DView:
+    """The world from close behind a robot."""
+    start = track.pose[0]
+    behind = np.append(shift_reference(start, (-1.5, -1.2))[:2], 1.15)
+    looks = eye(behind, np.append(start[:2], 0.2), follow=f"/world/{track.name}/robot/base")
+    return view(f"Following {track.name}", "/world", looks, without)
+
+
+def eye(
     position: FloatArray, target: FloatArray, up: FloatArray | None = None, follow: str | None = None
 ) -> rrb.EyeControls3D:
     """An eye that turns about `target`, which stays where it is unless an entity is to be followed."""

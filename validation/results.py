@@ -1,4 +1,4 @@
-"""What a comparison, a fit, a tracked reference or a tuning found: frozen values, made by the programs, taken by the sinks."""
+"""What a comparison, a fit, a tracked reference or a tuning found: frozen values that programs make and sinks take."""
 
 from __future__ import annotations
 
@@ -159,6 +159,8 @@ class FitResult:
     """Over all of `train`."""
     train_horizons: Mapping[float, HorizonErrors]
     """Over all of `train`."""
+    before_horizons: Mapping[float, HorizonErrors]
+    """Over all of `train`, of the plant before the fit; empty where it could not be driven everywhere."""
     held_out: tuple[Scored, ...]
     """On what the fit has not seen."""
     trace: FitTrace

@@ -154,7 +154,7 @@ def unit_of(quantity: Quantity, values: Sequence[float]) -> Unit:
     return Unit("×", 1.0, 0 if largest >= 100.0 else 2, significant=3)
 
 
-def _best(texts: Mapping[str, str], values: Mapping[str, float], wanted: Wanted) -> set[str]:
+def best_of(texts: Mapping[str, str], values: Mapping[str, float], wanted: Wanted) -> set[str]:
     """Names of the best of what is comparable, ties as written included; nobody where there is nobody to beat."""
 
     def badness(value: float) -> float:
@@ -180,7 +180,7 @@ def _plant_grid(comparison: Comparison) -> Grid:
         unit = unit_of(column.quantity, lengths if column.quantity == "length" else list(values.values()))
         texts = {name: unit.text(value) for name, value in values.items()}
         judged = {n: v for n, v in values.items() if n != comparison.reference_name or column.quantity == "speed-up"}
-        best = _best(texts, judged, column.wanted)
+        best = best_of(texts, judged, column.wanted)
         header.append((column.name, unit.symbol))
         columns.append({name: Cell(text, name in best) for name, text in texts.items()})
     rows = []
@@ -205,7 +205,7 @@ def _horizon_grid(comparison: Comparison) -> Grid | None:
         for _, unit, value in HORIZON_VALUES:
             values = {name: value(e) for name, e in errors.items()}
             texts = {name: unit.text(v) for name, v in values.items()}
-            best = _best(texts, values, "low")
+            best = best_of(texts, values, "low")
             columns.append({name: Cell(text, name in best) for name, text in texts.items()})
         groups.append(
             tuple(

@@ -2,7 +2,7 @@
 
 At the rate of the position loop the robot is observed and the errors to the moving target become reference velocities; at
 the rate at which the robot reads commands these become a command, which the drive turns into wheel rates. `observe`,
-`position_tick` and `velocity_tick` are the robot's side of it, the same for every plant: the fused loop of the planar models
+`position_tick` and `velocity_step` are the robot's side of it, the same for every plant: the fused loop of the planar models
 here, populations of MuJoCo Huskies, and `track`, the slow and obvious loop that drives any `Plant`.
 """
 
@@ -149,7 +149,7 @@ def write_row(out, x, y, yaw, v, v_y, w, left, right, torque_left, torque_right,
 @jit
 def is_lost(x, y, yaw_rate, aim):
     """Whether a run left its bounds; a number that is not finite has."""
-    return not (abs(x - aim[0]) + abs(y - aim[1]) < LOST and abs(yaw_rate) < SPINNING)
+    return not (math.hypot(x - aim[0], y - aim[1]) < LOST and abs(yaw_rate) < SPINNING)
 
 
 @jit
@@ -202,20 +202,9 @@ def run_closed_planar(
         due = k % rates[0] == 0
         if due:
             seen = observe(
-                by_filter,
-                belief,
-                numbers,
-                deviations,
-                draws[tick],
-                x,
-                y,
-                yaw,
-                v,
-                w,
-                left,
-                right,
+                by_filter, belief, numbers, deviations, draws[tick], x, y, yaw, v, w, left, right,
                 rates[0] * dt if k else 0.0,
-            )
+            )  # fmt: skip
             memory, index, aim = position_tick(law, gains, memory, table, index, k * dt, seen, lookahead, rates[0] * dt)
         if k % rates[1] == 0:
             memory, v_cmd, w_cmd = velocity_step(law, gains, memory, seen[3], seen[4], rates[1] * dt)
@@ -376,6 +365,19 @@ def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, F
     return draws, disturbance
 
 
+def common_settings(settings: Sequence[LoopSettings], seeds: Sequence[int]) -> LoopSettings:
+    """What all loops of a population share, and their clock and noise are made of; the first one's settings stand for it.
+
+    Raises:
+        ValueError: there is something that they do not share, or there are no loops or no seeds.
+    """
+    if len(settings) == 0 or len(seeds) == 0:
+        raise ValueError(f"a population has at least one loop and one seed, got {len(settings)} and {len(seeds)}")
+    if len({(s.feedback, s.disturbance, s.position_period, s.velocity_period) for s in settings}) != 1:
+        raise ValueError("a population has one kind of feedback, disturbance for all or for none, and one set of periods")
+    return settings[0]
+
+
 @dataclass(frozen=True, eq=False)
 class ClosedRun:
     """A robot that followed a reference."""
@@ -436,7 +438,7 @@ class Loop:
     controller: Controller
     """The law."""
     settings: LoopSettings
-    """What stands around them; the feedback is the same throughout a population."""
+    """What stands around them; feedback, disturbance and periods are the same throughout a population."""
 
 
 def packed_gains(controllers: Sequence[Controller]) -> FloatArray:
@@ -461,11 +463,12 @@ def run_loops(
         start: where they start; the first waypoint, at rest, if not given.
 
     Raises:
-        ValueError: several kinds of model or feedback, or periods that are no whole number of steps.
+        ValueError: several kinds of model, of feedback or disturbance, or sets of periods; periods that are no whole number
+            of steps; no loops or no seeds.
     """
-    if len({type(p.model.parameters) for p in loops}) != 1 or len({p.settings.feedback for p in loops}) != 1:
-        raise ValueError("a population is one kind of model and of feedback")
-    settings = loops[0].settings
+    settings = common_settings([p.settings for p in loops], seeds)
+    if len({type(p.model.parameters) for p in loops}) != 1:
+        raise ValueError("a population is one kind of model")
     clock = make_clock(waypoints, settings, dt)
     drawn = [draw(clock, settings, seed) for seed in seeds]
     state = start or waypoints.start
@@ -508,7 +511,12 @@ def closed_run(rows: FloatArray, clock: Clock) -> ClosedRun:
 
 
 def track(
-    plant: Plant, controller: Controller, waypoints: Waypoints, settings: LoopSettings, seed: int, start: State | None = None
+    plant: Plant,
+    controller: Controller,
+    waypoints: Waypoints,
+    settings: LoopSettings,
+    seed: int,
+    start: State | None = None,
 ) -> ClosedRun:
     """Drive any plant, physics step by physics step: slow and obvious; the fused loops must equal it.
 
@@ -533,10 +541,10 @@ def track(
     for k in range(clock.n + 1):
         due = k % clock.position == 0
         if due:
-            period = clock.position * clock.dt
+            period, s = clock.position * clock.dt, state
             seen = observe(
-                settings.feedback == "ekf", belief, numbers, deviations, draws[tick], state.x, state.y, state.yaw, state.v_x,
-                state.yaw_rate, state.wheel_left, state.wheel_right, period if k else 0.0,
+                settings.feedback == "ekf", belief, numbers, deviations, draws[tick], s.x, s.y, s.yaw, s.v_x, s.yaw_rate,
+                s.wheel_left, s.wheel_right, period if k else 0.0,
             )  # fmt: skip
             memory, index, aim = position_tick(
                 law, gains, memory, table, index, k * clock.dt, seen, settings.lookahead, period
@@ -545,7 +553,6 @@ def track(
             memory, v, w = velocity_step(law, gains, memory, seen[3], seen[4], clock.velocity * clock.dt)
             command = (float(v), float(w))
         if due:
-            s = state
             write_row(
                 rows[tick], s.x, s.y, s.yaw, s.v_x, s.v_y, s.yaw_rate, s.wheel_left, s.wheel_right, 0.0, 0.0, aim, memory,
                 command, seen,

@@ -233,11 +233,11 @@ def position_errors(
 ) -> tuple[float, float, float]:
     """The three errors of a robot at (x, y, yaw) to a target at (x_t, y_t) on a segment of heading phi (Eq. 4.1, 4.2).
 
-    e_rho is the distance rho with the sign of cos(beta): negative where the target lies behind. The thesis prints rho
-    alone; a robot ahead of its target would then be driven further away from it. e_y = rho sin(beta), the target's offset
-    to the left; beta, by atan2, is the direction to the target seen from the robot. e_alpha = phi - yaw, in (-pi, pi];
-    the thesis prints alpha = theta - phi, which a positive gain would drive away from zero. It is zero where the target
-    is farther than `switch`.
+    rho is the distance, beta by atan2 the direction to the target as the robot sees it. e_y = rho sin(beta) is the target's
+    offset to the left, and e_rho = rho cos(beta) how far ahead it is, negative where it lies behind. The thesis prints e_rho
+    = rho: a robot beside or ahead of its target would then be driven further away, and with the published gains is
+    (docs/errata.md). On the reference the two are the same. e_alpha = phi - yaw, in (-pi, pi]; the thesis prints alpha =
+    theta - phi, which a positive gain would drive away from zero. It is zero where the target is farther than `switch`.
 
     Args:
         x: of the robot's reference point [m].
@@ -254,6 +254,5 @@ def position_errors(
     dx, dy = x_t - x, y_t - y
     rho = math.hypot(dx, dy)
     beta = math.atan2(dy, dx) - yaw
-    e_rho = rho if math.cos(beta) >= 0.0 else -rho
     e_alpha = _wrapped(phi - yaw) if rho <= switch else 0.0
-    return e_rho, rho * math.sin(beta), e_alpha
+    return rho * math.cos(beta), rho * math.sin(beta), e_alpha

@@ -21,6 +21,7 @@ from ssmr.sensors import SensorNoise
 from ssmr.simulate import SAMPLE_DT, Parameters, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from ssmr.vehicle import Drive, Vehicle
+from ssmr.waypoints import position_errors
 from validation.published import table, value
 
 AGREEMENT = 0.03
@@ -240,3 +241,28 @@ def test_17_the_published_noise_hardly_moves_y_and_yaw() -> None:
     """Measured while neither was excited: 2.8 micrometres and 0.1 milliradian."""
     assert math.sqrt(value("3.4", "Y")) < 3e-6
     assert math.sqrt(value("3.4", "theta")) < 2e-4
+
+
+def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
+    """A target at rest a tenth of a metre behind; u = K_P e, 2 s: as printed the robot leaves, with the part along it stays."""
+    gain, dt = value("4.4", "K_P_rho"), 0.01
+    ahead = {"printed": 0.1, "used": 0.1}  # how far the robot is ahead of its target
+    for _ in range(200):
+        for form in ahead:
+            e_rho, _, _ = position_errors(ahead[form], 0.0, 0.0, 0.0, 0.0, 0.0, 0.4)
+            ahead[form] += dt * gain * (abs(e_rho) if form == "printed" else e_rho)
+    assert ahead["printed"] > 10.0
+    assert abs(ahead["used"]) < 1e-3
+
+
+def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
+    """The steady distance is at least v / K_11, and e^(-K_I T) of it is left at the end, whatever the plant."""
+    for number, row, speed in (("4.22", "line_0.25", 0.25), ("4.23", "line_0.50", 0.5)):
+        left = math.exp(-value("4.21", "K_I_rho", "manual") * 10.8 / speed)
+        gaps = {
+            column: speed / math.sqrt(value("4.21", "Q_11", column) / value("4.21", "R_11", column)) * left
+            for column in ("manual", "optimised")
+        }
+        printed = value(number, row, "d_haus_m")
+        assert gaps["manual"] > 1.6 * printed
+        assert gaps["optimised"] == pytest.approx(printed, rel=0.1)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco import batch
+from numpy.typing import NDArray
 
 from ssmr import ekf
 from ssmr.closed_loop import (
@@ -20,6 +21,7 @@ from ssmr.closed_loop import (
     ClosedRun,
     LoopSettings,
     closed_run,
+    common_settings,
     draw,
     make_clock,
     packed_gains,
@@ -42,7 +44,7 @@ class HuskyLoop:
     controller: Controller
     """The law."""
     settings: LoopSettings
-    """What stands around them; feedback and periods are the same throughout a population."""
+    """What stands around them; feedback, disturbance and periods are the same throughout a population."""
 
 
 class _Bodies:
@@ -69,6 +71,11 @@ class _Bodies:
     def torques(self) -> FloatArray:
         """(S, 2) of the sides [N m]."""
         return np.array(self._force)
+
+    @property
+    def gave_up(self) -> NDArray[np.bool_]:
+        """(S,) whom the simulator warned of: it stops there, and starts diverged ones again from the origin."""
+        return np.asarray(self._batch.warning[:, :, 1].any(axis=1))
 
     def states(self) -> FloatArray:
         """(S, 8) x, y, yaw, v_x, v_y, yaw rate, left and right wheel rate; yaw is unwrapped from the last reading."""
@@ -106,12 +113,13 @@ def run_husky_loops(
         start: where they start; the first waypoint, at rest, if not given.
 
     Raises:
-        ValueError: several kinds of feedback, time steps or tyres, or periods that are no whole number of steps.
+        ValueError: several kinds of feedback or disturbance, sets of periods, time steps or tyres; periods that are no whole
+            number of steps; no loops or no seeds.
     """
-    settings, dt = loops[0].settings, loops[0].plant.dt
-    kinds = {(p.plant.dt, p.settings.feedback, p.settings.position_period, p.settings.velocity_period) for p in loops}
-    if len(kinds) != 1 or len({(p.plant.model.nq, p.plant.model.npair) for p in loops}) != 1:
-        raise ValueError("a population has one time step, one kind of feedback, one set of periods and one shape of tyre")
+    settings = common_settings([p.settings for p in loops], seeds)
+    if len({(p.plant.dt, p.plant.model.nq, p.plant.model.npair) for p in loops}) != 1:
+        raise ValueError("a population of Huskies has one time step and one shape of tyre")
+    dt = loops[0].plant.dt
     clock = make_clock(waypoints, settings, dt)
     drawn = [draw(clock, settings, seed) for seed in seeds]
     draws, pushes = np.array([d for d, _ in drawn]), np.array([np.resize(d, clock.n) for _, d in drawn])
@@ -154,4 +162,6 @@ def run_husky_loops(
         if n:
             k = tick * clock.position
             bodies.advance(references, np.where(alive[:, None], pushes[turn, k : k + n], 0.0))
+            gave_up = alive & bodies.gave_up
+            last[gave_up], alive = tick + 1, alive & ~gave_up
     return [closed_run(out[:n], clock) for out, n in zip(outs, last, strict=True)]

@@ -13,6 +13,7 @@ import numpy as np
 from ssmr._jit import config
 from ssmr.closed_loop import ClosedRun, Loop, LoopSettings, run_loops
 from ssmr.controllers.laws import Controller, make_gains
+from ssmr.ekf import EkfSettings
 from ssmr.metrics import PathMetrics, compare_paths
 from ssmr.models.linear import matrices
 from ssmr.simulate import PlanarModel
@@ -57,10 +58,9 @@ def make_robot(profile: Profile, plant: str) -> Robot:
         ProfileError: an unknown name, or numbers that do not go together.
     """
     made = make_plant(profile, plant)
-    if isinstance(made, MujocoPlant):
-        return Robot(plant, made)
     p: PlantProfile = profile.plants[plant]
-    return Robot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
+    body = made if isinstance(made, MujocoPlant) else PlanarModel(p.parameters, p.vehicle, p.drive)
+    return Robot(plant, body)
 
 
 def make_controller(profile: Profile, gains: GainSet) -> Controller:
@@ -76,6 +76,11 @@ def make_controller(profile: Profile, gains: GainSet) -> Controller:
     )
     law.packed()
     return law
+
+
+def odometry_of(drive: Drive) -> EkfSettings:
+    """A state filter whose wheel odometry is the driver's own."""
+    return EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
 
 
 def run_robots(
@@ -168,6 +173,9 @@ def track(
             "feedback": settings.feedback,
             "disturbance": settings.disturbance,
             "lookahead_m": settings.lookahead,
+            "side_torque_limit_N_m": robot.side_limit,
+            "v_max_m_s": robot.drive.v_max,
+            "w_max_rad_s": robot.drive.w_max,
             "position_period_s": settings.position_period,
             "velocity_period_s": settings.velocity_period,
         },

@@ -2,13 +2,13 @@
 
 Errors in the body frame of a robot that follows a target moving at (v_r, omega_r), about v = v_r, omega = omega_r:
 
-    d e_x / dt     = v_r cos e_alpha - v + omega e_y      ~ -(v - v_r)
-    d e_y / dt     = v_r sin e_alpha - omega e_x          ~ v_r e_alpha
+    d e_rho / dt   = v_r cos e_alpha - v + omega e_y      ~ -(v - v_r)
+    d e_y / dt     = v_r sin e_alpha - omega e_rho        ~ v_r e_alpha
     d e_alpha / dt = omega_r - omega
 
 with speed and yaw rate by the linear model (Eq. 2.46). The lateral part depends on v_r: at rest e_y is out of reach, and
 one gain for all speeds is either sluggish or nervous. K_y and K_alpha, set by hand in the thesis, come out of the Riccati
-equation. Feedforward holds (v_r, omega_r) where the errors are zero; an integral of e_x stays for what the model leaves out.
+equation. Feedforward holds (v_r, omega_r) where the errors are zero; an integral of e_rho takes what the model leaves out.
 """
 
 from __future__ import annotations
@@ -97,9 +97,8 @@ def regulate(gains, memory, e_rho, e_y, e_alpha, v_ref, w_ref, v, w, dt):
     k_y = gains[i + 2] + share * (gains[j + 2] - gains[i + 2])
     k_alpha = gains[i + 3] + share * (gains[j + 3] - gains[i + 3])
     k_w = gains[i + 4] + share * (gains[j + 4] - gains[i + 4])
-    along = np.copysign(np.sqrt(max(e_rho * e_rho - e_y * e_y, 0.0)), e_rho)
-    v_cmd = gains[1] * v_ref - k_x * (along + memory[0]) - k_v * (v - v_ref)
+    v_cmd = gains[1] * v_ref - k_x * (e_rho + memory[0]) - k_v * (v - v_ref)
     w_cmd = gains[2] * w_ref - k_y * e_y - k_alpha * e_alpha - k_w * (w - w_ref)
-    integral = clamp_integral(along, memory[0], v_cmd, V_LIMIT, gains[0], dt)
+    integral = clamp_integral(e_rho, memory[0], v_cmd, V_LIMIT, gains[0], dt)
     v_cmd, w_cmd = min(max(v_cmd, -V_LIMIT), V_LIMIT), min(max(w_cmd, -W_LIMIT), W_LIMIT)
     return integral, memory[1], memory[2], memory[3], memory[4], v_cmd, w_cmd, memory[7]

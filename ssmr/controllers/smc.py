@@ -2,7 +2,7 @@
 
 Two surfaces in the error coordinates of the body frame:
 
-    s_x = e_x                              u_ref     = v_r cos e_alpha + k_x s_x + eta_x sat(s_x / phi_x)
+    s_x = e_rho                            u_ref     = v_r cos e_alpha + k_x s_x + eta_x sat(s_x / phi_x)
     s_a = e_alpha + atan(lambda e_y)       omega_ref = omega_r + lambda v_r sin e_alpha / (1 + (lambda e_y)^2)
                                                        + k_a s_a + eta_a sat(s_a / phi_a)
 
@@ -70,8 +70,7 @@ class SmcGains:
 @jit
 def slide(gains, memory, e_rho, e_y, e_alpha, v_ref, w_ref):
     """One step: memory with u_ref [m/s] and omega_ref [rad/s]; arguments as in `scheduled.regulate`."""
-    along = np.copysign(np.sqrt(max(e_rho * e_rho - e_y * e_y, 0.0)), e_rho)
-    u_ref = v_ref * np.cos(e_alpha) + gains[0] * along + gains[1] * min(max(along / gains[2], -1.0), 1.0)
+    u_ref = v_ref * np.cos(e_alpha) + gains[0] * e_rho + gains[1] * min(max(e_rho / gains[2], -1.0), 1.0)
     bent = gains[3] * e_y
     surface = e_alpha + np.arctan(bent)
     turn = w_ref + gains[3] * v_ref * np.sin(e_alpha) / (1.0 + bent * bent)

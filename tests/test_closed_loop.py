@@ -1,0 +1,599 @@
+"""Closed loops: the fused ones against the obvious one, symmetries, rates, noise, the thesis' line, lost robots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr._jit import config
+from ssmr.closed_loop import (
+    COLUMNS,
+    LOST,
+    SPINNING,
+    ClosedRun,
+    Loop,
+    LoopSettings,
+    LostError,
+    closed_run,
+    draw,
+    is_lost,
+    make_clock,
+    run_loops,
+    track,
+)
+from ssmr.controllers.laws import CONTROLLERS, GAINS, Controller, make_gains
+from ssmr.controllers.lqr import LqrGains
+from ssmr.controllers.pid import PidGains
+from ssmr.controllers.smc import SmcGains
+from ssmr.drive import wheel_rates
+from ssmr.ekf import EkfSettings, SensorModel
+from ssmr.geometry import wrap_angle
+from ssmr.metrics import compare_paths
+from ssmr.models.kinematic import KinematicParameters
+from ssmr.models.linear import LinearParameters, matrices
+from ssmr.references import circle, line, sine
+from ssmr.sensors import SensorNoise
+from ssmr.simulate import PLANAR_DT, PLANAR_MODELS, PlanarModel, PlanarPlant
+from ssmr.types import FloatArray, State
+from ssmr.vehicle import Drive, Vehicle
+from ssmr.waypoints import Waypoints
+from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
+from validation import published
+from validation.gains import load_gains
+from validation.husky_loops import HuskyLoop, run_husky_loops
+from validation.mujoco_plant import MujocoPlant
+from validation.profiles import Profile, load, make_plant
+
+FRAME = 1e-11
+"""Coordinates of some metres round to 1e-15, times the loops' gains of about ten, through hundreds of damped ticks."""
+FEEDBACKS = ("truth", "noisy", "ekf")
+TORQUES = [COLUMNS.index("torque_left"), COLUMNS.index("torque_right")]
+A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), Drive()))
+TRUTH = LoopSettings(feedback="truth", disturbance=False)
+PROMPT = Drive(delay_v=0.0, delay_w=0.0)
+IDEAL = PlanarModel(KinematicParameters(), Vehicle(), PROMPT)
+"""Moves as commanded, at once."""
+BEND = circle(0.5, 1.0, 0.08)
+"""One second of a left turn."""
+WEAVE = sine(0.5, 0.3, 2.0, 0.7)
+MIXED: tuple[tuple[str, dict[str, float], LoopSettings], ...] = (
+    ("pid", {}, TRUTH),
+    ("lqr", {"k_y": 0.5}, replace(TRUTH, lookahead=0.1)),
+    ("smc", {"slope": 1.0}, replace(TRUTH, noise=SensorNoise(x=0.0))),
+    ("lqr-scheduled", {}, TRUTH),
+    ("pid", {"k_p_rho": 1.0, "k_i_rho": 0.5}, TRUTH),
+)
+"""Five loops of which no two are alike."""
+
+
+def controller(name: str, **gains: float) -> Controller:
+    return Controller(make_gains(name, gains), A, B)
+
+
+PUBLISHED = {name: controller(name) for name in CONTROLLERS}
+"""Every law with its default gains; the PID's are the published ones."""
+
+
+@cache
+def model(name: str) -> PlanarModel:
+    plant = load("thesis-lab").plants[name]
+    return PlanarModel(plant.parameters, plant.vehicle, plant.drive)
+
+
+@pytest.fixture(scope="module")
+def husky() -> MujocoPlant:
+    plant = make_plant(load("thesis-lab"), "mujoco")
+    assert isinstance(plant, MujocoPlant)
+    return plant
+
+
+@pytest.fixture
+def threads() -> Iterator[Callable[[int], None]]:
+    """Sets numba's threads, and leaves them as they were."""
+    before = numba.get_num_threads()
+    yield lambda n: numba.set_num_threads(min(n, config.NUMBA_NUM_THREADS))
+    numba.set_num_threads(before)
+
+
+def drive(
+    robot: PlanarModel | MujocoPlant,
+    law: Controller,
+    waypoints: Waypoints,
+    settings: LoopSettings = TRUTH,
+    seed: int = 1,
+    start: State | None = None,
+) -> ClosedRun:
+    """One robot alone."""
+    if isinstance(robot, PlanarModel):
+        return run_loops([Loop(robot, law, settings)], waypoints, [seed], start=start)[0]
+    return run_husky_loops([HuskyLoop(robot, law, settings)], waypoints, [seed], start=start)[0]
+
+
+def rolling(speed: float, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> State:
+    """A robot that rolls straight ahead."""
+    return State(x, y, yaw, speed, 0.0, 0.0, *wheel_rates(speed, 0.0, 0.275, 0.1651))
+
+
+def without_torques(run: ClosedRun) -> FloatArray:
+    """What is recorded but for torques, which the slow loop does not know."""
+    return np.delete(run.table, TORQUES, axis=1)
+
+
+# ------------------------------------------------------------------------------------------- fused loops and the slow one
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+@pytest.mark.parametrize("law", CONTROLLERS)
+@pytest.mark.parametrize("name", PLANAR_MODELS)
+def test_the_fused_loop_of_planar_models_is_the_slow_one(name: str, law: str, feedback: str) -> None:
+    settings = LoopSettings(feedback=feedback)  # type: ignore[arg-type]
+    fast = drive(model(name), PUBLISHED[law], BEND, settings, 3)
+    slow = track(PlanarPlant(model(name)), PUBLISHED[law], BEND, settings, 3)
+    assert np.abs(without_torques(fast) - without_torques(slow)).max() == EXACT
+    assert np.array_equal(fast.t, slow.t)
+    assert fast.lost == slow.lost
+
+
+@pytest.mark.parametrize("name", PLANAR_MODELS)
+def test_so_it_is_from_a_rolling_start_at_other_rates_and_with_a_drive_that_lags(name: str) -> None:
+    robot = replace(model(name), drive=Drive(delay_v=0.07, delay_w=0.13, acceleration_v=1.5, wheel_lag=0.05))
+    settings = LoopSettings(position_period=0.01, velocity_period=0.025, lookahead=0.1)
+    start = State(0.1, -0.1, 0.3, 0.3, 0.0, 0.2, *wheel_rates(0.3, 0.2, 0.275, 0.1651))
+    fast = drive(robot, PUBLISHED["pid"], BEND, settings, 3, start)
+    slow = track(PlanarPlant(robot), PUBLISHED["pid"], BEND, settings, 3, start)
+    assert np.abs(without_torques(fast) - without_torques(slow)).max() == EXACT
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+@pytest.mark.parametrize("law", CONTROLLERS)
+def test_the_batch_of_huskies_is_the_slow_loop(husky: MujocoPlant, law: str, feedback: str) -> None:
+    """To round-off: the slow loop's start has gone through the simulator's quaternion, and so has its filter's."""
+    settings = LoopSettings(feedback=feedback)  # type: ignore[arg-type]
+    fast = drive(husky, PUBLISHED[law], BEND, settings, 3)
+    slow = track(husky, PUBLISHED[law], BEND, settings, 3)
+    assert np.abs(without_torques(fast) - without_torques(slow)).max() <= 10 * ROUNDOFF  # wheel rates of order 10
+    assert fast.lost == slow.lost
+
+
+def test_and_from_a_rolling_start_that_faces_backwards(husky: MujocoPlant) -> None:
+    way = Waypoints.from_path(-BEND.xy, 0.5)
+    settings, start = LoopSettings(lookahead=0.1), replace(rolling(0.3, 0.1, -0.1, 3.3), yaw_rate=0.2)
+    fast = drive(husky, PUBLISHED["pid"], way, settings, 3, start)
+    slow = track(husky, PUBLISHED["pid"], way, settings, 3, start)
+    assert np.abs(without_torques(fast) - without_torques(slow)).max() <= 10 * ROUNDOFF
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+def test_a_planar_population_is_its_members(feedback: str, threads: Callable[[int], None]) -> None:
+    loops = [
+        Loop(
+            replace(model("improved"), drive=replace(Drive(), delay_v=0.2 + 0.01 * i)),
+            controller(law, **gains),
+            replace(s, feedback=feedback, disturbance=True),  # type: ignore[arg-type]
+        )
+        for i, (law, gains, s) in enumerate(MIXED)
+    ]
+    alone = [run_loops([loop], BEND, [7 + i % 2])[0] for i, loop in enumerate(loops)]
+    for n in (1, 2):
+        threads(n)
+        together = run_loops(loops, BEND, [7, 8])
+        assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
+    assert len({run.table[-1, 0] for run in alone}) == len(loops)
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+def test_a_population_of_huskies_is_its_members(feedback: str, husky: MujocoPlant) -> None:
+    smooth = MujocoPlant(replace(husky.calibration, friction=0.4), husky.drive)
+    loops = [
+        HuskyLoop(
+            smooth if i == 2 else husky,
+            controller(law, **gains),
+            replace(s, feedback=feedback, disturbance=True),  # type: ignore[arg-type]
+        )
+        for i, (law, gains, s) in enumerate(MIXED)
+    ]
+    alone = [run_husky_loops([loop], BEND, [7 + i % 2], 1)[0] for i, loop in enumerate(loops)]
+    for workers in (1, 2, 5):
+        together = run_husky_loops(loops, BEND, [7, 8], workers)
+        assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
+    assert len({run.table[-1, 0] for run in alone}) == len(loops)
+
+
+# ------------------------------------------------------------------------------------------------------------- symmetries
+
+
+def all_robots(husky: MujocoPlant) -> list[PlanarModel | MujocoPlant]:
+    return [*map(model, PLANAR_MODELS), husky]
+
+
+@cache
+def weaving(robot: PlanarModel | MujocoPlant, law: Controller) -> FloatArray:
+    """(M, 3) poses on the reference as it is."""
+    return drive(robot, law, WEAVE).columns("x", "y", "yaw")
+
+
+def test_left_and_right_are_alike(husky: MujocoPlant) -> None:
+    mirrored = Waypoints(WEAVE.t, WEAVE.xy * [1.0, -1.0])
+    flip = [1.0, -1.0, -1.0]
+    for robot in all_robots(husky):
+        for law in PUBLISHED.values():
+            one, other = weaving(robot, law), drive(robot, law, mirrored).columns("x", "y", "yaw")
+            tolerance = FRAME if isinstance(robot, PlanarModel) else SYMMETRY
+            assert np.abs(one - other * flip).max() <= tolerance, (robot.name, law.name)
+            assert np.abs(one[:, 1]).max() > 0.1
+
+
+@pytest.mark.parametrize("frame", [(2.0, -1.0, 0.7), (-30.0, 5.0, 3.0)])
+def test_the_world_frame_does_not_matter(husky: MujocoPlant, frame: tuple[float, float, float]) -> None:
+    c, s = math.cos(frame[2]), math.sin(frame[2])
+    turn, shift = np.array([[c, s], [-s, c]]), frame[:2]
+    moved = Waypoints(WEAVE.t, WEAVE.xy @ turn + shift)
+    for robot in all_robots(husky):
+        for law in PUBLISHED.values():
+            here, there = weaving(robot, law), drive(robot, law, moved).columns("x", "y", "yaw")
+            tolerance = FRAME if isinstance(robot, PlanarModel) else SYMMETRY
+            assert np.abs(here[:, :2] @ turn + shift - there[:, :2]).max() <= tolerance, (robot.name, law.name)
+            assert np.abs(wrap_angle(here[:, 2] + frame[2] - there[:, 2])).max() <= tolerance
+
+
+# ------------------------------------------------------------------------------------------------ what the equations say
+
+
+@pytest.mark.parametrize(
+    ("law", "robot"),
+    [
+        ("smc", IDEAL),  # asks for the target's speed, which this one has at once
+        ("lqr-scheduled", PlanarModel(LinearParameters(), Vehicle(), PROMPT)),  # knows this one's steady gain
+    ],
+)
+def test_a_robot_on_its_reference_at_its_speed_stays_there(law: str, robot: PlanarModel) -> None:
+    run = drive(robot, PUBLISHED[law], line(0.5, 2.0), start=rolling(0.5))
+    assert np.abs(run.columns("e_rho", "e_y", "e_alpha")).max() <= 1e-12  # a metre rounds to 1e-16, the gains are ten
+    late = replace(robot, drive=replace(PROMPT, delay_v=0.2))
+    run = drive(late, PUBLISHED[law], line(0.5, 6.0), start=rolling(0.5))
+    deepest = int(np.argmax(run.column("e_rho")))
+    assert 0.2 <= run.t[deepest] <= 0.5  # no command arrives before, and the robot has stood still
+    assert np.abs(run.column("e_rho")[run.t > 8.0]).max() < 0.01 * run.column("e_rho")[deepest]
+
+
+def decay(run: ClosedRun, begin: float, end: float) -> float:
+    """Time constant of e_rho between two times [s]."""
+    i, j = np.searchsorted(run.t, [begin, end])
+    e = run.column("e_rho")
+    return float((run.t[j] - run.t[i]) / math.log(e[i] / e[j]))
+
+
+@pytest.mark.parametrize(("k_p", "k_i"), [(2.836, 0.115), (2.0, 0.5), (1.0, 0.1)])
+def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) -> None:
+    """On a line d e / dt = v - K_P e - K_I int e: s^2 + K_P s + K_I = 0, whose slow root is -K_I / K_P to first order."""
+    law = controller("pid", k_p_rho=k_p, k_i_rho=k_i, k_p_u=0.0, k_i_u=0.0)
+    run = drive(IDEAL, law, line(0.25, 10.8))
+    begin = 5.0 / k_p
+    found = decay(run, begin, min(begin + 2.0 * k_p / k_i, 40.0))
+    slow = np.roots([1.0, k_p, k_i]).max()
+    assert found == pytest.approx(-1.0 / slow, rel=0.02)  # commands are held for 0.05 s of some 2 to 24
+    assert found == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)  # what the first order leaves out
+
+
+@pytest.mark.parametrize("k_i", [0.01, 0.1, 0.3])
+def test_the_lag_of_an_lqr_dies_out_as_its_equation_says(k_i: float) -> None:
+    """With v = K_11 (e + k_I int e) - K_12 v: (1 + K_12) s^2 + K_11 s + K_11 k_I = 0, from no lag that grows at v_ref.
+
+    For a small k_I the lag is (1 + K_12) / K_11 v_ref exp(-k_I t).
+    """
+    law = Controller(LqrGains(k_i_rho=k_i), A, B)
+    k_11, k_12 = law.packed()[:2]
+    run = drive(IDEAL, law, line(0.25, 5.0))
+    slow, fast = np.roots([1.0 + k_12, k_11, k_11 * k_i])[::-1]
+    assert decay(run, 3.0, 19.0) == pytest.approx(-1.0 / slow, rel=0.02)  # commands are held for 0.05 s
+    assert -1.0 / slow == pytest.approx(1.0 / k_i, rel=1.5 * k_i * (1.0 + k_12) / k_11)
+    expected = 0.25 / (slow - fast) * (np.exp(slow * run.t) - np.exp(fast * run.t))
+    assert np.abs(run.column("e_rho") - expected)[run.t > 2.0].max() <= 0.02 * expected.max()
+
+
+@pytest.mark.parametrize("slope", [1.0, 2.0, 4.0])
+def test_on_the_surface_the_lateral_error_dies_out_over_the_way(slope: float) -> None:
+    """With e_alpha = -atan(lambda e_y): d e_y / d s = sin e_alpha = -lambda e_y / sqrt(1 + (lambda e_y)^2)."""
+    gains = SmcGains(slope=slope, k_x=20.0, k_p_u=0.0, k_i_u=0.0, k_p_w=0.0, k_i_w=0.0)
+    quick = replace(IDEAL, drive=replace(PROMPT, hold=0.001))
+    settings = replace(TRUTH, position_period=0.001, velocity_period=0.001)
+    offset, yaw = 0.25, math.atan(slope * 0.25)
+    start = rolling(0.5 * math.cos(yaw), offset * math.sin(yaw), -offset * math.cos(yaw), yaw)  # e_x = 0, e_y = offset
+    run = drive(quick, Controller(gains, A, B), line(0.5, 3.0), settings, start=start)
+    expected = [offset]
+    for _ in run.t[1:]:
+        e = expected[-1]
+        expected.append(e - 0.001 * 0.5 * slope * e / math.hypot(1.0, slope * e))
+    e_y = run.column("e_y")
+    assert e_y[0] == pytest.approx(offset)
+    assert np.all(np.diff(e_y) < 0.0)
+    assert np.all(e_y > 0.0)
+    # what is left out: omega e_x, with e_x up to lambda^2 v e_y^2 / k_x, both of order 0.05 at the steepest
+    assert np.abs(e_y - expected).max() <= 0.01 * offset
+    assert np.abs(run.column("e_alpha") + np.arctan(slope * e_y)).max() <= 0.01
+
+
+@pytest.mark.parametrize("disturbed", [False, True])
+@pytest.mark.parametrize(("number", "row", "speed"), [("4.5", "line_0.25", 0.25), ("4.6", "line_0.50", 0.5)])
+def test_published_gains_on_the_published_model_reproduce_the_published_line(
+    number: str, row: str, speed: float, disturbed: bool
+) -> None:
+    """The robot lags by v / K_P exp(-K_I / K_P t), so that is how far it is short of the end when time is up.
+
+    The whole gap is d_haus, and its share of the length is 1 - d_ratio: K_P, K_I, speed and length say both.
+    """
+    way, gains = line(speed), PidGains(**load_gains("pid", "published").values)
+    settings = LoopSettings() if disturbed else TRUTH
+    run = drive(model("improved"), Controller(gains, A, B), way, settings)
+    found = compare_paths(run.motion, way.trajectory(float(run.t[1])))
+    gap = way.length - run.state.x
+    assert found.d_ratio == pytest.approx(published.value(number, row, "d_ratio"), abs=0.001)
+    assert found.d_haus_m == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
+    assert found.d_haus_m == pytest.approx(gap, rel=0.01)
+    predicted = speed / gains.k_p_rho * math.exp(-gains.k_i_rho / gains.k_p_rho * way.duration)
+    assert predicted == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
+    if not disturbed:  # noise moves the end by some millimetres
+        assert gap == pytest.approx(predicted, rel=0.03)  # the slow root to first order
+
+
+@pytest.mark.parametrize("distance", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("law", [controller("pid", k_i_rho=1.0), PUBLISHED["smc"]], ids=["pid", "smc"])
+def test_the_robot_keeps_the_look_ahead(distance: float, law: Controller) -> None:
+    """The PID's lag has died out by exp(-20 / 2.8), the sliding mode has none to begin with."""
+    run = drive(model("improved"), law, line(0.5, 10.0), replace(TRUTH, lookahead=distance))
+    assert run.column("e_rho")[-2] == pytest.approx(distance, abs=1e-3)
+
+
+# --------------------------------------------------------------------------------------------------------- rates and clock
+
+
+@pytest.mark.parametrize("law", CONTROLLERS)
+def test_commands_change_with_the_velocity_loop_and_never_between(law: str) -> None:
+    run = drive(model("improved"), PUBLISHED[law], WEAVE, LoopSettings())
+    tick = (8 * np.arange(len(run.t))) // 50  # in steps of 1 ms
+    commands = run.columns("v_cmd", "w_cmd")
+    changed = np.any(np.diff(commands, axis=0) != 0.0, axis=1)
+    assert np.array_equal(changed, np.diff(tick) > 0)
+    assert np.all(np.any(np.diff(run.columns("u_ref", "w_ref"), axis=0) != 0.0, axis=1))
+    assert np.allclose(np.diff(run.t), 0.008, rtol=1e-9)
+
+
+@given(st.floats(0.01, 60.0), st.sampled_from([0.002, 0.008, 0.01, 0.05]))
+def test_the_clock_covers_the_whole_mission_and_no_tick_more(duration: float, period: float) -> None:
+    way = Waypoints(np.array([3.0, 3.0 + duration]), np.array([[0.0, 0.0], [1.0, 0.0]]))
+    clock = make_clock(way, LoopSettings(position_period=period), 0.001)
+    end = clock.n * clock.dt
+    assert clock.n == (clock.ticks - 1) * clock.position
+    assert way.duration - 1e-9 <= end < max(way.duration, period) + period
+
+
+def test_at_its_end_the_target_is_the_last_waypoint() -> None:
+    run = drive(model("improved"), PUBLISHED["pid"], BEND)
+    assert run.t[-1] >= BEND.duration
+    assert run.columns("target_x", "target_y")[-1].tolist() == BEND.xy[-1].tolist()
+    assert run.motion.t is not run.t
+    assert run.state.x == run.column("x")[-1]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"position_period": 0.0085}, "the position loop's period of 0.0085 s is not a whole number"),
+        ({"velocity_period": 0.0333}, "the velocity loop's period of 0.0333 s is not a whole number"),
+    ],
+)
+def test_periods_that_are_no_whole_steps_are_refused(settings: dict[str, float], message: str, husky: MujocoPlant) -> None:
+    odd = LoopSettings(**settings)  # type: ignore[arg-type]
+    for robot in (model("linear"), husky):
+        with pytest.raises(ValueError, match=message):
+            drive(robot, PUBLISHED["pid"], BEND, odd)
+    with pytest.raises(ValueError, match=message):
+        track(PlanarPlant(model("linear")), PUBLISHED["pid"], BEND, odd, 0)
+    with pytest.raises(ValueError, match="the drive's hold"):
+        drive(replace(IDEAL, drive=Drive(hold=0.0333)), PUBLISHED["pid"], BEND)
+
+
+# ------------------------------------------------------------------------------------------------------------------ noise
+
+
+def test_equal_seeds_give_equal_runs_and_others_do_not(husky: MujocoPlant) -> None:
+    for robot in (model("improved"), husky):
+        for settings in (LoopSettings(), LoopSettings(feedback="ekf"), replace(TRUTH, disturbance=True)):
+            one, again, other = (drive(robot, PUBLISHED["pid"], BEND, settings, seed) for seed in (5, 5, 6))
+            assert np.array_equal(one.table, again.table)
+            assert np.abs(one.table - other.table).max() > 1e-6
+        calm = [drive(robot, PUBLISHED["pid"], BEND, TRUTH, seed).table for seed in (5, 6)]
+        assert np.array_equal(calm[0], calm[1])
+
+
+def test_noise_depends_on_the_seed_alone(husky: MujocoPlant) -> None:
+    """What is seen less what is true: the same whatever robot and controller, to the rounding of metres."""
+    shown, true = ("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w"), ("x", "y", "yaw", "v_x", "yaw_rate")
+    settings = LoopSettings(noise=SensorNoise(x=1e-4, y=1e-4, yaw=1e-4))
+    runs = [drive(robot, law, BEND, settings, 9) for robot in (model("improved"), husky) for law in PUBLISHED.values()]
+    noise = [run.columns(*shown) - run.columns(*true) for run in runs]
+    assert all(np.abs(n - noise[0]).max() <= ROUNDOFF for n in noise)
+    deviations = settings.deviations()[:5]
+    # some 128 draws each: a standard deviation is known to 6 %, four of these
+    assert np.allclose(noise[0].std(axis=0), deviations, rtol=0.25)
+
+
+def test_a_longer_mission_meets_the_same_noise_first() -> None:
+    settings = LoopSettings()
+    short, long = (draw(make_clock(line(0.5, n), settings, PLANAR_DT), settings, 4) for n in (1.0, 2.0))
+    for one, other in zip(short, long, strict=True):
+        assert np.array_equal(one, other[: len(one)])
+    assert len(draw(make_clock(line(0.5, 1.0), TRUTH, PLANAR_DT), TRUTH, 4)[1]) == 1
+
+
+def test_a_filter_that_believes_perfect_sensors_is_a_tick_behind_the_truth() -> None:
+    """It moves on with the velocity of the last sample: what the velocity changed by within a tick is a tick's way."""
+    settings = replace(
+        TRUTH,
+        feedback="ekf",
+        sensors=SensorModel(0.0, 0.0, 0.0),
+        filter=EkfSettings(process_v=1e6, process_yaw_rate=1e6, variance_wheel_yaw_rate=math.inf),
+    )
+    robot, way = replace(IDEAL, drive=Drive()), circle(0.5, 1.0, 0.5)
+    for law in PUBLISHED.values():
+        run = drive(robot, law, way, settings)
+        seen, true = run.columns("seen_x", "seen_y", "seen_yaw"), run.columns("x", "y", "yaw")
+        tick, v, w = 0.008, np.abs(run.column("v_x")).max(), np.abs(run.column("yaw_rate")).max()
+        assert np.hypot(*(seen - true)[:, :2].T).max() <= 1.2 * tick * v
+        assert np.abs(seen - true)[:, 2].max() <= 1.2 * tick * w
+        # gains of the filter differ from one by the sensors' variance over a tick's process noise, 1e-8
+        assert np.abs(run.columns("seen_v", "seen_w") - run.columns("v_x", "yaw_rate")).max() <= 1e-7
+
+
+@pytest.mark.parametrize("law", CONTROLLERS)
+def test_with_its_own_filter_the_robot_stays_near_where_it_would_be_with_the_truth(law: str) -> None:
+    """Within 4.5 cm, what the filter itself allows for slip in 20 s: here the wheels do not slip."""
+    way = circle(0.5)
+    with_truth = drive(model("improved"), PUBLISHED[law], way, TRUTH)
+    loops = [Loop(model("improved"), PUBLISHED[law], replace(TRUTH, feedback="ekf"))] * 4
+    for run in run_loops(loops, way, range(4)):
+        away = np.hypot(*(run.columns("x", "y") - with_truth.columns("x", "y")).T)
+        assert 0.0 < away.max() <= 0.045
+
+
+# ------------------------------------------------------------------------------------------------------------ lost robots
+
+IDLE = controller("pid", k_p_rho=0.0, k_i_rho=0.0)
+"""Does not go anywhere."""
+FLIGHT = line(1.0, 5.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, math.pi / 4, 2.0])
+def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to(angle: float, husky: MujocoPlant) -> None:
+    away = Waypoints(FLIGHT.t, FLIGHT.xy[:, :1] * [math.cos(angle), math.sin(angle)])
+    for robot in (model("improved"), husky):
+        run = drive(robot, IDLE, away)
+        assert run.lost
+        assert LOST <= run.t[-1] <= LOST + 2 * 0.008  # at 1 m/s
+        assert np.isfinite(run.table).all()
+        assert len(run.t) == len(run.table) == len(run.motion)
+        with pytest.raises(LostError) as caught:
+            run.require_kept("an idle robot")
+        text, evidence = str(caught.value), caught.value.evidence
+        assert text.startswith(f"an idle robot left its bounds at t = {run.t[-1]:.2f} s: x = ")
+        assert f"{np.hypot(*(run.columns('target_x', 'target_y')[-1] - run.columns('x', 'y')[-1])):.2f} m from its" in text
+        assert (evidence["t"], evidence["state"], evidence["run"]) == (run.t[-1], run.state, run)
+
+
+def test_a_robot_that_is_kept_is_itself() -> None:
+    run = drive(model("improved"), PUBLISHED["pid"], BEND)
+    assert not run.lost
+    assert run.require_kept("it") is run
+
+
+def test_a_robot_that_spins_is_lost() -> None:
+    robot = replace(IDEAL, drive=Drive(w_max=1e3))
+    run = drive(robot, controller("pid", k_p_y=1e4, ff_w=1.0), WEAVE)
+    assert run.lost
+    assert abs(run.state.yaw_rate) >= SPINNING
+    assert np.all(np.abs(run.column("yaw_rate")[:-1]) < SPINNING)
+    slow = track(PlanarPlant(robot), controller("pid", k_p_y=1e4, ff_w=1.0), WEAVE, TRUTH, 1)
+    assert slow.lost
+    assert np.array_equal(without_torques(slow), without_torques(run))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_not_finite_is_lost(bad: float) -> None:
+    aim = (0.0,) * 6
+    assert not is_lost(0.0, 0.0, 0.0, aim)
+    assert is_lost(bad, 0.0, 0.0, aim)
+    assert is_lost(0.0, bad, 0.0, aim)
+    assert is_lost(0.0, 0.0, bad, aim)
+    clock = make_clock(BEND, TRUTH, PLANAR_DT)
+    rows = np.zeros((3, len(COLUMNS)))
+    rows[2, 0] = bad
+    run = closed_run(rows, clock)
+    assert run.lost
+    assert len(run.t) == len(run.table) == 2
+
+
+def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
+    laws = (PUBLISHED["pid"], IDLE, PUBLISHED["smc"])
+    alone = [drive(model("improved"), law, FLIGHT, LoopSettings()) for law in laws]
+    together = run_loops([Loop(model("improved"), law, LoopSettings()) for law in laws], FLIGHT, [1])
+    assert [run.lost for run in together] == [False, True, False]
+    assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
+    alone = [drive(husky, law, FLIGHT, LoopSettings()) for law in laws]
+    together = run_husky_loops([HuskyLoop(husky, law, LoopSettings()) for law in laws], FLIGHT, [1], 2)
+    assert [run.lost for run in together] == [False, True, False]
+    assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
+
+
+def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(husky: MujocoPlant) -> None:
+    """MuJoCo puts a diverged robot back to the origin, which on this reference is not far from the target."""
+    for run in run_husky_loops([HuskyLoop(husky, PUBLISHED["pid"], TRUTH)] * 2, BEND, [1], start=State(v_x=1e11)):
+        assert run.lost
+        assert len(run.t) == 1
+        with pytest.raises(LostError, match="left its bounds"):
+            run.require_kept("it")
+
+
+# --------------------------------------------------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"feedback": "gps"}, "unknown feedback 'gps'; there are: truth, noisy, ekf"),
+        ({"lookahead": -0.1}, r"LoopSettings\.lookahead = -0\.1"),
+        ({"lookahead": 2.0}, r"LoopSettings\.lookahead = 2\.0"),
+        ({"lookahead": math.nan}, r"LoopSettings\.lookahead = nan"),
+        ({"position_period": 0.0}, r"LoopSettings\.position_period = 0\.0"),
+        ({"velocity_period": -1.0}, r"LoopSettings\.velocity_period = -1\.0"),
+        ({"velocity_period": math.inf}, r"LoopSettings\.velocity_period = inf"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        LoopSettings(**settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(TRUTH, feedback="noisy"),
+        replace(TRUTH, disturbance=True),
+        replace(TRUTH, position_period=0.01),
+        replace(TRUTH, velocity_period=0.1),
+    ],
+    ids=["feedback", "disturbance", "position", "velocity"],
+)
+def test_a_population_shares_feedback_disturbance_and_periods(other: LoopSettings, husky: MujocoPlant) -> None:
+    with pytest.raises(ValueError, match="a population has one kind of feedback"):
+        run_loops([Loop(IDEAL, IDLE, s) for s in (TRUTH, other)], BEND, [1])
+    with pytest.raises(ValueError, match="a population has one kind of feedback"):
+        run_husky_loops([HuskyLoop(husky, IDLE, s) for s in (TRUTH, other)], BEND, [1])
+
+
+def test_a_population_is_one_kind_of_robot(husky: MujocoPlant, lab: Profile) -> None:
+    with pytest.raises(ValueError, match="one kind of model"):
+        run_loops([Loop(model(name), IDLE, TRUTH) for name in ("linear", "improved")], BEND, [1])
+    quick = MujocoPlant(replace(lab.plants["mujoco"].parameters, timestep=0.001), husky.drive)
+    with pytest.raises(ValueError, match="one time step"):
+        run_husky_loops([HuskyLoop(plant, IDLE, TRUTH) for plant in (husky, quick)], BEND, [1])
+
+
+def test_nobody_and_no_seed_are_refused(husky: MujocoPlant) -> None:
+    for loops, seeds in (([], [1]), ([Loop(IDEAL, IDLE, TRUTH)], [])):
+        with pytest.raises(ValueError, match="at least one loop and one seed"):
+            run_loops(loops, BEND, seeds)
+    for huskies, seeds in (([], [1]), ([HuskyLoop(husky, IDLE, TRUTH)], [])):
+        with pytest.raises(ValueError, match="at least one loop and one seed"):
+            run_husky_loops(huskies, BEND, seeds)
+
+
+def test_every_law_has_been_driven() -> None:
+    assert set(PUBLISHED) == set(GAINS)

@@ -1,0 +1,379 @@
+"""Controllers: the laws of their blocks and of their regulators, apart from any loop around them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import control
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssmr.controllers import lqr, pid, scheduled, smc
+from ssmr.controllers.laws import CONTROLLERS, GAINS, MEMORY, Controller, make_gains, position_step, velocity_step
+from ssmr.models.linear import LinearParameters, matrices
+from ssmr.types import FloatArray
+from ssmr.vehicle import Drive, Vehicle
+from tests.conftest import DERIVATIVE, ROUNDOFF
+
+RICCATI = 1e-7
+"""Relative: two solvers of one Riccati equation, whose pencil has eigenvalues from 0.1 to 1000 1/s for the weights below."""
+DT = 0.008
+REST = (0.0,) * MEMORY
+A, B = matrices(Vehicle(), LinearParameters(), Drive())
+MODEL = tuple(map(tuple, A.tolist())), tuple(map(tuple, B.tolist()))
+
+errors = st.floats(-2.0, 2.0)
+small = st.floats(-0.1, 0.1)
+gains = st.floats(0.0, 5.0)
+weights = st.floats(0.05, 50.0)
+speeds = st.floats(0.0, 1.5)
+
+
+def controller(name: str) -> Controller:
+    """The law with its default gains, on the published linear model."""
+    return Controller(GAINS[name](), *MODEL)
+
+
+@cache
+def packed(name: str) -> FloatArray:
+    """Its gains for the compiled laws."""
+    return controller(name).packed()
+
+
+def regulator(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> FloatArray:
+    """K = R^-1 B' P, P by scipy."""
+    p = scipy.linalg.solve_continuous_are(a, b, np.diag(q), np.diag(r))
+    return np.linalg.solve(np.diag(r), b.T @ p)
+
+
+# ------------------------------------------------------------------------------------------------------------- PI blocks
+
+
+@given(st.lists(errors, min_size=1, max_size=60), gains, gains)
+def test_a_block_is_p_and_a_forward_euler_integral(signal: list[float], k_p: float, k_i: float) -> None:
+    integral, out = 0.0, []
+    for error in signal:
+        u, integral = pid.pi_block(error, integral, k_p, k_i, math.inf, DT)
+        out.append(u)
+    e = np.array(signal)
+    before = np.concatenate([[0.0], np.cumsum(k_i * DT * e)])
+    scale = 1.0 + (k_p + k_i) * np.abs(e).sum()
+    assert np.abs(np.array(out) - (k_p * e + before[:-1])).max() <= ROUNDOFF * scale
+    assert abs(integral - before[-1]) <= ROUNDOFF * scale
+
+
+@given(errors, st.floats(-3.0, 3.0), gains, gains, st.floats(0.1, 2.0))
+def test_the_integral_stops_exactly_while_the_output_is_at_its_limit_and_both_have_one_sign(
+    error: float, integral: float, k_p: float, k_i: float, limit: float
+) -> None:
+    out, after = pid.pi_block(error, integral, k_p, k_i, limit, DT)
+    free = k_p * error + integral
+    assert abs(out) <= limit
+    if abs(free) <= limit:
+        assert out == free
+    if abs(free) > limit and integral * error > 0.0:
+        assert after == integral
+    else:
+        assert after == integral + k_i * error * DT
+
+
+def test_a_block_that_was_saturated_for_long_leaves_its_limit_as_soon_as_the_error_turns() -> None:
+    """Without clamping the integral would have grown to 1000 * 0.1, and 1000 more steps would go by before it is gone."""
+    integral = 0.0
+    for _ in range(1000):
+        out, integral = pid.pi_block(1.0, integral, 0.5, 0.1 / DT, 1.0, DT)
+        assert out <= 1.0
+    assert out == 1.0
+    assert 0.5 <= integral <= 0.6 + ROUNDOFF  # the first that takes P + I beyond the limit
+    out, turned = pid.pi_block(-0.1, integral, 0.5, 0.1 / DT, 1.0, DT)
+    assert out < 1.0
+    assert turned < integral
+
+
+@given(st.lists(st.tuples(small, errors, errors), min_size=1, max_size=40))
+def test_the_position_loop_is_the_printed_equations(signal: list[tuple[float, float, float]]) -> None:
+    """Tab. 4.1, below the limit of u_ref."""
+    g, memory = pid.PidGains(), REST
+    for e_rho, e_y, e_alpha in signal:
+        memory = pid.position_loop(g.packed(), memory, e_rho, e_y, e_alpha, DT)
+    e, sums = np.array(signal), DT * np.sum(signal[:-1], axis=0) if len(signal) > 1 else np.zeros(3)
+    u_ref = g.k_p_rho * e[-1, 0] + g.k_i_rho * sums[0]
+    w_ref = g.k_p_y * e[-1, 1] + g.k_i_y * sums[1] + g.k_p_alpha * e[-1, 2] + g.k_i_alpha * sums[2]
+    assert memory[5] == pytest.approx(u_ref, rel=ROUNDOFF, abs=ROUNDOFF)
+    assert memory[6] == pytest.approx(w_ref, rel=ROUNDOFF, abs=100 * ROUNDOFF)
+
+
+@given(st.lists(st.tuples(errors, errors), min_size=1, max_size=40), errors, errors)
+def test_the_velocity_loop_is_the_printed_equations(signal: list[tuple[float, float]], u_ref: float, w_ref: float) -> None:
+    """Tab. 4.2, with references that are held."""
+    g = replace(pid.PidGains(), ff_w=0.3)
+    memory = (*REST[:5], u_ref, w_ref, 0.0)
+    for v, w in signal:
+        memory, u_cmd, w_cmd = velocity_step(0, g.packed(), memory, v, w, 0.05)
+    e = np.array([u_ref, w_ref]) - np.array(signal)
+    sums = 0.05 * e[:-1].sum(axis=0)
+    scale = ROUNDOFF * (1.0 + np.abs(e).sum())
+    assert abs(u_cmd - (g.k_p_u * e[-1, 0] + g.k_i_u * sums[0] + g.ff_u * u_ref)) <= scale
+    assert abs(w_cmd - (g.k_p_w * e[-1, 1] + g.k_i_w * sums[1] + g.ff_w * w_ref)) <= scale
+    assert memory[5:7] == (u_ref, w_ref)
+
+
+# ------------------------------------------------------------------------------------------------------- all laws alike
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@given(data=st.data())
+def test_compiled_laws_are_their_python_source(name: str, data: st.DataObject) -> None:
+    """To round-off: numpy's sine and arctangent are not the compiler's."""
+    c = controller(name)
+    memory = tuple(data.draw(errors) for _ in range(MEMORY))
+    e = [data.draw(errors) for _ in range(6)]
+    g, speed = packed(name), data.draw(speeds)
+    fast = position_step(c.number, g, memory, e[0], e[1], e[2], speed, e[3], e[4], e[5], DT)
+    if name in ("pid", "lqr"):
+        law = pid.position_loop.py_func if name == "pid" else lqr.regulate.py_func
+        slow = law(g, memory, e[0], e[1], e[2], *((e[4], e[5]) if name == "lqr" else ()), DT)
+    else:
+        target = (speed, e[3])
+        slow = (
+            scheduled.regulate.py_func(g, memory, e[0], e[1], e[2], *target, e[4], e[5], DT)
+            if name == "lqr-scheduled"
+            else smc.slide.py_func(g, memory, e[0], e[1], e[2], *target)
+        )
+    assert np.allclose(fast, slow, rtol=ROUNDOFF, atol=10 * ROUNDOFF)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@given(st.tuples(errors, errors, errors), speeds, errors, errors, errors)
+def test_left_and_right_are_alike(
+    name: str, e: tuple[float, float, float], v_ref: float, w_ref: float, v: float, w: float
+) -> None:
+    c = controller(name)
+    straight, turned = REST, REST
+    for _ in range(3):
+        straight = position_step(c.number, packed(name), straight, e[0], e[1], e[2], v_ref, w_ref, v, w, DT)
+        turned = position_step(c.number, packed(name), turned, e[0], -e[1], -e[2], v_ref, -w_ref, v, -w, DT)
+        straight, *one = velocity_step(c.number, packed(name), straight, v, w, 0.05)
+        turned, *other = velocity_step(c.number, packed(name), turned, v, -w, 0.05)
+        # the solver leaves 1e-17 where a regulator's gains are zero
+        assert np.allclose(one, [other[0], -other[1]], rtol=ROUNDOFF, atol=ROUNDOFF)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_without_errors_and_at_rest_nothing_is_commanded(name: str) -> None:
+    c = controller(name)
+    memory = position_step(c.number, packed(name), REST, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, DT)
+    memory, v, w = velocity_step(c.number, packed(name), memory, 0.0, 0.0, 0.05)
+    assert (v, w) == (0.0, 0.0)
+    assert memory == REST
+
+
+# ----------------------------------------------------------------------------------------------------------- LQR, Eq. 4.5
+
+
+@settings(max_examples=40)
+@given(weights, st.floats(0.0, 5.0), weights, st.floats(0.0, 5.0), weights, weights)
+def test_the_gain_solves_the_riccati_equation(q1: float, q2: float, q3: float, q4: float, r1: float, r2: float) -> None:
+    g = lqr.LqrGains(q1, q2, q3, q4, r1, r2)
+    k = g.packed(A, B)[:8].reshape(2, 4)
+    assert np.allclose(k, regulator(A, B, [q1, q2, q3, q4], [r1, r2]), rtol=RICCATI, atol=RICCATI)
+    assert np.linalg.eigvals(A - B @ k).real.max() < 0.0
+    # p(s) p(-s) of a chain x'' = a x' + b u at s = 0: the gain of the position does not depend on the plant
+    assert k[0, 0] == pytest.approx(math.sqrt(q1 / r1), rel=RICCATI)
+    assert k[1, 2] == pytest.approx(math.sqrt(q3 / r2), rel=RICCATI)
+    assert np.abs(k[[0, 0, 1, 1], [2, 3, 0, 1]]).max() <= RICCATI  # along and across do not touch
+
+
+@settings(max_examples=10)
+@given(st.floats(1e-2, 1e2))
+def test_only_the_ratio_of_weights_matters(factor: float) -> None:
+    g = lqr.LqrGains()
+    scaled = replace(g, **{name: factor * getattr(g, name) for name in ("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w")})
+    assert np.allclose(scaled.packed(A, B), g.packed(A, B), rtol=RICCATI, atol=RICCATI)
+
+
+@given(small, small, small, small, small)
+def test_the_command_is_minus_k_times_the_state(e_rho: float, e_y: float, e_alpha: float, v: float, w: float) -> None:
+    row, integral = np.array([*packed("lqr")[:8], 0.7, 0.4, 0.5]), 0.05
+    after = lqr.regulate(row, (integral, *REST[1:]), e_rho, e_y, e_alpha, v, w, DT)
+    state = np.array([-(e_rho + integral), v, -(0.7 * e_alpha + 0.4 * e_y), w])
+    assert np.allclose(after[5:7], -row[:8].reshape(2, 4) @ state, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert after[0] == integral + 0.5 * e_rho * DT
+
+
+@pytest.mark.parametrize("name", ["lqr", "lqr-scheduled"])
+def test_commands_are_saturated_and_the_integral_is_clamped(name: str) -> None:
+    c, memory = Controller(make_gains(name, {"k_i_rho": 5.0}), *MODEL), REST
+    g = c.packed()
+    for _ in range(200):
+        memory = position_step(c.number, g, memory, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, DT)
+    assert memory[5:7] == (lqr.V_LIMIT, lqr.W_LIMIT)
+    once = position_step(c.number, g, REST, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, DT)
+    assert memory[0] == once[0]
+
+
+def test_a_model_that_cannot_be_driven_has_no_regulator() -> None:
+    still = tuple((0.0, 0.0) for _ in range(4))
+    for name in ("lqr", "lqr-scheduled"):
+        with (
+            pytest.raises(ValueError, match="no regulator for these weights"),
+            np.errstate(divide="ignore", invalid="ignore"),
+        ):
+            Controller(GAINS[name](), MODEL[0], still).packed()
+
+
+# ------------------------------------------------------------------------------------------------------------- scheduled
+
+
+def applied(gains: FloatArray, v_ref: float) -> FloatArray:
+    """(5,) k_x, k_v, k_y, k_alpha, k_w as the law applies them at a speed: its answer to each error alone."""
+    size = 1e-3 * np.eye(5)
+    size[:2] *= [[-1.0], [1.0]]  # too far, too fast: away from the limit of the speed command
+
+    def answer(e: FloatArray) -> FloatArray:
+        after = scheduled.regulate(gains, REST, *map(float, e[[0, 2, 3]]), v_ref, 0.0, v_ref + e[1], float(e[4]), DT)
+        return np.array(after[5:7])
+
+    rest = answer(np.zeros(5))
+    return np.array([(rest - answer(size[k]))[int(k > 1)] / size[k, k] for k in range(5)])
+
+
+@settings(max_examples=10)  # a dozen Riccati equations each
+@given(weights, weights, weights, weights, st.sampled_from(scheduled.SPEEDS[:-1]))  # at the last the feedforward saturates
+def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
+    q_x: float, q_y: float, q_alpha: float, r_w: float, speed: float
+) -> None:
+    g = scheduled.ScheduledGains(q_x=q_x, q_y=q_y, q_alpha=q_alpha, r_w=r_w)
+    used = applied(g.packed(A, B), speed)
+    along = np.array([[0.0, -1.0], [0.0, A[1, 1]]]), np.array([[0.0], [B[1, 0]]])
+    across = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, A[3, 3]]]), np.array([[0.0], [0.0], [B[3, 1]]])
+    for (a, b), q, r, part in (
+        (along, [q_x, g.q_v], g.r_v, used[:2]),
+        (across, [q_y, q_alpha, g.q_w], r_w, used[2:]),
+    ):
+        k, _, poles = control.lqr(a, b, np.diag(q), np.diag([r]))
+        # differences of commands of order one, over errors of 1e-3
+        assert np.allclose(part, k[0], rtol=DERIVATIVE, atol=1e-9)
+        assert poles.real.max() < 0.0
+        assert np.linalg.eigvals(a - b @ k).real.max() < 0.0
+
+
+@given(st.floats(0.1, 0.9), st.floats(0.1, 0.9))
+def test_gains_change_with_speed_as_theory_says(one: float, other: float) -> None:
+    """Spectral factorisation of the lateral chain at frequency zero: k_y^2 = q_y / r whatever the speed.
+
+    The next coefficient makes k_alpha grow with it: without lag k_alpha^2 = q_alpha / r + 2 v sqrt(q_y / r).
+    """
+    g = scheduled.ScheduledGains()
+    slow, fast = (applied(packed("lqr-scheduled"), v) for v in sorted((one, other)))
+    assert np.allclose([slow[2], fast[2]], -math.sqrt(g.q_y / g.r_w), rtol=DERIVATIVE)
+    assert np.allclose(slow[:2], fast[:2], rtol=DERIVATIVE)
+    assert abs(slow[3]) <= abs(fast[3]) * (1.0 + DERIVATIVE)
+    assert slow[4] <= fast[4] * (1.0 + DERIVATIVE)
+
+
+def test_gains_are_continuous_over_speed_and_hold_below_the_first() -> None:
+    gains = packed("lqr-scheduled")
+    table = np.array([applied(gains, float(v)) for v in np.linspace(0.0, 0.95, 951)])
+    slope = np.abs(np.diff(gains[3:].reshape(-1, 5), axis=0)).max() / 0.1  # of the steepest piece
+    assert np.abs(np.diff(table, axis=0)).max() <= 1.001 * slope * 0.001  # no jump
+    assert np.allclose(table[:101], table[100], rtol=DERIVATIVE, atol=1e-9)
+
+
+def test_without_lag_the_heading_gain_is_the_closed_form() -> None:
+    """A robot that turns at once, omega = u: k_alpha^2 = q_alpha / r + 2 v sqrt(q_y / r)."""
+    quick_a, quick_b = A.copy(), B.copy()
+    quick_a[3, 3], quick_b[3, 1] = -1e4, 1e4
+    g = scheduled.ScheduledGains(q_w=0.0)
+    rows = g.packed(quick_a, quick_b)[3:].reshape(-1, 5)
+    expected = np.sqrt(g.q_alpha / g.r_w + 2.0 * np.array(scheduled.SPEEDS) * math.sqrt(g.q_y / g.r_w))
+    assert np.abs(-rows[:, 3] - expected).max() <= 1e-2  # a lag of 0.1 ms times gains of ten
+
+
+@given(st.floats(0.0, 0.9), st.floats(-1.0, 1.0))
+def test_the_feedforward_holds_the_targets_twist(v_ref: float, w_ref: float) -> None:
+    after = scheduled.regulate(packed("lqr-scheduled"), REST, 0.0, 0.0, 0.0, v_ref, w_ref, v_ref, w_ref, DT)
+    change = A @ np.array([0.0, v_ref, 0.0, w_ref]) + B @ np.array(after[5:7])
+    assert np.abs(change[[1, 3]]).max() <= 1e-10  # rates of 40 1/s, so absolute accelerations of 1e-11
+    assert after[0] == 0.0
+
+
+# ------------------------------------------------------------------------------------------------------------------- SMC
+
+
+@given(speeds.filter(lambda v: v <= 1.0), errors)
+def test_on_the_reference_the_equivalent_control_is_the_targets_twist(v_ref: float, w_ref: float) -> None:
+    after = smc.slide(smc.SmcGains().packed(), REST, 0.0, 0.0, 0.0, v_ref, w_ref)
+    assert after[5:7] == (v_ref, w_ref)
+
+
+@given(st.floats(0.1, 1.0), st.floats(-0.4, 0.4), st.floats(0.5, 5.0), errors)
+def test_on_the_surface_the_robot_turns_as_the_surface_does(v_ref: float, e_y: float, slope: float, w_ref: float) -> None:
+    """With d e_y / dt = v_r sin e_alpha, omega_r - omega must be the rate of -atan(lambda e_y)."""
+    g = smc.SmcGains(slope=slope)
+    e_alpha = -math.atan(slope * e_y)
+    w = smc.slide(g.packed(), REST, 0.0, e_y, e_alpha, v_ref, w_ref)[6]
+    rate, h = v_ref * math.sin(e_alpha), 1e-5
+    bent = [-math.atan(slope * (e_y + s * h * rate)) for s in (-1, 1)]
+    assert w_ref - w == pytest.approx((bent[1] - bent[0]) / (2.0 * h), abs=DERIVATIVE)
+
+
+@given(st.floats(0.0, 1.0), st.floats(-0.4, 0.4), st.floats(-1.5, 1.5), st.floats(-1.0, 1.0))
+def test_surfaces_attract_at_the_rate_they_were_given(v_ref: float, e_y: float, e_alpha: float, e_x: float) -> None:
+    """The rate of s is -(k s + eta sat(s / phi)): towards zero from both sides."""
+    g = smc.SmcGains()
+    u, w = smc.slide(g.packed(), REST, e_x, e_y, e_alpha, v_ref, 0.0)[5:7]
+    s = e_alpha + math.atan(g.slope * e_y)
+    rate = -w + g.slope * v_ref * math.sin(e_alpha) / (1.0 + (g.slope * e_y) ** 2)
+    assert rate == pytest.approx(-(g.k_a * s + g.eta_a * np.clip(s / g.phi_a, -1, 1)), abs=10 * ROUNDOFF)
+    wanted = v_ref * math.cos(e_alpha) + g.k_x * e_x + g.eta_x * np.clip(e_x / g.phi_x, -1, 1)
+    assert u == pytest.approx(np.clip(wanted, -pid.U_REF_LIMIT, pid.U_REF_LIMIT), abs=ROUNDOFF)
+
+
+# --------------------------------------------------------------------------------------------------------- what is refused
+
+
+def test_names_and_numbers_of_the_laws_belong_together() -> None:
+    for number, name in enumerate(CONTROLLERS):
+        c = controller(name)
+        assert (c.name, c.number) == (name, number)
+        assert make_gains(name, {}) == GAINS[name]()
+        assert np.isfinite(c.packed()).all()
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("bad", [-1e-9, math.nan, math.inf, -math.inf, 1e7])
+def test_gains_that_make_no_sense_are_refused_by_name(name: str, bad: float) -> None:
+    for field in GAINS[name].__dataclass_fields__:
+        with pytest.raises(ValueError, match=rf"Gains\.{field} = .* lies outside"):
+            make_gains(name, {field: bad})
+
+
+@pytest.mark.parametrize(
+    ("name", "positive"),
+    [
+        ("lqr", {"q_x", "q_yaw", "r_v", "r_w"}),
+        ("lqr-scheduled", {"q_x", "q_y", "q_alpha", "r_v", "r_w"}),
+        ("smc", {"phi_x", "phi_a"}),
+        ("pid", set()),
+    ],
+)
+def test_zero_is_refused_where_it_leaves_no_law(name: str, positive: set[str]) -> None:
+    for field in GAINS[name].__dataclass_fields__:
+        if field in positive:
+            with pytest.raises(ValueError, match=rf"{field} = 0\.0 lies outside \(0\.0"):
+                make_gains(name, {field: 0.0})
+        else:
+            Controller(make_gains(name, {field: 0.0}), *MODEL).packed()
+
+
+def test_unknown_names_list_those_there_are() -> None:
+    with pytest.raises(ValueError, match=r"unknown controller 'mpc'; there are: pid, lqr, lqr-scheduled, smc"):
+        make_gains("mpc", {})
+    with pytest.raises(ValueError, match=r"smc has no gain 'k_p_rho'; there are: k_x, eta_x"):
+        make_gains("smc", {"k_p_rho": 1.0})

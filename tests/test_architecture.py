@@ -42,13 +42,25 @@ LAYERS = (
         "validation.fit_report",
         "validation.fit_figure",
         "validation.fit_rerun",
+        "validation.track_report",
+        "validation.track_figure",
+        "validation.track_rerun",
+        "validation.tune_report",
+        "validation.tune_figure",
     },
     {"validation.driving", "validation.tracking"},
-    {"validation.compare", "validation.population"},
-    {"validation.objective"},
+    {
+        "validation.compare",
+        "validation.population",
+        "validation.robustness",
+        "validation.robustness_figure",
+        "validation.filter_study",
+        "validation.filter_figure",
+    },
+    {"validation.objective", "validation.tuning"},
     {"validation.targets", "validation.uncertainty", "validation.cluster"},
     {"validation.fitting"},
-    {"validation.fit"},
+    {"validation.fit", "validation.study"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 

@@ -1,0 +1,282 @@
+"""`python -m validation.tune CONTROLLER`: a controller's gains by differential evolution, along references, on any plant."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+
+from ssmr.closed_loop import Feedback, LoopSettings
+from ssmr.jde import Crossover, JdeSettings, Strategy
+from ssmr.types import FloatArray
+from validation import cli, store
+from validation.gains import GainSet, dump_gains, load_gains, names
+from validation.profiles import PLANTS, Profile, load
+from validation.results import TuneResult
+from validation.search import CHECKPOINT, Evaluate, begin, shown
+from validation.tracking import Robot, make_controller, make_robot, odometry_of, require_practicable
+from validation.tuning import (
+    Asked,
+    Case,
+    CostName,
+    TuneCost,
+    TuneProblem,
+    conclude,
+    make_tuning_space,
+    tuned_gains,
+)
+from validation.waypoint_files import open_reference
+
+POPULATION = {"pid": 100, "lqr": 50, "lqr-scheduled": 50, "smc": 100}
+"""Default size of the population; Tab. 4.3, 4.20."""
+GENERATIONS = {"pid": 150, "lqr": 300, "lqr-scheduled": 150, "smc": 150}
+"""Default number of generations; Tab. 4.3, 4.20."""
+MUJOCO_POPULATION, MUJOCO_GENERATIONS = 24, 20
+"""Defaults where a MuJoCo Husky is among the plants: a run of it costs a hundred times that of a planar model."""
+K_U = {"lqr": 50.0}
+"""Weight of |1 - u_RMS|; Tab. 4.20. The PID's cost has no such term."""
+HELD_OUT = ("line@0.25", "line@0.5", "circle@0.25", "circle@0.5", "sine@0.25", "sine@0.5", "generic@0.25", "generic@0.5")
+"""What a tuning is judged on unless the user says otherwise, but for what it is tuned on."""
+
+
+def parse_references(text: str, speed: float | None) -> tuple[tuple[str, float | None], ...]:
+    """`circle@0.5,generic` as names with speeds [m/s]; `speed` for those without.
+
+    Raises:
+        UserError: an empty list, or something that is no speed.
+    """
+    out = []
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        name, at, given = part.rpartition("@")
+        if not at:
+            out.append((part, speed))
+            continue
+        try:
+            number = float(given)
+        except ValueError as error:
+            raise cli.UserError(f"'{part}' is no REFERENCE@SPEED such as circle@0.5") from error
+        out.append((name, number))
+    if not out:
+        raise cli.UserError(f"no reference is named in '{text}'; such as generic or circle@0.5,sine@0.25")
+    return tuple(out)
+
+
+def make_cases(
+    wanted: Sequence[tuple[str, float | None]], robots: Sequence[Robot], settings: LoopSettings
+) -> tuple[Case, ...]:
+    """Every robot on every reference.
+
+    Raises:
+        ValueError: a reference that cannot be read, or that no wheel can follow.
+    """
+    out = []
+    for name, speed in wanted:
+        label, waypoints = open_reference(name, speed)
+        for robot in robots:
+            require_practicable(waypoints, robot.drive, label)
+            around = replace(settings, filter=odometry_of(robot.drive))
+            out.append(Case(f"{label} at {waypoints.speed:.3g} m/s, {robot.name}", name, waypoints, robot, around))
+    return tuple(out)
+
+
+def baseline_of(controller: str, gains: str | None, held: dict[str, float]) -> GainSet:
+    """The gains that a tuning begins with: those named, else the published, else the defaults; with those that are held.
+
+    Raises:
+        ValueError: unknown gains.
+    """
+    from ssmr.controllers.laws import make_gains
+
+    if gains is None and f"{controller}-published" not in names(controller):
+        base = GainSet(controller, f"{controller}-default", asdict(make_gains(controller, {})))
+    else:
+        base = load_gains(controller, gains or "published")
+    unknown = [name for name in held if name not in base.values]
+    if unknown:
+        raise ValueError(f"{controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}")
+    return GainSet(controller, base.name, {**base.values, **held}) if held else base
+
+
+def main(
+    controller: Annotated[Literal["pid", "lqr", "lqr-scheduled", "smc"], tyro.conf.Positional],
+    /,
+    *,
+    plant: str = "improved",
+    reference: str = "generic",
+    speed: float = 0.25,
+    held_out: str | None = None,
+    profile: str = "thesis-lab",
+    gains: str | None = None,
+    all: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    free: str | None = None,
+    fix: str = "",
+    bounds: str = "",
+    cost: CostName = "path",
+    feedback: Feedback = "noisy",
+    no_noise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    lookahead: float = 0.0,
+    guard: float = 0.1,
+    noise_seeds: int = 1,
+    from_scratch: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    population: int | None = None,
+    generations: int | None = None,
+    strategy: Strategy = "best/2",
+    crossover: Crossover = "bin",
+    df: float = 1e-3,
+    patience: int = 30,
+    seed: int = 0,
+    workers: int | None = None,
+    out: Path | None = None,
+    name: str | None = None,
+    resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
+    """Tune a controller by self-adaptive differential evolution (jDE), and hold it against the gains it began with.
+
+    Prints tables and writes tune.json, gains.toml, tune.png and, after every generation, checkpoint.npz.
+    Ctrl-C ends the search and writes the best found so far, marked as interrupted.
+
+    Args:
+        controller: Which one.
+        plant: Which plants it must drive, comma-separated; the cost is the mean over all.
+        reference: References it must follow, comma-separated, such as generic or circle@0.5,sine@0.25; or files.
+        speed: Of references without one [m/s].
+        held_out: References to judge the gains on, in the same form; by default the four named ones at 0.25 and 0.5 m/s that
+            are not tuned on.
+        profile: Name of a shipped profile or path of a TOML file.
+        gains: The set to begin with, to hold what is not searched, and to be held against; published where the thesis has
+            any.
+        all: Search the gains too that the thesis sets by hand: feedforward, K_alpha, K_y, K_I.
+        free: Which gains to search, comma-separated; a wrong name lists all.
+        fix: Gains to hold, such as ff_w=1.
+        bounds: Bounds of the search, such as k_p_y=0:10; else those of Tab. 4.4 and 4.21.
+        cost: path (Sec. 4.3.3, 4.4.3) or time (errors at equal times instead of distances between paths).
+        feedback: What the controller sees: truth, noisy or ekf.
+        no_noise: No noise and no disturbance.
+        lookahead: Distance at which the robot keeps behind its target [m].
+        guard: Stability guard: candidates that lose the reference with so much more delay are refused [s]; 0: off.
+        noise_seeds: Over so many draws of noise and disturbance the cost is averaged.
+        from_scratch: Do not put the gains it begins with into the first population.
+        population: Candidates in a generation; 100 (PID), 50 (LQR), 24 with mujoco.
+        generations: At most so many; 150 (PID), 300 (LQR), 20 with mujoco.
+        strategy: Mutation. best/2 converges fast; rand/1 does not get stuck.
+        crossover: Binomial or exponential.
+        df: Stop when the cost improved by no more than this share ...
+        patience: ... over this many generations.
+        seed: Seed of the search; noise has the seeds from this one on.
+        workers: Threads; the result does not depend on it.
+        out: Folder for the results; runs/tune/CONTROLLER-PLANTS if not given.
+        name: Name of the gain set that is written.
+        resume: Continue from the checkpoint in --out.
+    """
+    with cli.mistakes_are_users():
+        plants = cli.parse_names(plant, PLANTS, "plant")
+        if seed < 0 or noise_seeds < 1 or (workers is not None and workers < 1):
+            raise cli.UserError(
+                f"--seed {seed} must not be negative, --noise-seeds {noise_seeds} and --workers {workers} must be positive"
+            )
+        chosen: Profile = load(profile)
+        held = cli.parse_values(fix, "--fix")
+        base = baseline_of(controller, gains, held)
+        make_controller(chosen, base)
+        wanted_free = [n.strip() for n in free.split(",") if n.strip()] if free is not None else None
+        space = make_tuning_space(controller, wanted_free, all, cli.parse_bounds(bounds))
+        if any(n in held for n in space.names):
+            kept = [n for n in space.names if n not in held]
+            space = make_tuning_space(controller, kept, all, cli.parse_bounds(bounds))
+        heavy = "mujoco" in plants
+        settings = JdeSettings(
+            population=population or (MUJOCO_POPULATION if heavy else POPULATION[controller]),
+            generations=(MUJOCO_GENERATIONS if heavy else GENERATIONS[controller]) if generations is None else generations,
+            strategy=strategy,
+            crossover=crossover,
+            df=df,
+            patience=patience,
+        )
+        around = LoopSettings("truth" if no_noise else feedback, disturbance=not no_noise, lookahead=lookahead)
+        robots = [make_robot(chosen, n) for n in plants]
+        wanted = parse_references(reference, speed)
+        cases = make_cases(wanted, robots, around)
+        judged = (
+            parse_references(held_out, speed)
+            if held_out is not None
+            else tuple(p for p in parse_references(",".join(HELD_OUT), None) if p not in wanted)
+        )
+        problem = TuneProblem(
+            chosen,
+            base,
+            space,
+            cases,
+            TuneCost(cost, k_u=K_U.get(controller, 0.0), guard=guard, seeds=tuple(range(seed, seed + noise_seeds))),
+        )
+        asked = Asked(
+            make_cases(judged, robots, around),
+            seed,
+            {
+                **{k: v for k, v in asdict(problem.cost).items() if k != "seeds"},
+                "noise_seeds": list(problem.cost.seeds),
+                "feedback": around.feedback,
+                "disturbance": around.disturbance,
+                "lookahead_m": lookahead,
+                "fixed": held or None,
+                **{k: v for k, v in asdict(settings).items() if k != "target"},
+                "from_scratch": from_scratch,
+            },
+        )
+        first = None if from_scratch else first_point(problem)
+        folder = cli.output_folder(out or Path("runs") / "tune" / f"{controller}-{'-'.join(plants)}")
+        search = begin(
+            folder / CHECKPOINT, problem.identity(settings, seed, first), len(space), settings, seed, first, resume
+        )
+    threads = workers or os.cpu_count() or 1
+    evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, threads, tell)  # noqa: E731
+    with shown(space, settings) as show:
+        search.run(evaluate, folder / CHECKPOINT, show)
+    if search.interrupted and not np.isfinite(search.jde.best_cost):
+        raise KeyboardInterrupt
+    with cli.progress() as bar:
+        bar.add_task("tuned and baseline on every reference", total=None)
+        result = conclude(search, problem, asked, threads)
+    _report(result, write(result, name or f"{controller}-tuned", folder))
+    if search.interrupted:
+        raise KeyboardInterrupt
+
+
+def first_point(problem: TuneProblem) -> FloatArray:
+    """(1, n) the gains it begins with, moved into the bounds where they lie outside."""
+    values = np.array([problem.base.values[name] for name in problem.space.names])
+    return problem.space.points(np.clip(values, problem.space.lower, problem.space.upper))[None]
+
+
+def write(result: TuneResult, name: str, folder: Path) -> list[Path]:
+    """Write tune.png, gains.toml and, last, tune.json; return what was written."""
+    from validation.figures import save_figure
+    from validation.tune_figure import draw_tune
+    from validation.tune_report import tune_document
+
+    written = [folder / "tune.png", folder / "gains.toml", folder / "tune.json"]
+    save_figure(draw_tune(result), written[0])
+    text = dump_gains(tuned_gains(result, name, datetime.datetime.now(datetime.UTC).date().isoformat()))
+    store.write_atomic(written[1], lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    store.write_json(written[2], tune_document(result))
+    return written
+
+
+def _report(result: TuneResult, written: Sequence[Path]) -> None:
+    from validation.tune_report import tune_notes, tune_tables
+
+    console = cli.report_console()
+    for table in tune_tables(result):
+        console.print(table)
+    for note in tune_notes(result):
+        console.print(note, highlight=False)
+    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    cli.run(main, "python -m validation.tune")

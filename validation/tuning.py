@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 
 import numba
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ssmr._jit import jit
 from ssmr.closed_loop import ClosedRun, LoopSettings
@@ -217,7 +218,8 @@ class TuneProblem:
         Returns:
             (S,) means over the cases, infinite for a candidate that loses one, or fails the guard.
         """
-        laws = [self.controller(p) for p in points]
+        with threadpool_limits(1, user_api="blas"):
+            laws = [self.controller(p) for p in points]
         bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
         sums = np.array([np.inf if law is None else 0.0 for law in laws])
         total = float(sum(case.waypoints.duration for case in self.cases))
@@ -393,6 +395,8 @@ def tuned_gains(result: TuneResult, name: str, date: str) -> GainSet:
         result.gains,
         {
             "tuned_on": [f.label for f in result.train],
+            "searched": [p.name for p in result.parameters],
+            "by_hand": [n for n in result.gains if n not in {p.name for p in result.parameters}],
             "profile": result.profile,
             "cost_name": result.cost_name,
             "cost": result.cost,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,14 +53,23 @@ class Controller:
         return list(GAINS.values()).index(type(self.gains))
 
     def packed(self) -> FloatArray:
-        """Gains for the compiled loops.
+        """Gains for the compiled loops, read-only.
 
         Raises:
             ValueError: no regulator exists for these weights.
         """
-        if isinstance(self.gains, lqr.LqrGains | scheduled.ScheduledGains):
-            return self.gains.packed(np.array(self.a), np.array(self.b))
-        return self.gains.packed()
+        return _packed(self)
+
+
+@lru_cache(maxsize=4096)
+def _packed(law: Controller) -> FloatArray:
+    """`Controller.packed`, read-only: a law is packed for every reference that it drives, and its regulator solved once."""
+    if isinstance(law.gains, lqr.LqrGains | scheduled.ScheduledGains):
+        gains = law.gains.packed(np.array(law.a), np.array(law.b))
+    else:
+        gains = law.gains.packed()
+    gains.setflags(write=False)
+    return gains
 
 
 def make_gains(controller: str, values: Mapping[str, float]) -> Gains:

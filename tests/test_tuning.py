@@ -1,0 +1,226 @@
+"""Tuning: costs by their formulas, the stability guard, resumption; track and tune as their users call them."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.closed_loop import ClosedRun, LoopSettings
+from ssmr.metrics import compare_paths
+from ssmr.references import circle, line
+from tests.conftest import EXACT, ROUNDOFF
+from validation import cli, track, tune
+from validation.gains import GainSet, dump_gains, load_gains
+from validation.profiles import Profile
+from validation.tracking import make_controller, make_robot, rate, require_practicable, run_robots
+from validation.tuning import Case, TuneCost, TuneProblem, costs_of, delayed, make_tuning_space, reference_of_case
+
+QUIET = LoopSettings("truth", disturbance=False)
+
+
+def case(lab: Profile, plant: str = "linear", settings: LoopSettings = QUIET, speed: float = 0.5) -> Case:
+    return Case("circle", "circle", circle(speed, 0.8, 0.5), make_robot(lab, plant), settings)
+
+
+def problem(lab: Profile, cost: TuneCost | None = None, controller: str = "pid", *cases: Case) -> TuneProblem:
+    base = load_gains(controller, "published")
+    space = make_tuning_space(controller, None, False, {})
+    return TuneProblem(lab, base, space, cases or (case(lab),), cost or TuneCost(guard=0.0))
+
+
+def published_point(p: TuneProblem) -> np.ndarray:
+    return p.space.points(np.array([p.base.values[name] for name in p.space.names]))
+
+
+def call(main: Callable[..., None], *args: str) -> int:
+    before = sys.argv
+    sys.argv = ["program", *args]
+    try:
+        cli.run(main, "program")
+    except SystemExit as left:
+        return int(left.code or 0)
+    finally:
+        sys.argv = before
+    return 0
+
+
+# --------------------------------------------------------------------------------------------------------- costs
+
+
+def test_the_cost_is_that_of_the_thesis(lab: Profile) -> None:
+    """Sec. 4.3.3 and 4.4.3, with |1 - ratio|."""
+    weights = TuneCost(k_u=50.0, guard=0.0)
+    p, one = problem(lab, weights), case(lab)
+    (run,) = run_robots([one.robot], [make_controller(lab, p.base)], [QUIET], one.waypoints, [0])
+    m = compare_paths(run.motion, reference_of_case(one))
+    u_rms = rate(run, one.waypoints, one.robot).u_rms_ratio
+    wanted = 100 * m.d_rms_m + 15 * m.d_haus_m + 10 * abs(1 - m.d_ratio) + 10 * abs(1 - m.e_bend_ratio) + 50 * abs(1 - u_rms)
+    assert p.costs(published_point(p)[None])[0] == pytest.approx(wanted, rel=1e-9)  # the point went through the unit cube
+
+
+def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
+    """A robot that follows the path perfectly but late costs nothing by path and its distance by time."""
+    waypoints = line(0.5, 4.0)
+    target = waypoints.trajectory(0.008)
+    late = np.zeros((len(target), 25))
+    late[:, :3], late[:, 3] = target.pose, 0.5
+    late[:, 0] = np.clip(late[:, 0] - 0.1, 0.0, None)
+    run = ClosedRun(np.array(target.t), late, lost=False)
+    apart = np.hypot(*(late[:, :2] - target.xy).T)
+    by = {
+        name: float(costs_of([run], target, 0.5, TuneCost(name, k_ratio=0.0, k_haus=0.0, guard=0.0))[0])  # type: ignore[arg-type]
+        for name in ("path", "time")
+    }
+    assert by["time"] == pytest.approx(100 * math.sqrt(np.mean(apart**2)), rel=ROUNDOFF)
+    assert by["path"] < 0.2 * by["time"]
+
+
+def test_of_a_straight_reference_no_bending_is_asked(lab: Profile) -> None:
+    waypoints = line(0.5, 2.0)
+    one = Case("line", "line", waypoints, make_robot(lab, "linear"), QUIET)
+    costs = [problem(lab, TuneCost(k_bend=k, guard=0.0), "pid", one) for k in (0.0, 1e3)]
+    assert costs[0].costs(published_point(costs[0])[None]) == costs[1].costs(published_point(costs[1])[None])
+
+
+def test_limits_and_workers_change_no_kept_cost(lab: Profile) -> None:
+    p = problem(lab, TuneCost(guard=0.0), "pid", case(lab), case(lab, speed=0.25))
+    points = np.random.default_rng(0).random((6, len(p.space)))
+    whole = p.costs(points, None, 2)
+    assert np.array_equal(whole, p.costs(points, None, 1))
+    limits = np.where(np.arange(6) % 2 == 0, np.inf, 0.5 * whole)
+    some = p.costs(points, limits, 1)
+    kept = some <= limits
+    assert np.abs(some[kept] - whole[kept]).max() == EXACT
+    assert np.all(whole[~kept] > limits[~kept])
+
+
+def test_the_guard_refuses_what_more_delay_would_break(lab: Profile) -> None:
+    fierce = {"k_p_u": 1.5, "k_i_u": 2.0}
+    base = load_gains("pid", "published")
+    one = case(lab, "improved")
+    costs = []
+    for guard in (0.0, 0.4):
+        p = problem(lab, TuneCost(guard=guard), "pid", one)
+        point = p.space.points(np.array([{**base.values, **fierce}[n] for n in p.space.names]))
+        costs.append(p.costs(point[None])[0])
+    assert np.isfinite(costs[0])
+    assert costs[1] == np.inf
+
+
+def test_a_delayed_robot_differs_in_its_delay_alone(lab: Profile) -> None:
+    for plant in ("improved", "mujoco"):
+        robot = make_robot(lab, plant)
+        late = delayed(robot, 0.1)
+        assert late.drive == replace(robot.drive, delay_v=robot.drive.delay_v + 0.1, delay_w=robot.drive.delay_w + 0.1)
+        assert delayed(robot, 0.0).drive == robot.drive
+
+
+def test_impossible_gains_cost_infinity_and_are_not_driven(lab: Profile) -> None:
+    space = make_tuning_space("lqr", ["q_x", "r_v"], False, {"r_v": (0.0, 1.0)})
+    p = TuneProblem(lab, load_gains("lqr", "published"), space, (case(lab),), TuneCost(guard=0.0))
+    assert p.costs(np.array([[0.5, 0.0]]))[0] == np.inf
+
+
+# ------------------------------------------------------------------------------------------------------ programs
+
+
+def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path) -> None:
+    args = ["lqr", "--plant", "linear", "--reference", "circle@0.5", "--held-out", "line@0.5", "--population", "8"]
+    args += ["--generations", "4", "--seed", "3", "--free", "q_x,r_v,q_yaw"]
+    assert call(tune.main, *args, "--out", str(tmp_path / "a")) == 0
+    a = json.loads((tmp_path / "a" / "tune.json").read_text())
+    assert a["schema"] == "ssmr.tune/1"
+    assert a["cost"] <= a["baseline_cost"]
+    assert set(a["parameters"]) == {"q_x", "r_v", "q_yaw"}
+    assert a["gains"]["k_alpha"] == 1.0
+    assert len(a["held_out"]) == 1
+    assert (tmp_path / "a" / "tune.png").stat().st_size > 10_000
+    again = load_gains("lqr", str(tmp_path / "a" / "gains.toml"))
+    assert again.values["q_x"] == a["gains"]["q_x"]
+    assert again.provenance["seed"] == 3
+    command = [sys.executable, "-m", "validation.tune", *args, "--out", str(tmp_path / "b")]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    checkpoint = tmp_path / "b" / "checkpoint.npz"
+    while not checkpoint.exists() and child.poll() is None:
+        pass
+    child.kill()
+    child.wait()
+    assert call(tune.main, *args, "--out", str(tmp_path / "b"), "--resume") == 0
+    b = json.loads((tmp_path / "b" / "tune.json").read_text())
+    assert (a["gains"], a["cost"], a["evaluations"]) == (b["gains"], b["cost"], b["evaluations"])
+
+
+@pytest.mark.parametrize("controller", ["pid", "lqr", "lqr-scheduled", "smc"])
+def test_track_writes_what_the_contract_says(controller: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(track.main, controller, "line", "--speed", "0.5", "--plant", "linear", "--out", str(tmp_path)) == 0
+    found = json.loads((tmp_path / "track.json").read_text())
+    assert found["schema"] == "ssmr.track/1"
+    assert (found["controller"], found["reference"], found["plant"], found["seed"]) == (controller, "line", "linear", 0)
+    metrics = found["metrics"]
+    names = "d_rms_m d_haus_m d_ratio e_bend_ratio sync_rms_m e_rho_rms_m e_y_rms_m e_alpha_rms_rad saturated_fraction"
+    assert set(names.split()) <= set(metrics)
+    assert all(math.isfinite(v) for v in metrics.values())
+    assert metrics["d_rms_m"] < 0.03
+    for name in ("track.png", "track.rrd"):
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_a_lost_loop_says_when_and_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A robot that is never asked to drive: its target leaves, and is lost after 3 m."""
+    lazy = {**load_gains("pid", "published").values, "k_p_rho": 0.0, "k_i_rho": 0.0}
+    gains, out = tmp_path / "lazy.toml", tmp_path / "out"
+    gains.write_text(dump_gains(GainSet("pid", "lazy", lazy)))
+    assert call(track.main, "pid", "line", "--gains", str(gains), "--out", str(out), "--plant", "improved") == 1
+    told = capsys.readouterr().err.strip()
+    assert told.startswith("run failed: pid on line with the plant improved left its bounds at t = 12.0")
+    assert "\n" not in told
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("main", "args", "what"),
+    [
+        (track.main, ["pid", "nosuch"], "nosuch"),
+        (track.main, ["pid", "line", "--plant", "gazebo"], "unknown plant 'gazebo'"),
+        (track.main, ["pid", "line", "--gains", "manual"], "pid"),
+        (track.main, ["lqr", "line", "--gains", "nosuch"], "nosuch"),
+        (track.main, ["pid", "line", "--speed", "-1"], "speed"),
+        (track.main, ["pid", "line", "--speed", "1.5"], "asks for 1.5 m/s"),
+        (track.main, ["pid", "line", "--lookahead", "-1"], "lookahead"),
+        (track.main, ["pid", "line", "--view", "--no-rerun"], "--view"),
+        (track.main, ["pid", "line", "--seed", "-1"], "--seed -1"),
+        (tune.main, ["pid", "--free", "q_x"], "pid has no gain 'q_x' to tune"),
+        (tune.main, ["pid", "--bounds", "k_p_y=2:1"], "bounds of k_p_y are 2 and 1"),
+        (tune.main, ["pid", "--fix", "q_x=1"], "pid has no gain 'q_x'"),
+        (tune.main, ["pid", "--reference", "circle@fast"], "REFERENCE@SPEED"),
+        (tune.main, ["pid", "--reference", ""], "no reference is named"),
+        (tune.main, ["pid", "--population", "3"], "population"),
+        (tune.main, ["pid", "--noise-seeds", "0"], "--noise-seeds 0"),
+        (tune.main, ["lqr", "--fix", "r_v=-1"], "r_v"),
+        (tune.main, ["pid", "--guard", "-1"], "guard"),
+    ],
+)
+def test_mistakes_are_one_clear_line(
+    main: Callable[..., None], args: Sequence[str], what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert call(main, *args, "--out", str(out)) == 2
+    told = capsys.readouterr().err.strip()
+    assert what in told
+    assert "\n" not in told
+    assert not out.exists()
+
+
+def test_a_reference_that_no_wheel_can_follow_is_refused_with_its_place(lab: Profile) -> None:
+    with pytest.raises(
+        ValueError, match=r"line asks for 1\.2 m/s between waypoints \d+ and \d+; the robot's limit is 1 m/s"
+    ):
+        require_practicable(line(1.2, 3.0), make_robot(lab, "improved").drive, "line")

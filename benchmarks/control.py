@@ -1,0 +1,133 @@
+"""What closed loops cost: `python -m benchmarks.control [--out FILE.json]`.
+
+- Closed loops around the improved model, as a population, in multiples of real time on one core; and the slow loop beside.
+- A population of 64 closed loops on MuJoCo beside the same robots' open-loop rollouts of equal length.
+- The whole budget of Tab. 4.3 (100 candidates, 150 generations) on the generic reference, from a part of it.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from functools import partial
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import mujoco
+import numba
+import numpy as np
+from mujoco import rollout
+
+from benchmarks.rows import Row, alternate, report
+from ssmr.closed_loop import Loop, LoopSettings, run_loops, track
+from ssmr.references import circle
+from ssmr.simulate import PlanarModel, PlanarPlant
+from validation import cli
+from validation.gains import load_gains
+from validation.husky_loops import HuskyLoop, run_husky_loops
+from validation.mujoco_plant import MujocoPlant
+from validation.profiles import load
+from validation.tracking import make_controller, make_robot
+from validation.tuning import Case, TuneCost, TuneProblem, make_tuning_space
+from validation.waypoint_files import open_reference
+
+POPULATION = 64
+BUDGET = 100 * 150
+"""Candidates that Tab. 4.3 rates."""
+ASKED_REAL_TIME = 2000.0
+ASKED_OVERHEAD = 1.3
+
+
+def planar_rows(repeats: int) -> list[Row]:
+    """Closed loops of the improved model, on one core."""
+    profile = load("thesis-lab")
+    robot = make_robot(profile, "improved")
+    assert isinstance(robot.body, PlanarModel)
+    waypoints, body = circle(0.5), robot.body
+    rows = []
+    for controller, gains in (("pid", "published"), ("lqr", "published")):
+        law = make_controller(profile, load_gains(controller, gains))
+        loops = [Loop(body, law, LoopSettings())] * POPULATION
+        numba.set_num_threads(1)
+        (ours,) = alternate(partial(run_loops, loops, waypoints, range(4)), repeats=repeats)
+        simulated = POPULATION * waypoints.duration
+        speed = simulated / ours
+        rows.append(
+            Row(
+                f"{controller}: times real time on one core",
+                speed,
+                f">= {ASKED_REAL_TIME:.0f}",
+                ours,
+                simulated,
+                speed >= ASKED_REAL_TIME,
+            )
+        )
+        began = time.perf_counter()
+        track(PlanarPlant(body), law, waypoints, LoopSettings(), 0)
+        slow = time.perf_counter() - began
+        rows.append(
+            Row(f"{controller}: fused loop over the slow one", ours / POPULATION / slow, "", ours / POPULATION, slow, True)
+        )
+    return rows
+
+
+def mujoco_rows(repeats: int, workers: int) -> list[Row]:
+    """A population of closed loops on MuJoCo beside open-loop rollouts of the same robots."""
+    profile = load("thesis-lab")
+    robot = make_robot(profile, "mujoco")
+    plant = robot.body
+    assert isinstance(plant, MujocoPlant)
+    waypoints = circle(0.5, 1.5, 0.25)
+    law = make_controller(profile, load_gains("pid", "published"))
+    loops = [HuskyLoop(plant, law, LoopSettings())] * POPULATION
+    runs = run_husky_loops(loops, waypoints, range(4), workers)
+    n = round(float(runs[0].t[-1]) / plant.dt)
+    references = np.repeat(runs[0].table[:-1, 6:8], n // (len(runs[0].t) - 1), axis=0)
+    control = np.repeat(references[None], POPULATION, axis=0)
+    start = np.repeat(plant.placed(waypoints.start)[None], POPULATION, axis=0)
+    datas = [mujoco.MjData(plant.model) for _ in range(workers)]
+    closed, opened = alternate(
+        lambda: run_husky_loops(loops, waypoints, range(4), workers),
+        lambda: rollout.rollout(plant.model, datas, start, control),
+        repeats=repeats,
+    )
+    ratio = closed / opened
+    return [
+        Row(
+            f"{POPULATION} closed loops on MuJoCo over open-loop rollouts", ratio, f"<= {ASKED_OVERHEAD}", closed, opened,
+            ratio <= ASKED_OVERHEAD,
+        )
+    ]  # fmt: skip
+
+
+def budget_rows(workers: int) -> list[Row]:
+    """Tab. 4.3's budget on the generic reference, extrapolated from two generations of a hundred."""
+    profile = load("thesis-lab")
+    label, waypoints = open_reference("generic", 0.25)
+    case = Case(label, label, waypoints, make_robot(profile, "improved"), LoopSettings())
+    space = make_tuning_space("pid", None, False, {})
+    problem = TuneProblem(profile, load_gains("pid", "published"), space, (case,), TuneCost(guard=0.0))
+    points = np.random.default_rng(0).random((100, len(space)))
+    (once,) = alternate(lambda: problem.costs(points, None, workers), repeats=2)
+    minutes = once * BUDGET / len(points) / 60.0
+    return [Row(f"Tab. 4.3: {BUDGET} evaluations, minutes on {workers} cores", minutes, "", once, once, True)]
+
+
+def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 7, workers: int = 0) -> None:
+    """Time closed loops beside real time and beside open-loop rollouts; print the ratios and write them as JSON.
+
+    Args:
+        out: Where the JSON goes.
+        repeats: How often each is timed; the fastest counts.
+        workers: Threads; all cores if 0.
+    """
+    if repeats < 1 or workers < 0:
+        raise cli.UserError("--repeats must be positive, --workers must not be negative")
+    threads = workers or os.cpu_count() or 1
+    rows = [*planar_rows(repeats), *mujoco_rows(repeats, threads), *budget_rows(threads)]
+    report("benchmarks/control: fastest times, measured side by side", rows, out)
+
+
+if __name__ == "__main__":
+    cli.run(main, "python -m benchmarks.control")

@@ -52,6 +52,7 @@ LAYERS = (
     {
         "validation.compare",
         "validation.population",
+        "validation.control_tables",
         "validation.robustness",
         "validation.robustness_figure",
         "validation.filter_study",
@@ -60,7 +61,7 @@ LAYERS = (
     {"validation.objective", "validation.tuning"},
     {"validation.targets", "validation.uncertainty", "validation.cluster"},
     {"validation.fitting"},
-    {"validation.fit", "validation.study"},
+    {"validation.fit", "validation.track", "validation.tune", "validation.study"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 

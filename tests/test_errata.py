@@ -244,7 +244,7 @@ def test_17_the_published_noise_hardly_moves_y_and_yaw() -> None:
 
 
 def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
-    """A target at rest a tenth of a metre behind; u = K_P e, 2 s: as printed the robot leaves, with the part along it stays."""
+    """A target at rest a tenth of a metre behind, u = K_P e for 2 s: as printed the robot leaves, else it comes back."""
     gain, dt = value("4.4", "K_P_rho"), 0.01
     ahead = {"printed": 0.1, "used": 0.1}  # how far the robot is ahead of its target
     for _ in range(200):

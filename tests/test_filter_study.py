@@ -1,0 +1,134 @@
+"""Dead reckoning: drift of known errors, and a study that repeats."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.references import circle, line
+from ssmr.types import Trajectory
+from tests.conftest import ROUNDOFF
+from tests.test_robustness import run_program
+from validation import filter_study as study
+from validation.filter_figure import draw_filter
+from validation.filter_study import FilterSettings, FilterStudy
+from validation.profiles import Profile
+
+SMALL = FilterSettings(seeds=3, seed=5, timestep=0.005)
+
+
+def arc(length: float, curvature: float, n: int = 1201) -> Trajectory:
+    """A path of constant curvature [1/m], driven at 1 m/s."""
+    s = np.linspace(0.0, length, n)
+    yaw = curvature * s
+    xy = np.column_stack([np.sin(yaw), 1.0 - np.cos(yaw)]) / curvature if curvature else np.column_stack([s, 0.0 * s])
+    twist = np.tile([1.0, 0.0, curvature], (n, 1))
+    return Trajectory(s, np.column_stack([xy, yaw]), twist, np.zeros((n, 2)))
+
+
+@pytest.fixture(scope="module")
+def small(lab: Profile) -> FilterStudy:
+    surfaces = study.surfaces_of([lab], [0.4])
+    references = {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}
+    return study.study_filter(surfaces, references, SMALL)
+
+
+def test_the_truth_has_no_drift() -> None:
+    drift = study.drift_of(arc(7.0, 0.5), arc(7.0, 0.5))
+    assert (drift.position, drift.yaw, drift.end, drift.end_yaw) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_an_error_of_scale_is_its_share_of_the_distance() -> None:
+    drift = study.drift_of(arc(6.06, 0.0), arc(6.0, 0.0))
+    assert drift.position == pytest.approx(0.01, rel=1e-6)  # the stretches end on samples 5 mm apart
+    assert drift.end == pytest.approx(0.01, rel=ROUNDOFF)
+    assert math.isnan(drift.yaw)
+
+
+def test_yaw_drift_is_its_share_of_what_was_turned_also_on_a_path_that_closes() -> None:
+    truth = arc(4.0 * math.pi, 0.5)  # a full circle
+    believed = Trajectory(truth.t, truth.pose * [1.0, 1.0, 1.1], truth.twist, truth.wheels)
+    drift = study.drift_of(believed, truth)
+    assert drift.yaw == pytest.approx(0.1, rel=1e-6)
+    assert drift.end_yaw == pytest.approx(0.2 * math.pi, rel=ROUNDOFF)
+    assert drift.end == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_drive_shorter_than_a_stretch_is_refused() -> None:
+    with pytest.raises(ValueError, match="shorter"):
+        study.drift_of(arc(2.0, 0.1), arc(2.0, 0.1))
+
+
+def test_surfaces_are_profiles_and_frictions_of_the_last(lab: Profile) -> None:
+    surfaces = study.surfaces_of([lab], [0.3, 0.9])
+    assert [s.friction for s in surfaces] == [lab.plants["mujoco"].parameters.friction, 0.3, 0.9]
+    with pytest.raises(ValueError, match="twice"):
+        study.surfaces_of([lab, lab], [])
+
+
+def test_the_filter_has_the_drivers_numbers(lab: Profile) -> None:
+    (surface,) = study.surfaces_of([lab], [])
+    section = lab.plants["mujoco"]
+    for variant in study.variants():
+        settings = surface.settings(variant)
+        known = section.parameters.wheel_radius if variant.radius_known else section.drive.command_radius
+        assert (settings.radius, settings.half_track) == (known, section.drive.command_half_track)
+
+
+def test_sensors_explain_the_drift(small: FilterStudy) -> None:
+    for drive in small.drives:
+        if drive.reference == "circle":
+            f = drive.filters
+            assert f["wheels + gyro"].mean("yaw") < f["wheels"].mean("yaw")
+            assert f["radius known"].mean("position") < f["wheels + gyro"].mean("position")
+            assert f["biased gyro"].mean("end_yaw") < -0.05
+
+
+def test_a_study_repeats_whatever_the_workers(small: FilterStudy, lab: Profile) -> None:
+    again = study.study_filter(
+        study.surfaces_of([lab], [0.4]), {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}, SMALL, workers=1
+    )
+    assert study.as_document(again) == study.as_document(small)
+    (first, *_), other = small.drives, FilterSettings(seeds=3, seed=6, timestep=0.005)
+    different = study.study_filter(study.surfaces_of([lab], []), {"circle": circle(0.5, turns=0.5)}, other)
+    assert different.drives[0].distance == first.distance  # the same drive, other noise
+    assert different.drives[0].filters["wheels"].drifts != first.filters["wheels"].drifts
+
+
+def test_documents_are_finite_also_where_nothing_turns(small: FilterStudy) -> None:
+    document = study.as_document(small)
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert (document["schema"], document["study"]) == ("ssmr.study/1", "filter")
+    straight = next(d for d in document["drives"] if d["reference"] == "line")
+    assert straight["filters"]["wheels"]["position_drift_ratio"]["mean"] > 0.0
+    assert "nan" not in "\n".join(study.markdown(small))
+
+
+def test_the_picture_has_every_filter(small: FilterStudy) -> None:
+    figure = draw_filter(small)
+    drawn = [line.get_gid() for ax in figure.axes for line in ax.get_lines()]
+    for variant in study.variants():
+        assert drawn.count(variant.name) == len(small.drives)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--references", "sine,sine"), ("--frictions", "-1"), ("--seeds", "0"), ("--profiles", "none"), ("--speed", "9")],
+    ids=lambda a: a[0],
+)
+def test_mistakes_are_said_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str]
+) -> None:
+    assert run_program("filter", *arguments, "--out", str(tmp_path / "out")) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_program_writes_everything(tmp_path: Path) -> None:
+    asked = ("--references", "line", "--speed", "0.8", "--profiles", "thesis-lab", "--frictions", "", "--seeds", "2")
+    assert run_program("filter", *asked, "--timestep", "0.005", "--out", str(tmp_path)) == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"study.json", "study.png", "study.md"}

@@ -59,7 +59,7 @@ LAYERS = (
         "validation.filter_figure",
     },
     {"validation.objective", "validation.tuning"},
-    {"validation.targets", "validation.uncertainty", "validation.cluster"},
+    {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},
     {"validation.fitting"},
     {"validation.fit", "validation.track", "validation.tune", "validation.study"},
 )

@@ -253,7 +253,7 @@ def test_a_checkpoint_holds_the_whole_search(lab: Profile, tmp_path: Path) -> No
 def test_resuming_from_nothing_begins_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     args = ["kinematic", "--to", "traj4@kinematic", "--free", "alpha_l", "--population", "8", "--generations", "2"]
     assert call(*args, "--out", str(tmp_path), "--resume") == 0
-    assert "the fit begins anew" in capsys.readouterr().err
+    assert "the search begins anew" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------------- mistakes

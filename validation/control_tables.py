@@ -13,11 +13,12 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from ssmr.closed_loop import ClosedRun, LoopSettings
 from ssmr.metrics import PathMetrics, compare_paths
 from validation import published, store
-from validation.drawing import draw_footer, put_together, side_by_side, text_row
+from validation.drawing import draw_footer, inset, put_together, side_by_side, text_row
 from validation.gains import load_gains
 from validation.profiles import Profile
 from validation.results import TrackMetrics
@@ -261,7 +262,10 @@ def _draw(entries: Sequence[Entry], title: str, ax: Axes) -> None:
             ax.plot(e.printed["d_rms_m"] * 1e3, k, "|", color="black", ms=14, mew=2)
     ax.set_yticks(range(len(entries)), [f"{e.table}  {e.controller} {e.reference} {e.speed:g} m/s" for e in entries])
     ax.set_ylim(len(entries) - 0.5, -0.5)
+    inset(ax, left=1.7)
     ax.set_xscale("log")
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel("d_rms [mm]")
     ax.set_title(title, loc="left", fontsize=11)
     ax.grid(axis="x", which="both", alpha=0.25)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from ssmr.closed_loop import Feedback
 from ssmr.controllers.laws import CONTROLLERS
 from validation import cli, store
-from validation.profiles import load
+from validation.profiles import PLANTS, load
 from validation.tables import Grid, rich_table
 from validation.waypoint_files import open_reference
 
@@ -160,7 +160,46 @@ def tables(
     _report([(study.grid(result, kind), caption, "") for kind, caption in study.CAPTIONS.items()], [], written)
 
 
-STUDIES: Mapping[str, Callable[..., None]] = {"robustness": robustness, "filter": filter, "tables": tables}
+def gains(
+    *,
+    profile: str = "thesis-lab",
+    plants: str = "improved,mujoco",
+    seeds: int = 3,
+    seed: int = 11,
+    workers: int | None = None,
+    out: Path = Path("runs/study/gains"),
+) -> None:
+    """Drive every shipped set of gains along every named reference at both of the thesis' speeds.
+
+    Args:
+        profile: Name of a shipped profile or path of a TOML file.
+        plants: Which robots, comma-separated.
+        seeds: Draws of noise and disturbance.
+        seed: The first of them; no shipped set was tuned on those from 11 on.
+        workers: Threads; the result does not depend on it.
+        out: Folder for the results.
+    """
+    from validation import gain_study as study
+
+    with cli.mistakes_are_users():
+        _check(seed, workers)
+        if seeds < 1:
+            raise cli.UserError(f"--seeds {seeds} must be positive")
+        wanted = cli.parse_names(plants, PLANTS, "plant")
+        chosen = load(profile)
+    folder = cli.output_folder(out)
+    with cli.progress() as bar:
+        task = bar.add_task("gains", total=len(wanted) * len(study.REFERENCES) * len(study.SPEEDS))
+
+        def tell(what: str) -> None:
+            bar.update(task, advance=1, description=what)
+
+        result = study.study_gains(chosen, wanted, range(seed, seed + seeds), workers, tell)
+    written = _write(folder, study.as_document(result), study.draw_gains(result), study.markdown(result))
+    _report([(table, title, "") for table, title in study.tables(result)], [], written)
+
+
+STUDIES: Mapping[str, Callable[..., None]] = {"robustness": robustness, "filter": filter, "tables": tables, "gains": gains}
 """By name, as on the command line."""
 
 

@@ -1,0 +1,79 @@
+"""The thesis' tables of chapter 4, and the shipped gains on all references: honest verdicts, and nothing left out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from tests.conftest import EXACT
+from validation import control_tables, gain_study
+from validation.gains import names
+from validation.profiles import Profile, load
+
+
+@pytest.fixture(scope="module")
+def few() -> control_tables.ControlTables:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(control_tables, "TABLES", ("4.5", "4.6", "4.13", "4.27"))
+        return control_tables.study_tables(load("thesis-lab"), 4)
+
+
+def test_the_line_comes_out_as_printed(few: control_tables.ControlTables) -> None:
+    """The two rows whose geometry and gains are certain: gap at the end and length, within what four seeds spread."""
+    for entry in few.entries[:2]:
+        assert entry.verdict == "agrees"
+        assert entry.mean["d_haus_m"] == pytest.approx(entry.printed["d_haus_m"], rel=0.2)
+        assert entry.mean["d_ratio"] == pytest.approx(entry.printed["d_ratio"], abs=1e-3)
+        assert entry.lost == 0
+
+
+def test_the_husky_is_as_near_the_prediction_as_the_real_one(few: control_tables.ControlTables) -> None:
+    entry = few.entries[2]
+    assert entry.comparison == "simulated_vs_real"
+    assert entry.mean["d_rms_m"] <= entry.printed["d_rms_m"]
+
+
+def test_a_lost_print_is_said(few: control_tables.ControlTables) -> None:
+    assert few.entries[3].verdict == "print lost"
+    assert few.entries[3].mean["d_rms_m"] > 0.0
+
+
+def test_verdicts_are_earned(few: control_tables.ControlTables) -> None:
+    entry = few.entries[0]
+    printed = entry.printed["d_rms_m"]
+    for factor, verdict in ((control_tables.FACTOR - 0.01, "agrees"), (control_tables.FACTOR + 0.01, "differs")):
+        assert replace(entry, mean={**entry.mean, "d_rms_m": factor * printed}).verdict == verdict
+    strict = replace(entry, comparison="simulated_vs_real", mean={**entry.mean, "d_rms_m": 1.01 * printed})
+    assert strict.verdict == "differs"
+    assert replace(strict, suspect="a copy").verdict == "print is suspect"
+    assert replace(strict, reference="generic").verdict == "other geometry"
+    assert replace(entry, mean={}).verdict == "lost the reference"
+
+
+def test_documents_and_tables_hold_every_row(few: control_tables.ControlTables) -> None:
+    document = json.loads(json.dumps(control_tables.as_document(few), allow_nan=False))
+    assert list(document["tables"]) == [e.table for e in few.entries]
+    text = "\n".join(control_tables.markdown(few))
+    assert all(f"| {e.table} |" in text for e in few.entries)
+    assert len(control_tables.draw_tables(few).axes) >= 2
+
+
+def test_every_shipped_set_is_driven_along_every_reference(lab: Profile) -> None:
+    study = gain_study.study_gains(lab, ("kinematic",), (5,))
+    assert set(study.sets) == set(names())
+    assert len(study.scores) == len(names()) * len(gain_study.REFERENCES) * len(gain_study.SPEEDS)
+    again = gain_study.study_gains(lab, ("kinematic",), (5,), workers=1)
+    for a, b in zip(study.scores, again.scores, strict=True):
+        assert (a.cost is None) == (b.cost is None)
+        if a.cost is not None and b.cost is not None:
+            assert abs(a.cost - b.cost) == EXACT
+            assert math.isfinite(a.cost)
+    document = json.loads(json.dumps(gain_study.as_document(study), allow_nan=False))
+    assert len(document["scores"]) == len(study.scores)
+    for table, title in gain_study.tables(study):
+        assert "kinematic" in title
+        assert sum(cell.best for row in table.groups[0] for cell in row) >= len(gain_study.REFERENCES)
+    assert len(gain_study.draw_gains(study).axes) >= 2

@@ -441,13 +441,25 @@ class Loop:
     """What stands around them; feedback, disturbance and periods are the same throughout a population."""
 
 
-def packed_gains(controllers: Sequence[Controller]) -> FloatArray:
-    """(S, G) packed gains, padded to the longest."""
-    gains = [c.packed() for c in controllers]
-    out = np.zeros((len(gains), max(map(len, gains))))
-    for row, g in zip(out, gains, strict=True):
+def packed_laws(
+    controllers: Sequence[Controller], settings: Sequence[LoopSettings], waypoints: Waypoints, clock: Clock, state: State
+) -> tuple[object, ...]:
+    """The robots' side of a population for the compiled loops, from `laws` to `deviations` in their order."""
+    packs = [c.packed() for c in controllers]
+    gains = np.zeros((len(packs), max(map(len, packs))))
+    for row, g in zip(gains, packs, strict=True):
         row[: len(g)] = g
-    return out
+    return (
+        np.array([c.number for c in controllers]),
+        gains,
+        waypoints.packed(),
+        (clock.position, clock.velocity, clock.n),
+        np.array([s.lookahead for s in settings]),
+        settings[0].feedback == "ekf",
+        np.array([ekf.initial_memory(state)] * len(settings)),
+        np.array([s.filter.packed() for s in settings]),
+        np.array([s.deviations() for s in settings]),
+    )
 
 
 def run_loops(
@@ -478,15 +490,7 @@ def run_loops(
     outs = np.empty((len(loops), clock.ticks, len(COLUMNS)))
     run_closed_planar_population(
         parameters[0][0],
-        np.array([p.controller.number for p in loops]),
-        packed_gains([p.controller for p in loops]),
-        waypoints.packed(),
-        (clock.position, clock.velocity, clock.n),
-        np.array([p.settings.lookahead for p in loops]),
-        settings.feedback == "ekf",
-        np.array([ekf.initial_memory(state)] * len(loops)),
-        np.array([p.settings.filter.packed() for p in loops]),
-        np.array([p.settings.deviations() for p in loops]),
+        *packed_laws([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
         np.array([d for d, _ in drawn]),
         np.array([d for _, d in drawn]),
         dt,

@@ -21,7 +21,7 @@ from validation import store
 from validation.fit_report import number_text, value_text
 from validation.track_report import MEASURES, as_document, track_markdown, track_notes, track_tables
 from validation.track_rerun import TRAIL_HEIGHT, write_track_rerun
-from validation.tune_report import tune_document, tune_markdown, tune_notes, tune_tables
+from validation.tune_report import tune_document, tune_notes, tune_tables
 
 PATH_METRICS = {
     *("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "d_rms_symmetric_m", "d_haus_symmetric_m", "sync_rms_m"),
@@ -158,11 +158,9 @@ def test_the_tuning_document_keeps_the_contract(name: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("name", TUNINGS)
-def test_tuning_tables_say_the_same_in_both_forms_and_fit_a_terminal(name: str) -> None:
+def test_tuning_tables_hold_every_gain_and_score_and_fit_a_terminal(name: str) -> None:
     made = TUNINGS[name]()
     tables = tune_tables(made)
-    in_markdown = markdown_tables(tune_markdown(made))
-    assert [rich_rows(table)[:2] for table in tables] == [(header, rows) for header, rows, _ in in_markdown]
     _, gains, _ = rich_rows(tables[0])
     for p, row in zip(made.parameters, gains, strict=True):
         assert row[0] == p.name
@@ -184,8 +182,6 @@ def test_tuning_tables_say_the_same_in_both_forms_and_fit_a_terminal(name: str) 
             assert (2 * k, "cost [1]") in best
     for table in tables:
         assert all(len(line) <= TERMINAL for line in rendered(table).splitlines())
-    text = tune_markdown(made)
-    assert all(note in text for note in tune_notes(made))
     assert sum(" lose " in note for note in tune_notes(made)) == sum(f.tuned.lost + f.baseline.lost for f in every)
 
 

@@ -7,7 +7,7 @@ import logging
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import tyro
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
 from ssmr.errors import SsmrError
 
@@ -145,6 +146,16 @@ def report_console() -> Console:
     """Standard output for tables, wide enough for them where it is no terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=REPORT_WIDTH)
+
+
+def report(tables: Iterable[Table], notes: Iterable[str], written: Iterable[Path]) -> None:
+    """What a program has found, on standard output: tables, sentences, and where its files are."""
+    console = report_console()
+    for table in tables:
+        console.print(table)
+    for note in notes:
+        console.print(note, highlight=False)
+    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
 
 
 def warn(text: str) -> None:

@@ -249,14 +249,11 @@ def main(
 def _report(comparison: Comparison, written: Sequence[Path]) -> None:
     from validation.tables import comparison_table, horizon_table
 
-    console = cli.report_console()
-    console.print(comparison_table(comparison))
-    if (table := horizon_table(comparison)) is not None:
-        console.print(table)
+    tables = [comparison_table(comparison), horizon_table(comparison)]
     for result in comparison.plants.values():
         if result.health is not None and not result.health.ok:
             cli.warn(f"{result.name}: {result.health.advice}")
-    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
+    cli.report([table for table in tables if table is not None], (), written)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import os
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,6 +17,7 @@ from ssmr.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import cli, store
 from validation.cluster import Cluster
+from validation.fit_report import fit_notes, fit_tables
 from validation.fitting import Asked, as_document, conclude, fitted_profile, identity
 from validation.objective import CostName, CostSettings, Problem
 from validation.profiles import PlantProfile, Profile, dump, load
@@ -204,7 +204,7 @@ def main(
         bar.add_task("standard errors and scores", total=None)
         result = conclude(search, problem, Asked(base, to, judged, seed, options), threads)
     written = write(result, search.jde.best, problem, base, name or f"{base.name}-fitted", folder, rerun=rerun)
-    _report(result, written)
+    cli.report(fit_tables(result), fit_notes(result), written)
     if search.interrupted:
         raise KeyboardInterrupt
 
@@ -230,17 +230,6 @@ def write(
     written.append(folder / "fit.json")
     store.write_json(written[-1], as_document(result))
     return written
-
-
-def _report(result: FitResult, written: Sequence[Path]) -> None:
-    from validation.fit_report import fit_notes, fit_tables
-
-    console = cli.report_console()
-    for table in fit_tables(result):
-        console.print(table)
-    for note in fit_notes(result):
-        console.print(note, highlight=False)
-    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

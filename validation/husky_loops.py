@@ -15,7 +15,6 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from ssmr import ekf
 from ssmr.closed_loop import (
     COLUMNS,
     ClosedRun,
@@ -24,7 +23,7 @@ from ssmr.closed_loop import (
     common_settings,
     draw,
     make_clock,
-    packed_gains,
+    packed_laws,
     plan_chunks,
 )
 from ssmr.controllers.laws import MEMORY, Controller
@@ -133,15 +132,7 @@ def run_husky_loops(
     alive, last = np.ones(len(loops), dtype=np.bool_), np.full(len(loops), clock.ticks)
     references = np.zeros((len(loops), clock.position, 2))
     fixed = (
-        np.array([p.controller.number for p in loops]),
-        packed_gains([p.controller for p in loops]),
-        waypoints.packed(),
-        (clock.position, clock.velocity, clock.n),
-        np.array([p.settings.lookahead for p in loops]),
-        settings.feedback == "ekf",
-        np.array([ekf.initial_memory(state)] * len(loops)),
-        np.array([p.settings.filter.packed() for p in loops]),
-        np.array([p.settings.deviations() for p in loops]),
+        *packed_laws([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
         draws,
         dt,
         np.array([d[0] for d in drives]),

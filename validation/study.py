@@ -232,12 +232,9 @@ def _write(folder: Path, document: Mapping[str, Any], figure: Figure, report: Se
 
 
 def _report(tables: Sequence[tuple[Grid, str, str]], remarks: Sequence[str], written: Sequence[Path]) -> None:
-    console = cli.report_console()
-    for grid, title, caption in tables:
-        console.print(rich_table(grid, title, caption))
     for remark in remarks:
         cli.warn(remark)
-    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
+    cli.report((rich_table(grid, title, caption) for grid, title, caption in tables), (), written)
 
 
 def program() -> Callable[..., Any]:

@@ -14,6 +14,7 @@ from validation import cli, store
 from validation.gains import load_gains, names
 from validation.profiles import PLANTS, load
 from validation.results import TrackResult
+from validation.track_report import as_document, track_notes, track_tables
 from validation.tracking import Robot, make_controller, make_robot, odometry_of, require_practicable, track
 from validation.waypoint_files import open_reference
 
@@ -93,7 +94,7 @@ def main(
     ]
     folder = cli.output_folder(out or Path("runs") / "track" / f"{controller}-{Path(reference).stem}")
     written = write(results, folder, recording=not no_rerun)
-    _report(results, written)
+    cli.report(track_tables(results), track_notes(results), written)
     if view:
         from validation.rerun_log import open_viewer
 
@@ -104,7 +105,6 @@ def write(results: Sequence[TrackResult], folder: Path, *, recording: bool = Tru
     """Write track.png, track.rrd (if wanted) and, last, track.json; return what was written."""
     from validation.figures import save_figure
     from validation.track_figure import draw_track
-    from validation.track_report import as_document
 
     written = [folder / "track.png"]
     save_figure(draw_track(results), written[0])
@@ -116,17 +116,6 @@ def write(results: Sequence[TrackResult], folder: Path, *, recording: bool = Tru
     written.append(folder / "track.json")
     store.write_json(written[-1], as_document(results))
     return written
-
-
-def _report(results: Sequence[TrackResult], written: Sequence[Path]) -> None:
-    from validation.track_report import track_notes, track_tables
-
-    console = cli.report_console()
-    for table in track_tables(results):
-        console.print(table)
-    for note in track_notes(results):
-        console.print(note, highlight=False)
-    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

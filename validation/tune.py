@@ -21,6 +21,7 @@ from validation.profiles import PLANTS, Profile, load
 from validation.results import TuneResult
 from validation.search import CHECKPOINT, Evaluate, begin, shown
 from validation.tracking import Robot, make_controller, make_robot, odometry_of, require_practicable
+from validation.tune_report import tune_document, tune_notes, tune_tables
 from validation.tuning import (
     Asked,
     Case,
@@ -242,7 +243,7 @@ def main(
     with cli.progress() as bar:
         bar.add_task("tuned and baseline on every reference", total=None)
         result = conclude(search, problem, asked, threads)
-    _report(result, write(result, name or f"{controller}-tuned", folder))
+    cli.report(tune_tables(result), tune_notes(result), write(result, name or f"{controller}-tuned", folder))
     if search.interrupted:
         raise KeyboardInterrupt
 
@@ -257,7 +258,6 @@ def write(result: TuneResult, name: str, folder: Path) -> list[Path]:
     """Write tune.png, gains.toml and, last, tune.json; return what was written."""
     from validation.figures import save_figure
     from validation.tune_figure import draw_tune
-    from validation.tune_report import tune_document
 
     written = [folder / "tune.png", folder / "gains.toml", folder / "tune.json"]
     save_figure(draw_tune(result), written[0])
@@ -265,17 +265,6 @@ def write(result: TuneResult, name: str, folder: Path) -> list[Path]:
     store.write_atomic(written[1], lambda temporary: temporary.write_text(text, encoding="utf-8"))
     store.write_json(written[2], tune_document(result))
     return written
-
-
-def _report(result: TuneResult, written: Sequence[Path]) -> None:
-    from validation.tune_report import tune_notes, tune_tables
-
-    console = cli.report_console()
-    for table in tune_tables(result):
-        console.print(table)
-    for note in tune_notes(result):
-        console.print(note, highlight=False)
-    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -18,10 +18,7 @@ from validation.tables import (
     Cell,
     Grid,
     best_of,
-    code_span,
-    markdown_table,
     one_line,
-    option_text,
     rich_table,
     shortened,
 )
@@ -144,46 +141,6 @@ def tune_notes(result: TuneResult) -> list[str]:
             if run.lost:
                 notes.append(f"The {who} {label_text(f)}: {lost_text(run)}.")
     return notes + [one_line(note) for note in result.notes]
-
-
-def tune_markdown(result: TuneResult) -> str:
-    """The whole tuning as GitHub-flavoured markdown.
-
-    Args:
-        result: what was found.
-
-    Returns:
-        How it was run, the tables of `tune_tables`, the sentences of `tune_notes`, and what each measure means.
-    """
-    options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in result.options.items() if v is not None)
-    versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in result.versions.items())
-    lines = [
-        "# Tuning",
-        "",
-        f"- controller: {code_span(result.controller)}",
-        f"- references: {code_span(source(result))}",
-        f"- profile: {code_span(result.profile)}",
-        f"- {effort(result)}",
-        f"- against: {against(result)}",
-        f"- status: {ending(result)}",
-        f"- held gains: {code_span(gains_text(held_gains(result))) if held_gains(result) else 'none'}",
-        f"- options: {code_span(options) if options else 'none'}",
-        f"- versions: {code_span(versions) if versions else 'unknown'}",
-        "",
-        "## Gains",
-        "",
-        *markdown_table(parameter_grid(result.parameters, "gain", "baseline")),
-        "",
-        "## Tuned against the baseline",
-        "",
-        *markdown_table(_score_grid(result)),
-    ]
-    notes = tune_notes(result)
-    if notes:
-        lines += ["", "## Notes", "", *(f"- {note}" for note in notes)]
-    lines += ["", "## What the metrics mean", ""]
-    lines += [f"- **{m.name}**: {m.meaning}." for m in MEASURES if m.name in SHOWN]
-    return "\n".join(lines) + "\n"
 
 
 # --- the document ---

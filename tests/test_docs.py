@@ -14,6 +14,11 @@ from typing import Any
 
 import pytest
 
+from ssmr.controllers.lqr import LqrGains
+from ssmr.controllers.pid import PidGains
+from ssmr.controllers.scheduled import ScheduledGains
+from ssmr.controllers.smc import SmcGains
+from ssmr.ekf import EkfSettings, SensorModel
 from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.kinematic import KinematicParameters
@@ -37,6 +42,12 @@ DOCUMENTED = (
     HuskyCalibration,
     SineScenario,
     SensorNoise,
+    EkfSettings,
+    SensorModel,
+    PidGains,
+    LqrGains,
+    ScheduledGains,
+    SmcGains,
 )
 GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}
 PHYSICAL = {

@@ -32,7 +32,6 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State, Trajectory
 from ssmr.vehicle import Drive, Vehicle
-from tests import test_docs
 from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 
 STOCK = EkfSettings()
@@ -471,8 +470,3 @@ def test_impossible_settings_are_refused(name: str, value: float) -> None:
         replace(STOCK, **{name: value})
     with pytest.raises(ValueError, match="variance_encoder"):
         SensorModel(variance_encoder=-1.0)
-
-
-@pytest.mark.parametrize("kind", [EkfSettings, SensorModel], ids=lambda kind: kind.__name__)
-def test_its_numbers_are_listed_in_the_docs(kind: type) -> None:
-    test_docs.test_every_parameter_is_listed_with_its_default(kind)

@@ -219,6 +219,32 @@ def _ratio(candidate: float, reference: float, floor: float) -> float:
 
 
 @jit
+def one_sided_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> tuple[float, float, float]:
+    """What Eq. 3.1 is made of, for use from other kernels: half the work of all metrics; it never raises.
+
+    Args:
+        candidate_xy: (N, 2) positions [m].
+        reference_xy: (M, 2) positions [m].
+
+    Returns:
+        d_rms [m], d_haus [m], d_ratio; all NaN where a path has no sample or one that is not finite (or beyond 1e75 m).
+    """
+    if not (_is_measurable(candidate_xy) and _is_measurable(reference_xy)):
+        return math.nan, math.nan, math.nan
+    candidate_length, _, candidate_step = _steps(candidate_xy)
+    reference_length, _, _ = _steps(reference_xy)
+    to_candidate = _nearest_squared(reference_xy, candidate_xy, candidate_step)
+    ratio = _ratio(candidate_length, reference_length, LENGTH_FLOOR)
+    return math.sqrt(np.mean(to_candidate)), math.sqrt(np.max(to_candidate)), ratio
+
+
+@jit
+def bend_ratio_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> float:
+    """e_bend_ratio of paths that `one_sided_kernel` could measure, for use from other kernels."""
+    return _ratio(_bending(candidate_xy, BENDING_SPACING), _bending(reference_xy, BENDING_SPACING), BENDING_FLOOR)
+
+
+@jit
 def path_metrics_kernel(
     candidate_xy: FloatArray, reference_xy: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
@@ -243,7 +269,7 @@ def path_metrics_kernel(
         math.sqrt(mean),
         math.sqrt(largest),
         _ratio(candidate_length, reference_length, LENGTH_FLOOR),
-        _ratio(_bending(candidate_xy, BENDING_SPACING), _bending(reference_xy, BENDING_SPACING), BENDING_FLOOR),
+        bend_ratio_kernel(candidate_xy, reference_xy),
         math.sqrt(0.5 * (mean + np.mean(to_reference))),
         math.sqrt(max(largest, np.max(to_reference))),
     )

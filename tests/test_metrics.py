@@ -19,11 +19,13 @@ from ssmr.metrics import (
     LENGTH_FLOOR,
     TIME_TOLERANCE,
     PathMetrics,
+    bend_ratio_kernel,
     bending_energy,
     compare_paths,
     horizon_errors,
     horizon_windows,
     nearest_distances,
+    one_sided_kernel,
     path_length,
     path_metrics_kernel,
     relative_pose_error,
@@ -610,3 +612,18 @@ def test_horizon_errors_refuse_no_windows():
         horizon_errors([], [])
     with pytest.raises(ValueError, match="yaw errors"):
         horizon_errors([1.0], [1.0, 2.0])
+
+
+def test_the_parts_are_those_of_the_whole() -> None:
+    rng = np.random.default_rng(8)
+    reference = np.cumsum(rng.normal(0.01, 0.005, (400, 2)), axis=0)
+    for candidate in (
+        reference,
+        reference + 0.1,
+        np.cumsum(rng.normal(0.01, 0.02, (300, 2)), axis=0),
+        np.full((3, 2), np.nan),
+    ):
+        whole = path_metrics_kernel(candidate, reference)
+        assert np.array_equal(one_sided_kernel(candidate, reference), whole[:3], equal_nan=True)
+        if np.isfinite(whole[3]):
+            assert bend_ratio_kernel(candidate, reference) == whole[3]

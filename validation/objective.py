@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ssmr._jit import jit
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics import IndexArray, horizon_windows, path_metrics_kernel
+from ssmr.metrics import IndexArray, horizon_windows, one_sided_kernel
 from ssmr.space import ParameterSpace
 from ssmr.types import FloatArray, Trajectory
 from validation.population import Population, make_population, shares
@@ -112,7 +112,7 @@ def path_costs(poses, truth, k_rms, k_haus, k_ratio):
     """(S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
     out = np.empty(len(poses))
     for i in numba.prange(len(poses)):
-        metrics = path_metrics_kernel(poses[i], truth)
+        metrics = one_sided_kernel(poses[i], truth)
         out[i] = k_rms * metrics[0] + k_haus * metrics[1] + k_ratio * abs(1.0 - metrics[2])
     return out
 

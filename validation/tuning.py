@@ -16,7 +16,7 @@ from ssmr.closed_loop import ClosedRun, LoopSettings
 from ssmr.controllers.laws import Controller
 from ssmr.errors import SsmrError
 from ssmr.jde import JdeSettings
-from ssmr.metrics import BENDING_FLOOR, bending_energy, path_metrics_kernel
+from ssmr.metrics import BENDING_FLOOR, bend_ratio_kernel, bending_energy, one_sided_kernel
 from ssmr.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray, Trajectory
 from ssmr.vehicle import require_in_range
@@ -138,12 +138,11 @@ class Case:
 
 @jit(parallel=True)
 def _path_measures(poses, truth):
-    """(S, 6) measures of `path_metrics_kernel` of (S, M, 3) poses against (N, 3)."""
-    out = np.empty((len(poses), 6))
+    """(S, 4) d_rms, d_haus, d_ratio and e_bend_ratio of (S, M, 3) poses against (N, 3)."""
+    out = np.empty((len(poses), 4))
     for i in numba.prange(len(poses)):
-        measures = path_metrics_kernel(poses[i], truth)
-        for j in range(6):
-            out[i, j] = measures[j]
+        out[i, 0], out[i, 1], out[i, 2] = one_sided_kernel(poses[i], truth)
+        out[i, 3] = bend_ratio_kernel(poses[i], truth)
     return out
 
 

@@ -330,6 +330,7 @@ def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> N
 def test_an_interrupt_in_mid_run_leaves_nothing(lab: Profile, tmp_path: Path) -> None:
     recorded(lab, "improved", tmp_path)
     program = "import os, signal, threading; from validation import cli, compare; import sys; "
+    program += "signal.signal(signal.SIGINT, signal.default_int_handler); "  # who runs the tests may ignore interrupts
     program += "sys.argv = ['compare', 'drive.csv', '--out', 'out']; real = compare.drive; "
     program += (
         "compare.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; cli.run(compare.main, 'compare')"

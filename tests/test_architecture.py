@@ -48,7 +48,7 @@ LAYERS = (
         "validation.tune_report",
         "validation.tune_figure",
     },
-    {"validation.driving", "validation.tracking"},
+    {"validation.driving", "validation.tracking", "validation.learning"},
     {
         "validation.compare",
         "validation.population",

@@ -171,12 +171,12 @@ def build(calibration: HuskyCalibration) -> mujoco.MjModel:
     return model
 
 
-def wheel_geoms(model: mujoco.MjModel) -> list[int]:
-    """The ids of the four contact geoms, in the order of `WHEELS`."""
-    return [model.geom(f"{wheel}_tire").id for wheel in WHEELS]
+def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
+    """The ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `calibrate`."""
+    return [model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS]
 
 
-def base_inertia(model: mujoco.MjModel, calibration: HuskyCalibration) -> np.ndarray:
+def base_inertia(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> np.ndarray:
     """(3,) principal inertia of the base [kg m2] about its own centre of mass.
 
     Roll and pitch inertia scale with the mass; yaw inertia is what the whole robot's leaves when the wheels', which stand
@@ -185,7 +185,7 @@ def base_inertia(model: mujoco.MjModel, calibration: HuskyCalibration) -> np.nda
     Raises:
         ValueError: the rest is not positive, or no rigid body has the three numbers (each at most the sum of the others).
     """
-    wheels = [model.body(f"{wheel}") for wheel in WHEELS]
+    wheels = [model.body(f"{prefix}{wheel}") for wheel in WHEELS]
     wheel_mass = sum(float(w.mass[0]) for w in wheels)
     from_wheels = sum(float(w.inertia[2] + w.mass[0] * (w.pos[0] ** 2 + w.pos[1] ** 2)) for w in wheels)
     scale = (calibration.mass - wheel_mass) / MAKER_BASE_MASS
@@ -205,19 +205,24 @@ MAKER_PITCH_INERTIA = 1.7386
 """Mass [kg] and inertia [kg m2] of the base in the maker's robot description (husky_description)."""
 
 
-def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration) -> None:
+def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> None:
     """Set every number of `calibration` on a compiled model.
+
+    Args:
+        model: in place.
+        calibration: the numbers.
+        prefix: in front of the robot's names, where it is part of a larger model.
 
     Raises:
         ValueError: an inertia no body can have; the model is untouched then.
     """
-    inertia = base_inertia(model, calibration)
-    base = model.body("base").id
-    wheel_mass = sum(float(model.body(wheel).mass[0]) for wheel in WHEELS)
+    inertia = base_inertia(model, calibration, prefix)
+    base = model.body(f"{prefix}base").id
+    wheel_mass = sum(float(model.body(f"{prefix}{wheel}").mass[0]) for wheel in WHEELS)
     model.body_mass[base] = calibration.mass - wheel_mass
     model.body_inertia[base] = inertia
     model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
-    for wheel, geom in zip(WHEELS, wheel_geoms(model), strict=True):
+    for wheel, geom in zip(WHEELS, wheel_geoms(model, prefix), strict=True):
         share = 0.5 if wheel.endswith("left") else -0.5
         radius = calibration.wheel_radius + share * calibration.radius_difference + 0.5 * PRESSED_IN[calibration.wheel_shape]
         model.geom_friction[geom, 0] = calibration.friction
@@ -230,9 +235,9 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration) -> None:
         model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio
         model.pair_friction[:, 1] = calibration.friction
     for wheel in WHEELS:
-        model.dof_armature[model.joint(f"{wheel}_wheel").dofadr[0]] = calibration.armature
+        model.dof_armature[model.joint(f"{prefix}{wheel}_wheel").dofadr[0]] = calibration.armature
     for side in SIDES:
-        motor, tendon = model.actuator(f"{side}_motor").id, model.tendon(side).id
+        motor, tendon = model.actuator(f"{prefix}{side}_motor").id, model.tendon(f"{prefix}{side}").id
         model.actuator_gainprm[motor, 0] = calibration.gain
         model.actuator_biasprm[motor, 2] = -calibration.gain
         resistance = calibration.rolling_resistance * 0.5 * calibration.mass * GRAVITY * calibration.wheel_radius
@@ -241,10 +246,10 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def limit_torque(model: mujoco.MjModel, wheel_limit: float) -> None:
+def limit_torque(model: mujoco.MjModel, wheel_limit: float, prefix: str = "") -> None:
     """Set the greatest torque of one wheel [N m]; a side has twice that. Infinity switches the limit off."""
     for side in SIDES:
-        motor = model.actuator(f"{side}_motor").id
+        motor = model.actuator(f"{prefix}{side}_motor").id
         limit = 2.0 * wheel_limit
         model.actuator_forcelimited[motor] = math.isfinite(limit)
         if math.isfinite(limit):

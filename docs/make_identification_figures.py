@@ -26,7 +26,7 @@ from ssmr.types import CommandKind, FloatArray
 from validation.driving import drive
 from validation.palette import colour
 from validation.profiles import PLANTS, load, make_plant
-from validation.recordings import read_csv
+from validation.recording import read_csv
 from validation.sources import open_source
 
 WHEELBASE, TRACK = 0.512, 0.5708

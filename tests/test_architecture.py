@@ -26,7 +26,7 @@ LAYERS = (
         "validation.palette",
         "validation.published",
         "validation.husky",
-        "validation.recordings",
+        "validation.recording",
     },
     {"validation.mujoco_plant", "validation.robot_mesh"},
     {"validation.profiles", "validation.results", "validation.drawing", "validation.husky_loops"},

@@ -21,7 +21,7 @@ from validation import cli, compare
 from validation.compare import Settings, as_document
 from validation.driving import drive, resample, score_horizons
 from validation.profiles import Profile, load, make_plant
-from validation.recordings import write_csv
+from validation.recording import write_csv
 from validation.sources import move_reference, open_source
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -21,7 +21,7 @@ from validation import fit
 from validation.fitting import identity
 from validation.objective import CostSettings, Problem
 from validation.profiles import Profile, load
-from validation.recordings import write_csv
+from validation.recording import write_csv
 from validation.search import CheckpointError, Search
 from validation.searchable import make_space
 from validation.uncertainty import VAGUE, estimate

@@ -13,7 +13,7 @@ from tests.conftest import EXACT, ROUNDOFF
 from validation.driving import drive, horizons_of
 from validation.objective import CostSettings, Problem, Target, make_raters, windows
 from validation.profiles import Profile, make_plant
-from validation.recordings import Recording
+from validation.recording import Recording
 from validation.searchable import DEFAULT_FREE, SEARCHABLE, find, make_space, with_values
 from validation.sources import open_source, source_of
 

@@ -13,7 +13,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
 from validation.profiles import PLANTS
-from validation.recordings import Recording, Segment, read_csv
+from validation.recording import Recording, Segment, read_csv
 
 RECORDING_GRID = 0.01
 """Period at which a recording's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any

@@ -22,7 +22,7 @@ import numpy as np
 from ssmr import references
 from ssmr.types import FloatArray
 from ssmr.waypoints import Waypoints, find_fault
-from validation.recordings import TableError, read_bytes, read_column, read_table, shown
+from validation.recording import TableError, read_bytes, read_column, read_table, shown
 
 XLSX_FAULTS = (
     zipfile.BadZipFile,

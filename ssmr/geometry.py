@@ -70,6 +70,25 @@ def quat_wxyz_to_yaw(quat: ArrayLike) -> FloatArray:
     return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
+def quat_wxyz_to_roll_pitch(quat: ArrayLike) -> FloatArray:
+    """(..., 2) roll and pitch [rad] of (..., 4) quaternions, w first.
+
+    A body is turned first by yaw about z, then by pitch about its y, nose down, then by roll about its x, right side down.
+    """
+    w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return np.stack([roll, np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))], axis=-1)
+
+
+def roll_pitch_yaw_to_quat_wxyz(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> FloatArray:
+    """(..., 4) unit quaternions, w first, of (...) angles [rad] as `quat_wxyz_to_roll_pitch` has them."""
+    half = [0.5 * np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, yaw)]
+    (cr, cp, cy), (sr, sp, sy) = (tuple(f(h) for h in half) for f in (np.cos, np.sin))
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return np.stack([w, x, y, z], axis=-1)
+
+
 def quat_wxyz_to_xyzw(quat: ArrayLike) -> FloatArray:
     """Move w from first to last in (..., 4) quaternions."""
     return np.roll(np.asarray(quat, dtype=np.float64), -1, axis=-1)

@@ -11,8 +11,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 LAYERS = (
     {"ssmr.errors", "ssmr._jit", "ssmr.types"},
-    {"ssmr.geometry", "ssmr.friction", "ssmr.vehicle", "ssmr.scenarios", "ssmr.space", "ssmr.jde"},
-    {"ssmr.drive", "ssmr.sensors", "ssmr.ekf", "ssmr.metrics", "ssmr.waypoints"},
+    {"ssmr.geometry", "ssmr.friction", "ssmr.vehicle", "ssmr.scenarios", "ssmr.space", "ssmr.jde", "ssmr.surface"},
+    {"ssmr.drive", "ssmr.sensors", "ssmr.ekf", "ssmr.metrics", "ssmr.waypoints", "ssmr.loads"},
     {
         *("ssmr.models.coulomb", "ssmr.models.improved", "ssmr.models.linear", "ssmr.models.kinematic"),
         *("ssmr.references", "ssmr.controllers.pid", "ssmr.controllers.lqr"),
@@ -25,11 +25,13 @@ LAYERS = (
         "validation.cli",
         "validation.palette",
         "validation.published",
-        "validation.husky",
+        "validation.terrain",
         "validation.recording",
     },
+    {"validation.husky", "validation.rerun_ground"},
     {"validation.mujoco_plant", "validation.robot_mesh"},
-    {"validation.profiles", "validation.results", "validation.drawing", "validation.husky_loops"},
+    {"validation.profiles", "validation.wheel_loads", "validation.drawing", "validation.husky_loops"},
+    {"validation.results"},
     {
         "validation.searchable",
         "validation.search",

@@ -16,12 +16,16 @@ import tyro
 from ssmr.metrics import compare_pieces
 from ssmr.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.types import CommandKind, Commands, Plant, State, Trajectory
+from ssmr.vehicle import Vehicle
 from validation import cli, store
 from validation.driving import drive, score_horizons
-from validation.mujoco_plant import Health, check_health
+from validation.husky import WHEELS, HuskyCalibration
+from validation.mujoco_plant import Health, MujocoPlant, check_health
 from validation.profiles import PLANTS, Profile, load, make_plant
 from validation.results import Comparison, PlantResult
 from validation.sources import Source, open_source
+from validation.terrain import FLAT, Terrain, parse_terrain
+from validation.wheel_loads import WheelLoads, summarise, with_quasi_static
 
 SCHEMA = "ssmr.compare/1"
 WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
@@ -42,6 +46,8 @@ class Settings:
     """Push the plants' yaw at random (Sec. 3.4.5)."""
     seed: int = 0
     """Seed of both."""
+    terrain: Terrain = FLAT
+    """What the MuJoCo Husky stands on; the planar models know only level ground of one friction."""
 
 
 def compare(
@@ -69,7 +75,7 @@ def compare(
     settings = settings or Settings()
     reference = reference or source.reference
     names = [name for name in PLANTS if name in plants or name == reference]
-    made = {name: make_plant(profile, name) for name in names}
+    made = {name: make_plant(profile, name, settings.terrain) for name in names}
     motions, wall = _drive_all(made, profile, source, settings, workers)
     if settings.noise:
         for index, name in enumerate(names):
@@ -88,8 +94,9 @@ def compare(
             score_horizons(motions[name], source, settings.horizons) if reference == "recording" else {},
             wall[name],
             simulated / wall[name],
-            _health(motions[name]),
+            _health(motions[name]) if settings.terrain.even else None,
             profile.plants[name].tracked_point,
+            _loads(motions[name], profile.plants[name].parameters),
         )
     return Comparison(
         source.name,
@@ -99,8 +106,9 @@ def compare(
         tuple(piece.commands for piece in source.pieces),
         results,
         settings.seed,
-        {k: v for k, v in asdict(settings).items() if k != "seed"},
+        {**{k: v for k, v in asdict(settings).items() if k != "seed"}, "terrain": settings.terrain.spec},
         store.versions(),
+        settings.terrain,
     )
 
 
@@ -122,7 +130,10 @@ def _drive_all(
                     push = yaw_disturbance(piece.commands.duration, plant.dt, np.random.default_rng(settings.seed))
                 motions.append(drive(plant, piece, tracked, source.sample_dt, push))
                 bar.advance(task)
-        return motions, time.perf_counter() - began
+        wall = time.perf_counter() - began
+        if isinstance(plant, MujocoPlant):
+            motions = [with_quasi_static(motion, plant, tracked) for motion in motions]
+        return motions, wall
 
     with cli.progress() as bar, ThreadPoolExecutor(workers) as pool:
         task = bar.add_task(f"driving {len(made)} plants", total=len(made) * len(source.pieces))
@@ -142,6 +153,13 @@ def _health(motions: Sequence[Trajectory]) -> Health | None:
     return Health(min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts))
 
 
+def _loads(motions: Sequence[Trajectory], parameters: object) -> WheelLoads | None:
+    """What the wheels carried, for a plant that knows."""
+    if not isinstance(parameters, HuskyCalibration):
+        return None
+    return summarise(tuple(motions), Vehicle(mass=parameters.mass))
+
+
 def as_document(comparison: Comparison, profile: Profile) -> dict[str, Any]:
     """compare.json."""
     plants = {}
@@ -151,6 +169,8 @@ def as_document(comparison: Comparison, profile: Profile) -> dict[str, Any]:
             plants[name]["horizons"] = {f"{h:g}": asdict(errors) for h, errors in result.horizons.items()}
         if result.health is not None:
             plants[name]["health"] = {**asdict(result.health), "ok": result.health.ok, "advice": result.health.advice}
+        if result.loads is not None:
+            plants[name]["wheel_loads"] = {"wheels": WHEELS, **asdict(result.loads)}
     return {
         "schema": SCHEMA,
         "source": comparison.source,
@@ -194,6 +214,7 @@ def main(
     until: float | None = None,
     noise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     disturbance: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    terrain: str = "flat",
     seed: int = 0,
     workers: int | None = None,
     out: Path | None = None,
@@ -215,6 +236,9 @@ def main(
         until: Leave out what was recorded after this time [s].
         noise: See the plants through the lab's state filter: 50 Hz, with its noise.
         disturbance: Push all plants with the same random yaw acceleration.
+        terrain: What the MuJoCo Husky stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM, split:FRICTION_RATIO; with more keys
+            ramp:slope_deg=5,toward_deg=90, rough:height_mm=5,length_mm=300,seed=1 or
+            split:friction_ratio=0.5,edge_deg=0,edge_m=0. The planar models know only level ground of one friction.
         seed: Seed of noise and disturbance.
         workers: Threads; the result does not depend on it.
         out: Folder for the results; runs/compare/SOURCE if not given.
@@ -230,12 +254,14 @@ def main(
             raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
         if view and no_rerun:
             raise cli.UserError("--view shows the rerun recording; leave out --no-rerun")
-        settings = Settings(input, cli.parse_numbers(horizons, "--horizons"), noise, disturbance, seed)
+        settings = Settings(
+            input, cli.parse_numbers(horizons, "--horizons"), noise, disturbance, seed, parse_terrain(terrain)
+        )
         opened = open_source(source, kind, start, until)
         chosen = load(profile or ("husky-tile" if opened.reference == "recording" else "thesis-lab"))
         for name in dict.fromkeys((*wanted, reference or opened.reference)):
             if name != "recording":
-                make_plant(chosen, name)
+                make_plant(chosen, name, settings.terrain)
     comparison = compare(opened, chosen, wanted, reference, settings, workers)
     folder = cli.output_folder(out or Path("runs") / "compare" / Path(source).stem)
     written = write(comparison, chosen, folder, recording=not no_rerun)
@@ -247,9 +273,9 @@ def main(
 
 
 def _report(comparison: Comparison, written: Sequence[Path]) -> None:
-    from validation.tables import comparison_table, horizon_table
+    from validation.tables import comparison_table, horizon_table, load_table
 
-    tables = [comparison_table(comparison), horizon_table(comparison)]
+    tables = [comparison_table(comparison), horizon_table(comparison), load_table(comparison)]
     for result in comparison.plants.values():
         if result.health is not None and not result.health.ok:
             cli.warn(f"{result.name}: {result.health.advice}")

@@ -55,6 +55,8 @@ from validation.drawing import save_figure as save_figure
 from validation.husky import WHEELS
 from validation.results import Comparison
 from validation.tables import HEADLINE_HORIZON, headline, length_unit, shortened
+from validation.terrain import FLAT
+from validation.wheel_loads import QUASI_STATIC
 
 LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by then."""
@@ -421,10 +423,15 @@ def _draw_loads(comparison: Comparison, motion: _Motion, ax: Axes) -> None:
         ink, name = ink_of(motion.name) if wheel.startswith("front") else "0.25", wheel.replace("_", " ")
         ax.plot(t, loads[:, k], color=ink, linewidth=0.6, alpha=0.35, zorder=1.8)
         ax.plot(t, means[:, k], color=ink, linestyle=_SIDES[wheel.endswith("right")], linewidth=1.6, label=name, gid=wheel)
+    told = f"; lines are means over {MEAN_TIME:g} s"
+    if _has(motion, QUASI_STATIC):
+        _, formula = _over_time(motion.pieces, lambda piece: piece.channels[QUASI_STATIC], span)
+        ax.plot(t, formula, color=QUIET, linestyle=(0, (1, 1)), linewidth=1.0, zorder=2.5)
+        told += ", dotted: quasi-static"
     ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=4, frameon=False, fontsize=9.0, handlelength=1.8,
               columnspacing=1.2, borderaxespad=0.0)  # fmt: skip
     ax.set_title("Wheel loads [N]")
-    _time_axis(comparison, ax, f"; lines are means over {MEAN_TIME:g} s")
+    _time_axis(comparison, ax, told)
     at_least(ax, 10.0)
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.2 * (high - low), high)  # room for the verdict
@@ -506,6 +513,7 @@ def _draw_footer(comparison: Comparison, ax: Axes) -> None:
         f"profile {shortened(comparison.profile, 20)}",
         f"reference {comparison.reference_name}",
         f"seed {comparison.seed}",
+        *([] if comparison.terrain == FLAT else [f"terrain {comparison.terrain.spec}"]),
         *(name for name, value in comparison.options.items() if value is True),
         *(f"{name} {comparison.versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in comparison.versions),
     ]

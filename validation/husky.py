@@ -12,12 +12,13 @@ import warnings
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import mujoco
 import numpy as np
 
 from ssmr.vehicle import require_in_range
+from validation.terrain import FLAT, Terrain
 
 WheelShape = Literal["ellipsoid", "cylinder", "capsule"]
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -107,12 +108,13 @@ def xml_path() -> Path:
     raise FileNotFoundError(f"husky.xml is neither at {packaged} nor at {source}: the installation is incomplete")
 
 
-def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False) -> str:
-    """The robot on a flat ground, as MJCF text.
+def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False, terrain: Terrain = FLAT) -> str:
+    """The robot on its ground, as MJCF text.
 
     Args:
         shape: contact shape of the tyres.
         anisotropic: add explicit contact pairs, whose two tangential frictions may differ.
+        terrain: what the ground is made of.
 
     Returns:
         A complete MJCF model.
@@ -129,7 +131,7 @@ def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False) -> str:
     arena.asset.add("texture", name="tiles", type="2d", builtin="checker", width=256, height=256,
                     rgb1=[0.86, 0.87, 0.88], rgb2=[0.79, 0.80, 0.82])  # fmt: skip
     arena.asset.add("material", name="tiles", texture="tiles", texrepeat=[1, 1], texuniform=True)
-    ground = arena.worldbody.add("geom", name="ground", type="plane", size=[0, 0, 0.05], material="tiles", condim=3)
+    ground = _lay_ground(arena, terrain)
     arena.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
     arena.worldbody.add("site", name="start", type="cylinder", size=[0.03, 0.001], rgba=[0.1, 0.5, 0.9, 0.8])
     for wheel in WHEELS:
@@ -139,12 +141,41 @@ def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False) -> str:
             tire.set_attributes(type="cylinder", size=[radius, width], zaxis=[0, 1, 0])
         elif shape == "capsule":
             tire.set_attributes(type="capsule", size=[radius, CAPSULE_HALF_LENGTH], zaxis=[0, 1, 0])
-        if anisotropic:
+        if terrain.kind == "rough":
+            patch = arena.worldbody.add("body", name=f"{wheel}_ground", mocap=True)
+            ground = patch.add("geom", type="plane", size=[0.3, 0.3, 0.05], material="tiles", contype=0, conaffinity=0)
+        if anisotropic or terrain.kind == "rough":
             arena.contact.add(
                 "pair", geom1=ground, geom2=tire, condim=3, solref=[0.02, 1], solimp=[0.1, 0.95, 0.005, 0.5, 2]
             )
     return arena.to_xml_string()
 
+
+def _lay_ground(arena: Any, terrain: Terrain) -> Any:
+    """Add the ground; return the geom that is named so, if there is one."""
+    looks: dict[str, Any] = {"name": "ground", "material": "tiles", "condim": 3}
+    if terrain.kind == "rough":
+        return None  # each wheel has a plane of its own, which `MujocoPlant` lays under it
+    if terrain.kind == "split":
+        # Two slabs side by side: planes have no edge. Of two geoms that touch, the one of higher priority says friction and
+        # softness: the slippery slab's above the tyre's, the tyre's above the other slab's.
+        tire, half = arena.find("default", "tire").geom, 0.5 * SLAB_SIZE
+        slab = {"type": "box", "size": [half, half, 0.5 * GROUND_DEPTH], "euler": [0, 0, terrain.edge_heading]}
+        left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
+        down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
+        contact = {"solref": tire.solref, "solimp": tire.solimp, "priority": int(tire.priority) + 1}
+        right = {**looks, **slab, **contact, "name": OTHER_GROUND, "rgba": [0.55, 0.68, 0.80, 1]}
+        arena.worldbody.add("geom", pos=left * (terrain.edge_offset - half) + down, **right)
+        return arena.worldbody.add("geom", pos=left * (terrain.edge_offset + half) + down, **slab, **looks)
+    return arena.worldbody.add("geom", type="plane", size=[0, 0, 0.05], **looks)
+
+
+OTHER_GROUND = "other_ground"
+"""The part of a two-friction floor that lies right of its edge."""
+GROUND_DEPTH = 0.5
+"""How far what is below the ground's surface reaches [m]: far deeper than any tyre."""
+SLAB_SIZE = 200.0
+"""Of each half of a two-friction floor [m]: farther than any run goes."""
 
 PRESSED_IN: dict[str, float] = {"ellipsoid": 0.00283, "cylinder": 0.00252, "capsule": 0.00252}
 """How deep the soft contact of husky.xml lets each shape of tyre in at rest [m], whatever the load: MuJoCo scales a
@@ -154,19 +185,24 @@ geom's."""
 CAPSULE_HALF_LENGTH = 0.00715
 """Half the distance of a capsule wheel's two contact points [m]: narrow, so that the contact stays nearly one point."""
 
-_models: dict[tuple[str, bool], mujoco.MjModel] = {}
+_models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
 
 
-def build(calibration: HuskyCalibration) -> mujoco.MjModel:
+def build(calibration: HuskyCalibration, terrain: Terrain = FLAT) -> mujoco.MjModel:
     """A compiled and calibrated model, the caller's own.
 
     Raises:
-        ValueError: a calibration whose inertia no body can have.
+        ValueError: a calibration whose inertia no body can have, or tyres that the terrain cannot have.
     """
-    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0)
+    if calibration.friction_ratio != 1.0 and terrain.kind == "split":
+        raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
+    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0, terrain)
     if key not in _models:
         _models[key] = mujoco.MjModel.from_xml_string(compose(*key))
     model = mujoco.MjModel.__copy__(_models[key])
+    model.opt.gravity = terrain.gravity(GRAVITY)
+    if terrain.kind == "split":
+        model.geom_friction[model.geom(OTHER_GROUND).id, 0] = calibration.friction * terrain.friction_ratio
     calibrate(model, calibration)
     return model
 

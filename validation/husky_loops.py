@@ -51,11 +51,14 @@ class _Bodies:
 
     def __init__(self, loops: Sequence[HuskyLoop], state: State, workers: int) -> None:
         """Place every robot in `state`."""
-        first = loops[0].plant
+        first = self._first = loops[0].plant
         self._batch = batch.Batch(first.model, len(loops), workers)
         self._batch.set_models([p.plant.model for p in loops])
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._force = self._batch.bind("actuator_force")
+        self._rough = first.terrain.kind == "rough"
+        if self._rough:
+            self._ground = self._batch.bind("mocap_pos"), self._batch.bind("mocap_quat")
         nq = first.model.nq
         for row, p in enumerate(loops):
             start = p.plant.placed(state)
@@ -92,7 +95,12 @@ class _Bodies:
         control = np.zeros((*references.shape[:2], self._width))
         control[:, :, :2] = references
         control[:, :, 2 + 5] = self._inertia[:, None] * pushes
-        self._batch.rollout(references.shape[1], control, control_spec=self._spec, record=())
+        pieces = [control] if not self._rough else np.split(control, references.shape[1], axis=1)
+        for piece in pieces:
+            if self._rough:
+                for bound, values in zip(self._ground, self._first.planes_under(self._qpos[:, :7]), strict=True):
+                    bound[:] = values.reshape(bound.shape)
+            self._batch.rollout(piece.shape[1], piece, control_spec=self._spec, record=())
 
 
 def run_husky_loops(
@@ -116,8 +124,8 @@ def run_husky_loops(
             number of steps; no loops or no seeds.
     """
     settings = common_settings([p.settings for p in loops], seeds)
-    if len({(p.plant.dt, p.plant.model.nq, p.plant.model.npair) for p in loops}) != 1:
-        raise ValueError("a population of Huskies has one time step and one shape of tyre")
+    if len({(p.plant.dt, p.plant.terrain, p.plant.calibration.wheel_shape, p.plant.model.npair) for p in loops}) != 1:
+        raise ValueError("a population of Huskies has one time step, one terrain and one shape of tyre")
     dt = loops[0].plant.dt
     clock = make_clock(waypoints, settings, dt)
     drawn = [draw(clock, settings, seed) for seed in seeds]

@@ -11,10 +11,11 @@ from mujoco import rollout
 
 from ssmr.drive import Driver, wheel_references, whole_steps
 from ssmr.errors import DivergedError, UnhealthyRunError
-from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body, yaw_to_quat_wxyz
+from ssmr.geometry import quat_wxyz_to_roll_pitch, quat_wxyz_to_yaw, rotate_world_to_body, yaw_to_quat_wxyz
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from ssmr.vehicle import Drive
-from validation.husky import SIDES, WHEELS, HuskyCalibration, build, limit_torque
+from validation.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
+from validation.terrain import FLAT, Terrain
 
 LIFT_SHARE = 0.02
 """A wheel whose load falls below this share of its mean has left the ground."""
@@ -68,33 +69,41 @@ def check_health(wheel_loads: FloatArray) -> Health:
 
 
 class MujocoPlant:
-    """A calibrated Husky on flat ground."""
+    """A calibrated Husky on its ground."""
 
     name = "mujoco"
 
-    def __init__(self, calibration: HuskyCalibration, drive: Drive, *, strict: bool = False) -> None:
+    def __init__(
+        self, calibration: HuskyCalibration, drive: Drive, *, terrain: Terrain = FLAT, strict: bool = False
+    ) -> None:
         """Build the model, let it settle, and start at rest at the origin.
 
         Args:
             calibration: the robot's numbers.
             drive: what stands between command and wheels.
+            terrain: what it stands on.
             strict: raise where a run's wheel loads are unhealthy, instead of leaving the verdict in the result.
 
         Raises:
             ValueError: numbers that do not go together.
         """
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
-        self.calibration, self._drive, self._strict = calibration, drive, strict
-        self.model = build(calibration)
+        self.calibration, self.terrain, self._drive, self._strict = calibration, terrain, drive, strict
+        self.model = build(calibration, terrain)
         limit_torque(self.model, drive.torque_limit)
         self._data = mujoco.MjData(self.model)
         self._wheel_dofs = [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS]
         self._left = [self._wheel_dofs[i] for i, wheel in enumerate(WHEELS) if wheel.endswith("left")]
         self._right = [self._wheel_dofs[i] for i, wheel in enumerate(WHEELS) if wheel.endswith("right")]
+        self._wheel_bodies = [int(self.model.body(wheel).id) for wheel in WHEELS]
+        self._tires = wheel_geoms(self.model)
+        radius, wheel = float(self.model.geom_size[self._tires[0], 0]), self.model.body_pos[self._wheel_bodies[0]]
+        self._level_height = radius - PRESSED_IN[calibration.wheel_shape] - float(wheel[2])  # of the base, on level ground
         self._load_columns = [int(self.model.sensor(f"load_{wheel}").adr[0]) for wheel in WHEELS]
         self._torque_columns = [int(self.model.sensor(f"torque_{side}").adr[0]) for side in SIDES]
         self._acceleration_column = int(self.model.sensor("angular_acceleration").adr[0]) + 2
-        self._resting = self._settle()
+        self._resting = self._settle(State())
+        self._rest_on_rough: tuple[State, FloatArray] | None = None
         self._yaw_inertia = self._total_yaw_inertia()
         self._prescribed: mujoco.MjModel | None = None
         self.reset(State())
@@ -104,7 +113,7 @@ class MujocoPlant:
         if self._prescribed is None:
             gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
             self._prescribed = build(
-                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0)
+                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0), self.terrain
             )
             limit_torque(self._prescribed, math.inf)
         return self._prescribed
@@ -114,15 +123,42 @@ class MujocoPlant:
         """Physics step [s]."""
         return float(self.model.opt.timestep)
 
-    def _settle(self) -> FloatArray:
-        """(nq,) configuration at rest at the origin: tyres pressed in, the body pitched and rolled as its mass lies."""
-        mujoco.mj_resetData(self.model, self._data)
-        mujoco.mj_step(self.model, self._data, nstep=round(SETTLE_TIME / self.dt))
-        rest = np.array(self._data.qpos)
-        rest[:2] = 0.0
-        yaw = float(quat_wxyz_to_yaw(rest[3:7]))
-        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(-yaw), self._data.qpos[3:7])
+    def _settle(self, state: State) -> FloatArray:
+        """(nq,) configuration at rest where `state` is: tyres pressed in, the body tilted as its mass and the ground lie."""
+        data = self._data
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:2] = state.x, state.y
+        mujoco.mju_mulQuat(data.qpos[3:7], yaw_to_quat_wxyz(state.yaw), self.model.qpos0[3:7])
+        for _ in range(round(SETTLE_TIME / self.dt)):
+            self.lay_ground(data)
+            mujoco.mj_step(self.model, data)
+        rest = np.array(data.qpos)
+        rest[:2] = state.x, state.y
+        turned = float(quat_wxyz_to_yaw(rest[3:7])) - state.yaw
+        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(-turned), data.qpos[3:7])
         rest[7:] = 0.0
+        return rest
+
+    def lay_ground(self, data: mujoco.MjData) -> None:
+        """Put rough ground's tangent planes under the wheels, where the body is now; nothing to do on other grounds."""
+        if self.terrain.kind == "rough":
+            (data.mocap_pos[:],), (data.mocap_quat[:],) = self.planes_under(data.qpos[None, :7])
+
+    def planes_under(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(S, 4, 3) places and (S, 4, 4) quaternions (w first) of the ground under the wheels of (S, 7) poses."""
+        radius = float(self.model.geom_size[self._tires[0], 0])
+        return self.terrain.surface.tangent_planes(poses, self.model.body_pos[self._wheel_bodies], radius)
+
+    def _rest(self, state: State) -> FloatArray:
+        """(nq,) the same, without letting it down where the ground is alike everywhere."""
+        if self.terrain.kind == "rough":
+            place = State(state.x, state.y, state.yaw)
+            if self._rest_on_rough is None or self._rest_on_rough[0] != place:
+                self._rest_on_rough = place, self._settle(place)
+            return self._rest_on_rough[1]
+        rest = self._resting.copy()
+        rest[:2] = state.x, state.y
+        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
         return rest
 
     def _total_yaw_inertia(self) -> float:
@@ -134,12 +170,10 @@ class MujocoPlant:
         return float(mass_matrix[5, 5] - self.model.body_subtreemass[root] * offset @ offset)
 
     def _place(self, state: State) -> None:
-        """Put the simulator into `state`, its memory of former runs wiped."""
-        data = self._data
+        """Put the simulator into `state`, its memory of former runs wiped; on rough ground its speed is level."""
+        data, rest = self._data, self._rest(state)
         mujoco.mj_resetData(self.model, data)
-        data.qpos[:] = self._resting
-        data.qpos[:2] = state.x, state.y
-        mujoco.mju_mulQuat(data.qpos[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
+        data.qpos[:] = rest
         c, s = math.cos(state.yaw), math.sin(state.yaw)
         data.qvel[:2] = c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y
         data.qvel[5] = state.yaw_rate
@@ -198,6 +232,7 @@ class MujocoPlant:
         for reference in self._driver.references(command, whole_steps(dt, self.dt, "the step")):
             data.ctrl[:] = reference
             before = data.time
+            self.lay_ground(data)
             mujoco.mj_step(self.model, data)
             if not data.time > before:
                 raise DivergedError(f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last)
@@ -210,7 +245,8 @@ class MujocoPlant:
         """Drive `commands` at once, by `mujoco.rollout`.
 
         Returns: The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear right),
-            `torque_N_m` (M, 2) and `yaw_acceleration_rad_s2` (M,).
+            `torque_N_m` (M, 2) and `yaw_acceleration_rad_s2` (M,); on rough ground also `height_m` (M,) above where it rests
+            on level ground and `roll_pitch_rad` (M, 2).
 
         Raises:
             DivergedError: the simulator gave up.
@@ -230,14 +266,34 @@ class MujocoPlant:
             applied[:-1, 5] = self._yaw_inertia * np.asarray(disturbance)
             spec, control = spec | mujoco.mjtState.mjSTATE_QFRC_APPLIED, np.hstack([control, applied])
         model = self._prescribed_wheels() if commands.kind == "wheels" else self.model
-        states, sensors = rollout.rollout(model, self._data, start[None], control[None], control_spec=int(spec))
-        self._check_finite(states[0])
-        table = np.vstack([start, states[0, :-1]])
-        trajectory = self._trajectory(table, sensors[0], stride, state)
+        states, sensors = self._roll(model, start, control, int(spec))
+        self._check_finite(states)
+        table = np.vstack([start, states[:-1]])
+        trajectory = self._trajectory(table, sensors, stride, state)
         health = check_health(trajectory.channels["wheel_load_N"])
         if self._strict and not health.ok:
             raise UnhealthyRunError(health.advice, health=health, loads=trajectory.channels["wheel_load_N"])
         return trajectory
+
+    def _roll(
+        self, model: mujoco.MjModel, start: FloatArray, control: FloatArray, spec: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """States after, and sensors before, each of n steps from `start` under (n, ...) controls of the kind `spec`."""
+        data = self._data
+        if self.terrain.kind != "rough":
+            states, sensors = rollout.rollout(model, data, start[None], control[None], control_spec=spec)
+            return states[0], sensors[0]
+        full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        states, sensors = np.empty((len(control), len(start))), np.empty((len(control), model.nsensordata))
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_setState(model, data, start, full)
+        for k, applied in enumerate(control):
+            mujoco.mj_setState(model, data, applied, spec)
+            self.lay_ground(data)
+            mujoco.mj_step(model, data)
+            mujoco.mj_getState(model, data, states[k], full)
+            sensors[k] = data.sensordata
+        return states, sensors
 
     def _check_finite(self, states: FloatArray) -> None:
         """A diverged rollout resets itself: its clock jumps back."""
@@ -260,5 +316,8 @@ class MujocoPlant:
             "torque_N_m": sensors[:, self._torque_columns],
             "yaw_acceleration_rad_s2": sensors[:, self._acceleration_column],
         }
+        if self.terrain.kind == "rough":
+            channels["height_m"] = qpos[:, 2] - self._level_height
+            channels["roll_pitch_rad"] = quat_wxyz_to_roll_pitch(qpos[:, 3:7])
         t = stride * self.dt * np.arange(len(table), dtype=np.float64)
         return Trajectory(t, np.column_stack([qpos[:, :2], yaw]), twist, wheels, channels)

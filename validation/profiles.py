@@ -28,6 +28,7 @@ from ssmr.types import Plant
 from ssmr.vehicle import Drive, Vehicle
 from validation.husky import HuskyCalibration
 from validation.mujoco_plant import MujocoPlant
+from validation.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
 
@@ -191,8 +192,13 @@ def dump(profile: Profile) -> str:
     return tomli_w.dumps({**document, "provenance": dict(profile.provenance)})
 
 
-def make_plant(profile: Profile, name: str) -> Plant:
+def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT) -> Plant:
     """The plant of that name with the profile's numbers.
+
+    Args:
+        profile: the numbers.
+        name: which plant.
+        terrain: what the MuJoCo Husky stands on; the planar models know only level ground of one friction.
 
     Raises:
         ProfileError: an unknown name, or numbers that do not go together.
@@ -202,7 +208,7 @@ def make_plant(profile: Profile, name: str) -> Plant:
     section = profile.plants[name]
     try:
         if name == "mujoco":
-            return MujocoPlant(section.parameters, section.drive)
+            return MujocoPlant(section.parameters, section.drive, terrain=terrain)
         return PlanarPlant(PlanarModel(section.parameters, section.vehicle, section.drive))
     except ValueError as error:
         raise ProfileError(f"profile {profile.name}, plant {name}: {error}") from error

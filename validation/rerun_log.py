@@ -33,10 +33,10 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.geometry import (
     quat_wxyz_to_xyzw,
     relative,
+    roll_pitch_yaw_to_quat_wxyz,
     rotate_body_to_world,
     shift_reference,
     wrap_angle,
-    yaw_to_quat_wxyz,
 )
 from ssmr.types import FloatArray, Trajectory
 from validation.husky import WHEELS
@@ -44,11 +44,15 @@ from validation.palette import Rgb, colour, mix
 from validation.results import Comparison
 from validation.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
 from validation.store import write_atomic
+from validation.terrain import FLAT, Terrain
+from validation.wheel_loads import QUASI_STATIC
 
 os.environ.setdefault("RERUN_ANALYTICS", "false")  # rerun looks at it when it is imported
 
 import rerun as rr
 import rerun.blueprint as rrb
+
+from validation.rerun_ground import write_ground
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +77,6 @@ FIELD_OF_VIEW = math.radians(55.0)
 """Of the viewer's eye, from top to bottom [rad]."""
 
 SKY: Rgb = (238, 240, 243)
-GROUND: Rgb = (222, 225, 229)
 GRID: Rgb = (186, 191, 198)
 PLACE: Rgb = (70, 74, 80)
 COMMANDED: Rgb = (86, 180, 233)
@@ -92,6 +95,8 @@ class Track:
     """The robot to compare with; None for that robot itself."""
     tracked_point: tuple[float, float] = (0.0, 0.0)
     """The point of the body whose poses these are [m]."""
+    terrain: Terrain = FLAT
+    """What is under it."""
 
     @property
     def colour(self) -> Rgb:
@@ -117,6 +122,12 @@ class Track:
     def body(self) -> FloatArray:
         """(M, 3) poses of the body's own reference point, the middle between the axles [m, m, rad]."""
         return shift_reference(self.pose, np.negative(self.tracked_point))
+
+    @cached_property
+    def raised(self) -> FloatArray:
+        """(M, 3) height [m], roll and pitch [rad]: as simulated, or as four wheels lie on the ground."""
+        height, tilt = self.channel("height_m"), self.channel("roll_pitch_rad")
+        return self.terrain.lie(self.body) if height is None or tilt is None else np.column_stack([height, tilt])
 
     @cached_property
     def turns(self) -> FloatArray:
@@ -267,9 +278,10 @@ def _tracks(comparison: Comparison) -> list[Track]:
     known = plants.get(comparison.reference_name) or next(
         iter(plants.values())
     )  # where a recording was tracked its plants say
-    reference = Track(comparison.reference_name, comparison.reference, None, known.tracked_point)
+    ground = comparison.terrain
+    reference = Track(comparison.reference_name, comparison.reference, None, known.tracked_point, ground)
     others = [result for result in plants.values() if result.name != reference.name]
-    return [reference, *(Track(result.name, result.pieces, reference, result.tracked_point) for result in others)]
+    return [reference, *(Track(result.name, result.pieces, reference, result.tracked_point, ground) for result in others)]
 
 
 def identify(asked: object, tracks: Sequence[Track]) -> uuid.UUID:
@@ -310,14 +322,14 @@ def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None
     robot, extent, close = robot_mesh(), Extent(tracks), _stays_close(tracks)
     margin = 0.5 * extent.reach + 5.0
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    recording.log("world/ground", slab(extent.middle - margin, extent.middle + margin), static=True)
-    recording.log("lineup/ground", slab(np.full(2, -50.0), np.full(2, 50.0)), static=True)
+    write_ground(recording, "world/ground", tracks[0].terrain, extent.middle - margin, extent.middle + margin)
+    write_ground(recording, "lineup/ground", FLAT, np.full(2, -50.0), np.full(2, 50.0))
     interval = round_interval((tracks[0].t[-1] - tracks[0].t[0]) / 8.0)
     for rank, track in enumerate(tracks):
         world, lineup, place = f"world/{track.name}", f"lineup/{track.name}", _place(rank, len(tracks))
         opacity = opacity_of(robot, None if track.reference is None else track.apart)
         write_robot(recording, f"{world}/robot", robot, track, opacity)
-        write_motion(recording, f"{world}/robot", robot, track, track.body)
+        write_motion(recording, f"{world}/robot", robot, track, track.body, track.raised)
         write_path(recording, track, interval)
         write_robot(recording, f"{lineup}/robot", robot, track, SOLID)
         write_motion(recording, f"{lineup}/robot", robot, track, track.seen * ([1, 1, 1] if close else [0, 0, 1]) + place)
@@ -369,11 +381,22 @@ def write_robot(recording: rr.RecordingStream, entity: str, robot: RobotMesh, tr
         recording.log(f"{entity}/{body}", looks, static=True)
 
 
-def write_motion(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: Track, pose: FloatArray) -> None:
-    """Send where the reference point is, from (M, 3) poses, and how far the wheels have turned."""
+def write_motion(
+    recording: rr.RecordingStream,
+    entity: str,
+    robot: RobotMesh,
+    track: Track,
+    pose: FloatArray,
+    raised: FloatArray | None = None,
+) -> None:
+    """Send where the reference point is, from (M, 3) poses, and how far the wheels have turned.
+
+    `raised` is (M, 3) height, roll and pitch [m, rad, rad] where the ground is uneven.
+    """
     time, pose, turns = rr.TimeColumn(TIMELINE, duration=track.t[track.shown]), pose[track.shown], track.turns[track.shown]
-    translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
-    quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
+    height, roll, pitch = (np.zeros_like(pose) if raised is None else raised[track.shown]).T
+    translation = np.column_stack([pose[:, :2], height])
+    quat_xyzw = quat_wxyz_to_xyzw(roll_pitch_yaw_to_quat_wxyz(roll, pitch, pose[:, 2]))
     recording.send_columns(entity, [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
     recording.log(f"{entity}/base", rr.Transform3D(translation=robot.places["base"]), static=True)
     for wheel in WHEELS:
@@ -387,13 +410,14 @@ def write_path(recording: rr.RecordingStream, track: Track, interval: float) -> 
     """Log the path, one strip a piece, and a point for every `interval` [s]; the reference's points say the time."""
     first = track.reference is None
     height = 0.012 if first else 0.008
-    strips = [np.column_stack([p.xy, np.full(len(p), height)]) for p in track.pieces]
+    strips = [np.column_stack([p.xy, height + track.terrain.height_at(p.xy)]) for p in track.pieces]
     recording.log(f"world/{track.name}/path", lines(strips, track.colour, 2.2 if first else 1.5), static=True)
     stamps, points = list[float](), list[list[float]]()
     for piece in track.pieces:
         for k in range(math.ceil(piece.t[0] / interval), math.floor(piece.t[-1] / interval) + 1):
             stamps.append(k * interval)
-            points.append([*(float(np.interp(stamps[-1], piece.t, column)) for column in piece.xy.T), height])
+            xy = np.array([[np.interp(stamps[-1], piece.t, column) for column in piece.xy.T]])
+            points.append([*xy[0], height + float(track.terrain.height_at(xy)[0])])
     if points:
         marks = rr.Points3D(points, colors=[track.colour], radii=rr.Radius.ui_points(4.0 if first else 3.0))
         recording.log(f"world/{track.name}/ticks", marks, static=True)
@@ -424,17 +448,6 @@ def labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Po
     """Texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
     radii = rr.Radius.ui_points(0.1)
     return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)
-
-
-def slab(low: FloatArray, high: FloatArray) -> rr.Mesh3D:
-    """The ground between two corners, just below the lines that are drawn on it."""
-    corners = [(x, y, -0.004) for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
-    return rr.Mesh3D(
-        vertex_positions=corners,
-        triangle_indices=[(0, 1, 2), (0, 2, 3)],
-        vertex_normals=[(0.0, 0.0, 1.0)] * 4,
-        vertex_colors=[GROUND] * 4,
-    )
 
 
 # --- the plots ---
@@ -517,6 +530,12 @@ def _plots_of(track: Track) -> dict[str, Series]:
     if loads is not None:
         names = [f"{wheel.replace('_', ' ')} [N]" for wheel in WHEELS]
         plots[f"wheel_load/{track.name}"] = Series(names, WHEEL_COLOURS, track.t, loads)
+    formula = track.channel(QUASI_STATIC)
+    if formula is not None:
+        names = [f"{wheel.replace('_', ' ')} quasi-static [N]" for wheel in WHEELS]
+        plots[f"wheel_load/{track.name}_quasi_static"] = Series(
+            names, [mix(c, WHITE, 0.5) for c in WHEEL_COLOURS], track.t, formula
+        )
     return plots
 
 

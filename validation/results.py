@@ -9,6 +9,8 @@ from ssmr.closed_loop import ClosedRun
 from ssmr.metrics import HorizonErrors, PathMetrics
 from ssmr.types import Commands, FloatArray, Trajectory
 from validation.mujoco_plant import Health
+from validation.terrain import FLAT, Terrain
+from validation.wheel_loads import WheelLoads
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +30,11 @@ class PlantResult:
     real_time_factor: float
     """Simulated over wall time [1]."""
     health: Health | None = None
-    """What the wheel loads say; only the MuJoCo Husky has them."""
+    """Whether the wheel loads can be believed; only the MuJoCo Husky has them, and on uneven ground they have no verdict."""
     tracked_point: tuple[float, float] = (0.0, 0.0)
     """The point (x, y) of the plant's body whose motion `pieces` is [m]."""
+    loads: WheelLoads | None = None
+    """What its wheels carried; only the MuJoCo Husky knows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,8 @@ class Comparison:
     """How it was run: input, noise, disturbance, horizons, time span."""
     versions: Mapping[str, str]
     """Of this project, Python and the packages that decide numbers."""
+    terrain: Terrain = FLAT
+    """What the MuJoCo Husky stood on."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +227,8 @@ class TrackResult:
     """How it was run: feedback, disturbance, look-ahead, periods."""
     versions: Mapping[str, str]
     """Of this project, Python and the packages that decide numbers."""
+    terrain: Terrain = FLAT
+    """What a MuJoCo Husky stood on."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ssmr.metrics import HorizonErrors
+from validation.husky import WHEELS
 from validation.results import Comparison, PlantResult
+from validation.terrain import FLAT
 
 Quantity = Literal["length", "ratio", "angle", "speed-up"]
 Wanted = Literal["low", "one", "high"]
@@ -216,6 +218,55 @@ def _horizon_grid(comparison: Comparison) -> Grid | None:
     return Grid(tuple(header), tuple(groups), left=2)
 
 
+NEWTONS = Unit("N", 1.0, 0)
+PERCENT = Unit("%", 100.0, 1)
+
+
+def _load_grid(comparison: Comparison) -> Grid | None:
+    """What the wheels of the plants that know carried."""
+    groups = []
+    for name, result in comparison.plants.items():
+        loads = result.loads
+        if loads is not None:
+            rows = zip(
+                WHEELS, loads.static_N, loads.mean_N, loads.lowest_N, loads.highest_N, loads.off_ground_share, strict=True
+            )
+            groups.append(
+                tuple(
+                    (
+                        Cell(name),
+                        Cell(wheel.replace("_", " ")),
+                        *(Cell(NEWTONS.text(n)) for n in newtons),
+                        Cell(PERCENT.text(share)),
+                    )
+                    for wheel, *newtons, share in rows
+                )
+            )
+    header = [
+        ("plant", ""),
+        ("wheel", ""),
+        *((n, "N") for n in ("static", "mean", "least", "greatest")),
+        ("off ground", "%"),
+    ]
+    return Grid(tuple(header), tuple(groups), left=2) if groups else None
+
+
+def _load_caption(comparison: Comparison) -> str:
+    """How much of the loads each formula explains."""
+    return "; ".join(
+        f"{name} on {comparison.terrain.words}: rms {r.loads.static_rms_N:.1f} N from the static share (Eq. 2.17), "
+        f"{r.loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
+        for name, r in comparison.plants.items()
+        if r.loads is not None
+    )
+
+
+def load_table(comparison: Comparison) -> Table | None:
+    """What each wheel carried, for a terminal; None where no plant knows."""
+    grid = _load_grid(comparison)
+    return None if grid is None else rich_table(grid, "Wheel loads", _load_caption(comparison))
+
+
 def _unhealthy(comparison: Comparison) -> list[tuple[str, str]]:
     """Plants whose wheel loads say that their contact cannot be believed, each with what to do about it."""
     return [(n, r.health.advice) for n, r in comparison.plants.items() if r.health is not None and not r.health.ok]
@@ -286,6 +337,8 @@ def comparison_table(comparison: Comparison) -> Table:
         itself, being at no distance from itself, left out.
     """
     title = f"{one_line(comparison.source)} · profile {one_line(comparison.profile)}"
+    if comparison.terrain != FLAT:
+        title += f" · mujoco on {comparison.terrain.words}"
     caption = f"against {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
     for name, _ in _unhealthy(comparison):
         caption += f"\n{name} is unhealthy: by its wheel loads its contact is not to be believed"
@@ -372,6 +425,9 @@ def report_markdown(comparison: Comparison) -> str:
             " given are how many there are, and the median and the 95th percentile (p95) over them. Bold: the best of each"
             " horizon.",
         ]
+    loads = _load_grid(comparison)
+    if loads is not None:
+        lines += ["", "## Wheel loads", "", *markdown_table(loads), "", f"{_load_caption(comparison)}."]
     lines += ["", "## What the metrics mean", ""]
     lines += [f"- **{column.name}**: {column.meaning}." for column in COLUMNS]
     return "\n".join(lines) + "\n"

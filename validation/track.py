@@ -14,6 +14,7 @@ from validation import cli, store
 from validation.gains import load_gains, names
 from validation.profiles import PLANTS, load
 from validation.results import TrackResult
+from validation.terrain import parse_terrain
 from validation.track_report import as_document, track_notes, track_tables
 from validation.tracking import Robot, make_controller, make_robot, odometry_of, require_practicable, track
 from validation.waypoint_files import open_reference
@@ -41,6 +42,7 @@ def main(
     no_noise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     no_disturbance: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     lookahead: float = 0.0,
+    terrain: str = "flat",
     seed: int = 0,
     workers: int | None = None,
     out: Path | None = None,
@@ -66,6 +68,8 @@ def main(
         no_noise: No noise and no disturbance: truth as feedback.
         no_disturbance: Do not push the robot's yaw at random (Sec. 3.4.5).
         lookahead: Distance at which the robot keeps behind its target [m] (Sec. 4.5).
+        terrain: What a MuJoCo Husky stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM or split:FRICTION_RATIO, with more keys
+            as in validation.compare.
         seed: Seed of noise and disturbance.
         workers: Threads; the result does not depend on it.
         out: Folder for the results; runs/track/CONTROLLER-REFERENCE if not given.
@@ -85,7 +89,10 @@ def main(
         settings = LoopSettings(
             "truth" if no_noise else feedback, disturbance=not (no_noise or no_disturbance), lookahead=lookahead
         )
-        robots: list[Robot] = [make_robot(chosen, name) for name in plants]
+        ground = parse_terrain(terrain)
+        if ground.kind != "flat" and "mujoco" not in plants:
+            raise cli.UserError(f"--terrain {terrain} needs --plant mujoco: the planar models know only level ground")
+        robots: list[Robot] = [make_robot(chosen, name, ground) for name in plants]
         for robot in robots:
             require_practicable(waypoints, robot.drive, label)
     results = [

@@ -45,6 +45,7 @@ from validation.drawing import (
 )
 from validation.results import TrackResult
 from validation.tables import DEGREES, Unit, length_unit, shortened
+from validation.terrain import FLAT
 from validation.track_report import MEASURES, gains_text, headline, lost_text, require_comparable, units_of
 
 LIMITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -164,6 +165,7 @@ def _footer_text(result: TrackResult) -> str:
     parts = [f"profile {shortened(result.profile, 24)}", f"seed {result.seed}"]
     options = (("feedback", "feedback {}"), ("lookahead_m", "look-ahead {:g} m"))
     parts += [text.format(result.options[k]) for k, text in options if k in result.options]
+    parts += [] if result.terrain == FLAT else [f"terrain {result.terrain.spec}"]
     parts += ["yaw disturbed"] * (result.options.get("disturbance") is True)
     parts += [f"{k} {result.versions[k]}" for k in ("ssmr-testbed", "mujoco", "numpy") if k in result.versions]
     return shortened(" · ".join(parts), 170)

@@ -19,6 +19,7 @@ import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
 from validation.palette import Rgb, mix
+from validation.rerun_ground import write_ground
 from validation.rerun_log import (
     BLACK,
     TIMELINE,
@@ -38,7 +39,6 @@ from validation.rerun_log import (
     round_interval,
     rr,
     rrb,
-    slab,
     write_circumstances,
     write_motion,
     write_path,
@@ -49,6 +49,7 @@ from validation.rerun_log import (
 from validation.results import TrackResult
 from validation.robot_mesh import robot_mesh
 from validation.store import write_atomic
+from validation.terrain import FLAT
 from validation.track_report import gains_text, headline, require_comparable, track_markdown
 
 REFERENCE, TARGET = "reference", "target"
@@ -81,8 +82,9 @@ def write_track_rerun(results: Sequence[TrackResult], path: Path) -> None:
     """
     require_comparable(results)
     first = results[0]
-    reference = Track(REFERENCE, (max(results, key=lambda r: len(r.target)).target,), None)
-    robots = [Track(r.plant, (r.run.motion,), None) for r in results]
+    ground = next((r.terrain for r in results if r.terrain != FLAT), FLAT)  # planar models stand on none
+    reference = Track(REFERENCE, (max(results, key=lambda r: len(r.target)).target,), None, terrain=ground)
+    robots = [Track(r.plant, (r.run.motion,), None, terrain=ground) for r in results]
 
     def fill(recording: rr.RecordingStream) -> None:
         plots = _plots(results, reference)
@@ -121,14 +123,14 @@ def _write_scene(recording: rr.RecordingStream, reference: Track, robots: Sequen
     robot, extent, solid = robot_mesh(), Extent([reference, *robots]), robots[0]
     margin = 0.5 * extent.reach + 5.0
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    recording.log("world/ground", slab(extent.middle - margin, extent.middle + margin), static=True)
+    write_ground(recording, "world/ground", reference.terrain, extent.middle - margin, extent.middle + margin)
     write_path(recording, reference, round_interval((reference.t[-1] - reference.t[0]) / 8.0))
     _write_target(recording, reference)
     for rank, track in enumerate(robots):
         entity, n = f"world/{track.name}/robot", min(len(track.t), len(solid.t))
         apart = None if rank == 0 else np.hypot(*(track.pose[:n, :2] - solid.pose[:n, :2]).T)
         write_robot(recording, entity, robot, track, opacity_of(robot, apart))
-        write_motion(recording, entity, robot, track, track.pose)
+        write_motion(recording, entity, robot, track, track.pose, track.raised)
         recording.log(f"{entity}/outline", outline(robot, robot.box[1, 2], track.colour), static=True)
         _write_trail(recording, track)
         write_signpost(recording, track, extent, rank)
@@ -142,7 +144,7 @@ def _write_target(recording: rr.RecordingStream, reference: Track) -> None:
     post = lines([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]], TARGET_INK, 2.5)
     recording.log(f"world/{TARGET}/post", post, static=True)
     time = rr.TimeColumn(TIMELINE, duration=reference.t[reference.shown])
-    translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
+    translation = np.column_stack([pose[:, :2], reference.terrain.height_at(pose[:, :2])])
     quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
     recording.send_columns(f"world/{TARGET}", [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
 
@@ -150,7 +152,7 @@ def _write_target(recording: rr.RecordingStream, reference: Track) -> None:
 def _write_trail(recording: rr.RecordingStream, track: Track) -> None:
     """Log where a robot has been, as it grows."""
     every = max(1, math.ceil(len(track.t) / TRAIL_POINTS))
-    points = np.column_stack([track.pose[:, :2], np.full(len(track.t), TRAIL_HEIGHT)])
+    points = np.column_stack([track.pose[:, :2], TRAIL_HEIGHT + track.terrain.height_at(track.pose[:, :2])])
     ends = np.unique(np.linspace(0, len(track.t) - 1, TRAIL_UPDATES).astype(np.intp))
     trails = [[np.vstack([points[: end + 1 : every], points[end]])] for end in ends]
     time = rr.TimeColumn(TIMELINE, duration=track.t[ends])

@@ -26,6 +26,7 @@ from validation.husky_loops import HuskyLoop, run_husky_loops
 from validation.mujoco_plant import MujocoPlant
 from validation.profiles import PlantProfile, Profile, make_plant
 from validation.results import TrackMetrics, TrackResult
+from validation.terrain import FLAT, Terrain
 
 AT_LIMIT = 0.999
 """From this share of a limit on, a torque or a command counts as saturated."""
@@ -46,18 +47,23 @@ class Robot:
         return self.body.drive
 
     @property
+    def terrain(self) -> Terrain:
+        """What it stands on."""
+        return self.body.terrain if isinstance(self.body, MujocoPlant) else FLAT
+
+    @property
     def side_limit(self) -> float:
         """Greatest torque of a side [N m]."""
         return 2.0 * self.drive.torque_limit
 
 
-def make_robot(profile: Profile, plant: str) -> Robot:
-    """The plant of that name with the profile's numbers.
+def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> Robot:
+    """The plant of that name with the profile's numbers, on a terrain if it is the MuJoCo Husky.
 
     Raises:
         ProfileError: an unknown name, or numbers that do not go together.
     """
-    made = make_plant(profile, plant)
+    made = make_plant(profile, plant, terrain)
     p: PlantProfile = profile.plants[plant]
     body = made if isinstance(made, MujocoPlant) else PlanarModel(p.parameters, p.vehicle, p.drive)
     return Robot(plant, body)
@@ -178,8 +184,10 @@ def track(
             "w_max_rad_s": robot.drive.w_max,
             "position_period_s": settings.position_period,
             "velocity_period_s": settings.velocity_period,
+            "terrain": robot.terrain.spec,
         },
         store.versions(),
+        robot.terrain,
     )
 
 

@@ -1,0 +1,142 @@
+"""Wheel loads: balances of force and moment, the static share, and the MuJoCo Husky as witness."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.loads import LoadModel, slope, static_loads, turning_drift
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.types import Commands, State
+from ssmr.vehicle import Drive, Vehicle
+from tests.conftest import ROUNDOFF
+from validation.husky import HuskyCalibration
+from validation.mujoco_plant import MujocoPlant
+from validation.terrain import FLAT, Terrain, parse_terrain
+from validation.wheel_loads import MEASURED, QUASI_STATIC, load_model, summarise, with_quasi_static
+
+LEVEL = np.array([[0.0, 0.0, -9.81]])
+HUSKY = LoadModel(73.3, 0.0, 0.0, 0.19, 0.512, 0.5708, 0.176)
+numbers = st.floats(-3, 3)
+STIFF = Drive(delay_v=0.0, delay_w=0.0, command_half_track=0.5137, torque_limit=400.0, acceleration_v=1.0, wheel_lag=0.02)
+STATIC_SHARE = 0.005
+"""Of a robot at rest after a second: the contacts' last settling."""
+PAIR, WHEEL = 0.4, 1.0
+"""Of axles and sides, whose loads statics decides, and of single wheels, whose twist is left to the springs [N]."""
+PAIRS = np.array([[1, 1, 0, 0], [0, 0, 1, 1], [1, 0, 1, 0], [0, 1, 0, 1]])
+"""Axles and sides."""
+DRIFT = 0.03
+"""Of the first-order theory of a drift that is a tenth of the skid."""
+
+
+def loads(model: LoadModel, a: tuple[float, float] = (0.0, 0.0), g: np.ndarray = LEVEL) -> np.ndarray:
+    zero = np.zeros(1)
+    return model.quasi_static(np.array([a]), g, zero, zero, zero)[0]
+
+
+def test_at_rest_it_is_the_static_share_of_the_thesis() -> None:
+    for a, b in ((0.256, 0.256), (0.2, 0.312)):
+        vehicle = Vehicle(a=a, b=b)
+        com = 0.5 * (a + b) - b  # front axle b ahead of the centre of gravity: that lies so far ahead of the middle
+        model = LoadModel(vehicle.mass, com, 0.0, 0.19, a + b, 0.55)
+        np.testing.assert_allclose(loads(model), static_loads(vehicle), rtol=ROUNDOFF)
+
+
+@given(numbers, numbers, st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), numbers, numbers, numbers)
+def test_forces_and_moments_balance(ax: float, ay: float, cx: float, cy: float, spin: float, rate: float, w: float) -> None:
+    m = LoadModel(70.0, cx, cy, 0.2, 0.5, 0.6, 0.2)
+    n = m.quasi_static(np.array([[ax, ay]]), LEVEL, np.array([spin]), np.array([rate]), np.array([w]))[0]
+    x, y = 0.25 * np.array([1, 1, -1, -1]), 0.3 * np.array([1, -1, 1, -1])
+    assert n.sum() == pytest.approx(70.0 * 9.81)
+    assert (x - cx) @ n == pytest.approx(-0.2 * 70.0 * ax - 0.2 * rate, abs=1e-9)
+    assert (y - cy) @ n == pytest.approx(-0.2 * 70.0 * ay - 0.2 * spin * w, abs=1e-9)
+    assert n[0] - n[1] == pytest.approx(n[2] - n[3])  # a rigid body on equal springs: no twist
+
+
+def test_load_goes_to_the_rear_when_it_speeds_up_and_to_the_outside_when_it_turns() -> None:
+    ahead, left = loads(HUSKY, (1.0, 0.0)), loads(HUSKY, (0.0, 1.0))
+    assert ahead[0] < ahead[2]
+    assert left[0] < left[1]
+
+
+@given(st.floats(0.0, 0.4), st.floats(-3, 3))
+def test_a_slope_loads_as_the_acceleration_does_that_would_hide_it(angle: float, toward: float) -> None:
+    ramp = Terrain("ramp", slope=angle, toward=toward).gravity_in_body(np.zeros(1), 9.81)
+    falling = loads(HUSKY, (float(ramp[0, 0]), float(ramp[0, 1])), ramp)  # in free slide nothing pushes along the ground
+    np.testing.assert_allclose(falling, 73.3 * 9.81 * math.cos(angle) / 4.0, rtol=1e-9)
+
+
+def test_slope_differentiates() -> None:
+    t = np.linspace(0.0, 2.0, 201)
+    np.testing.assert_allclose(slope(t, t**2)[10:-10], 2.0 * t[10:-10], atol=1e-12)
+
+
+@pytest.mark.parametrize("com", [(0.0, 0.0), (-0.087, 0.0), (0.05, -0.085)])
+def test_the_husky_at_rest_carries_what_the_formula_says(com: tuple[float, float]) -> None:
+    plant = MujocoPlant(HuskyCalibration(com_x=com[0], com_y=com[1]), STIFF)
+    motion = plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05)
+    wanted = with_quasi_static(motion, plant, (0.0, 0.0)).channels[QUASI_STATIC][-1]
+    simulated = motion.channels[MEASURED][-1]
+    np.testing.assert_allclose(PAIRS @ simulated, PAIRS @ wanted, rtol=STATIC_SHARE)
+    if 0.0 in com:  # with both, the twist is left to springs, and MuJoCo's are as stiff as what they carry is heavy
+        np.testing.assert_allclose(simulated, wanted, rtol=STATIC_SHARE)
+
+
+def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
+    plant = MujocoPlant(HuskyCalibration(friction=0.7, gain=2100.0, armature=1.8), STIFF)
+    speeding = plant.run(Commands(0.05, np.tile([1.0, 0.0], (16, 1))), State(), 0.05)
+    turning = plant.run(Commands(0.05, np.tile([1.0, 0.5], (80, 1))), State(), 0.05)
+    mean = 0.25 * load_model(plant).mass * 9.81
+    for motion, window, transfer in ((speeding, slice(8, 15), 14.0), (turning, slice(50, 79), 6.0)):
+        formula = with_quasi_static(motion, plant, (0.0, 0.0)).channels[QUASI_STATIC][window].mean(axis=0)
+        simulated = motion.channels[MEASURED][window].mean(axis=0)
+        assert np.abs(formula - mean).max() > transfer
+        np.testing.assert_allclose(PAIRS @ simulated, PAIRS @ formula, rtol=0.0, atol=PAIR)
+        np.testing.assert_allclose(simulated, formula, rtol=0.0, atol=WHEEL)
+
+
+def test_loads_on_a_side_slope_are_the_formulas() -> None:
+    plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF, terrain=parse_terrain("ramp:slope_deg=10,toward_deg=90"))
+    motion = with_quasi_static(plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05), plant, (0.0, 0.0))
+    np.testing.assert_allclose(motion.channels[MEASURED][-1], motion.channels[QUASI_STATIC][-1], rtol=2 * STATIC_SHARE)
+    found = summarise((motion,), Vehicle())
+    assert found.quasi_static_rms_N < 0.1 * found.static_rms_N
+    assert found.off_ground_share == (0.0,) * 4
+
+
+def test_a_shifted_tracked_point_changes_nothing() -> None:
+    plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF)
+    motion = plant.run(TRAJECTORIES["traj1"].commands(), State(), 0.05)
+    here = with_quasi_static(motion, plant, (0.0, 0.0)).channels[QUASI_STATIC]
+    point = (0.1, -0.05)
+    seen = type(motion)(
+        motion.t,
+        motion.pose,
+        motion.twist + motion.twist[:, 2:] * [-point[1], point[0], 0.0],
+        motion.wheels,
+        motion.channels,
+    )
+    np.testing.assert_allclose(with_quasi_static(seen, plant, point).channels[QUASI_STATIC], here, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("friction", "degrees", "rate"), [(0.3, 1.0, 0.4), (0.6, 2.0, 0.4), (0.6, 2.0, 0.8)])
+def test_a_robot_that_turns_on_a_slope_slides_down_it_as_derived(friction: float, degrees: float, rate: float) -> None:
+    terrain = parse_terrain(f"ramp:{degrees}")
+    plant = MujocoPlant(HuskyCalibration(friction=friction, gain=2100.0, armature=1.8), STIFF, terrain=terrain)
+    n = round((2.0 + 4.2 * math.pi / rate) / 0.05)
+    motion = plant.run(Commands(0.05, np.tile([0.0, rate], (n, 1))), State(), 0.05)
+    first = 40
+    last = int(np.searchsorted(motion.yaw, motion.yaw[first] + 4.0 * math.pi))
+    drift = (motion.xy[last] - motion.xy[first]) / (motion.t[last] - motion.t[first])
+    turned = (motion.yaw[last] - motion.yaw[first]) / (motion.t[last] - motion.t[first])
+    wanted = turning_drift(terrain.slope, turned, friction, 0.512, 0.5708)
+    assert drift[0] == pytest.approx(-wanted, rel=DRIFT)
+    assert abs(drift[1]) < 0.1 * wanted
+    level = MujocoPlant(plant.calibration, STIFF, terrain=FLAT).run(
+        Commands(0.05, np.tile([0.0, rate], (n, 1))), State(), 0.05
+    )
+    assert np.abs(level.xy).max() < 1e-3

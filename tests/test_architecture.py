@@ -59,6 +59,8 @@ LAYERS = (
         "validation.robustness_figure",
         "validation.filter_study",
         "validation.filter_figure",
+        "validation.terrain_study",
+        "validation.terrain_figure",
     },
     {"validation.objective", "validation.tuning"},
     {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},

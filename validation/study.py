@@ -199,7 +199,47 @@ def gains(
     _report([(table, title, "") for table, title in study.tables(result)], [], written)
 
 
-STUDIES: Mapping[str, Callable[..., None]] = {"robustness": robustness, "filter": filter, "tables": tables, "gains": gains}
+def terrain(
+    *,
+    profile: str = "thesis-lab",
+    horizon: float = 6.0,
+    seeds: int = 3,
+    seed: int = 0,
+    workers: int | None = None,
+    out: Path = Path("runs/study/terrain"),
+) -> None:
+    """Measure how far planar models and trackers hold as speed, slope, roughness and difference of friction grow.
+
+    Args:
+        profile: Name of a shipped profile or path of a TOML file.
+        horizon: After which relative poses are compared [s].
+        seeds: How many rough grounds.
+        seed: Of the first of them, and of noise.
+        workers: Threads; the result does not depend on it.
+        out: Folder for the results.
+    """
+    from validation import terrain_study as study
+    from validation.terrain_figure import draw_terrain
+
+    with cli.mistakes_are_users():
+        _check(seed, workers)
+        settings = study.TerrainSettings(seeds=seeds, seed=seed, horizon=horizon)
+        chosen = load(profile)
+    folder = cli.output_folder(out)
+    with cli.progress() as bar:
+        task = bar.add_task("terrain", total=study.steps(settings))
+        result = study.study_terrain(chosen, settings, workers, lambda what: bar.update(task, advance=1, description=what))
+    written = _write(folder, study.as_document(result), draw_terrain(result), study.markdown(result))
+    _report([(table, title, "") for table, title in study.tables(result)], [], written)
+
+
+STUDIES: Mapping[str, Callable[..., None]] = {
+    "robustness": robustness,
+    "filter": filter,
+    "tables": tables,
+    "gains": gains,
+    "terrain": terrain,
+}
 """By name, as on the command line."""
 
 

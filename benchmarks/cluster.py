@@ -1,0 +1,114 @@
+"""What a second machine brings: `python -m benchmarks.cluster [--out FILE.json]` (extra `cluster`).
+
+Worker processes of one thread each take the place of machines. Per generation of a fit, and for a study of many surfaces
+(docs/examples/surfaces.py): one worker against two, and one worker against this process, which shows what the cluster costs.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import os
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numba
+import numpy as np
+
+from benchmarks.fit import LAB_FREE, problem_of
+from benchmarks.rows import Row, alternate, report
+from validation import cli
+from validation.cluster import Cluster
+from validation.objective import CostSettings, Problem
+
+POPULATION = 48
+SURFACES = Path(__file__).resolve().parents[1] / "docs" / "examples" / "surfaces.py"
+
+
+def rows_of(
+    what: str, here: Callable[[], object], one: Callable[[], object], two: Callable[[], object], repeats: int
+) -> list[Row]:
+    """One worker against this process, and one against two."""
+    t_here, t_one, t_two = alternate(here, one, two, repeats=repeats)
+    return [
+        Row(f"{what}: this process, one thread, over one worker", t_here / t_one, "", t_one, t_here, True),
+        Row(f"{what}: one worker over two", t_one / t_two, ">= 1.6", t_two, t_one, t_one / t_two >= 1.6),
+    ]
+
+
+def generation_rows(clients: tuple[Any, Any], model: str, problem: Problem, repeats: int) -> list[Row]:
+    """A generation of a fit."""
+    points = np.random.default_rng(0).random((POPULATION, len(problem.space)))
+    limits = np.full(POPULATION, np.inf)
+    with ExitStack() as stack:
+        one, two = (stack.enter_context(Cluster(c.scheduler.address, problem)) for c in clients)
+        what = f"generation of {POPULATION}, {model} on traj4"
+        return rows_of(
+            what, lambda: problem.costs(points, limits), lambda: one(points, limits), lambda: two(points, limits), repeats
+        )
+
+
+def surface_rows(clients: tuple[Any, Any], repeats: int) -> list[Row]:
+    """The example's surfaces, one task each."""
+    example = _example()
+    surfaces = list(itertools.product(example.FRICTIONS, example.TERRAINS))
+    for client in clients:
+        client.upload_file(str(SURFACES))
+    columns = list(zip(*surfaces, strict=True))
+
+    def spread(client: Any) -> Callable[[], object]:
+        return lambda: client.gather(client.map(example.one_surface, *columns, pure=False))
+
+    def here() -> object:
+        return [example.one_surface(*surface) for surface in surfaces]
+
+    return rows_of(f"{len(surfaces)} surfaces", here, spread(clients[0]), spread(clients[1]), repeats)
+
+
+def _example() -> ModuleType:
+    """The example as a module that workers can import by the same name."""
+    import sys
+
+    sys.path.insert(0, str(SURFACES.parent))
+    return importlib.import_module(SURFACES.stem)
+
+
+def main(repeats: int = 5, out: Path = Path("runs/benchmarks/cluster.json")) -> None:
+    """Measure what a second worker brings.
+
+    Args:
+        repeats: Of each measurement; the fastest counts.
+        out: Where the numbers go.
+    """
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise cli.UserError("this needs dask.distributed: pip install 'ssmr-testbed[cluster]'") from error
+    numba.set_num_threads(1)
+    with ExitStack() as stack:
+        clusters = [
+            stack.enter_context(
+                LocalCluster(
+                    n_workers=n, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
+                    silence_logs=50,
+                )
+            )
+            for n in (1, 2)
+        ]  # fmt: skip
+        one, two = (stack.enter_context(Client(c)) for c in clusters)
+        rows = generation_rows(
+            (one, two), "mujoco", problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync")), repeats
+        )
+        planar = problem_of("improved", "traj4@mujoco", ("u_x", "mu_s", "mu_d", "gain"), CostSettings("path"))
+        rows += generation_rows((one, two), "improved", planar, repeats)
+        rows += surface_rows((one, two), max(1, repeats // 2))
+    report("What a second worker brings", rows, out)
+
+
+if __name__ == "__main__":
+    cli.run(main, "python -m benchmarks.cluster")

@@ -28,8 +28,11 @@ LAYERS = (
         "validation.husky",
         "validation.recording",
     },
-    {"validation.mujoco_plant", "validation.robot_mesh"},
-    {"validation.profiles", "validation.results", "validation.drawing", "validation.husky_loops"},
+    {"validation.mujoco_plant", "validation.robot_mesh", "validation.bags", "validation.signals"},
+    {
+        *("validation.profiles", "validation.results", "validation.drawing", "validation.husky_loops"),
+        *("validation.bag_recording", "validation.dead_reckoning", "validation.recording_export"),
+    },
     {
         "validation.searchable",
         "validation.search",
@@ -48,7 +51,7 @@ LAYERS = (
         "validation.tune_report",
         "validation.tune_figure",
     },
-    {"validation.driving", "validation.tracking", "validation.learning"},
+    {"validation.driving", "validation.tracking", "validation.learning", "validation.recording_report"},
     {
         "validation.compare",
         "validation.population",
@@ -57,11 +60,12 @@ LAYERS = (
         "validation.robustness_figure",
         "validation.filter_study",
         "validation.filter_figure",
+        "validation.simulated_log",
     },
     {"validation.objective", "validation.tuning"},
     {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},
     {"validation.fitting"},
-    {"validation.fit", "validation.track", "validation.tune", "validation.study"},
+    {"validation.fit", "validation.track", "validation.tune", "validation.study", "validation.recordings"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 

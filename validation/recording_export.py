@@ -20,7 +20,7 @@ import numpy as np
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 from validation.recording import Recording
-from validation.signals import GROUPS, Groups
+from validation.signals import GROUPS, POSES, Groups
 from validation.store import write_atomic
 
 EPOCH_NS = 1_000_000_000 * 10**9
@@ -161,6 +161,8 @@ def write_bag(groups: Groups, path: Path) -> None:
     write_atomic(path, write)
 
 
+_ODOMETRY = dict(zip(*POSES, strict=True))
+"""What the columns of a pose are called where they are odometry's; in a log without another pose they are x, y, yaw."""
 _Message = tuple[int, str, str, Callable[[], Any]]
 """Stamp [ns], topic, type, and who makes it."""
 
@@ -177,7 +179,7 @@ def _fill(writer: Any, store: _Store, groups: Groups, serialize: Callable[[Any, 
 def _messages(store: _Store, groups: Groups) -> Iterator[_Message]:
     for name, group in groups.items():
         stamps = [EPOCH_NS + round(float(t) * 1e9) for t in group.t]
-        loose = dict(group.columns)
+        loose = {_ODOMETRY.get(n, n) if name == "odom" else n: values for n, values in group.columns.items()}
         if name in _TOPICS and all(column in loose for column in GROUPS[name]):
             topic, kind, make = _TOPICS[name]
             table = np.column_stack([loose.pop(column) for column in GROUPS[name]])

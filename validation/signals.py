@@ -362,7 +362,9 @@ def _lag(a: Group, rate_a: FloatArray, b: Group, rate_b: FloatArray, *, held: bo
     if stop - start < OFFSET_SPAN:
         return None
     grid = np.arange(start, min(stop, start + MOST_SAMPLES * OFFSET_STEP), OFFSET_STEP)
-    x, y = np.interp(grid, a.t, rate_a), _held(grid, b.t, rate_b) if held else np.interp(grid, b.t, rate_b)
+    x, y = np.interp(grid, a.t, rate_a), np.interp(grid, b.t, rate_b)
+    if held:  # on both sides of each instant: on stamps that the grid meets, one side would be half a step early
+        y = 0.5 * (_held(grid - 0.5 * OFFSET_STEP, b.t, rate_b) + _held(grid + 0.5 * OFFSET_STEP, b.t, rate_b))
     x, y = (ndimage.gaussian_filter1d(rate, OFFSET_SMOOTHING / OFFSET_STEP, mode="nearest") for rate in (x, y))
     lags, likeness = _correlations(x, y, _covered(grid, a), _covered(grid, b))
     best = int(np.argmax(likeness))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +14,17 @@ from evo.tools import file_interface
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
+from scipy.optimize import least_squares
 
-from ssmr.geometry import quat_wxyz_to_yaw
+from ssmr.geometry import align_rigidly, quat_wxyz_to_yaw
 from tests.bag_factory import circle, poses_at, write
 from tests.conftest import data_folder
 from validation import cli, recordings
-from validation.dead_reckoning import reckon
+from validation.dead_reckoning import integrated, reckon
 from validation.profiles import load
 from validation.recording import Recording, read_csv, write_csv
 from validation.recordings import open_log
-from validation.signals import estimate_offsets, find_rest
+from validation.signals import estimate_offsets, find_rest, unbiased
 from validation.simulated_log import LogSettings, simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -239,3 +241,29 @@ def test_on_the_parking_lot_the_filter_is_nearer_the_gps_than_gyro_heading_alone
     rest = find_rest(groups)
     assert rest is not None
     assert abs(rest.bias) < 1e-3
+    whole = reckon(unbiased(PARKING_LOT, groups))
+    assert whole is not None
+    assert whole.rows[3].rms < rms["filter of wheels and gyro"]  # as well if it is taken out of the whole log at once
+
+
+@pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")
+def test_no_constant_bias_and_scale_bring_the_parking_lot_near_its_gps() -> None:
+    """Fitted to the GPS itself they leave 2.4 m: the receiver's own error, which no dead reckoning gets below."""
+    groups = open_log(str(PARKING_LOT), "", "header", "husky-tile", 0).groups
+    gps = np.column_stack([groups["gps"].columns[name] for name in ("gps_east", "gps_north")])
+
+    def away(corrections: np.ndarray) -> np.ndarray:
+        imu, odom = groups["imu"], groups["odom"]
+        track = integrated(
+            {
+                "imu": replace(imu, columns={"gyro_z": imu.columns["gyro_z"] - 1e-3 * corrections[0]}),
+                "odom": replace(odom, columns={**odom.columns, "odom_v": odom.columns["odom_v"] * corrections[1]}),
+            }
+        )
+        assert track is not None
+        there = np.column_stack([np.interp(groups["gps"].t, track.t, track.columns[name]) for name in ("x", "y")])
+        return np.asarray(align_rigidly(there, gps) - gps).ravel()
+
+    best = least_squares(away, [0.0, 1.0])
+    assert np.sqrt(2.0 * best.cost / len(gps)) == pytest.approx(2.44, abs=0.05)
+    assert 0.96 < best.x[1] < 0.985  # the wheels are 2 to 3 % fast

@@ -111,13 +111,14 @@ def info(
     *,
     topics: str = "",
     stamps: Stamps = "header",
-    profile: str = "husky-tile",
+    profile: str = "thesis-lab",
     seed: int = 0,
 ) -> None:
     """Say what a log holds: topics or columns, rates, gaps, clocks, offsets of time, the gyro's bias, dead reckoning.
 
     Args:
-        source: Path of a recording (.csv, .bag, .mcap, or a ROS 2 bag's folder).
+        source: Path of a recording (.csv, .bag, .mcap, or a ROS 2 bag's folder), or a drive to be simulated and logged, see
+            convert.
         topics: What topics are, such as cmd=/cmd_vel,odom=/odom,gps=none; roles are cmd, odom, wheels, imu, pose, gps. What
             is not named is guessed by type.
         stamps: Which clock of a bag counts: that of the header, or that of writing.
@@ -153,7 +154,7 @@ def convert(
     ekf: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     start: Annotated[float | None, tyro.conf.arg(name="from")] = None,
     until: float | None = None,
-    profile: str = "husky-tile",
+    profile: str = "thesis-lab",
     seed: int = 0,
 ) -> None:
     """Write a log as a recording (.csv), a TUM trajectory (.tum), a ROS 2 bag (.mcap) or a ROS 1 bag (.bag).

@@ -57,6 +57,18 @@ def shift_reference(pose: ArrayLike, offset: ArrayLike) -> FloatArray:
     return np.concatenate([xy, p[..., 2:3]], axis=-1)
 
 
+def align_rigidly(points: ArrayLike, onto: ArrayLike) -> FloatArray:
+    """Turn and shift (N, 2) points as a whole, so that they lie as near as can be to the (N, 2) points `onto`, one to one.
+
+    Least squares: centroids coincide, and the sum of p . R q is greatest at the angle of (sum p . q, sum p x q). Neither
+    mirrored nor scaled.
+    """
+    p, q = np.asarray(points, dtype=np.float64), np.asarray(onto, dtype=np.float64)
+    p_0, q_0 = p - p.mean(axis=0), q - q.mean(axis=0)
+    cross = np.sum(p_0[:, 0] * q_0[:, 1] - p_0[:, 1] * q_0[:, 0])
+    return q.mean(axis=0) + rotate_body_to_world(p_0, np.arctan2(cross, np.sum(p_0 * q_0)))
+
+
 def yaw_to_quat_wxyz(yaw: ArrayLike) -> FloatArray:
     """(..., 4) unit quaternions, w first, of rotations by (...) yaw [rad] about z."""
     half = 0.5 * np.asarray(yaw, dtype=np.float64)

@@ -29,8 +29,11 @@ LAYERS = (
         "validation.recording",
     },
     {"validation.husky", "validation.rerun_ground"},
-    {"validation.mujoco_plant", "validation.robot_mesh"},
-    {"validation.profiles", "validation.wheel_loads", "validation.drawing", "validation.husky_loops"},
+    {"validation.mujoco_plant", "validation.robot_mesh", "validation.bags", "validation.signals"},
+    {
+        *("validation.profiles", "validation.wheel_loads", "validation.drawing", "validation.husky_loops"),
+        *("validation.bag_recording", "validation.dead_reckoning", "validation.recording_export"),
+    },
     {"validation.results"},
     {
         "validation.searchable",
@@ -50,7 +53,7 @@ LAYERS = (
         "validation.tune_report",
         "validation.tune_figure",
     },
-    {"validation.driving", "validation.tracking", "validation.learning"},
+    {"validation.driving", "validation.tracking", "validation.learning", "validation.recording_report"},
     {
         "validation.compare",
         "validation.population",
@@ -61,11 +64,12 @@ LAYERS = (
         "validation.filter_figure",
         "validation.terrain_study",
         "validation.terrain_figure",
+        "validation.simulated_log",
     },
     {"validation.objective", "validation.tuning"},
     {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},
     {"validation.fitting"},
-    {"validation.fit", "validation.track", "validation.tune", "validation.study"},
+    {"validation.fit", "validation.track", "validation.tune", "validation.study", "validation.recordings"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 

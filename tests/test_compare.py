@@ -217,6 +217,7 @@ def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Pat
 def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
     (tmp_path / "no_pose.csv").write_text("t,cmd_v,cmd_w\n0,0,0\n0.1,0,0\n0.2,0,0\n")
     (tmp_path / "no_wheels.csv").write_text("t,cmd_v,cmd_w,x,y,yaw\n0,0,0,0,0,0\n0.1,0,0,0,0,0\n0.2,0,0,0,0,0\n")
+    (tmp_path / "log.txt").write_text("no log")
     (tmp_path / "log.bag").write_text("")
     (tmp_path / "file").write_text("")
     return {
@@ -227,7 +228,8 @@ def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
         "unknown reference": (["traj4", "--reference", "recording"], "there are: mujoco"),
         "unknown profile": (["traj4", "--profile", "nosuch"], "thesis-lab"),
         "no such recording": ([str(tmp_path / "missing.csv")], "missing.csv"),
-        "other format": ([str(tmp_path / "log.bag")], ".csv"),
+        "other format": ([str(tmp_path / "log.txt")], ".mcap"),
+        "no bag": ([str(tmp_path / "log.bag")], "log.bag: this is no bag that can be read"),
         "no pose": ([str(tmp_path / "no_pose.csv")], "x, y, yaw"),
         "no wheel rates": ([str(tmp_path / "no_wheels.csv"), "--input", "wheels"], "enc_left, enc_right"),
         "wheels of a scenario": (["traj4", "--input", "wheels"], "recording"),
@@ -246,7 +248,7 @@ def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
 
 MISTAKES = (
     "unknown scenario", "unknown plant after @", "unknown plant", "plant twice", "unknown reference", "unknown profile",
-    "no such recording", "other format", "no pose", "no wheel rates", "wheels of a scenario", "cut scenario",
+    "no such recording", "other format", "no bag", "no pose", "no wheel rates", "wheels of a scenario", "cut scenario",
     "cut to nothing",
     "horizons", "no number", "negative seed", "out is a file", "view without recording",
 )  # fmt: skip

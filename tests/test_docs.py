@@ -18,7 +18,7 @@ from ssmr.controllers.lqr import LqrGains
 from ssmr.controllers.pid import PidGains
 from ssmr.controllers.scheduled import ScheduledGains
 from ssmr.controllers.smc import SmcGains
-from ssmr.ekf import EkfSettings, SensorModel
+from ssmr.ekf import BiasSettings, EkfSettings, SensorModel
 from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.kinematic import KinematicParameters
@@ -28,6 +28,7 @@ from ssmr.sensors import SensorNoise
 from ssmr.vehicle import Drive, Vehicle
 from tests.test_architecture import LAYERS
 from validation.husky import WHEELS, HuskyCalibration, xml_path
+from validation.simulated_log import LogSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -44,6 +45,8 @@ DOCUMENTED = (
     SensorNoise,
     EkfSettings,
     SensorModel,
+    BiasSettings,
+    LogSettings,
     PidGains,
     LqrGains,
     ScheduledGains,

@@ -226,7 +226,8 @@ def main(
     Prints a table and writes compare.json, compare.png and compare.rrd.
 
     Args:
-        source: traj1 ... traj4 (traj4@improved: held against that plant), or the path of a recording (.csv).
+        source: traj1 ... traj4 (traj4@improved: held against that plant), or the path of a recording (.csv, .bag, .mcap,
+            or a ROS 2 bag's folder).
         profile: Name of a shipped profile or path of a TOML file; thesis-lab for scenarios, husky-tile for recordings.
         plants: Which plants, comma-separated.
         reference: Plant to compare with; by default mujoco for a scenario, the recording itself for a recording.

@@ -71,7 +71,7 @@ class TableError(ValueError):
 class RecordingError(TableError):
     """A file is no recording."""
 
-    wanted = "a recording (.csv)"
+    wanted = "a recording (.csv, .bag, .mcap, or a ROS 2 bag's folder)"
     header = f"a recording begins with a header line, separated by commas, that names t and any of {', '.join(COLUMNS)}"
 
 

@@ -12,6 +12,8 @@ from ssmr.geometry import rotate_world_to_body, shift_reference
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
+from validation.bag_recording import read_bag_recording
+from validation.bags import ENDINGS
 from validation.profiles import PLANTS
 from validation.recording import Recording, Segment, read_csv
 
@@ -75,11 +77,12 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
     path = Path(name)
     if path.suffix.lower() == ".csv":
         return source_of(read_csv(path).cut(start, stop), name, kind)
+    if path.is_dir() or path.suffix.lower() in ENDINGS:
+        return source_of(read_bag_recording(path).cut(start, stop), name, kind)
     if path.exists():
-        raise ValueError(f"{name}: recordings are read from .csv files, see README for the columns")
-    raise ValueError(
-        f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and paths of .csv recordings"
-    )
+        raise ValueError(f"{name}: recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag, see README")
+    paths = "paths of recordings (.csv, .bag, .mcap, a ROS 2 bag's folder)"
+    raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")
 
 
 def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:

@@ -1,0 +1,282 @@
+"""Bags as streams and as recordings: every generation, every type; what is refused, and how it is said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.bag_factory import KINDS, Maker, Message, circle, write
+from tests.conftest import ROUNDOFF
+from validation.bag_recording import groups_of_bag, read_bag_recording, to_local, vertical
+from validation.bags import Bag, choose_topics, is_bag, read_bag
+from validation.driving import drive
+from validation.profiles import Profile, make_plant
+from validation.recording import RecordingError
+from validation.sources import open_source
+
+STAMP = 1e-6
+"""Stamps of bags are whole nanoseconds of a Unix time, which a double of seconds keeps to 0.2 microseconds."""
+
+
+@pytest.fixture(scope="session", params=KINDS)
+def bag_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The circle in each kind of bag."""
+    return write(tmp_path_factory.mktemp("bags"), request.param, circle)
+
+
+# ------------------------------------------------------------------------------------------- what is read
+def test_every_kind_of_bag_gives_the_same_streams(bag_path: Path) -> None:
+    assert is_bag(bag_path)
+    bag = read_bag(bag_path)
+    assert {s.topic for s in bag.streams} == {
+        "/cmd_vel",
+        "/fix",
+        "/husky_velocity_controller/odom",
+        "/imu/data",
+        "/joint_states",
+        "/tf:odom->base_link",
+        "/vrpn_client_node/husky/pose",
+    }
+    assert bag.others["/rosout"] == ("std_msgs/msg/String", 60)
+    for stream in bag.streams:
+        assert len(stream) == 60
+        assert stream.period == pytest.approx(0.05, abs=STAMP)
+        assert stream.stamps == ("bag" if stream.topic == "/cmd_vel" else "header")
+        assert not stream.jumps
+        assert stream.late == 0
+
+
+def test_a_bag_is_the_motion_that_was_recorded(bag_path: Path) -> None:
+    recording = read_bag_recording(bag_path)
+    assert set(recording.columns) == {"cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw"}
+    yaw = 0.4 * (1.0 + recording.t)
+    np.testing.assert_allclose(recording.columns["yaw"], yaw, atol=STAMP)
+    np.testing.assert_allclose(recording.columns["x"], 1.25 * np.sin(yaw), atol=STAMP)
+    np.testing.assert_allclose(recording.columns["enc_left"], 2.25, rtol=ROUNDOFF)  # of the wheels alone, not of the arm
+    np.testing.assert_allclose(recording.columns["enc_right"], 4.25, rtol=ROUNDOFF)
+    np.testing.assert_allclose(recording.columns["gyro_z"], 0.4, rtol=ROUNDOFF)  # about the vertical, not about its z
+    assert recording.columns["cmd_w"][0] == 0.0  # nobody had commanded yet: the stamp of writing is 10 ms later
+    np.testing.assert_allclose(recording.columns["cmd_w"][1:], 0.4, rtol=ROUNDOFF)
+    east = 1.25 * (np.sin(yaw) - math.sin(0.4))
+    np.testing.assert_allclose(recording.channels["gps_east"], east, atol=1e-4)  # the factory's degrees have six digits
+    np.testing.assert_allclose(recording.channels["odom_v"], 0.5, rtol=ROUNDOFF)
+
+
+def test_compare_and_fit_take_bags_for_recordings(bag_path: Path, lab: Profile) -> None:
+    source = open_source(str(bag_path), "wheels", stop=2.0)
+    (piece,) = source.pieces
+    assert piece.t is not None
+    assert piece.t[-1] <= 2.0
+    motion = drive(make_plant(lab, "kinematic"), piece, (0.0, 0.0), source.sample_dt)
+    assert len(motion) == len(piece.t)
+
+
+def test_joint_angles_are_differentiated(tmp_path: Path) -> None:
+    def turning(make: Maker) -> list[Message]:
+        rows = [(0.1 * k, {"left_wheel": 0.3 * k, "right_wheel": -0.2 * k}) for k in range(20)]
+        return [("/joints", t, make.joints(t, angles, angles=True)) for t, angles in rows]
+
+    recording = read_bag_recording(write(tmp_path, "mcap", turning))
+    np.testing.assert_allclose(recording.columns["enc_left"], 3.0, atol=1e-4)  # stamps of 0.1 s, known to 0.2 microseconds
+    np.testing.assert_allclose(recording.columns["enc_right"], -2.0, atol=1e-4)
+
+
+def test_yaw_is_unwrapped_and_a_transform_from_a_map_is_a_pose(tmp_path: Path) -> None:
+    def spinning(make: Maker) -> list[Message]:
+        return [("/tf", 0.1 * k, make.transform(0.1 * k, "map", "base_link", 0.0, 0.0, 0.5 * k)) for k in range(30)]
+
+    recording = read_bag_recording(write(tmp_path, "sqlite", spinning))
+    np.testing.assert_allclose(recording.columns["yaw"], 0.5 * np.arange(30), atol=STAMP)
+
+
+def test_commands_count_as_zero_once_they_are_old(tmp_path: Path) -> None:
+    def silent(make: Maker) -> list[Message]:
+        poses = [("/pose", 0.1 * k, make.pose_stamped(0.1 * k, 0.0, 0.0, 0.0)) for k in range(30)]
+        return sorted(
+            [*poses, *[("/cmd_vel", t, make.twist_stamped(t, 1.0, 0.0)) for t in (0.55, 0.65)]], key=lambda m: m[1]
+        )
+
+    recording = read_bag_recording(write(tmp_path, "ros1", silent))
+    driven = recording.columns["cmd_v"] > 0.0
+    np.testing.assert_array_equal(driven, (recording.t > 0.55) & (recording.t < 1.15))
+
+
+def test_gaps_of_a_topic_are_gaps_of_the_recording(tmp_path: Path) -> None:
+    def broken(make: Maker) -> list[Message]:
+        ticks = [0.05 * k for k in range(100)]
+        poses = [("/pose", t, make.pose_stamped(t, t, 0.0, 0.0)) for t in ticks]
+        gyro = [("/imu", t, make.imu(t, (0.0, 0.0, 0.1))) for t in ticks if not 1.0 < t < 2.0]
+        return sorted([*poses, *gyro], key=lambda m: m[1])
+
+    recording = read_bag_recording(write(tmp_path, "mcap", broken))
+    assert len(recording.segments()) == 2
+    assert not np.any((recording.t > 1.01) & (recording.t < 1.99))
+
+
+# ------------------------------------------------------------------------------------------- topics
+def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
+    def many(make: Maker) -> list[Message]:
+        out: list[Message] = []
+        for k in range(20):
+            t = 0.1 * k
+            out += [
+                ("/odometry/filtered", t, make.odometry(t, (0.0, 0.0, 0.0), 9.0, 0.0)),
+                ("/husky_velocity_controller/odom", t, make.odometry(t, (0.0, 0.0, 0.0), 1.0, 0.0)),
+                ("/a_first/twist", t, make.twist(9.0, 0.0)),
+                ("/husky/cmd_vel", t, make.twist(1.0, 0.0)),
+                ("/tf", t, make.transform(t, "odom", "base_link", 0.0, 0.0, 0.0)),
+            ]
+        return out
+
+    bag = read_bag(write(tmp_path, "mcap", many))
+    chosen = {role: stream.topic for role, stream in choose_topics(bag).items()}
+    assert chosen == {"cmd": "/husky/cmd_vel", "odom": "/husky_velocity_controller/odom"}
+    named = choose_topics(bag, {"odom": "/odometry/filtered", "cmd": "none"})
+    assert {role: stream.topic for role, stream in named.items()} == {"odom": "/odometry/filtered"}
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ({"odometry": "/odom"}, "unknown role 'odometry'; there are: cmd, odom"),
+        ({"odom": "/nowhere"}, "no topic /nowhere; there are: /cmd_vel"),
+        ({"gps": "/cmd_vel"}, "topic /cmd_vel of geometry_msgs/msg/Twist cannot be gps: wanted latitude or longitude"),
+        ({"cmd": "/rosout"}, "nothing can be read from topic /rosout: 60 messages of std_msgs/msg/String"),
+    ],
+)
+def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message: str) -> None:
+    with pytest.raises(RecordingError) as refused:
+        choose_topics(read_bag(bag_path), named)
+    assert message in str(refused.value)
+    assert str(refused.value).startswith(str(bag_path))
+
+
+# ------------------------------------------------------------------------------------------- faults
+def fault(path: Path) -> str:
+    with pytest.raises(RecordingError) as refused:
+        read_bag_recording(path)
+    text = str(refused.value)
+    assert "\n" not in text
+    assert str(path) in text
+    return text
+
+
+def poses(ticks: Sequence[tuple[float, float]], value: float = 0.0):
+    """Poses at (stamp, written) [s]."""
+    return lambda make: [("/pose", written, make.pose_stamped(t, value, 0.0, 0.0)) for t, written in ticks]
+
+
+def test_a_clock_that_jumps_is_refused_with_the_way_round(tmp_path: Path) -> None:
+    ticks = [(0.1 * k + (0.0 if k < 10 else 30.0), 0.1 * k) for k in range(20)]
+    path = write(tmp_path, "ros1", poses(ticks))
+    said = fault(path)
+    assert "the clock of topic /pose jumps by +30.000 s after 1.000 s" in said
+    assert "--stamps bag" in said
+    assert len(read_bag_recording(path, stamps="bag")) == 20
+
+
+def test_late_samples_are_sorted_and_stamps_of_another_clock_are_not_believed(tmp_path: Path) -> None:
+    ticks = [(0.1 * k, 0.1 * k + (0.25 if k == 7 else 0.0)) for k in range(20)]
+    bag = read_bag(write(tmp_path, "mcap", poses(sorted(ticks, key=lambda m: m[1]))))
+    assert bag.streams[0].late == 1
+    assert np.all(np.diff(bag.streams[0].t) > 0.0)
+    booted = [(0.1 * k - 1e6, 0.1 * k) for k in range(20)]
+    assert read_bag(write(tmp_path, "mcap", poses(booted), "booted")).streams[0].stamps == "bag"
+
+
+def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, "sqlite", poses([(0.1 * k, 0.1 * k) for k in range(5)], math.nan))
+    assert "topic /pose, 0.000 s: x is nan, wanted a finite number [m]; --topics pose=none leaves it out" in fault(path)
+
+
+def test_topics_that_do_not_overlap_are_refused(tmp_path: Path) -> None:
+    def apart(make: Maker) -> list[Message]:
+        first = [("/pose", 0.1 * k, make.pose_stamped(0.1 * k, 0.0, 0.0, 0.0)) for k in range(10)]
+        return [*first, *[("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) for k in range(10)]]
+
+    assert "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s" in fault(write(tmp_path, "mcap", apart))
+
+
+def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    assert "no ROS 2 bag: there is no metadata.yaml in it" in fault(tmp_path / "folder")
+    assert "there is no such file" in fault(tmp_path / "nowhere.bag")
+    for name in ("text.bag", "text.mcap"):
+        (tmp_path / name).write_text("hello, this is no bag at all")
+        assert "no bag that can be read, or a damaged one" in fault(tmp_path / name)
+        (tmp_path / name).write_bytes(b"")
+        fault(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bags_without_a_message_or_without_one_of_use(tmp_path: Path, kind: str) -> None:
+    assert "empty" in fault(write(tmp_path, kind, lambda make: [], "empty"))
+    talk = write(tmp_path, kind, lambda make: [("/rosout", 0.1 * k, make.text("hello")) for k in range(3)], "talk")
+    assert "nothing of use" in fault(talk)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damaged_bags_are_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, data: st.DataObject
+) -> None:
+    if kind not in _WHOLE:
+        whole = write(tmp_path_factory.mktemp("whole"), kind, lambda make: circle(make, 8))
+        _WHOLE[kind] = next(whole.glob("*.db3")) if kind == "sqlite" else whole
+    whole = _WHOLE[kind]
+    damaged = bytearray(whole.read_bytes())
+    for _ in range(data.draw(st.integers(0, 4))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    damaged = damaged[: data.draw(st.one_of(st.just(len(damaged)), st.integers(0, len(damaged))))]
+    path = tmp_path_factory.mktemp("damaged") / whole.name
+    path.write_bytes(damaged)
+    if kind == "sqlite":
+        (path.parent / "metadata.yaml").write_bytes((whole.parent / "metadata.yaml").read_bytes())
+        path = path.parent
+    try:
+        bag = read_bag(path)
+        groups_of_bag(bag, choose_topics(bag))
+    except RecordingError as refused:
+        assert "\n" not in str(refused)  # noqa: PT017
+    else:
+        assert isinstance(bag, Bag)
+
+
+_WHOLE: dict[str, Path] = {}
+
+
+# ------------------------------------------------------------------------------------------- geometry
+@given(st.floats(-80.0, 80.0), st.floats(-180.0, 180.0), st.floats(-300.0, 300.0), st.floats(-300.0, 300.0))
+def test_local_metres_agree_with_the_ellipsoid(latitude: float, longitude: float, east: float, north: float) -> None:
+    """Against the chord between two points of WGS 84 in Cartesian coordinates, which is the distance to 1e-9 there."""
+
+    def cartesian(lat: float, lon: float) -> np.ndarray:
+        a, f = 6378137.0, 1.0 / 298.257223563
+        e2, phi, lam = f * (2.0 - f), math.radians(lat), math.radians(lon)
+        n = a / math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
+        return np.array(
+            [n * math.cos(phi) * math.cos(lam), n * math.cos(phi) * math.sin(lam), n * (1.0 - e2) * math.sin(phi)]
+        )
+
+    there = (latitude + north / 111_000.0, longitude + east / (111_000.0 * math.cos(math.radians(latitude))))
+    x, y = to_local([latitude, there[0]], [longitude, there[1]])
+    distance = float(np.linalg.norm(cartesian(*there) - cartesian(latitude, longitude)))
+    # left out is the meridians' convergence, d^2 tan(latitude) / R: 0.16 m for 424 m at 80 degrees
+    assert math.hypot(x[1], y[1]) == pytest.approx(distance, abs=1e-6 + 2.0 * distance**2 * 5.7 / 6.37e6)
+    assert x[0] == y[0] == 0.0
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 0.1))
+def test_the_vertical_is_where_gravity_shows(axis: list[float]) -> None:
+    up = np.array(axis) / np.linalg.norm(axis)
+    columns = {f"acc_{name}": np.full(3, 9.81 * value) for name, value in zip("xyz", up, strict=True)}
+    np.testing.assert_allclose(vertical(columns), up, atol=1e-12)
+    weightless = {name: 0.1 * values for name, values in columns.items()}
+    np.testing.assert_array_equal(vertical(weightless), [0.0, 0.0, 1.0])

@@ -1,0 +1,269 @@
+"""`python -m validation.recordings` as its user runs it: what it writes, what others make of that, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo.tools import file_interface
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
+from scipy.optimize import least_squares
+
+from ssmr.geometry import align_rigidly, quat_wxyz_to_yaw
+from tests.bag_factory import circle, poses_at, write
+from tests.conftest import data_folder
+from validation import cli, recordings
+from validation.dead_reckoning import integrated, reckon
+from validation.profiles import load
+from validation.recording import Recording, read_csv, write_csv
+from validation.recordings import open_log
+from validation.signals import estimate_offsets, find_rest, unbiased
+from validation.simulated_log import LogSettings, simulated_log
+
+ROOT = Path(__file__).resolve().parents[1]
+PARKING_LOT = data_folder() / "husky_parking_lot" / "test1.bag"
+STAMP = 1e-6
+"""As in test_bags: nanoseconds of Unix time."""
+
+
+def run(*args: object) -> subprocess.CompletedProcess[str]:
+    """`python -m validation.recordings ARGS` as a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "validation.recordings", *map(str, args)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        timeout=300,
+    )
+
+
+def drive_csv(folder: Path, n: int = 200, period: float = 0.05) -> Path:
+    """A recording with every known column and a channel."""
+    t = period * np.arange(n)
+    names = ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw", "battery")
+    columns = {name: np.sin((k + 1) * 0.3 * t) for k, name in enumerate(names)}
+    path = folder / "drive.csv"
+    write_csv({"t": t, **columns}, path)
+    return path
+
+
+def columns_of(recording: Recording) -> dict[str, np.ndarray]:
+    return {**recording.columns, **recording.channels}
+
+
+# ------------------------------------------------------------------------------------------- what it writes
+def test_info_and_convert_as_processes(tmp_path: Path) -> None:
+    bag = write(tmp_path, "ros1", circle)
+    told = run("info", bag)
+    assert told.returncode == 0, told.stderr
+    for words in ("/husky_velocity_controller/odom", "Odometry", "20.00", "not read", "latitude", "wheels"):
+        assert words in told.stdout
+    out = tmp_path / "folder" / "drive.csv"
+    done = run("convert", bag, "--out", out, "--from", 1, "--until", 2, "--rate", 50)
+    assert done.returncode == 0, done.stderr
+    recording = read_csv(out)
+    assert recording.period == pytest.approx(0.02)
+    assert recording.t[0] >= 1.0
+    assert recording.t[-1] <= 2.0
+    assert sorted(p.name for p in out.parent.iterdir()) == ["drive.csv"]
+
+
+def test_a_csv_comes_back_through_a_bag_but_for_its_channels(tmp_path: Path) -> None:
+    source = drive_csv(tmp_path)
+    before = columns_of(read_csv(source))
+    for name in ("drive.mcap", "drive.bag"):
+        bag, back = tmp_path / name, tmp_path / f"back {name}.csv"
+        recordings.convert(str(source), out=bag)
+        recordings.convert(str(bag), out=back)
+        after = columns_of(read_csv(back))
+        assert set(after) == set(before) - {"battery"}
+        for column, values in after.items():
+            np.testing.assert_allclose(values, before[column], atol=STAMP)
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rate=st.one_of(st.none(), st.floats(5.0, 60.0)),
+    align=st.booleans(),
+    until=st.one_of(st.none(), st.floats(3.0, 9.0)),
+)
+def test_convert_is_idempotent(
+    tmp_path_factory: pytest.TempPathFactory, rate: float | None, align: bool, until: float | None
+) -> None:
+    folder = tmp_path_factory.mktemp("twice")
+    source, once, twice = drive_csv(folder), folder / "once.csv", folder / "twice.csv"
+    recordings.convert(str(source), out=once, rate=rate, align=align, until=until)
+    recordings.convert(str(once), out=twice, align=align, until=until)
+    assert twice.read_bytes() == once.read_bytes()
+
+
+def test_evo_reads_the_trajectory(tmp_path: Path) -> None:
+    source, out = drive_csv(tmp_path), tmp_path / "drive.tum"
+    recordings.convert(str(source), out=out)
+    recording, trajectory = read_csv(source), file_interface.read_tum_trajectory_file(str(out))
+    assert trajectory.check()[0]
+    np.testing.assert_allclose(trajectory.timestamps, recording.t, atol=1e-9)
+    np.testing.assert_allclose(trajectory.positions_xyz[:, :2], recording.pose[:, :2], atol=1e-9)
+    yaw = np.unwrap(quat_wxyz_to_yaw(trajectory.orientations_quat_wxyz))
+    np.testing.assert_allclose(yaw, recording.pose[:, 2], atol=1e-8)  # nine digits of a half angle's sine
+
+
+def test_any_reader_of_ros_2_reads_the_mcap(tmp_path: Path) -> None:
+    source, out = drive_csv(tmp_path), tmp_path / "drive.mcap"
+    recordings.convert(str(source), out=out)
+    recording = read_csv(source)
+    with AnyReader([out]) as reader:
+        kinds = {c.topic: c.msgtype for c in reader.connections}
+        read = [(c.topic, ns, reader.deserialize(raw, c.msgtype)) for c, ns, raw in reader.messages()]
+    assert kinds == {
+        "/cmd_vel": "geometry_msgs/msg/TwistStamped",
+        "/joint_states": "sensor_msgs/msg/JointState",
+        "/imu/data": "sensor_msgs/msg/Imu",
+        "/pose": "geometry_msgs/msg/PoseStamped",
+        "/battery": "std_msgs/msg/Float64",
+    }
+    assert [ns for _, ns, _ in read] == sorted(ns for _, ns, _ in read)
+    battery = [m.data for topic, _, m in read if topic == "/battery"]
+    np.testing.assert_array_equal(battery, recording.channels["battery"])
+    rates = [list(m.velocity) for topic, _, m in read if topic == "/joint_states"]
+    np.testing.assert_array_equal(np.array(rates)[:, 0], recording.columns["enc_left"])
+    x = [m.pose.position.x for topic, _, m in read if topic == "/pose"]
+    np.testing.assert_array_equal(x, recording.columns["x"])
+
+
+def test_odometry_without_another_pose_comes_back_as_the_pose(tmp_path: Path) -> None:
+    bag, mcap = write(tmp_path, "ros1", circle), tmp_path / "again.mcap"
+    recordings.convert(str(bag), out=mcap, topics="pose=none")
+    first, again = (open_log(str(p), "pose=none", "header", "husky-tile", 0).groups for p in (bag, mcap))
+    assert set(again) == set(first) - {"gps"}
+    for name, group in again.items():
+        assert set(group.columns) == set(first[name].columns)
+        for column, values in group.columns.items():
+            np.testing.assert_allclose(values, first[name].columns[column], atol=STAMP)
+
+
+# ------------------------------------------------------------------------------------------- a simulated log
+def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
+    faults = LogSettings()
+    profile = load("husky-tile")
+    groups = simulated_log("varied@kinematic", profile, 3)
+    late = {o.late: o.seconds for o in estimate_offsets(groups)}
+    assert late["pose"] == pytest.approx(faults.pose_late, abs=0.004)
+    rest = find_rest(groups)
+    assert rest is not None
+    assert rest.bias == pytest.approx(faults.gyro_bias, abs=4.0 * rest.std / np.sqrt(rest.seconds * 50.0))
+    again = simulated_log("varied@kinematic", profile, 3)
+    assert all(np.array_equal(a, again[n].columns[c]) for n, g in groups.items() for c, a in g.columns.items())
+    with pytest.raises(ValueError, match="there are: traj1, traj2, traj3, traj4, varied, each with @"):
+        simulated_log("varied@gazebo", profile, 3)
+
+
+# ------------------------------------------------------------------------------------------- what it refuses
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("info", "nowhere.bag"), "nowhere.bag: there is no such file"),
+        (("info", "."), "no ROS 2 bag: there is no metadata.yaml"),
+        (("convert", "{csv}", "--out", "x.xls"), "no format has the ending '.xls'; there are: .csv, .tum, .mcap, .bag"),
+        (("convert", "{csv}", "--out", "{csv}"), "is the log itself; name another file"),
+        (("convert", "{csv}", "--rate", "-3"), "--rate -3.0 must be positive [Hz]"),
+        (("convert", "{csv}", "--from", "99"), "nothing was logged in 99 to inf s"),
+        (("convert", "{csv}", "--topics", "odom=/odom"), "--topics names topics of bags"),
+        (("convert", "{bag}", "--topics", "odom"), "is no ROLE=TOPIC of its own"),
+        (("convert", "{bag}", "--topics", "odom=/nowhere"), "there is no topic /nowhere; there are: /pose"),
+        (("convert", "{bag}", "--ekf"), "--ekf needs wheels or odometry"),
+        (("convert", "{bag}", "--unbias"), "--unbias needs a gyro"),
+        (("convert", "{cut}"), "no bag that can be read, or a damaged one"),
+        (("convert", "{readme}"), "recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag"),
+    ],
+)
+def test_mistakes_end_in_one_line_and_write_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], args: tuple[str, ...], message: str
+) -> None:
+    bag = write(tmp_path, "ros1", poses_at)
+    (tmp_path / "cut.bag").write_bytes(bag.read_bytes()[:-700])
+    paths = {"csv": drive_csv(tmp_path), "bag": bag, "cut": tmp_path / "cut.bag", "readme": ROOT / "README.md"}
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    before = paths["csv"].read_bytes()
+    monkeypatch.setattr(sys, "argv", ["recordings", *(a.format(**paths) for a in args)])
+    with pytest.raises(SystemExit) as ended:
+        cli.run(recordings.program(), "recordings")
+    assert ended.value.code == cli.EXIT_USER_ERROR
+    said = capsys.readouterr()
+    assert message in said.err
+    assert said.err.count("\n") == 1
+    assert not list((tmp_path / "here").iterdir())
+    assert paths["csv"].read_bytes() == before
+
+
+def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, out = drive_csv(tmp_path), tmp_path / "out.mcap"
+    out.write_bytes(b"precious")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("validation.recording_export._fill", full)
+    with pytest.raises(cli.UserError, match=r"cannot be written \(No space left on device\)"):
+        recordings.convert(str(source), out=out)
+    assert out.read_bytes() == b"precious"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.csv", "out.mcap"]
+
+
+def test_info_tells_of_a_clock_that_jumps_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = write(tmp_path, "mcap", lambda make: poses_at(make, jump=30.0))
+    recordings.info(str(bag))
+    said = capsys.readouterr()
+    assert "/pose: the clock jumps once: +30.000 s after 1.000 s" in said.out
+    assert "--stamps bag takes the times of writing" in said.err
+
+
+# ------------------------------------------------------------------------------------------- a real Husky
+@pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")
+def test_on_the_parking_lot_the_filter_is_nearer_the_gps_than_gyro_heading_alone() -> None:
+    groups = open_log(str(PARKING_LOT), "", "header", "husky-tile", 0).groups
+    found = reckon(groups)
+    assert found is not None
+    rms = {row.name: row.rms for row in found.rows}
+    assert rms["odometry's own pose"] == pytest.approx(7.0, abs=0.05)  # as published beside the recording
+    assert rms["the same, bias learned at rest"] < rms["filter of wheels and gyro"] < rms["wheels' speed, gyro's heading"]
+    assert rms["the same, bias learned at rest"] < 3.0
+    assert found.rows[0].length == pytest.approx(359.0, abs=1.0)
+    rest = find_rest(groups)
+    assert rest is not None
+    assert abs(rest.bias) < 1e-3
+    whole = reckon(unbiased(PARKING_LOT, groups))
+    assert whole is not None
+    assert whole.rows[3].rms < rms["filter of wheels and gyro"]  # as well if it is taken out of the whole log at once
+
+
+@pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")
+def test_no_constant_bias_and_scale_bring_the_parking_lot_near_its_gps() -> None:
+    """Fitted to the GPS itself they leave 2.4 m: the receiver's own error, which no dead reckoning gets below."""
+    groups = open_log(str(PARKING_LOT), "", "header", "husky-tile", 0).groups
+    gps = np.column_stack([groups["gps"].columns[name] for name in ("gps_east", "gps_north")])
+
+    def away(corrections: np.ndarray) -> np.ndarray:
+        imu, odom = groups["imu"], groups["odom"]
+        track = integrated(
+            {
+                "imu": replace(imu, columns={"gyro_z": imu.columns["gyro_z"] - 1e-3 * corrections[0]}),
+                "odom": replace(odom, columns={**odom.columns, "odom_v": odom.columns["odom_v"] * corrections[1]}),
+            }
+        )
+        assert track is not None
+        there = np.column_stack([np.interp(groups["gps"].t, track.t, track.columns[name]) for name in ("x", "y")])
+        return np.asarray(align_rigidly(there, gps) - gps).ravel()
+
+    best = least_squares(away, [0.0, 1.0])
+    assert np.sqrt(2.0 * best.cost / len(gps)) == pytest.approx(2.44, abs=0.05)
+    assert 0.96 < best.x[1] < 0.985  # the wheels are 2 to 3 % fast

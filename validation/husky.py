@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from ssmr.vehicle import require_in_range
+from validation.physics_settings import SHIPPED, PhysicsSettings, apply_settings
 
 WheelShape = Literal["ellipsoid", "cylinder", "capsule"]
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -157,17 +158,22 @@ CAPSULE_HALF_LENGTH = 0.00715
 _models: dict[tuple[str, bool], mujoco.MjModel] = {}
 
 
-def build(calibration: HuskyCalibration) -> mujoco.MjModel:
+def build(calibration: HuskyCalibration, settings: PhysicsSettings = SHIPPED) -> mujoco.MjModel:
     """A compiled and calibrated model, the caller's own.
+
+    Args:
+        calibration: the robot's numbers.
+        settings: how its physics is computed, if not as shipped.
 
     Raises:
         ValueError: a calibration whose inertia no body can have.
     """
-    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0)
+    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0 or settings.needs_pairs)
     if key not in _models:
         _models[key] = mujoco.MjModel.from_xml_string(compose(*key))
     model = mujoco.MjModel.__copy__(_models[key])
     calibrate(model, calibration)
+    apply_settings(model, settings, wheel_geoms(model))
     return model
 
 

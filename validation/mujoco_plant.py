@@ -15,6 +15,7 @@ from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body, yaw_to_quat_wx
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from ssmr.vehicle import Drive
 from validation.husky import SIDES, WHEELS, HuskyCalibration, build, limit_torque
+from validation.physics_settings import SHIPPED, PhysicsSettings
 
 LIFT_SHARE = 0.02
 """A wheel whose load falls below this share of its mean has left the ground."""
@@ -72,20 +73,28 @@ class MujocoPlant:
 
     name = "mujoco"
 
-    def __init__(self, calibration: HuskyCalibration, drive: Drive, *, strict: bool = False) -> None:
+    def __init__(
+        self,
+        calibration: HuskyCalibration,
+        drive: Drive,
+        *,
+        strict: bool = False,
+        settings: PhysicsSettings = SHIPPED,
+    ) -> None:
         """Build the model, let it settle, and start at rest at the origin.
 
         Args:
             calibration: the robot's numbers.
             drive: what stands between command and wheels.
             strict: raise where a run's wheel loads are unhealthy, instead of leaving the verdict in the result.
+            settings: how physics is computed, if not as shipped.
 
         Raises:
             ValueError: numbers that do not go together.
         """
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
-        self.calibration, self._drive, self._strict = calibration, drive, strict
-        self.model = build(calibration)
+        self.calibration, self._drive, self._strict, self._settings = calibration, drive, strict, settings
+        self.model = build(calibration, settings)
         limit_torque(self.model, drive.torque_limit)
         self._data = mujoco.MjData(self.model)
         self._wheel_dofs = [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS]
@@ -104,7 +113,7 @@ class MujocoPlant:
         if self._prescribed is None:
             gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
             self._prescribed = build(
-                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0)
+                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0), self._settings
             )
             limit_torque(self._prescribed, math.inf)
         return self._prescribed

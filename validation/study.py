@@ -199,7 +199,63 @@ def gains(
     _report([(table, title, "") for table, title in study.tables(result)], [], written)
 
 
-STUDIES: Mapping[str, Callable[..., None]] = {"robustness": robustness, "filter": filter, "tables": tables, "gains": gains}
+def contact(  # noqa: PLR0913 - one argument an option
+    *,
+    only: str | None = None,
+    profile: str = "thesis-lab",
+    recording: Path | None = None,
+    recording_profile: str = "husky-tile",
+    start: Annotated[float | None, tyro.conf.arg(name="from")] = None,
+    until: float | None = None,
+    workers: int | None = None,
+    out: Path = Path("runs/study/contact"),
+) -> None:
+    """Try physics settings on the MuJoCo Husky: cone, solver, contact, step, wheels, centre of mass, one at a time and together.
+
+    Args:
+        only: Which groups, comma-separated (cone, impratio, solver, "time step", ...), besides what is shipped; all if not given.
+        profile: Name of a shipped profile or path of a TOML file, for the lab's robot.
+        recording: Path of a real robot's recording (.csv) with wheel rates; adds its columns.
+        recording_profile: The same as `profile`, for the robot of the recording.
+        start: Leave out what was recorded before this time [s].
+        until: Leave out what was recorded after this time [s].
+        workers: Threads; the result does not depend on it, but for the cost of a step.
+        out: Folder for the results.
+    """
+    from validation import contact_study as study
+    from validation.contact_bench import make_bench
+    from validation.contact_figure import draw_contact
+    from validation.sources import open_source
+
+    with cli.mistakes_are_users():
+        _check(0, workers)
+        chosen = study.choose(study.groups() if only is None else cli.parse_names(only, study.groups(), "group"))
+        if recording is None and (start is not None or until is not None):
+            raise cli.UserError("--from and --until cut a recording; name one with --recording")
+        lab, recorded, source = load(profile), None, None
+        if recording is not None:
+            if recording.suffix.lower() != ".csv":
+                raise cli.UserError(f"--recording {recording} must be a .csv file")
+            recorded, source = load(recording_profile), open_source(str(recording), "wheels", start, until)
+        bench = make_bench(lab, recorded, source)
+        study.check(bench, chosen)
+    folder = cli.output_folder(out)
+    result = study.study_contact(bench, chosen, workers)
+    written = _write(folder, study.as_document(result), draw_contact(result), study.markdown(result))
+    tables = [
+        (study.spot_grid(result), f"{study.heading(result)}: on the spot, straight ahead, at rest", ""),
+        (study.path_grid(result), "On trajectories", "study.md says what the columns mean"),
+    ]
+    _report(tables, study.remarks(result), written)
+
+
+STUDIES: Mapping[str, Callable[..., None]] = {
+    "robustness": robustness,
+    "filter": filter,
+    "tables": tables,
+    "gains": gains,
+    "contact": contact,
+}
 """By name, as on the command line."""
 
 

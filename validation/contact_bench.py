@@ -27,9 +27,7 @@ from validation.profiles import PlantProfile, Profile, make_plant
 from validation.skid_turn import TRACK, turn_on_the_spot
 from validation.sources import Piece, Source, open_source
 
-HALF_WIDTH: Mapping[str, float] = MappingProxyType(
-    {"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715}
-)
+HALF_WIDTH: Mapping[str, float] = MappingProxyType({"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715})
 """Half the distance of a wheel's outermost contact points [m], by shape."""
 SCENARIOS = ("traj1", "traj2", "traj3", "traj4")
 MODELS = ("improved", "coulomb", "linear")
@@ -42,17 +40,17 @@ WHEEL_MASS = 2.637
 SAMPLE = 0.01
 """Period of samples [s]: a whole number of all steps up to 10 ms that divide it."""
 SPIN_RATE, SPIN_TIME, SPIN_LEAD = 0.6, 38.0, 2.0
-"""Yaw rate commanded on the spot [rad/s], for how long, and from when on it counts [s]: three turns and more at most settings."""
-STALLED = 0.1
-"""Who turns by less than this share of what the closed form says is not turning [1]."""
+"""Yaw rate commanded on the spot [rad/s], for how long, and from when on it counts [s]: three turns at most settings."""
 STRAIGHT_SPEED, STRAIGHT_TIME, STRAIGHT_LEAD, STRAIGHT_YAW = 0.5, 8.0, 3.0, 0.4
-"""Speed commanded ahead [m/s], for how long, from when on it counts [s], and heading [rad]: along none of the world's axes."""
+"""Speed commanded ahead [m/s], for how long, from when on it counts [s], and heading [rad]: along no axis of the world."""
 SLOPE, SLOPE_TIME, SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
 """Of the side slope, for how long the robot stands on it, and from when on it counts [s]."""
 TURNED = 0.25 * math.pi
 """By what the ground is turned to see whether that matters [rad]."""
 SURGE_LEAD = 3.0
 """From when on speed counts on trajectory 3 [s]: the start is over."""
+UNDRIVEABLE = "straight drive"
+"""What has to go well for anything else to be measured."""
 TIMED = 1.0
 """What is simulated to take the time of [s]."""
 
@@ -96,8 +94,8 @@ class Measures:
     """The same by the closed form of the robot's centre of mass, wheels and anisotropy [1]."""
     ripple: float | None = None
     """Range of the yaw rate on the spot over its mean [1]."""
-    stalled_share: float | None = None
-    """Of the time on the spot in which the robot turns by less than `STALLED` of what it should [1]."""
+    glide: float | None = None
+    """Greatest speed of the middle of the robot on the spot over that of the wheels' rims [1]; 1 for a straight drive."""
     lifted_share: float | None = None
     """Of the time on the spot with a wheel off the ground [1]."""
     drift_m: float | None = None
@@ -105,8 +103,8 @@ class Measures:
     wander_m: float | None = None
     """How far it comes from where it was while it turns on the spot [m]."""
     surge: float | None = None
-    """Greatest speed on trajectory 3 over what its wheels give straight ahead, less 1 [1]; the greater of two headings 45 degrees
-    apart."""
+    """Greatest speed on trajectory 3 over what its wheels give straight ahead, less 1 [1]; the greater of two headings 45
+    degrees apart."""
     turned_ground_m: float | None = None
     """How far the end of trajectory 3 moves on the robot's map where the ground is turned by 45 degrees [m]."""
     veer: float | None = None
@@ -152,6 +150,8 @@ class Bench:
     """The published models' motions, by model and scenario."""
     recorded: PlantProfile | None = None
     """The MuJoCo Husky that stands for the recorded robot."""
+    recording_profile: str | None = None
+    """Name of its profile."""
     recording: Source | None = None
     """A recording with its wheel rates as input."""
 
@@ -174,7 +174,15 @@ def make_bench(profile: Profile, recorded: Profile | None = None, recording: Sou
         plant, tracked = make_plant(profile, model), profile.plants[model].tracked_point
         models[model] = {name: drive(plant, piece, tracked, SAMPLE) for name, piece in scenarios.items()}
     section = None if recorded is None else recorded.plants["mujoco"]
-    return Bench(profile.name, profile.plants["mujoco"], scenarios, models, section, recording)
+    return Bench(
+        profile.name,
+        profile.plants["mujoco"],
+        scenarios,
+        models,
+        section,
+        None if recorded is None else recorded.name,
+        recording,
+    )
 
 
 def make_variant(variant: Variant, section: PlantProfile) -> MujocoPlant:
@@ -250,7 +258,12 @@ def spin(plant: MujocoPlant, seconds: float = SPIN_TIME) -> Spin:
 
 
 def closed_form(calibration: HuskyCalibration, ratio: float | None = None) -> float:
-    """The multiplier that mechanics asks of a robot with this centre of mass, these wheels and this anisotropy [1]."""
+    """The multiplier that mechanics asks of a robot with this centre of mass and these wheels [1].
+
+    Args:
+        calibration: its numbers.
+        ratio: lateral over longitudinal friction, if not the calibration's [1].
+    """
     share = (calibration.mass - len(WHEELS) * WHEEL_MASS) / calibration.mass
     return turn_on_the_spot(
         share * calibration.com_x,
@@ -270,7 +283,7 @@ def measure_spin(found: Spin, calibration: HuskyCalibration, tangent_ratio: floa
     out = {
         "multiplier_expected": expected,
         "lifted_share": float((loads < LIFT_SHARE * loads.mean(axis=0)).any(axis=1).mean()),
-        "stalled_share": float((rate < STALLED * calibration.wheel_radius * wheels / (TRACK * expected)).mean()),
+        "glide": float(np.hypot(*motion.twist[tail, :2].T).max() / (0.5 * calibration.wheel_radius * wheels.mean())),
         "wander_m": float(np.hypot(*(xy - xy[0]).T).max()),
     }
     whole = math.floor(found.turns + 1e-9)
@@ -358,7 +371,9 @@ class _Trial:
 
     def halved(self) -> dict[str, float]:
         """Trajectory 4 with half the step."""
-        fine = drive(self.corrected(self.bench.lab, 2.0), self.bench.scenarios["traj4"], self.bench.lab.tracked_point, SAMPLE)
+        fine = drive(
+            self.corrected(self.bench.lab, 2.0), self.bench.scenarios["traj4"], self.bench.lab.tracked_point, SAMPLE
+        )
         return {"halving_m": float(np.hypot(*(fine.xy[-1] - self.end)))}
 
     def recorded(self) -> dict[str, float]:
@@ -375,7 +390,7 @@ class _Trial:
 def measure(bench: Bench, variant: Variant, stopped: Callable[[], bool] = lambda: False) -> Outcome:
     """Everything but the cost of a step; what is left undone where `stopped` says so is not to be used."""
     trial = _Trial(bench, variant, stopped)
-    if trial.attempt("straight drive", trial.straight):
+    if trial.attempt(UNDRIVEABLE, trial.straight):
         trial.attempt("turn on the spot", trial.spin)
         trial.attempt("slope", lambda: {"creep_m_s": creep(trial.plant)})
         if trial.attempt("trajectories", trial.trajectories):

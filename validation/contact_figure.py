@@ -53,10 +53,12 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
     size, box = figure.get_size_inches(), ax.get_position()
     wide, tall = float(box.width * size[0]), float(box.height * size[1])
     ax.set(xlim=(0.0, wide), ylim=(tall, 0.0))
-    each = (wide - _LABEL_IN) / len(study.columns)
+    each = (wide - _LABEL_IN) / max(len(study.columns), 1)
     for k, column in enumerate(study.columns):
         words = column.name.replace(" ", "\n") + f"\n[{column.unit.symbol}]"
-        ax.text(_LABEL_IN + (k + 0.5) * each, _NAMES_IN - 0.05, words, ha="center", va="bottom", fontsize=8.0, linespacing=1.05)
+        ax.text(
+            _LABEL_IN + (k + 0.5) * each, _NAMES_IN - 0.05, words, ha="center", va="bottom", fontsize=8.0, linespacing=1.05
+        )
     last = ""
     for below, outcome in _heights(study):
         y, variant = _NAMES_IN + below, outcome.variant
@@ -72,7 +74,9 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
             left = _LABEL_IN + k * each
             if bad is not None:
                 fill = _ink(mix(GOOD, BAD, bad))
-                ax.add_patch(Rectangle((left, y - 0.5 * _ROW_IN), each, _ROW_IN, facecolor=fill, edgecolor="white", linewidth=0.7))
+                ax.add_patch(
+                    Rectangle((left, y - 0.5 * _ROW_IN), each, _ROW_IN, facecolor=fill, edgecolor="white", linewidth=0.7)
+                )
             ax.text(left + 0.5 * each, y, cell_text(column, outcome.measures), va="center", ha="center", fontsize=7.5,
                     fontweight=weight, gid=f"{variant.key}, {column.name}", color="0.1")  # fmt: skip
         if outcome.failures:
@@ -96,8 +100,8 @@ def draw_contact(study: ContactStudy) -> Figure:
     below = _heights(study)[-1][0] + 0.5 * _ROW_IN
     versions = study.versions
     footer = (
-        f"profile {study.profile} · mujoco {versions.get('mujoco', '?')} · ssmr-testbed {versions.get('ssmr-testbed', '?')} · "
-        "python -m validation.study contact"
+        f"profile {study.profile} · mujoco {versions.get('mujoco', '?')} · "
+        f"ssmr-testbed {versions.get('ssmr-testbed', '?')} · python -m validation.study contact"
     )
     rows = [
         text_row(_HEADER_IN, partial(_draw_header, study)),

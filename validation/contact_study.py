@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from validation.contact_bench import (
     HORIZON,
     MODELS,
     SCENARIOS,
+    UNDRIVEABLE,
     Bench,
     Measures,
     Outcome,
@@ -29,7 +31,7 @@ from validation.contact_bench import (
     measure,
     step_time,
 )
-from validation.physics_settings import SHIPPED, PhysicsSettings
+from validation.physics_settings import PhysicsSettings
 from validation.tables import DEGREES, NOTHING, Cell, Grid, Unit, markdown_table
 
 SCHEMA = "ssmr.study.contact/1"
@@ -61,14 +63,14 @@ def _one_at_a_time() -> list[Variant]:
     made += [v("noslip", f"{n} iterations", s(noslip=n)) for n in (3, 10)]
     made += [v("noslip", "3 iterations, impratio 1", s(noslip=3, impratio=1.0))]
     made += [v("condim", f"{n}", s(condim=n)) for n in (4, 6)]
-    made += [v("solimp", f"0.1 deeper: {w:g} mm", s(solimp=(0.1, 0.95, 1e-3 * w, 0.5, 2.0))) for w in (2.0, 10.0)]
+    made += [v("solimp", f"over {w:g} mm of depth", s(solimp=(0.1, 0.95, 1e-3 * w, 0.5, 2.0))) for w in (2.0, 10.0)]
     made += [v("solimp", f"{d:g} at no depth", _soft(d)) for d in (0.3, 0.5, 0.9)]
     made += [v("solimp", "MuJoCo's default", default), v("solimp", "hard", s(solimp=HARD_IMPEDANCE))]
     made += [v("solref", f"{t:g} s", s(solref=(t, 1.0))) for t in (0.005, 0.01, 0.04)]
     made += [v("solref", f"damping ratio {d:g}", s(solref=(0.02, d))) for d in (0.3, 3.0)]
     made += [v("solver", "Newton, 2 iterations", s(iterations=2))]
     made += [v("solver", f"CG, {n} iterations", s(solver="CG", iterations=n)) for n in (5, 50)]
-    made += [v("solver", f"PGS, {n} iterations", s(solver="PGS", iterations=n)) for n in (1, 5, 20, 50, 200)]
+    made += [v("solver", f"PGS, {n} iteration{'s' * (n > 1)}", s(solver="PGS", iterations=n)) for n in (1, 5, 20, 50, 200)]
     made += [v("integrator", name, s(integrator=name)) for name in ("Euler", "implicit", "RK4")]
     made += [v("time step", f"{1e3 * dt:g} ms", changes={"timestep": dt}) for dt in (0.0005, 0.001, 0.005, 0.01)]
     made += [v("wheels", shape, changes={"wheel_shape": shape}) for shape in ("capsule", "cylinder")]
@@ -102,8 +104,8 @@ def _together() -> list[Variant]:
     group = "near ODE, maker's centre"
     off = {**fine, **MAKER_NOW}
     soft = replace(ode, cone="elliptic", solimp=None, solref=None)
-    made += [v(group, "as it is", ode, off), v(group, "elliptic cone", replace(ode, cone="elliptic"), off)]
-    made += [v(group, "soft contact besides", soft, off), v(group, "centre in the middle besides", soft, fine)]
+    made += [v(group, "as it is", ode, off), v(group, "and an elliptic cone", replace(ode, cone="elliptic"), off)]
+    made += [v(group, "and soft contact", soft, off), v(group, "and the centre in the middle", soft, fine)]
     return made
 
 
@@ -140,14 +142,15 @@ COLUMNS = (
     Column("off closed form", _PERCENT, lambda m: m.multiplier_error, (0.01, 0.4), "the multiplier against its closed form"),
     Column("ripple", _PERCENT, lambda m: m.ripple, (0.01, 1.0), "range of the yaw rate on the spot over its mean"),
     Column("lifted", _PERCENT, lambda m: m.lifted_share, (0.005, 0.5), "time on the spot with a wheel off the ground"),
-    Column("wander", _CM, lambda m: m.wander_m, (0.01, 0.6), "how far the middle comes from its place while it turns, 36 s"),
+    Column("glide", _PERCENT, lambda m: m.glide, (0.02, 1.0), "greatest speed of the middle on the spot over the rims'"),
+    Column("wander", _CM, lambda m: m.wander_m, (0.01, 0.6), "how far the middle comes from its place in 36 s of turning"),
     Column("drift", _CM, lambda m: m.drift_m, (0.001, 0.06), "how far it is from its place after a whole turn, mean"),
-    Column("veer", Unit("mm/m", 1e3, 1), lambda m: m.veer, (0.001, 0.03), "to the left on a straight drive, over its length"),
+    Column("veer", Unit("mm/m", 1e3, 1), lambda m: m.veer, (0.001, 0.03), "to the left on a straight drive"),
     Column("creep", Unit("mm/s", 1e3, 2), lambda m: m.creep_m_s, (1e-4, 5e-3), "sideways at rest on a slope of 8°"),
-    Column("surge", _PERCENT, lambda m: m.surge, (0.02, 0.4), "greatest speed on trajectory 3 over what its wheels give ahead"),
-    Column("ground turned", _MM, lambda m: m.turned_ground_m, (0.005, 1.0), "how far trajectory 3 ends elsewhere if the ground "
-           "is turned by 45°"),
-    Column("step halved", _MM, lambda m: m.halving_m, (0.01, 0.5), "how far the end of trajectory 4 moves with half the step"),
+    Column("surge", _PERCENT, lambda m: m.surge, (0.02, 0.4), "greatest speed on trajectory 3 over what its wheels ask"),
+    Column("ground turned", _MM, lambda m: m.turned_ground_m, (0.005, 1.0), "how far trajectory 3 ends elsewhere "
+           "on ground turned by 45°"),
+    Column("step halved", _MM, lambda m: m.halving_m, (0.01, 0.5), "how far trajectory 4 ends elsewhere at half the step"),
     Column("to improved", _MM, lambda m: m.d_rms_mean("improved"), (0.025, 0.5), "d_rms, mean over trajectories 1–4"),
     Column("to coulomb", _MM, lambda m: m.d_rms_mean("coulomb"), (0.035, 0.5), "the same"),
     Column("to linear", _MM, lambda m: m.d_rms_mean("linear"), (0.025, 0.5), "the same"),
@@ -156,7 +159,17 @@ COLUMNS = (
     Column("step", Unit("µs", 1e6, 0), lambda m: m.cost_s, None, "time that a step takes"),
 )  # fmt: skip
 """In order; those of a recording are left out where there is none."""
-_SPOT = ("multiplier", "off closed form", "ripple", "lifted", "wander", "drift", "veer", "creep")
+_SPOT = ("multiplier", "off closed form", "ripple", "lifted", "glide", "wander", "drift")
+_PATHS = ("veer", "creep", "surge", "ground turned", "step halved", "to improved", "to coulomb", "to linear")
+_REST = ("recording", "recording yaw", "step")
+TABLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "Turning on the spot": _SPOT,
+        "Straight ahead, at rest, on trajectories": _PATHS,
+        "Against the recording, and what a step costs": _REST,
+    }
+)
+"""Names of columns by title of the table that has them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +230,6 @@ def study_contact(
     workers: int | None = None,
     *,
     timed: bool = True,
-    recording_profile: str | None = None,
 ) -> ContactStudy:
     """Try variants.
 
@@ -226,7 +238,6 @@ def study_contact(
         chosen: which.
         workers: threads; the result does not depend on it, but for the cost of a step, which is taken alone.
         timed: whether to take the cost of a step.
-        recording_profile: name of the robot of the bench's recording.
     """
     stop = threading.Event()
 
@@ -247,12 +258,12 @@ def study_contact(
             bar.update(task, description="timing", total=ROUNDS, completed=0)
             outcomes = _timed(bench, outcomes, lambda: bar.advance(task))
     recording = None if bench.recording is None else bench.recording.name
-    return ContactStudy(bench.profile, recording, recording_profile, tuple(outcomes))
+    return ContactStudy(bench.profile, recording, bench.recording_profile, tuple(outcomes))
 
 
 def _timed(bench: Bench, outcomes: Sequence[Outcome], tell: Callable[[], object]) -> list[Outcome]:
     """The outcomes with the cost of a step: the median over rounds, in each of which everybody has a turn."""
-    plants = {k: make_variant(o.variant, bench.lab) for k, o in enumerate(outcomes) if not o.failures}
+    plants = {k: make_variant(o.variant, bench.lab) for k, o in enumerate(outcomes) if UNDRIVEABLE not in o.failures}
     times: dict[int, list[float]] = {k: [] for k in plants}
     for _ in range(ROUNDS):
         for k, plant in plants.items():
@@ -305,47 +316,34 @@ def cell_text(column: Column, measures: Measures) -> str:
     return NOTHING if value is None else column.unit.text(value)
 
 
-def _grid(study: ContactStudy, columns: Sequence[Column]) -> Grid:
-    header = (("varied", ""), ("to", ""), *((c.name, c.unit.symbol) for c in columns))
-    rows = tuple(
-        tuple(
-            (
-                Cell(group if k == 0 else ""),
-                Cell(o.variant.name),
-                *(Cell(cell_text(c, o.measures)) for c in columns),
-            )
-            for k, o in enumerate(study.of(group))
-        )
-        for group in study.groups
-    )
-    return Grid(header, rows, left=2)
+def measure_grid(study: ContactStudy, names: Sequence[str]) -> Grid:
+    """Measures by name as columns, variants as rows, each group under its name."""
+    columns = [c for c in study.columns if c.name in names]
+    header = (("setting", ""), *((c.name, c.unit.symbol) for c in columns))
+    return _grouped(study, header, lambda o: [cell_text(c, o.measures) for c in columns])
 
 
-def spot_grid(study: ContactStudy) -> Grid:
-    """On the spot, straight ahead and at rest."""
-    return _grid(study, [c for c in study.columns if c.name in _SPOT])
-
-
-def path_grid(study: ContactStudy) -> Grid:
-    """On trajectories and the recording, and the cost."""
-    return _grid(study, [c for c in study.columns if c.name not in _SPOT])
+def _grouped(study: ContactStudy, header: Sequence[tuple[str, str]], texts: Callable[[Outcome], Sequence[str]]) -> Grid:
+    groups = []
+    for group in study.groups:
+        rows = [(Cell(group, best=True), *(Cell("") for _ in header[1:]))]
+        rows += [(Cell(f"  {o.variant.name}"), *map(Cell, texts(o))) for o in study.of(group)]
+        groups.append(tuple(rows))
+    return Grid(tuple(header), tuple(groups), left=1)
 
 
 def model_grid(study: ContactStudy) -> Grid:
     """d_rms to every published model on every trajectory."""
     unit = Unit("mm", 1e3, 1)
-    header = [("varied", ""), ("to", "")]
+    header = [("setting", "")]
     header += [(f"{model} {name.removeprefix('traj')}", unit.symbol) for model in MODELS for name in SCENARIOS]
-    rows = []
-    for group in study.groups:
-        cells = []
-        for k, o in enumerate(study.of(group)):
-            apart = o.measures.d_rms_m
-            values = [apart.get(model, {}).get(name) for model in MODELS for name in SCENARIOS]
-            texts = [NOTHING if v is None else unit.text(v) for v in values]
-            cells.append((Cell(group if k == 0 else ""), Cell(o.variant.name), *map(Cell, texts)))
-        rows.append(tuple(cells))
-    return Grid(tuple(header), tuple(rows), left=2)
+
+    def texts(outcome: Outcome) -> list[str]:
+        apart = outcome.measures.d_rms_m
+        values = [apart.get(model, {}).get(name) for model in MODELS for name in SCENARIOS]
+        return [NOTHING if v is None else unit.text(v) for v in values]
+
+    return _grouped(study, header, texts)
 
 
 def heading(study: ContactStudy) -> str:
@@ -367,8 +365,8 @@ def remarks(study: ContactStudy) -> list[str]:
 def markdown(study: ContactStudy) -> list[str]:
     """study.md, as lines."""
     lines = [f"# Physics settings: {heading(study)}", ""]
-    lines += ["## On the spot, straight ahead, at rest", "", *markdown_table(spot_grid(study)), ""]
-    lines += ["## On trajectories", "", *markdown_table(path_grid(study)), ""]
+    for title, names in TABLES.items():
+        lines += [f"## {title}", "", *markdown_table(measure_grid(study, names)), ""]
     lines += ["## d_rms to the published models", "", *markdown_table(model_grid(study)), ""]
     lines += ["## Columns", "", *(f"- {caption}" for caption in captions(study)), ""]
     failed = remarks(study)

@@ -76,7 +76,7 @@ class HuskyCalibration:
             ("friction", 5.0),
             ("friction_ratio", 10.0),
             ("wheel_radius", 1.0),
-            ("gain", 1e5),
+            ("gain", 1e7),
             ("armature", 100.0),
         ):
             require_in_range(self, name, 0.0, high, open_low=True)

@@ -15,6 +15,7 @@ import mujoco
 
 Cone = Literal["elliptic", "pyramidal"]
 Solver = Literal["Newton", "CG", "PGS"]
+Impedance = tuple[float, float, float, float, float]
 Integrator = Literal["Euler", "implicit", "implicitfast", "RK4"]
 
 _CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
@@ -39,7 +40,7 @@ class PhysicsSettings:
     """Iterations of the solver that takes the softness out of friction afterwards -> opt.noslip_iterations."""
     condim: int | None = None
     """3: sliding friction; 4: torsional besides; 6: rolling besides -> geom_condim, pair_dim."""
-    solimp: tuple[float, float, float, float, float] | None = None
+    solimp: Impedance | None = None
     """Impedance of tyre on ground: at no depth, at full depth [1], that depth [m], its midpoint and power [1]."""
     solref: tuple[float, float] | None = None
     """Time constant [s] and damping ratio [1] of the same."""
@@ -50,8 +51,8 @@ class PhysicsSettings:
     integrator: Integrator | None = None
     """-> opt.integrator."""
     tangent_ratio: float | None = None
-    """Friction along MuJoCo's first tangent over that along its second [1] -> pair_friction. On every shape but the capsule the
-    tangents are the world's axes, which no tyre knows of; a robot's own anisotropy is `HuskyCalibration.friction_ratio`."""
+    """Friction along MuJoCo's first tangent over that along its second [1] -> pair_friction. On every shape but the capsule
+    the tangents are the world's axes, which no tyre knows of; a robot's own is `HuskyCalibration.friction_ratio`."""
 
     def __post_init__(self) -> None:
         """Check the ranges.

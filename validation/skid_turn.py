@@ -1,8 +1,8 @@
 """What mechanics says of a turn on the spot, before any simulation: docs/physics.md and docs/contact.md derive it.
 
-Rigid tyres slide on the ground, left and right ones turning alike and against each other; nothing accelerates. The robot then
-moves so that the forces and the moments of friction cancel, which is where what friction dissipates is least: that is convex in
-the motion, so there is nothing to search.
+Rigid tyres slide on the ground, left and right ones turning alike and against each other; nothing accelerates. The robot
+then moves so that the forces and the moments of friction cancel, which is where what friction dissipates is least: that is
+convex in the motion, so there is nothing to search.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class _Contacts:
 
 
 def _contacts(x: float, y: float, half_width: float) -> _Contacts:
-    """Where tyres touch, their shares of the load (that of equal springs, linear in the place), and how fast they roll [m/s]."""
+    """Where tyres touch, their shares of the load (equal springs': linear in the place), and how fast they roll [m/s]."""
     load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * WHEEL_Y / (0.5 * TRACK) ** 2)
     rolling = np.where(WHEEL_Y > 0.0, -1.0, 1.0)
     if half_width == 0.0:

@@ -199,7 +199,7 @@ def gains(
     _report([(table, title, "") for table, title in study.tables(result)], [], written)
 
 
-def contact(  # noqa: PLR0913 - one argument an option
+def contact(
     *,
     only: str | None = None,
     profile: str = "thesis-lab",
@@ -210,10 +210,10 @@ def contact(  # noqa: PLR0913 - one argument an option
     workers: int | None = None,
     out: Path = Path("runs/study/contact"),
 ) -> None:
-    """Try physics settings on the MuJoCo Husky: cone, solver, contact, step, wheels, centre of mass, one at a time and together.
+    """Try physics settings on the MuJoCo Husky: cone, solver, contact, step, wheels, centre of mass; alone and together.
 
     Args:
-        only: Which groups, comma-separated (cone, impratio, solver, "time step", ...), besides what is shipped; all if not given.
+        only: Which groups besides what is shipped, comma-separated (cone, impratio, "time step", ...); all if not given.
         profile: Name of a shipped profile or path of a TOML file, for the lab's robot.
         recording: Path of a real robot's recording (.csv) with wheel rates; adds its columns.
         recording_profile: The same as `profile`, for the robot of the recording.
@@ -242,10 +242,7 @@ def contact(  # noqa: PLR0913 - one argument an option
     folder = cli.output_folder(out)
     result = study.study_contact(bench, chosen, workers)
     written = _write(folder, study.as_document(result), draw_contact(result), study.markdown(result))
-    tables = [
-        (study.spot_grid(result), f"{study.heading(result)}: on the spot, straight ahead, at rest", ""),
-        (study.path_grid(result), "On trajectories", "study.md says what the columns mean"),
-    ]
+    tables = [(study.measure_grid(result, names), title, "") for title, names in study.TABLES.items()]
     _report(tables, study.remarks(result), written)
 
 

@@ -56,9 +56,8 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
     each = (wide - _LABEL_IN) / max(len(study.columns), 1)
     for k, column in enumerate(study.columns):
         words = column.name.replace(" ", "\n") + f"\n[{column.unit.symbol}]"
-        ax.text(
-            _LABEL_IN + (k + 0.5) * each, _NAMES_IN - 0.05, words, ha="center", va="bottom", fontsize=8.0, linespacing=1.05
-        )
+        middle = _LABEL_IN + (k + 0.5) * each
+        ax.text(middle, _NAMES_IN - 0.05, words, ha="center", va="bottom", fontsize=7.5, linespacing=1.05)
     last = ""
     for below, outcome in _heights(study):
         y, variant = _NAMES_IN + below, outcome.variant

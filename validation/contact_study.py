@@ -156,7 +156,7 @@ COLUMNS = (
     Column("to linear", _MM, lambda m: m.d_rms_mean("linear"), (0.025, 0.5), "the same"),
     Column("recording", _MM, lambda m: m.recording_position_m, (0.045, 0.3), "median error of the relative pose after 6 s"),
     Column("recording yaw", DEGREES, lambda m: m.recording_yaw_rad, (0.035, 0.3), "the same"),
-    Column("step", Unit("µs", 1e6, 0), lambda m: m.cost_s, None, "time that a step takes"),
+    Column("step", Unit("µs", 1e6, 0), lambda m: m.cost_s, None, "processor time of a step"),
 )  # fmt: skip
 """In order; those of a recording are left out where there is none."""
 _SPOT = ("multiplier", "off closed form", "ripple", "lifted", "glide", "wander", "drift")

@@ -59,6 +59,7 @@ def _one_at_a_time() -> list[Variant]:
     default = PhysicsSettings(solimp=MUJOCO_IMPEDANCE)
     v, s = Variant, PhysicsSettings
     made = [v("cone", "pyramidal", s(cone="pyramidal"))]
+    made += [v("cone", "pyramidal, impratio 1", s(cone="pyramidal", impratio=1.0))]
     made += [v("impratio", f"{x:g}", s(impratio=x)) for x in (1.0, 10.0, 1000.0)]
     made += [v("noslip", f"{n} iterations", s(noslip=n)) for n in (3, 10)]
     made += [v("noslip", "3 iterations, impratio 1", s(noslip=3, impratio=1.0))]

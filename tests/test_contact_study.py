@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.types import State
+from ssmr.types import Commands, State
 from tests.test_robustness import run_program
 from validation import contact_bench as bench_module
 from validation import contact_study as study
@@ -22,7 +22,9 @@ from validation.husky import HuskyCalibration
 from validation.mujoco_plant import MujocoPlant
 from validation.physics_settings import PhysicsSettings
 from validation.profiles import Profile
+from validation.recording import Recording
 from validation.skid_turn import TRACK, turn_on_the_spot
+from validation.sources import Piece, source_of
 
 BY_KEY = {v.key: v for v in variants()}
 PYRAMIDAL = BY_KEY["cone: pyramidal"]
@@ -175,6 +177,28 @@ def test_d_rms_is_the_comparisons(small: ContactStudy, bench: Bench, lab: Profil
     assert {name: pytest.approx(value, abs=2e-4) for name, value in record.items()} == dict(found)
     motion = drive(make_variant(BASELINE, bench.lab), bench.scenarios["traj4"], bench.lab.tracked_point, bench_module.SAMPLE)
     assert motion.pose[0] == pytest.approx([State().x, State().y, State().yaw], abs=1e-12)
+
+
+def test_a_recording_is_judged_from_its_wheel_rates(bench: Bench, lab: Profile) -> None:
+    """A recording that the same robot made: as shipped it repeats it, with its weight elsewhere it does not."""
+    section = lab.plants["mujoco"]
+    commands = Commands(0.05, np.tile([0.4, 0.5], (400, 1)))
+    piece = Piece(commands, State(), None, None)
+    made = drive(make_variant(BASELINE, section), piece, section.tracked_point, 0.05)
+    names, columns = ("t", "enc_left", "enc_right", "x", "y", "yaw"), np.column_stack([made.t, made.wheels, made.pose])
+    recording = Recording.from_columns("made", dict(zip(names, columns.T, strict=True)))
+    with_recording = replace(bench, recorded=section, recording=source_of(recording, "made", "wheels"))
+    study.check(with_recording, [BASELINE])
+    shipped, elsewhere = (
+        study.study_contact(with_recording, [v], timed=False).outcomes[0].measures
+        for v in (BASELINE, BY_KEY["centre of mass: maker's, now"])
+    )
+    assert known(shipped.recording_position_m) < 0.02
+    assert known(shipped.recording_yaw_rad) < 0.02
+    assert known(elsewhere.recording_position_m) > 0.05
+    short = replace(with_recording, recording=source_of(recording.cut(None, 4.0), "short", "wheels"))
+    with pytest.raises(ValueError, match="6 s without a gap"):
+        study.check(short, [BASELINE])
 
 
 def test_every_variant_has_a_name_of_its_own_and_can_be_made(lab: Profile) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,45 +15,34 @@ import mujoco
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from scipy.optimize import brentq
 
 from ssmr.drive import wheel_rates
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
 from ssmr.vehicle import Drive
-from validation.husky import CAPSULE_HALF_LENGTH, PRESSED_IN, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
+from validation.contact_bench import HALF_WIDTH, creep
+from validation.contact_study import MUJOCO_IMPEDANCE
+from validation.husky import (
+    CAPSULE_HALF_LENGTH,
+    GRAVITY,
+    PRESSED_IN,
+    WHEELS,
+    HuskyCalibration,
+    build,
+    limit_torque,
+)
 from validation.mujoco_plant import MujocoPlant, check_health
+from validation.physics_settings import SHIPPED, Impedance, PhysicsSettings
 from validation.profiles import load
+from validation.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
 
-WHEELBASE, TRACK, RADIUS, WEIGHT, GRAVITY = 0.512, 0.5708, 0.1651, 73.30 * 9.81, 9.81
+RADIUS, WEIGHT = 0.1651, 73.30 * GRAVITY
 DIAGONAL = math.hypot(WHEELBASE, TRACK)
-HALF_WIDTH = {"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715}
-"""Half the distance of a wheel's outermost contact points [m]."""
-DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
-"""MuJoCo's own."""
 CONTACT_TIME, GREATEST_IMPEDANCE = 0.02, 0.95
 """solref[0] [s] and solimp[1], the same in both contacts."""
 HALF_TRACK = 0.5 * TRACK * 1.8
 """Half-track of the driver in every turn below [m]."""
 OUT = Path(__file__).parent / "img" / "contact.png"
-
-
-def closed_form(ratio: float = 1.0, half_width: float = 0.0) -> float:
-    """Yaw-rate multiplier at which longitudinal and lateral friction moments are equal.
-
-    Args:
-        ratio: lateral over longitudinal friction [1].
-        half_width: half the distance of a wheel's two contact points, which share its load [m]; 0 for one point.
-    """
-
-    def moment(multiplier: float) -> float:
-        total = 0.0
-        for y in (0.5 * TRACK + half_width, 0.5 * TRACK - half_width):
-            s_x, s_y = 0.5 * multiplier * TRACK - y, 0.5 * WHEELBASE  # slip over yaw rate [m]
-            total += (y * s_x - ratio**2 * s_y * s_y) / math.hypot(s_x, ratio * s_y)
-        return total
-
-    return brentq(moment, 1.0 + 1e-6, 10.0)
 
 
 @dataclass(frozen=True)
@@ -79,14 +67,10 @@ class Turn:
     """Torque of a side [N m]."""
 
 
-def turn(
-    calibration: HuskyCalibration, rate: float = 0.6, solimp: Iterable[float] | None = None, seconds: float = 6.0
-) -> Turn:
+def turn(calibration: HuskyCalibration, rate: float = 0.6, solimp: Impedance | None = None, seconds: float = 6.0) -> Turn:
     """Turn on the spot with unlimited torque."""
-    model = build(calibration)
+    model = build(calibration, settings=PhysicsSettings(solimp=solimp))
     limit_torque(model, math.inf)
-    if solimp is not None:
-        model.geom_solimp[wheel_geoms(model)] = list(solimp)
     data = mujoco.MjData(model)
     data.ctrl[:] = wheel_rates(0.0, rate, HALF_TRACK, RADIUS)
     left, right = model.joint("front_left_wheel").dofadr[0], model.joint("front_right_wheel").dofadr[0]
@@ -129,13 +113,13 @@ def table_turning() -> None:
         for friction in (0.1, 0.3, 0.6, 0.8):
             base = HuskyCalibration(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
             steps = [replace(base, timestep=dt) for dt in (0.001, 0.002, 0.005)]
-            soft, default = [turn(c) for c in steps], [turn(c, solimp=DEFAULT_SOLIMP) for c in steps]
+            soft, default = [turn(c) for c in steps], [turn(c, solimp=MUJOCO_IMPEDANCE) for c in steps]
             print_row(
                 shape,
                 friction,
                 *(f"{t.multiplier:.4f}" for t in soft),
                 f"{soft[1].by_contact_radius:.4f}",
-                f"{closed_form(1.0, half_width):.4f}",
+                f"{turn_on_the_spot(half_width=half_width).multiplier:.4f}",
                 *(f"{t.multiplier:.2f}" for t in default),
                 f"{max(t.ripple for t in soft):.0e}",
                 f"{max(t.lowest_load for t in default):.2f}",
@@ -143,7 +127,7 @@ def table_turning() -> None:
     print("\nratio of frictions (capsule, 0.4): measured, by contact radius, closed form")
     for ratio in (0.8, 1.0, 1.24, 1.5):
         found = turn(HuskyCalibration(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
-        form = closed_form(ratio, CAPSULE_HALF_LENGTH)
+        form = turn_on_the_spot(ratio=ratio, half_width=CAPSULE_HALF_LENGTH).multiplier
         print_row(ratio, f"{found.multiplier:.3f}", f"{found.by_contact_radius:.3f}", f"{form:.3f}")
     print("\nfriction: torque of a side, closed form with the contact's radius [N m]")
     for friction in (0.1, 0.3, 0.6, 0.8):
@@ -184,11 +168,11 @@ def lab_drive(torque_limit: float) -> Drive:
     return Drive(command_half_track=HALF_TRACK, torque_limit=torque_limit)
 
 
-def trajectory(scenario: str, calibration: HuskyCalibration, torque_limit: float, cone: int | None = None) -> Trajectory:
+def trajectory(
+    scenario: str, calibration: HuskyCalibration, torque_limit: float, settings: PhysicsSettings = SHIPPED
+) -> Trajectory:
     """One of trajectories 1-4, sampled every 10 ms."""
-    plant = MujocoPlant(calibration, lab_drive(torque_limit))
-    if cone is not None:
-        plant.model.opt.cone = cone
+    plant = MujocoPlant(calibration, lab_drive(torque_limit), settings=settings)
     return plant.run(TRAJECTORIES[scenario].commands(), State(), 0.01)
 
 
@@ -228,7 +212,7 @@ def table_steps() -> None:
     print("\npyramidal cone, trajectory 4: end moves from 2 to 1, 1 to 0.5 ms [mm]")
     for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
         runs = [
-            trajectory("traj4", HuskyCalibration(friction=friction, timestep=dt), limit, mujoco.mjtCone.mjCONE_PYRAMIDAL)
+            trajectory("traj4", HuskyCalibration(friction=friction, timestep=dt), limit, PhysicsSettings(cone="pyramidal"))
             for dt in (0.002, 0.001, 0.0005)
         ]
         print_row(friction, *(f"{ends_apart(a, b):.0f}" for a, b in pairwise(runs)))
@@ -252,11 +236,10 @@ def table_steps() -> None:
         print_row(gain, armature, f"{2e3 * (armature + 0.04411) / gain:.1f}", *moved)
 
 
-def settled(calibration: HuskyCalibration, impratio: float = 100.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A robot at rest on its tyres."""
     model = build(calibration)
     limit_torque(model, math.inf)
-    model.opt.impratio = impratio
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
     return model, data
@@ -265,17 +248,13 @@ def settled(calibration: HuskyCalibration, impratio: float = 100.0) -> tuple[muj
 def table_rest() -> None:
     """Creep on a side slope of 8 degrees, and blocked wheels that slide to a stop."""
     print("\nshape, friction: creep at impratio 1, 10, 100 [mm/s]")
-    tilt = math.radians(8.0)
     for shape in HALF_WIDTH:
         for friction in (0.2, 0.6):
             speeds = []
             for impratio in (1.0, 10.0, 100.0):
-                model, data = settled(HuskyCalibration(friction=friction, wheel_shape=shape), impratio)  # type: ignore[arg-type]
-                model.opt.gravity[:] = 0.0, GRAVITY * math.sin(tilt), -GRAVITY * math.cos(tilt)
-                mujoco.mj_step(model, data, nstep=2000)
-                before = data.qpos[:2].copy()
-                mujoco.mj_step(model, data, nstep=2000)
-                speeds.append(f"{1e3 * np.hypot(*(data.qpos[:2] - before)) / 4.0:.3f}")
+                calibration = HuskyCalibration(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
+                plant = MujocoPlant(calibration, lab_drive(math.inf), settings=PhysicsSettings(impratio=impratio))
+                speeds.append(f"{1e3 * creep(plant):.3f}")
             print_row(shape, friction, *speeds)
     print("\nfriction: stop from 0.5 forward, 0.5 sideways, 1.5 forward, 1.5 sideways [% off v^2 / (2 mu g)]")
     for friction in (0.1, 0.3, 0.6, 0.8):
@@ -324,7 +303,7 @@ def draw() -> None:
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     looks = {"ellipsoid": ("o", "ellipsoid (a point)"), "cylinder": ("s", "cylinder (a line)")}
-    for solimp, colour, contact in ((DEFAULT_SOLIMP, "#d55e00", "default"), (None, "#0072b2", "soft")):
+    for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
         for shape, (marker, label) in looks.items():
             base = HuskyCalibration(friction=0.6, wheel_shape=shape)  # type: ignore[arg-type]
             found = [turn(replace(base, timestep=dt), solimp=solimp).multiplier for dt in steps]
@@ -332,7 +311,7 @@ def draw() -> None:
             left.plot([1e3 * dt for dt in steps], found, marker, ls="-", lw=1.2, color=colour, markerfacecolor=fill,
                       label=f"{contact}, {label}")  # fmt: skip
     for shape, style in (("ellipsoid", "-"), ("cylinder", "--")):
-        form = closed_form(1.0, HALF_WIDTH[shape])
+        form = turn_on_the_spot(half_width=HALF_WIDTH[shape]).multiplier
         name = "a point" if shape == "ellipsoid" else "a line"
         left.axhline(form, color="black", lw=0.8, ls=style, label=f"closed form, {name}: {form:.3f}")
     left.set(xscale="log", xlabel="time step [ms]", ylabel="yaw-rate multiplier", ylim=(1.7, 2.9))
@@ -341,10 +320,8 @@ def draw() -> None:
     left.legend(fontsize=8, frameon=False, loc="upper left")
     left.set_title("Turning on the spot, friction 0.6", fontsize=10)
     drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
-    for solimp, colour, contact in ((DEFAULT_SOLIMP, "#d55e00", "default"), (None, "#0072b2", "soft")):
-        plant = MujocoPlant(HuskyCalibration(friction=0.6), drive)
-        if solimp is not None:
-            plant.model.geom_solimp[wheel_geoms(plant.model)] = solimp
+    for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
+        plant = MujocoPlant(HuskyCalibration(friction=0.6), drive, settings=PhysicsSettings(solimp=solimp))
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), plant.dt)
         shown = motion.t > 4.8
         right.plot(motion.t[shown] - 4.8, motion.channels["wheel_load_N"][shown, 0], color=colour, lw=1.0, label=contact)

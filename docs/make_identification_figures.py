@@ -19,7 +19,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from ssmr.metrics import horizon_windows, relative_pose_error
 from ssmr.types import CommandKind, FloatArray
@@ -27,11 +26,9 @@ from validation.driving import drive
 from validation.palette import colour
 from validation.profiles import PLANTS, load, make_plant
 from validation.recording import read_csv
+from validation.skid_turn import TRACK, WHEEL_X, WHEEL_Y, WHEELBASE, turn_on_the_spot
 from validation.sources import open_source
 
-WHEELBASE, TRACK = 0.512, 0.5708
-WHEEL_X = 0.5 * WHEELBASE * np.array([1.0, 1.0, -1.0, -1.0])
-WHEEL_Y = 0.5 * TRACK * np.array([1.0, -1.0, 1.0, -1.0])
 OUTLINE = 0.99, 0.67
 """Length and width of a Husky A200 [m]."""
 WHEEL = 0.33, 0.1143
@@ -74,40 +71,6 @@ PLACES = (
     Place("middle", 0.0, 0.0, 0.937, 0.0781, False, "s", "#444444"),
     Place("maker, now", -0.00065, -0.085, 0.848, 0.0803, False, "^", "#d55e00"),
 )
-
-
-@dataclass(frozen=True)
-class Turn:
-    """A quasi-static turn on the spot, left and right wheels turning alike."""
-
-    multiplier: float
-    x_icr: float
-    y_icr: float
-
-
-def turn_on_the_spot(x: float, y: float, ratio: float = 1.0) -> Turn:
-    """Four Coulomb contacts that carry a weight whose centre is not in the middle.
-
-    The loads of four equal springs are linear in the place of the weight.
-
-    Args:
-        x: of the centre of mass, ahead of the middle between the axles [m].
-        y: to its left [m].
-        ratio: lateral over longitudinal friction [1].
-    """
-    load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * WHEEL_Y / (0.5 * TRACK) ** 2)
-    belts = np.where(WHEEL_Y > 0.0, -0.5, 0.5) * 1.75  # speed of the tyres' rolling [m/s]; its size does not matter
-
-    def power(motion: FloatArray) -> tuple[float, FloatArray]:
-        """What friction dissipates, up to a constant; convex, and least where its forces and moments are in balance."""
-        v_x, v_y, rate = motion
-        s_x, s_y = v_x - rate * WHEEL_Y - belts, v_y + rate * WHEEL_X
-        size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
-        f_x, f_y = load * s_x / size, load * ratio**2 * s_y / size
-        return float(load @ size), np.array([f_x.sum(), f_y.sum(), (WHEEL_X * f_y - WHEEL_Y * f_x).sum()])
-
-    v_x, v_y, rate = minimize(power, np.array([0.0, 0.0, 1.5]), jac=True, method="BFGS", options={"gtol": 1e-10}).x
-    return Turn(2.0 * belts[1] / (TRACK * rate), -v_y / rate, v_x / rate)
 
 
 def measured_multiplier() -> tuple[float, float]:

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from ssmr.vehicle import require_in_range
+from validation.physics_settings import SHIPPED, PhysicsSettings, apply_settings
 from validation.terrain import FLAT, Terrain
 
 WheelShape = Literal["ellipsoid", "cylinder", "capsule"]
@@ -76,7 +77,7 @@ class HuskyCalibration:
             ("friction", 5.0),
             ("friction_ratio", 10.0),
             ("wheel_radius", 1.0),
-            ("gain", 1e5),
+            ("gain", 1e7),
             ("armature", 100.0),
         ):
             require_in_range(self, name, 0.0, high, open_low=True)
@@ -188,15 +189,20 @@ CAPSULE_HALF_LENGTH = 0.00715
 _models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
 
 
-def build(calibration: HuskyCalibration, terrain: Terrain = FLAT) -> mujoco.MjModel:
+def build(calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> mujoco.MjModel:
     """A compiled and calibrated model, the caller's own.
+
+    Args:
+        calibration: the robot's numbers.
+        terrain: what it stands on.
+        settings: how its physics is computed, if not as shipped.
 
     Raises:
         ValueError: a calibration whose inertia no body can have, or tyres that the terrain cannot have.
     """
     if calibration.friction_ratio != 1.0 and terrain.kind == "split":
         raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
-    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0, terrain)
+    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0 or settings.needs_pairs, terrain)
     if key not in _models:
         _models[key] = mujoco.MjModel.from_xml_string(compose(*key))
     model = mujoco.MjModel.__copy__(_models[key])
@@ -204,6 +210,7 @@ def build(calibration: HuskyCalibration, terrain: Terrain = FLAT) -> mujoco.MjMo
     if terrain.kind == "split":
         model.geom_friction[model.geom(OTHER_GROUND).id, 0] = calibration.friction * terrain.friction_ratio
     calibrate(model, calibration)
+    apply_settings(model, settings, wheel_geoms(model))
     return model
 
 

@@ -15,6 +15,7 @@ from ssmr.geometry import quat_wxyz_to_roll_pitch, quat_wxyz_to_yaw, rotate_worl
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from ssmr.vehicle import Drive
 from validation.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
+from validation.physics_settings import SHIPPED, PhysicsSettings
 from validation.terrain import FLAT, Terrain
 
 LIFT_SHARE = 0.02
@@ -74,7 +75,13 @@ class MujocoPlant:
     name = "mujoco"
 
     def __init__(
-        self, calibration: HuskyCalibration, drive: Drive, *, terrain: Terrain = FLAT, strict: bool = False
+        self,
+        calibration: HuskyCalibration,
+        drive: Drive,
+        *,
+        terrain: Terrain = FLAT,
+        strict: bool = False,
+        settings: PhysicsSettings = SHIPPED,
     ) -> None:
         """Build the model, let it settle, and start at rest at the origin.
 
@@ -83,13 +90,15 @@ class MujocoPlant:
             drive: what stands between command and wheels.
             terrain: what it stands on.
             strict: raise where a run's wheel loads are unhealthy, instead of leaving the verdict in the result.
+            settings: how physics is computed, if not as shipped.
 
         Raises:
             ValueError: numbers that do not go together.
         """
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration, self.terrain, self._drive, self._strict = calibration, terrain, drive, strict
-        self.model = build(calibration, terrain)
+        self._settings = settings
+        self.model = build(calibration, terrain, settings)
         limit_torque(self.model, drive.torque_limit)
         self._data = mujoco.MjData(self.model)
         self._wheel_dofs = [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS]
@@ -113,7 +122,9 @@ class MujocoPlant:
         if self._prescribed is None:
             gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
             self._prescribed = build(
-                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0), self.terrain
+                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0),
+                self.terrain,
+                self._settings,
             )
             limit_torque(self._prescribed, math.inf)
         return self._prescribed

@@ -233,12 +233,60 @@ def terrain(
     _report([(table, title, "") for table, title in study.tables(result)], [], written)
 
 
+def contact(
+    *,
+    only: str | None = None,
+    profile: str = "thesis-lab",
+    recording: str | None = None,
+    recording_profile: str = "husky-tile",
+    start: Annotated[float | None, tyro.conf.arg(name="from")] = None,
+    until: float | None = None,
+    workers: int | None = None,
+    out: Path = Path("runs/study/contact"),
+) -> None:
+    """Try physics settings on the MuJoCo Husky: cone, solver, contact, step, wheels, centre of mass; alone and together.
+
+    Args:
+        only: Which groups besides what is shipped, comma-separated (cone, impratio, "time step", ...); all if not given.
+        profile: Name of a shipped profile or path of a TOML file, for the lab's robot.
+        recording: Path of a real robot's recording (.csv, or a bag) with wheel rates; adds its columns.
+        recording_profile: The same as `profile`, for the robot of the recording.
+        start: Leave out what was recorded before this time [s].
+        until: Leave out what was recorded after this time [s].
+        workers: Threads; the result does not depend on it, but for the cost of a step.
+        out: Folder for the results.
+    """
+    from validation import contact_study as study
+    from validation.contact_bench import make_bench
+    from validation.contact_figure import draw_contact
+    from validation.sources import open_source
+
+    with cli.mistakes_are_users():
+        _check(0, workers)
+        chosen = study.choose(study.groups() if only is None else cli.parse_names(only, study.groups(), "group"))
+        if recording is None and (start is not None or until is not None):
+            raise cli.UserError("--from and --until cut a recording; name one with --recording")
+        lab, recorded, source = load(profile), None, None
+        if recording is not None:
+            recorded, source = load(recording_profile), open_source(recording, "wheels", start, until)
+            if source.reference != "recording":
+                raise cli.UserError(f"--recording {recording} is a scenario; wanted the path of a recording")
+        bench = make_bench(lab, recorded, source)
+        study.check(bench, chosen)
+    folder = cli.output_folder(out)
+    result = study.study_contact(bench, chosen, workers)
+    written = _write(folder, study.as_document(result), draw_contact(result), study.markdown(result))
+    tables = [(study.measure_grid(result, names), title, "") for title, names in study.TABLES.items()]
+    _report(tables, study.remarks(result), written)
+
+
 STUDIES: Mapping[str, Callable[..., None]] = {
     "robustness": robustness,
     "filter": filter,
     "tables": tables,
     "gains": gains,
     "terrain": terrain,
+    "contact": contact,
 }
 """By name, as on the command line."""
 

@@ -1,0 +1,127 @@
+"""Draw the figure of docs/contact.md on the sideways drift, and print its numbers.
+
+Run from the project's root: `python docs/make_contact_figures.py`. The page's other figure is that of
+`python -m validation.study contact`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ssmr.types import Commands, State, Trajectory
+from validation.contact_bench import SAMPLE, SPIN_LEAD, TURNED, Variant, make_variant, spin
+from validation.contact_study import variants
+from validation.driving import drive
+from validation.profiles import PlantProfile, load
+from validation.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_spot
+from validation.sources import open_source
+
+OUT = Path(__file__).parent / "img" / "sideways_drift.png"
+LADDER = {
+    "near ODE, maker's centre: as it is": ("#d55e00", "near ODE, maker's centre of mass"),
+    "near ODE, maker's centre: and an elliptic cone": ("#a0529a", "and an elliptic cone"),
+    "near ODE, maker's centre: and soft contact": ("#0072b2", "and soft contact"),
+    "near ODE, maker's centre: and the centre in the middle": ("#009e73", "and the centre in the middle"),
+}
+"""Variants of the study, each with one cure more than the last: colour and words."""
+SLOW = 0.15
+"""Yaw rate commanded on the spot where theory is compared, which knows no inertia [rad/s]."""
+SLOW_TIME = 150.0
+"""For how long [s]."""
+BINS = 18
+"""Of headings from 0 to 90 degrees."""
+
+
+def whole_robot(offset: float, section: PlantProfile) -> float:
+    """Where the centre of the whole robot is if that of the base is so far off [m]."""
+    mass = section.parameters.mass
+    return offset * (mass - 4.0 * 2.637) / mass
+
+
+def by_heading(variant: Variant, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
+    """(BINS,) headings [deg] and (BINS,) mean yaw rates over the rims' speed [rad/m] of a slow turn."""
+    plant = make_variant(variant, section)
+    motion = plant.run(Commands(0.05, np.tile([0.0, SLOW], (round(SLOW_TIME / 0.05), 1))), State(), SAMPLE)
+    tail = motion.t > SPIN_LEAD
+    rims = 0.5 * section.parameters.wheel_radius * np.diff(motion.wheels[tail], axis=1)[:, 0].mean()
+    heading = np.degrees(np.mod(motion.yaw[tail], 0.5 * math.pi))
+    which = np.minimum((heading / 90.0 * BINS).astype(int), BINS - 1)
+    rates = np.array([motion.twist[tail, 2][which == k].mean() for k in range(BINS)]) / rims
+    return (np.arange(BINS) + 0.5) * 90.0 / BINS, rates
+
+
+def draw_theory(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
+    """Yaw rate over heading: a circle's and a polygon's friction, in theory and measured."""
+    headings = np.linspace(0.0, 90.0, 181)
+    y = whole_robot(-0.085, section)
+    for place, colour, words, key in (
+        (0.0, "#0072b2", "centre in the middle", "cone: pyramidal"),
+        (y, "#d55e00", "maker's centre", "near ODE, maker's centre: as it is"),
+    ):
+        theory = [polygonal_turn("diamond", math.radians(h), 0.0, place).yaw_rate for h in headings]
+        ax.plot(headings, theory, color=colour, lw=1.4, label=f"polygon, {words}")
+        ax.axhline(turn_on_the_spot(0.0, place).yaw_rate, color=colour, lw=0.9, ls=(0, (4, 2)), label=f"circle, {words}")
+        measured = by_heading(found[key], section)
+        ax.plot(*measured, "o", color=colour, ms=3.5)
+    ax.set(
+        xlabel="heading on the friction's axes [deg]", ylabel="yaw rate over rim speed [rad/m]", xlim=(0, 90), ylim=(0, 4.7)
+    )
+    ax.set_xticks([0, 15, 30, 45, 60, 75, 90])
+    ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=2)
+    ax.set_title("Turning slowly on the spot (dots: MuJoCo)", fontsize=10)
+    straight = polygonal_turn("diamond", 0.25 * math.pi, 0.0, y)
+    print(f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, {straight.yaw_rate:.3f} rad/m of rim speed")
+    print(f"circle, maker's centre: centre of rotation {turn_on_the_spot(0.0, y).centre[1]:.3f} m to the left")
+
+
+def draw_paths(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
+    """Where the middle of the robot goes while it turns on the spot."""
+    for key, (colour, words) in LADDER.items():
+        made = spin(make_variant(found[key], section))
+        tail = made.motion.t >= SPIN_LEAD
+        xy = made.motion.xy[tail] - made.motion.xy[tail][0]
+        last = words.endswith("middle")
+        ax.plot(*xy.T, "o" if last else "-", color=colour, lw=1.0, ms=4.5, label=words, zorder=3 if last else 2)
+        print(f"{words}: {made.turns:.2f} turns, {np.hypot(*xy.T).max():.3f} m from its place at most")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set(xlabel="x [m]", ylabel="y [m]")
+    ax.set_title("The middle in 36 s of turning on the spot", fontsize=10)
+
+
+def draw_speed(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
+    """Speed along trajectory 3, on ground turned by 45 degrees."""
+    piece = replace(open_source("traj3").pieces[0], start=State(yaw=TURNED))
+    for key, (colour, words) in LADDER.items():
+        motion: Trajectory = drive(make_variant(found[key], section), piece, section.tracked_point, SAMPLE)
+        ax.plot(motion.t, motion.twist[:, 0], color=colour, lw=1.0, label=words)
+        print(f"{words}: up to {motion.twist[motion.t > 3.0, 0].max():.3f} m/s on trajectory 3")
+    ax.axhline(0.5, color="black", lw=0.8, ls=":")
+    ax.set(xlabel="time [s]", ylabel="speed ahead [m/s]", xlim=(0, 20), ylim=(0, 0.98))
+    ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=1)
+    ax.set_title("Trajectory 3: 0.5 m/s commanded", fontsize=10)
+
+
+def main() -> None:
+    """Draw the three panels."""
+    section = load("thesis-lab").plants["mujoco"]
+    found = {v.key: v for v in variants()}
+    print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
+    figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, 3, width_ratios=(1.15, 0.85, 1.15))
+    for draw, ax in zip((draw_theory, draw_paths, draw_speed), panels, strict=True):
+        draw(section, found, ax)
+        ax.spines[["top", "right"]].set_visible(False)
+    OUT.parent.mkdir(exist_ok=True)
+    figure.savefig(OUT)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Physics settings: what is set is what the compiled model has, and nothing else moves."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from ssmr.types import Commands, State
+from ssmr.vehicle import Drive
+from validation.husky import HuskyCalibration, build, wheel_geoms
+from validation.mujoco_plant import MujocoPlant
+from validation.physics_settings import SHIPPED, PhysicsSettings
+
+EVERYTHING = PhysicsSettings(
+    cone="pyramidal", impratio=7.0, noslip=2, condim=4, solimp=(0.5, 0.9, 0.002, 0.5, 2.0), solref=(0.03, 0.8),
+    solver="PGS", iterations=9, integrator="Euler", tangent_ratio=0.5,
+)  # fmt: skip
+
+
+def test_nothing_said_is_what_ships() -> None:
+    one, other = build(HuskyCalibration()), build(HuskyCalibration(), settings=SHIPPED)
+    for name in ("geom_solimp", "geom_solref", "geom_condim", "geom_friction", "body_mass"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    assert (one.opt.cone, one.opt.impratio, one.opt.iterations) == (other.opt.cone, other.opt.impratio, other.opt.iterations)
+
+
+def test_everything_said_is_in_the_model_and_the_calibration_stays() -> None:
+    calibration = HuskyCalibration(friction=0.4, mass=80.0)
+    model, shipped = build(calibration, settings=EVERYTHING), build(calibration)
+    tires = wheel_geoms(model)
+    assert model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    assert model.opt.solver == mujoco.mjtSolver.mjSOL_PGS
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    assert (model.opt.impratio, model.opt.noslip_iterations, model.opt.iterations) == (7.0, 2, 9)
+    for kind, rows in (("geom", tires), ("pair", range(model.npair))):
+        assert np.allclose(getattr(model, f"{kind}_solimp")[list(rows)], EVERYTHING.solimp)
+        assert np.allclose(getattr(model, f"{kind}_solref")[list(rows)], EVERYTHING.solref)
+    assert (model.geom_condim[tires] == 4).all()
+    assert (model.pair_dim == 4).all()
+    assert np.allclose(model.pair_friction[:, :2], [0.2, 0.4])
+    for name in ("body_mass", "body_inertia", "geom_size", "actuator_gainprm", "dof_armature"):
+        assert np.array_equal(getattr(model, name), getattr(shipped, name)), name
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"impratio": 0.0}, {"condim": 1}, {"noslip": -1}, {"iterations": 0}, {"tangent_ratio": float("nan")}]
+)
+def test_numbers_without_a_meaning_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        PhysicsSettings(**wrong)  # type: ignore[arg-type]
+
+
+def test_prescribed_wheels_have_the_settings_too() -> None:
+    """A recording's wheel rates drive another model than commands do."""
+    commands = Commands(0.05, np.tile([-3.0, 3.0], (40, 1)), kind="wheels")
+    ends = []
+    for settings in (SHIPPED, PhysicsSettings(tangent_ratio=0.3)):
+        plant = MujocoPlant(HuskyCalibration(), Drive(), settings=settings)
+        ends.append(plant.run(commands, State(), 0.05).yaw[-1])
+    assert abs(ends[0] - ends[1]) > 0.05
+
+
+def test_half_a_millisecond_suffices_for_prescribed_wheels() -> None:
+    commands = Commands(0.05, np.tile([3.0, 3.0], (10, 1)), kind="wheels")
+    motion = MujocoPlant(HuskyCalibration(timestep=0.0005), Drive()).run(commands, State(), 0.05)
+    assert motion.wheels[-1] == pytest.approx([3.0, 3.0], rel=1e-3)

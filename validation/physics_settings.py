@@ -1,0 +1,101 @@
+"""What MuJoCo is told about contacts, solver and integrator: overrides of what models/husky.xml ships.
+
+These are not calibrated: they say how the physics is computed, not which robot is meant. `validation.husky.build` applies
+them once, after the calibration, so what a fit moves and what a study of settings moves never meet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+
+Cone = Literal["elliptic", "pyramidal"]
+Solver = Literal["Newton", "CG", "PGS"]
+Impedance = tuple[float, float, float, float, float]
+Integrator = Literal["Euler", "implicit", "implicitfast", "RK4"]
+
+_CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
+_SOLVERS = {"Newton": mujoco.mjtSolver.mjSOL_NEWTON, "CG": mujoco.mjtSolver.mjSOL_CG, "PGS": mujoco.mjtSolver.mjSOL_PGS}
+_INTEGRATORS = {
+    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+}
+
+
+@dataclass(frozen=True)
+class PhysicsSettings:
+    """Overrides; None leaves what is shipped."""
+
+    cone: Cone | None = None
+    """Shape of the friction cone -> opt.cone."""
+    impratio: float | None = None
+    """Impedance of friction over that of the normal [1] -> opt.impratio."""
+    noslip: int | None = None
+    """Iterations of the solver that takes the softness out of friction afterwards -> opt.noslip_iterations."""
+    condim: int | None = None
+    """3: sliding friction; 4: torsional besides; 6: rolling besides -> geom_condim, pair_dim."""
+    solimp: Impedance | None = None
+    """Impedance of tyre on ground: at no depth, at full depth [1], that depth [m], its midpoint and power [1]."""
+    solref: tuple[float, float] | None = None
+    """Time constant [s] and damping ratio [1] of the same."""
+    solver: Solver | None = None
+    """-> opt.solver."""
+    iterations: int | None = None
+    """Of the solver, at most -> opt.iterations."""
+    integrator: Integrator | None = None
+    """-> opt.integrator."""
+    tangent_ratio: float | None = None
+    """Friction along MuJoCo's first tangent over that along its second [1] -> pair_friction. On every shape but the capsule
+    the tangents are the world's axes, which no tyre knows of; a robot's own is `HuskyCalibration.friction_ratio`."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ValueError: a number that MuJoCo has no meaning for.
+        """
+        for name in ("impratio", "tangent_ratio"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} is {value}, must be positive")
+        for name, least in (("noslip", 0), ("iterations", 1)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise ValueError(f"{name} is {value}, must be at least {least}")
+        if self.condim not in (None, 3, 4, 6):
+            raise ValueError(f"condim is {self.condim}, must be 3, 4 or 6: a tyre without friction drives nowhere")
+
+    @property
+    def needs_pairs(self) -> bool:
+        """Whether the tyres need explicit contact pairs."""
+        return self.tangent_ratio is not None
+
+
+SHIPPED = PhysicsSettings()
+"""models/husky.xml as it is."""
+
+
+def apply_settings(model: mujoco.MjModel, settings: PhysicsSettings, tires: Sequence[int]) -> None:
+    """Set the overrides on a compiled and calibrated model, in place; `tires` are the ids of the contact geoms."""
+    for name, value in (
+        ("cone", settings.cone and _CONES[settings.cone]),
+        ("solver", settings.solver and _SOLVERS[settings.solver]),
+        ("integrator", settings.integrator and _INTEGRATORS[settings.integrator]),
+        ("impratio", settings.impratio),
+        ("noslip_iterations", settings.noslip),
+        ("iterations", settings.iterations),
+    ):
+        if value is not None:
+            setattr(model.opt, name, value)
+    for name, numbers in (("condim", settings.condim), ("solimp", settings.solimp), ("solref", settings.solref)):
+        if numbers is not None:
+            getattr(model, f"geom_{name}")[list(tires)] = numbers
+            getattr(model, "pair_dim" if name == "condim" else f"pair_{name}")[:] = numbers
+    if settings.tangent_ratio is not None:
+        model.pair_friction[:, 0] = settings.tangent_ratio * model.pair_friction[:, 1]

@@ -1,0 +1,126 @@
+"""What mechanics says of a turn on the spot, before any simulation: docs/physics.md and docs/contact.md derive it.
+
+Rigid tyres slide on the ground, left and right ones turning alike and against each other; nothing accelerates. The robot
+then moves so that the forces and the moments of friction cancel, which is where what friction dissipates is least: that is
+convex in the motion, so there is nothing to search.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import linprog, minimize
+
+from ssmr.types import FloatArray
+
+WHEELBASE, TRACK = 0.512, 0.5708
+"""Of models/husky.xml [m]."""
+WHEEL_X = 0.5 * WHEELBASE * np.array([1.0, 1.0, -1.0, -1.0])
+WHEEL_Y = 0.5 * TRACK * np.array([1.0, -1.0, 1.0, -1.0])
+"""Places of the wheels in the order of `validation.husky.WHEELS` [m]."""
+STRAIGHT = 1e-9
+"""Who turns slower drives straight, to rounding [rad/s]."""
+
+Limit = Literal["diamond", "square"]
+"""Of the friction force over the load: |f_1| + |f_2| <= mu, MuJoCo's pyramid; |f_1|, |f_2| <= mu, ODE's."""
+
+
+@dataclass(frozen=True)
+class SkidTurn:
+    """A quasi-static turn on the spot, for tyres whose rims roll at 1 m/s, the right ones forward."""
+
+    forward: float
+    """Speed of the middle between the axles ahead [m/s]."""
+    across: float
+    """The same to the left [m/s]."""
+    yaw_rate: float
+    """[rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
+
+    @property
+    def multiplier(self) -> float:
+        """Yaw rate of the wheels over that of the body [1]; infinite for none."""
+        return 2.0 / (TRACK * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Centre of rotation: x ahead of the middle, y to its left [m]; infinitely far for a robot that drives straight."""
+        if self.yaw_rate <= 0.0:
+            return math.inf, math.inf
+        return -self.across / self.yaw_rate, self.forward / self.yaw_rate
+
+
+@dataclass(frozen=True)
+class _Contacts:
+    x: FloatArray
+    y: FloatArray
+    load: FloatArray
+    rolling: FloatArray
+
+
+def _contacts(x: float, y: float, half_width: float) -> _Contacts:
+    """Where tyres touch, their shares of the load (equal springs': linear in the place), and how fast they roll [m/s]."""
+    load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * WHEEL_Y / (0.5 * TRACK) ** 2)
+    rolling = np.where(WHEEL_Y > 0.0, -1.0, 1.0)
+    if half_width == 0.0:
+        return _Contacts(WHEEL_X, WHEEL_Y, load, rolling)
+    inner, outer = WHEEL_Y - half_width, WHEEL_Y + half_width
+    twice = np.tile
+    return _Contacts(twice(WHEEL_X, 2), np.concatenate([inner, outer]), twice(0.5 * load, 2), twice(rolling, 2))
+
+
+def turn_on_the_spot(x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0) -> SkidTurn:
+    """Coulomb friction, each tyre touching at one point or at two.
+
+    Args:
+        x: of the centre of mass, ahead of the middle between the axles [m].
+        y: to its left [m].
+        ratio: lateral over longitudinal friction [1].
+        half_width: half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
+    """
+    c = _contacts(x, y, half_width)
+
+    def power(motion: FloatArray) -> tuple[float, FloatArray]:
+        v_x, v_y, rate = motion
+        s_x, s_y = v_x - rate * c.y - c.rolling, v_y + rate * c.x
+        size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
+        f_x, f_y = c.load * s_x / size, c.load * ratio**2 * s_y / size
+        return float(c.load @ size), np.array([f_x.sum(), f_y.sum(), (c.x * f_y - c.y * f_x).sum()])
+
+    found = minimize(power, np.array([0.0, 0.0, 1.8]), jac=True, method="BFGS", options={"gtol": 1e-10})
+    return SkidTurn(*map(float, found.x))
+
+
+def polygonal_turn(limit: Limit, heading: float, x: float = 0.0, y: float = 0.0) -> SkidTurn:
+    """The same where a polygon that does not turn with the robot limits friction, instead of a circle.
+
+    Args:
+        limit: which polygon; a square is a diamond turned by 45 degrees, and greater, of which the motion knows nothing.
+        heading: yaw of the robot in the polygon's axes [rad].
+        x: of the centre of mass, ahead of the middle between the axles [m].
+        y: to its left [m].
+
+    Returns:
+        One of the motions of least dissipation: a polygon may leave the motion across free (docs/contact.md).
+    """
+    c = _contacts(x, y, 0.0)
+    n = len(c.x)
+    if limit == "square":
+        heading -= 0.25 * np.pi
+    cos, sin = np.cos(heading), np.sin(heading)
+    # A diamond dissipates load * max(|s_1|, |s_2|): least t with -t <= s_k <= t. Columns: v_x, v_y, rate, t of every tyre.
+    ones = np.ones(n)
+    along = np.column_stack([ones, 0.0 * ones, -c.y]), c.rolling
+    across = np.column_stack([0.0 * ones, ones, c.x]), 0.0 * ones
+    rows, bounds = [], []
+    for p, q in ((cos, -sin), (sin, cos)):
+        matrix, offset = p * along[0] + q * across[0], p * along[1] + q * across[1]
+        for sign in (1.0, -1.0):
+            rows.append(np.hstack([sign * matrix, -np.eye(n)]))
+            bounds.append(sign * offset)
+    cost = np.concatenate([np.zeros(3), c.load])
+    found = linprog(cost, np.vstack(rows), np.concatenate(bounds), bounds=[(None, None)] * 3 + [(0.0, None)] * n)
+    v_x, v_y, rate = (float(value) for value in found.x[:3])
+    return SkidTurn(v_x, v_y, rate if rate > STRAIGHT else 0.0)

@@ -27,10 +27,12 @@ LAYERS = (
         "validation.published",
         "validation.husky",
         "validation.recording",
+        *("validation.pacing", "validation.ros_commands", "validation.ros_messages"),
     },
-    {"validation.mujoco_plant", "validation.robot_mesh"},
-    {"validation.profiles", "validation.results", "validation.drawing", "validation.husky_loops"},
+    {"validation.mujoco_plant", "validation.robot_mesh", "validation.ros_pilot", "validation.ros_port"},
+    {"validation.profiles", "validation.results", "validation.drawing", "validation.husky_loops", "validation.ros_robot"},
     {
+        "validation.ros_sim",
         "validation.searchable",
         "validation.search",
         "validation.sources",
@@ -48,7 +50,7 @@ LAYERS = (
         "validation.tune_report",
         "validation.tune_figure",
     },
-    {"validation.driving", "validation.tracking", "validation.learning"},
+    {"validation.driving", "validation.tracking", "validation.learning", "validation.ros_control"},
     {
         "validation.compare",
         "validation.population",
@@ -61,7 +63,7 @@ LAYERS = (
     {"validation.objective", "validation.tuning"},
     {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},
     {"validation.fitting"},
-    {"validation.fit", "validation.track", "validation.tune", "validation.study"},
+    {"validation.fit", "validation.track", "validation.tune", "validation.study", "validation.ros"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 
@@ -138,3 +140,11 @@ def test_no_package_hides_code_in_its_init() -> None:
     for package in ("ssmr", "ssmr/models", "validation"):
         tree = ast.parse((ROOT / package / "__init__.py").read_text(encoding="utf-8"))
         assert all(isinstance(node, ast.Expr) for node in tree.body), package
+
+
+def test_one_module_knows_rospy() -> None:
+    """Everything else of the nodes is tested without ROS."""
+    packages = {"rospy", "rosgraph", "genpy", "rosgraph_msgs", *(f"{kind}_msgs" for kind in ("geometry", "nav", "sensor"))}
+    for name, path in modules().items():
+        used = {u.split(".")[0] for u in imports(path)} & packages
+        assert not used or name == "validation.ros_port", f"{name} imports {sorted(used)}"

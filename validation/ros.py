@@ -1,4 +1,4 @@
-"""`python -m validation.ros sim|control`: the MuJoCo Husky on a ROS 1 graph, and the controllers on whatever robot is there."""
+"""`python -m validation.ros sim|control`: the MuJoCo Husky on a ROS 1 graph, and controllers for whatever robot is there."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def sim(
         duration: End by yourself after so much time [s].
         no_noise: Encoders and gyro without noise.
         disturbance: Push the robot's yaw at random (Sec. 3.4.5).
-        wall_time: Stamp with the wall's time, and leave /use_sim_time as it is; else time begins at 0 and /use_sim_time is set.
+        wall_time: Stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set.
         seed: Seed of noise and disturbance.
     """
     with cli.mistakes_are_users():
@@ -59,12 +59,14 @@ def sim(
             raise cli.UserError(
                 f"--seed {seed} must not be negative, --duration {duration:g} positive, --start {start} finite"
             )
-        plant = cast(MujocoPlant, make_plant(load(profile), "mujoco"))
+        chosen = load(profile)
     settings = SensorSettings(noise=not no_noise, disturbance=disturbance, seed=seed)
-    warm_up(SimulatedRobot(plant, settings))
-    robot = SimulatedRobot(plant, settings, State(*start))
     port = _open("husky_simulation")
     try:
+        with cli.mistakes_are_users():
+            plant = cast(MujocoPlant, make_plant(chosen, "mujoco"))
+        warm_up(SimulatedRobot(plant, settings))
+        robot = SimulatedRobot(plant, settings, State(*start))
         if not wall_time:
             port.set_parameter(ros_sim.SIM_TIME, True)
         ros_sim.connect(port)

@@ -98,18 +98,18 @@ class CommandGate:
     def _hears(self, source: Source, now: float) -> bool:
         return now - self._heard.get(source.topic, -math.inf) <= source.timeout
 
-    def lock(self, locked: bool) -> None:
-        """An emergency stop, or its end."""
+    def lock(self, locked: bool, why: str = LOCK_TOPIC) -> None:
+        """Let nobody command any more, or somebody again; the news say why."""
         if locked != self._locked:
-            self._news.append("e_stop: the robot brakes and takes no commands" if locked else "e_stop released")
+            self._news.append(f"{why}: the robot brakes, and takes no commands" if locked else f"{why}: released")
         self._locked = locked
         if locked:
             self._driving = False
 
     def stop(self, why: str) -> None:
-        """Brake until the next command."""
+        """Brake until the next command; the news say why."""
         if self._driving:
-            self._news.append(f"{why}: the robot brakes")
+            self._news.append(f"{why}: the robot {'stands' if self._twist == STILL else 'brakes'}")
         self._driving = False
 
     def command(self, now: float) -> Twist:

@@ -227,7 +227,7 @@ class Pilot:
         return bool(self._tracked) and self._tracked[-1][0] >= self._times[-1] - FRESH
 
     def run(self) -> ClosedRun:
-        """What happened, at even instants; the motion by the tracking system where there was one, else as the robot believes.
+        """What happened, at even instants; the motion by the tracking system if there was one, else as the robot believes.
 
         Lateral speed, wheel rates and torques are not known, and 0.
 

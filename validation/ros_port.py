@@ -1,7 +1,7 @@
 """The way into a ROS 1 graph: the only module that knows rospy, which is imported when a port opens.
 
-rospy is no package of PyPI. On Debian 12 it comes with apt for the system's Python 3.11; it is found there too from a virtual
-environment of the same version, whose own packages go first.
+rospy is no package of PyPI. On Debian 12 it comes with apt for the system's Python 3.11, where a virtual environment of the
+same version finds it too; the environment's own packages go first.
 """
 
 from __future__ import annotations
@@ -194,6 +194,11 @@ class Port:
             if misses >= MASTER_MISSES:
                 self.master_gone.set()
                 return
+
+    @property
+    def master_pid(self) -> int | None:
+        """Its process id, on its own machine."""
+        return self._pid
 
     @property
     def master(self) -> str:

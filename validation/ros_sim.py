@@ -17,7 +17,7 @@ import numpy as np
 from ssmr.errors import SsmrError
 from validation import ros_messages as msg
 from validation.pacing import Pace, Pacer, instants
-from validation.ros_commands import LOCK_TOPIC, SOURCES, CommandGate
+from validation.ros_commands import LOCK_TOPIC, SOURCES, STILL, CommandGate, Twist
 from validation.ros_robot import SENSOR_RATE, SimulatedRobot
 
 log = logging.getLogger(__name__)
@@ -49,6 +49,8 @@ BEHIND = 0.1
 """A simulation so late is not at real time any more, and says so [s]."""
 REST_PATIENCE = 5.0
 """So long a robot that was told to brake is waited for [s]."""
+LINGER = 0.5
+"""So long a robot must have stood before the node leaves: whoever listens shall see it [s]."""
 
 
 class Channel(Protocol):
@@ -143,6 +145,8 @@ class SimNode:
         self.report = SimReport()
         self._told_late = False
         self._braking_since: float | None = None
+        self._stood_since: float | None = None
+        self._gone_at: float | None = None
 
     @property
     def _stamp(self) -> float:
@@ -157,7 +161,6 @@ class SimNode:
             KeyboardInterrupt: as it comes.
         """
         robot, pacer = self._robot, Pacer(self._clock, self._sleep)
-        gone_at: float | None = None
         try:
             for step, due in instants(RATES, robot.dt):
                 if step * robot.dt > duration + 1e-9:
@@ -172,7 +175,7 @@ class SimNode:
                 self._watch(pacer.wait(robot.time))
                 self._send(due)
                 self._tell_rest(command)
-                gone_at = self._leave(gone_at)
+                self._leave()
         finally:
             self.report.simulated = robot.time
             if robot.steps:
@@ -230,33 +233,29 @@ class SimNode:
             log.info("%.2f s: at real time again", self._robot.time)
             self._told_late = False
 
-    def _tell_rest(self, command: tuple[float, float]) -> None:
+    def _tell_rest(self, command: Twist) -> None:
         """Say when a robot that was told to stand does."""
-        if command != (0.0, 0.0):
-            self._braking_since = None if self._robot.resting else self._robot.time
+        now = self._robot.time
+        self._stood_since = (now if self._stood_since is None else self._stood_since) if self._robot.resting else None
+        if command != STILL:
+            self._braking_since = None if self._robot.resting else now
         elif self._braking_since is not None and self._robot.resting:
-            log.info(
-                "%.2f s: the robot stands, %.2f s after the last command",
-                self._robot.time,
-                self._robot.time - self._braking_since,
-            )
+            log.info("%.2f s: the robot stands, %.2f s after it was told to", now, now - self._braking_since)
             self._braking_since = None
 
-    def _leave(self, gone_at: float | None) -> float | None:
-        """Stop where the master is gone; when that was noticed [simulated s]."""
+    def _leave(self) -> None:
+        """Stop where the master is gone, and leave once the robot stands."""
         if not self._port.master_gone.is_set():
-            return None
-        if gone_at is None:
-            self._gate.stop(f"the ROS master at {self._port.master} is gone")
-            self._gate.lock(True)
-            log.warning("%.2f s: the ROS master at %s is gone: the robot is stopped", self._robot.time, self._port.master)
-            gone_at = self._robot.time
-        if self._robot.resting or self._robot.time > gone_at + REST_PATIENCE:
-            how, after = "stands" if self._robot.resting else "does NOT stand", self._robot.time - gone_at
+            return
+        now, master = self._robot.time, self._port.master
+        if self._gone_at is None:
+            self._gone_at = now
+            self._gate.lock(True, f"the ROS master at {master} is gone")
+        stands = self._stood_since is not None and now >= self._stood_since + LINGER
+        if stands or now > self._gone_at + REST_PATIENCE:
             raise MasterGoneError(
-                f"the ROS master at {self._port.master} is gone; the robot {how}, {after:.2f} s after that was seen"
+                f"the ROS master at {master} is gone; the robot {'stands' if stands else 'does NOT stand'}"
             )
-        return gone_at
 
 
 def connect(port: Any) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import signal
@@ -31,7 +32,7 @@ from validation import cli, store
 from validation import ros_messages as msg
 from validation.gains import load_gains
 from validation.mujoco_plant import MujocoPlant
-from validation.pacing import EDGE, Pacer
+from validation.pacing import EDGE, Pacer, drift
 from validation.profiles import load, make_plant
 from validation.ros_commands import BASE_TIMEOUT
 from validation.ros_port import Port, Received, load_rospy, message_class, set_pose_service
@@ -64,7 +65,7 @@ class Finding:
 
 def at_most(what: str, value: float, unit: str, limit: float) -> Finding:
     """A finding whose size must not pass a limit."""
-    return Finding(what, value, unit, f"<= {limit:g}", abs(value) <= limit)
+    return Finding(what, float(value), unit, f"<= {limit:g}", bool(abs(value) <= limit))
 
 
 # --- processes ---
@@ -226,7 +227,7 @@ def rest_time(got: Sequence[Received]) -> float:
     speed = np.hypot(*(xy[6:] - xy[:-6]).T) / (6.0 / RATES[POSE])  # over 50 ms of simulated time
     moving = np.flatnonzero(speed > SLOW)
     if len(moving) == len(speed) or (len(moving) and moving[-1] == len(speed) - 1):
-        return float("nan")
+        return math.nan
     return float(t[moving[-1] + 3]) if len(moving) else float(t[0])
 
 
@@ -245,16 +246,12 @@ def measure_rates(watcher: Watcher, seconds: float) -> list[Finding]:
             kept = (len(mine) - 1) / (arrivals[-1] - arrivals[0])
             found.append(at_most(f"{topic}: {kept:.2f} Hz for {wanted:g}, off by", 100.0 * (kept / wanted - 1.0), "%", 1.0))
             lost = round((stamps[-1] - stamps[0]) * wanted) + 1 - len(mine)
-            found.append(Finding(f"{topic}: messages lost of {len(mine)}", lost, "", "0", lost == 0))
+            found.append(Finding(f"{topic}: messages lost of {len(mine)}", float(lost), "", "0", bool(lost == 0)))
             if topic == POSE:
-                late = arrivals - stamps
-                first, last = late[arrivals <= arrivals[0] + EDGE], late[arrivals >= arrivals[-1] - EDGE]
-                drift = 1e3 * float(np.median(last) - np.median(first))
-                found.append(
-                    at_most(f"pacing error over {arrivals[-1] - arrivals[0]:.0f} s, seen from outside", drift, "ms", 1.0)
-                )
+                late, what = arrivals - stamps, f"pacing error over {arrivals[-1] - arrivals[0]:.0f} s, seen from outside"
+                found.append(at_most(what, 1e3 * drift(stamps, late), "ms", 1.0))
                 spread = late - np.median(late)
-                for name, q in (("95 %", 95.0), ("most", 100.0)):
+                for name, q in (("95 %", 95.0), ("99 %", 99.0), ("most", 100.0)):
                     found.append(
                         Finding(f"arrivals later than their median: {name}", 1e3 * float(np.percentile(spread, q)), "ms", "")
                     )
@@ -284,12 +281,14 @@ def measure_latency(watcher: Watcher, trials: int) -> list[Finding]:
     waits, rng, modelled = [], np.random.default_rng(0), modelled_latency()
     with watcher.sim("--no-noise"):
         for k in range(trials):
-            before = watcher.hear(1.2 + 0.05 * rng.random())  # at rest again, at any phase of the robot's 20 Hz
-            xy = positions(before)[1][-1]
+            wait_until(lambda: speed_of(watcher.hear(0.2), 0.15) < 1e-4, "rest")
+            xy = positions(watcher.hear(0.1 + 0.05 * rng.random()))[1][-1]  # at any phase of the robot's 20 Hz
             sent = time.monotonic()
-            got, _ = watcher.drive(SPEED if k % 2 == 0 else -SPEED, 0.0, 0.35)
-            t, way = positions(got)
-            waits.append(float(t[np.argmax(np.hypot(*(way - xy).T) > MOVED)] - sent))
+            t, way = positions(watcher.drive(SPEED if k % 2 == 0 else -SPEED, 0.0, 0.6)[0])
+            moved = np.hypot(*(way - xy).T) > MOVED
+            if not moved.any():
+                raise cli.UserError("the robot did not move within 0.6 s: this machine is too busy to measure on")
+            waits.append(float(t[np.argmax(moved)] - sent))
     beyond = 1e3 * (np.array(waits) - modelled)
     median, p95 = np.percentile(beyond, [50.0, 95.0])
     return [
@@ -379,13 +378,13 @@ def stopping(what: str, rest: float) -> list[Finding]:
     return [
         Finding(f"{what}: at rest from {SPEED} m/s after", rest, "s", ""),
         Finding("of which the profile's robot: dead time, lag, braking", model, "s", ""),
-        Finding("so it was told to stand within", rest - model, "s", "<= 0.5", rest - model <= 0.5),
+        Finding("so it was told to stand within", rest - model, "s", "<= 0.5", bool(rest - model <= 0.5)),
     ]
 
 
 def yes(what: str, true: bool) -> Finding:
     """Something that is so."""
-    return Finding(what, float(true), "", "1", true)
+    return Finding(what, float(true), "", "1", bool(true))
 
 
 def check_set_pose(watcher: Watcher) -> list[Finding]:
@@ -434,8 +433,10 @@ def check_priority(watcher: Watcher, log: Path) -> list[Finding]:
 
 
 def speed_of(got: Sequence[Received], seconds: float) -> float:
-    """Mean speed over the last `seconds` of the tracking system's stamps [m/s]."""
+    """Mean speed over the last `seconds` of the tracking system's stamps [m/s]; infinite where it says nothing."""
     poses = [g for g in got if g.topic == POSE]
+    if len(poses) < 2:
+        return math.inf  # not seen
     stamps, xy = np.array([stamp_of(g) for g in poses]), positions(poses)[1]
     first = int(np.searchsorted(stamps, stamps[-1] - seconds))
     return float(np.hypot(*(xy[-1] - xy[first])) / (stamps[-1] - stamps[first]))

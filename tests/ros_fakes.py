@@ -73,6 +73,7 @@ class FakeClock:
         self.now, self.overshoot = 100.0, overshoot
 
     def __call__(self) -> float:
+        """What time it is [s]."""
         return self.now
 
     def sleep(self, seconds: float) -> None:

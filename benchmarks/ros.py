@@ -36,7 +36,7 @@ from validation.pacing import EDGE, Pacer, drift
 from validation.profiles import load, make_plant
 from validation.ros_commands import BASE_TIMEOUT
 from validation.ros_port import Port, Received, load_rospy, message_class, set_pose_service
-from validation.ros_sim import FILTERED, KINDS, POSE, RATES, SET_POSE
+from validation.ros_sim import FILTERED, KINDS, POSE, RATES, SET_POSE, SIM_TIME
 from validation.tracking import make_controller, make_robot, odometry_of, rate, run_robots
 from validation.waypoint_files import open_reference
 
@@ -255,6 +255,8 @@ def measure_rates(watcher: Watcher, seconds: float) -> list[Finding]:
                     found.append(
                         Finding(f"arrivals later than their median: {name}", 1e3 * float(np.percentile(spread, q)), "ms", "")
                     )
+    left = load_rospy().get_param(SIM_TIME, None)
+    found.append(yes("the simulation has left the graph as it was", left is None))
     tail = said(log)
     found.append(at_most("pacing error, as the node says", float(tail.split("pacing error ")[1].split(" ms")[0]), "ms", 1.0))
     return found

@@ -92,7 +92,8 @@ class FakePort:
         self.coming: list[Received] = []
         self.calls: list[Call] = []
         self.sent: list[tuple[str, float, Any]] = []
-        self.gone_at = float("inf")
+        self.gone_at = self.back_at = float("inf")
+        self.robot_at = 0.0
 
     def make(self, kind: str) -> Any:
         """An empty message."""
@@ -103,8 +104,10 @@ class FakePort:
         message = make(self.kinds[topic])
         fill(message)
         self.sent.append((topic, self.clock(), message))
-        if self.clock() >= self.gone_at:
+        if self.gone_at <= self.clock() < self.back_at:
             self.master_gone.set()
+        else:
+            self.master_gone.clear()
 
     def plan(self, topic: str, arrival: float, message: Any) -> None:
         """Let a message come at `arrival` [s] after the clock's beginning."""
@@ -120,6 +123,10 @@ class FakePort:
             return got
         self.clock.now = until
         return None
+
+    def listeners(self, topic: str) -> int:
+        """One, once the robot is there."""
+        return int(self.clock() >= self.robot_at)
 
     def call(self) -> Call | None:
         """The next call."""

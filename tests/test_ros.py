@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from validation import cli, ros
 from validation.ros_port import APT_PACKAGES, SET_POSE_MD5
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -63,6 +64,20 @@ def test_without_ros_one_line_says_what_to_install(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].startswith("error: ROS 1 is not there (none here)")
     assert "apt-get install" in done.stderr
+
+
+def test_mistakes_are_told_before_anything_is_started(tmp_path: Path) -> None:
+    """Also where there is no ROS."""
+    with pytest.raises(cli.UserError, match="--seed -1"):
+        ros.sim(seed=-1)
+    with pytest.raises(cli.UserError, match="no profile 'nobody'"):
+        ros.sim(profile="nobody")
+    with pytest.raises(cli.UserError, match="nowhere.csv"):
+        ros.control("pid", str(tmp_path / "nowhere.csv"), speed=0.2)
+    with pytest.raises(cli.UserError, match=r"asks for 0\.5 m/s; the limit is 0\.3 m/s"):
+        ros.control("pid", "line", speed=0.5, v_limit=0.3)
+    with pytest.raises(cli.UserError, match="--patience 0 s"):
+        ros.control("pid", "line", patience=0.0)
 
 
 @pytest.mark.usefixtures("ros")

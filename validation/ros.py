@@ -16,7 +16,7 @@ from ssmr.types import State
 from validation import cli, ros_control, ros_sim, store
 from validation.gains import load_gains
 from validation.mujoco_plant import MujocoPlant
-from validation.profiles import PlantProfile, load, make_plant
+from validation.profiles import load, make_plant
 from validation.results import TrackResult
 from validation.ros_commands import CommandGate
 from validation.ros_pilot import Pilot, PilotSettings
@@ -138,13 +138,11 @@ def control(
     port = _open("husky_control")
     try:
         ros_control.connect(port, topics)
-        began = time.perf_counter()
-        ros_control.ControlNode(port, pilot, topics, patience=patience).run()
-        wall = time.perf_counter() - began
+        node = ros_control.ControlNode(port, pilot, topics, patience=patience)
+        node.run()
     finally:
         port.close("the controller has ended")
     run = pilot.run()
-    design: PlantProfile = chosen.plants["linear"]
     metrics = rate_within(run, waypoints, math.inf, v_limit, w_limit)
     options = {
         "feedback": f"{feedback} by ROS",
@@ -153,11 +151,10 @@ def control(
         "v_max_m_s": v_limit,
         "w_max_rad_s": w_limit,
         "velocity_period_s": settings.period,
-        "design_delay_s": design.drive.delay_v,
     }
     result = TrackResult(
         law.name, wanted.name, dict(wanted.values), label, waypoints.speed, "ros", chosen.name, 0, run,
-        reference_of(run, waypoints), metrics, wall, options, store.versions(),
+        reference_of(run, waypoints), metrics, node.drove, options, store.versions(),
     )  # fmt: skip
     cli.report(track_tables([result]), track_notes([result]), write([result], folder, recording=False))
 

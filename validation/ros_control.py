@@ -63,6 +63,8 @@ class ControlNode:
         """
         self._port, self._pilot, self._topics, self._clock, self._patience = port, pilot, topics, clock, patience
         self._speeds: Seen | None = None
+        self.drove = 0.0
+        """How long the robot was driven [s]."""
         self._speeds_at = -math.inf
 
     def run(self) -> None:
@@ -72,8 +74,10 @@ class ControlNode:
             StoppedError: no robot came, or it had to be stopped.
             KeyboardInterrupt: as it comes, once the robot was told to stand.
         """
+        self._wait()  # until then the robot is somebody else's: nothing is sent
+        log.info("driving")
+        began = self._clock()
         try:
-            self._wait()
             self._drive()
             log.info("arrived: the robot is stopped")
         except SsmrError as error:
@@ -83,20 +87,25 @@ class ControlNode:
             log.warning("interrupted: the robot is stopped")
             raise
         finally:
+            self.drove = self._clock() - began
             self._stop()
 
     def _wait(self) -> None:
-        """Until the pilot is content."""
+        """Until somebody listens, and the pilot is content."""
         until, told = self._clock() + self._patience, ""
         log.info("waiting for the robot on %s", self._topics.odometry)
         while self._pilot.phase is Phase.WAITING:
+            heard = self._port.listeners(self._topics.command) > 0
+            why = self._pilot.why_waiting if heard else f"nobody listens to {self._topics.command}"
             if self._clock() > until:
-                raise StoppedError(f"no robot to drive after {self._patience:g} s: {self._pilot.why_waiting}")
-            self._take(0.1)
-            if self._pilot.why_waiting != told and self._clock() > until - self._patience + 1.0:
-                told = self._pilot.why_waiting
+                raise StoppedError(f"no robot to drive after {self._patience:g} s: {why}")
+            if heard:
+                self._take(0.1)
+            else:
+                self._port.receive(0.1)  # what comes meanwhile is old when it counts
+            if why != told and self._clock() > until - self._patience + 1.0:
+                told = why
                 log.info("still waiting: %s", told)
-        log.info("driving")
 
     def _drive(self) -> None:
         """Messages as they come, commands at absolute deadlines."""

@@ -38,7 +38,7 @@ MASTER_PERIOD = 0.1
 MASTER_PATIENCE = 0.15
 """How long it may take to answer [s]."""
 MASTER_MISSES = 2
-"""So many unanswered questions in a row mean that it is gone: 0.3 to 0.5 s at most, 0.2 s where it refuses at once."""
+"""So many unanswered questions in a row mean that it is gone: after 0.2 s where it refuses, 0.5 s where it is silent."""
 
 
 class Received(NamedTuple):
@@ -172,7 +172,7 @@ class Port:
         self._restore: tuple[str, Any] | None = None
         self._closed = threading.Event()
         self.master_gone = threading.Event()
-        """Set when the master no longer answers."""
+        """Set while the master does not answer, or another has taken its place: that one knows nothing of this node."""
         threading.Thread(target=self._watch_master, daemon=True).start()
 
     # --- the master ---
@@ -193,7 +193,8 @@ class Port:
             misses = 0 if self._ask_master() == self._pid else misses + 1
             if misses >= MASTER_MISSES:
                 self.master_gone.set()
-                return
+            elif misses == 0:
+                self.master_gone.clear()
 
     @property
     def master_pid(self) -> int | None:

@@ -48,16 +48,17 @@ IMU_AT = (0.19, 0.0, 0.149)
 BEHIND = 0.1
 """A simulation so late is not at real time any more, and says so [s]."""
 REST_PATIENCE = 5.0
-"""So long a robot that was told to brake is waited for [s]."""
-LINGER = 0.5
-"""So long a robot must have stood before the node leaves: whoever listens shall see it [s]."""
+"""So long a robot that does not come to rest is waited for [s]."""
+LEAVE_AFTER = 2.0
+"""So long the master must have been gone before the node leaves [s]: a busy one may come back, and listeners see the robot
+stand."""
 
 
 class Channel(Protocol):
     """What a node wants of its port."""
 
     master_gone: threading.Event
-    """Set when the master no longer answers."""
+    """Set while the master does not answer."""
 
     @property
     def master(self) -> str:
@@ -74,6 +75,10 @@ class Channel(Protocol):
 
     def receive(self, timeout: float = 0.0) -> Any:
         """The next message (topic, arrival, message), waited for at most `timeout` [s]; None where none came."""
+        ...
+
+    def listeners(self, topic: str) -> int:
+        """How many listen to a topic that is sent on."""
         ...
 
     def call(self) -> Any:
@@ -145,7 +150,6 @@ class SimNode:
         self.report = SimReport()
         self._told_late = False
         self._braking_since: float | None = None
-        self._stood_since: float | None = None
         self._gone_at: float | None = None
 
     @property
@@ -236,7 +240,6 @@ class SimNode:
     def _tell_rest(self, command: Twist) -> None:
         """Say when a robot that was told to stand does."""
         now = self._robot.time
-        self._stood_since = (now if self._stood_since is None else self._stood_since) if self._robot.resting else None
         if command != STILL:
             self._braking_since = None if self._robot.resting else now
         elif self._braking_since is not None and self._robot.resting:
@@ -244,15 +247,18 @@ class SimNode:
             self._braking_since = None
 
     def _leave(self) -> None:
-        """Stop where the master is gone, and leave once the robot stands."""
-        if not self._port.master_gone.is_set():
-            return
+        """Stop while the master is gone, and leave where it does not come back."""
         now, master = self._robot.time, self._port.master
+        if not self._port.master_gone.is_set():
+            if self._gone_at is not None:
+                self._gate.lock(False, f"the ROS master at {master} is there again")
+                self._gone_at = None
+            return
         if self._gone_at is None:
             self._gone_at = now
             self._gate.lock(True, f"the ROS master at {master} is gone")
-        stands = self._stood_since is not None and now >= self._stood_since + LINGER
-        if stands or now > self._gone_at + REST_PATIENCE:
+        stands = self._robot.resting
+        if now > self._gone_at + (LEAVE_AFTER if stands else REST_PATIENCE):
             raise MasterGoneError(
                 f"the ROS master at {master} is gone; the robot {'stands' if stands else 'does NOT stand'}"
             )

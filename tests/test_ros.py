@@ -36,7 +36,7 @@ def why_no_ros() -> str:
 
 
 @pytest.fixture
-def ros() -> None:
+def graph() -> None:
     """A test that needs ROS."""
     if why := why_no_ros():
         pytest.skip(why)
@@ -72,7 +72,7 @@ def test_mistakes_are_told_before_anything_is_started(tmp_path: Path) -> None:
         ros.sim(seed=-1)
     with pytest.raises(cli.UserError, match="no profile 'nobody'"):
         ros.sim(profile="nobody")
-    with pytest.raises(cli.UserError, match="nowhere.csv"):
+    with pytest.raises(cli.UserError, match=r"nowhere\.csv"):
         ros.control("pid", str(tmp_path / "nowhere.csv"), speed=0.2)
     with pytest.raises(cli.UserError, match=r"asks for 0\.5 m/s; the limit is 0\.3 m/s"):
         ros.control("pid", "line", speed=0.5, v_limit=0.3)
@@ -80,7 +80,7 @@ def test_mistakes_are_told_before_anything_is_started(tmp_path: Path) -> None:
         ros.control("pid", "line", patience=0.0)
 
 
-@pytest.mark.usefixtures("ros")
+@pytest.mark.usefixtures("graph")
 def test_without_a_master_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
     done = python("-m", "validation.ros", "sim", "--duration", "1")
@@ -88,7 +88,7 @@ def test_without_a_master_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> N
     assert done.stderr.strip().splitlines()[-1].startswith("error: no ROS master answers at http://127.0.0.1:9")
 
 
-@pytest.mark.usefixtures("ros")
+@pytest.mark.usefixtures("graph")
 def test_the_services_checksum_is_genmsgs() -> None:
     """What genmsg makes of `geometry_msgs/PoseWithCovarianceStamped pose`: the type's checksum in the place of its name."""
     code = (
@@ -103,13 +103,13 @@ def test_the_services_checksum_is_genmsgs() -> None:
     assert float(x) == 1.5
 
 
-@pytest.mark.usefixtures("ros")
+@pytest.mark.usefixtures("graph")
 def test_it_obeys_the_joystick_first_and_stops_on_silence_and_without_a_master(tmp_path: Path) -> None:
     found = measured(tmp_path, "--only", "behaviour", timeout=120.0)
     assert found["stream silent: at rest from 0.25 m/s after"] > 0.25
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("ros")
+@pytest.mark.usefixtures("graph")
 def test_rates_pacing_latency_and_the_circle(tmp_path: Path) -> None:
     measured(tmp_path, "--only", "rates,latency,circle", "--repeats", "0", timeout=400.0)

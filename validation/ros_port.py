@@ -35,10 +35,12 @@ QUEUE = 10
 """Messages that wait for a slow subscriber, a topic."""
 MASTER_PERIOD = 0.1
 """How often the master is asked whether it is there [s]."""
-MASTER_PATIENCE = 0.15
-"""How long it may take to answer [s]."""
-MASTER_MISSES = 2
-"""So many unanswered questions in a row mean that it is gone: after 0.2 s where it refuses, 0.5 s where it is silent."""
+MASTER_PATIENCE = 0.25
+"""How long it may take to answer [s]; the first time, ten times as long."""
+REFUSED, SILENT, GONE = 2, 1, 4
+"""What a refused question and one that was not answered in time count for, and at how much the master is gone: after two
+refusals, 0.2 s, or four silences, 1.4 s. A busy machine is silent at times; silence that cuts off peers as well is noticed by
+them within 0.5 s."""
 
 
 class Received(NamedTuple):
@@ -136,12 +138,34 @@ SET_POSE_MD5 = "4f3e0bbe7a24e1f929488cd1970222d3"
 
 
 class _Impatient(xmlrpc.client.Transport):
-    """HTTP that does not wait long."""
+    """HTTP that waits only so long."""
+
+    def __init__(self, patience: float) -> None:
+        super().__init__()
+        self._patience = patience
 
     def make_connection(self, host: Any) -> HTTPConnection:
         connection = super().make_connection(host)
-        connection.timeout = MASTER_PATIENCE
+        connection.timeout = self._patience
         return connection
+
+
+def ask_master(uri: str, caller: str, patience: float) -> int:
+    """Process id of a ROS master.
+
+    Raises:
+        TimeoutError: it did not answer in time.
+        OSError: nobody is there, or nobody that speaks as a master does.
+    """
+    try:
+        with xmlrpc.client.ServerProxy(uri, transport=_Impatient(patience)) as master:
+            answer: Any = master.getPid(caller)
+        code, _, pid = answer
+        if code != 1:
+            raise OSError(f"the master answers with code {code}")
+        return int(pid)
+    except (HTTPException, ExpatError, xmlrpc.client.Error, ValueError, TypeError) as error:
+        raise OSError(f"no master's answer: {error}") from error
 
 
 class Port:
@@ -156,11 +180,12 @@ class Port:
         self._rospy = load_rospy()
         self._uri = os.environ.setdefault("ROS_MASTER_URI", "http://localhost:11311")
         self._id = f"/{name}"
-        self._pid = self._ask_master()
-        if self._pid is None:
+        try:
+            self._pid = ask_master(self._uri, self._id, 10.0 * MASTER_PATIENCE)
+        except OSError:
             raise cli.UserError(
                 f"no ROS master answers at {self._uri}: start one with roscore, or set ROS_MASTER_URI to where it is"
-            )
+            ) from None
         self._handlers = logging.getLogger().handlers[:], logging.getLogger().level
         with warnings.catch_warnings(action="ignore"):
             self._rospy.init_node(name, disable_signals=True, disable_rosout=True)
@@ -177,27 +202,23 @@ class Port:
 
     # --- the master ---
 
-    def _ask_master(self) -> int | None:
-        """Process id of the master; None where it does not answer in time."""
-        try:
-            with xmlrpc.client.ServerProxy(self._uri, transport=_Impatient()) as master:
-                answer: Any = master.getPid(self._id)
-            code, _, pid = answer
-            return int(pid) if code == 1 else None
-        except (OSError, HTTPException, ExpatError, xmlrpc.client.Error, ValueError, TypeError):
-            return None
-
     def _watch_master(self) -> None:
-        misses = 0
+        doubt = 0
         while not self._closed.wait(MASTER_PERIOD):
-            misses = 0 if self._ask_master() == self._pid else misses + 1
-            if misses >= MASTER_MISSES:
+            try:
+                same = ask_master(self._uri, self._id, MASTER_PATIENCE) == self._pid
+                doubt = 0 if same else doubt + REFUSED
+            except TimeoutError:
+                doubt += SILENT
+            except OSError:
+                doubt += REFUSED
+            if doubt >= GONE:
                 self.master_gone.set()
-            elif misses == 0:
+            elif doubt == 0:
                 self.master_gone.clear()
 
     @property
-    def master_pid(self) -> int | None:
+    def master_pid(self) -> int:
         """Its process id, on its own machine."""
         return self._pid
 

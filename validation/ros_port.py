@@ -39,8 +39,8 @@ MASTER_PATIENCE = 0.25
 """How long it may take to answer [s]; the first time, ten times as long."""
 REFUSED, SILENT, GONE = 2, 1, 4
 """What a refused question and one that was not answered in time count for, and at how much the master is gone: after two
-refusals, 0.2 s, or four silences, 1.4 s. A busy machine is silent at times; silence that cuts off peers as well is noticed by
-them within 0.5 s."""
+refusals, 0.2 s, or four silences, 1.4 s. A busy machine is silent at times; a silence that cuts off peers as well is noticed
+by them within 0.5 s."""
 
 
 class Received(NamedTuple):

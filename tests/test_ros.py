@@ -105,5 +105,5 @@ def test_it_obeys_the_joystick_first_and_stops_on_silence_and_without_a_master(t
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("graph")
-def test_rates_pacing_latency_and_the_circle(tmp_path: Path) -> None:
-    measured(tmp_path, "--only", "rates,latency,circle", "--repeats", "0", timeout=400.0)
+def test_rates_pacing_latency_the_circle_and_a_controller_without_a_master(tmp_path: Path) -> None:
+    measured(tmp_path, "--only", "rates,latency,circle,orphans", "--repeats", "0", timeout=400.0)

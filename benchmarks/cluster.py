@@ -6,8 +6,9 @@ Worker processes of one thread each take the place of machines. Per generation o
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import itertools
+import logging
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -26,7 +27,7 @@ from validation import cli
 from validation.cluster import Cluster
 from validation.objective import CostSettings, Problem
 
-POPULATION = 48
+POPULATION = 24
 SURFACES = Path(__file__).resolve().parents[1] / "docs" / "examples" / "surfaces.py"
 
 
@@ -78,7 +79,7 @@ def _example() -> ModuleType:
     return importlib.import_module(SURFACES.stem)
 
 
-def main(repeats: int = 5, out: Path = Path("runs/benchmarks/cluster.json")) -> None:
+def main(repeats: int = 3, out: Path = Path("runs/benchmarks/cluster.json")) -> None:
     """Measure what a second worker brings.
 
     Args:
@@ -90,6 +91,7 @@ def main(repeats: int = 5, out: Path = Path("runs/benchmarks/cluster.json")) -> 
     except ImportError as error:
         raise cli.UserError("this needs dask.distributed: pip install 'ssmr-testbed[cluster]'") from error
     numba.set_num_threads(1)
+    logging.getLogger("distributed").setLevel(logging.WARNING)
     with ExitStack() as stack:
         clusters = [
             stack.enter_context(

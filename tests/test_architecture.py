@@ -29,15 +29,20 @@ LAYERS = (
         "validation.physics_settings",
         "validation.skid_turn",
         "validation.recording",
+        *("validation.pacing", "validation.ros_commands", "validation.ros_messages"),
     },
     {"validation.husky", "validation.rerun_ground"},
-    {"validation.mujoco_plant", "validation.robot_mesh", "validation.bags", "validation.signals"},
+    {
+        *("validation.mujoco_plant", "validation.robot_mesh", "validation.bags", "validation.signals"),
+        *("validation.ros_pilot", "validation.ros_port"),
+    },
     {
         *("validation.profiles", "validation.wheel_loads", "validation.drawing", "validation.husky_loops"),
-        *("validation.bag_recording", "validation.dead_reckoning", "validation.recording_export"),
+        *("validation.bag_recording", "validation.dead_reckoning", "validation.recording_export", "validation.ros_robot"),
     },
     {"validation.results"},
     {
+        "validation.ros_sim",
         "validation.searchable",
         "validation.search",
         "validation.sources",
@@ -55,7 +60,10 @@ LAYERS = (
         "validation.tune_report",
         "validation.tune_figure",
     },
-    {"validation.driving", "validation.tracking", "validation.learning", "validation.recording_report"},
+    {
+        *("validation.driving", "validation.tracking", "validation.learning", "validation.recording_report"),
+        "validation.ros_control",
+    },
     {
         "validation.compare",
         "validation.population",
@@ -72,7 +80,10 @@ LAYERS = (
     {"validation.objective", "validation.tuning", "validation.contact_study", "validation.contact_figure"},
     {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},
     {"validation.fitting"},
-    {"validation.fit", "validation.track", "validation.tune", "validation.study", "validation.recordings"},
+    {
+        *("validation.fit", "validation.track", "validation.tune", "validation.study", "validation.recordings"),
+        "validation.ros",
+    },
 )
 """A module imports only from layers above its own, so there is no cycle."""
 
@@ -149,3 +160,11 @@ def test_no_package_hides_code_in_its_init() -> None:
     for package in ("ssmr", "ssmr/models", "validation"):
         tree = ast.parse((ROOT / package / "__init__.py").read_text(encoding="utf-8"))
         assert all(isinstance(node, ast.Expr) for node in tree.body), package
+
+
+def test_one_module_knows_rospy() -> None:
+    """Everything else of the nodes is tested without ROS."""
+    packages = {"rospy", "rosgraph", "genpy", "rosgraph_msgs", *(f"{kind}_msgs" for kind in ("geometry", "nav", "sensor"))}
+    for name, path in modules().items():
+        used = {u.split(".")[0] for u in imports(path)} & packages
+        assert not used or name == "validation.ros_port", f"{name} imports {sorted(used)}"

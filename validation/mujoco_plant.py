@@ -111,6 +111,7 @@ class MujocoPlant:
         self._load_columns = [int(self.model.sensor(f"load_{wheel}").adr[0]) for wheel in WHEELS]
         self._torque_columns = [int(self.model.sensor(f"torque_{side}").adr[0]) for side in SIDES]
         self._acceleration_column = int(self.model.sensor("angular_acceleration").adr[0]) + 2
+        self._imu_columns = [int(self.model.sensor(f"imu_{what}").adr[0]) for what in ("gyro", "accelerometer")]
         self._resting = self._settle(State())
         self._rest_on_rough: tuple[State, FloatArray] | None = None
         self._yaw_inertia = self._total_yaw_inertia()
@@ -251,6 +252,14 @@ class MujocoPlant:
         self._turns += round((turned - self._read().yaw) / (2.0 * math.pi))
         self._last = self._read()
         return self._last
+
+    def imu(self) -> tuple[FloatArray, FloatArray]:
+        """(3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU, along its axes, at the last step's start.
+
+        Zero before the first step.
+        """
+        gyro, accelerometer = (np.array(self._data.sensordata[column : column + 3]) for column in self._imu_columns)
+        return gyro, accelerometer
 
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
         """Drive `commands` at once, by `mujoco.rollout`.

@@ -125,12 +125,16 @@ def _first(motion: Trajectory, n: int) -> Trajectory:
 
 def rate(run: ClosedRun, waypoints: Waypoints, robot: Robot) -> TrackMetrics:
     """How well a run followed its reference; one that was lost is held against the whole of it all the same."""
+    return rate_within(run, waypoints, robot.side_limit, robot.drive.v_max, robot.drive.w_max)
+
+
+def rate_within(run: ClosedRun, waypoints: Waypoints, side_limit: float, v_max: float, w_max: float) -> TrackMetrics:
+    """The same by the limits of a side's torque [N m], of speed [m/s] and of yaw rate [rad/s]."""
     target = reference_of(run, waypoints, whole=True)
     path: PathMetrics = compare_paths(run.motion, target)
     rms = lambda name: float(np.sqrt(np.mean(np.square(run.column(name)))))  # noqa: E731
-    torque = np.abs(run.columns("torque_left", "torque_right")) >= AT_LIMIT * robot.side_limit
-    drive = robot.drive
-    asked = (np.abs(run.column("v_cmd")) >= AT_LIMIT * drive.v_max) | (np.abs(run.column("w_cmd")) >= AT_LIMIT * drive.w_max)
+    torque = np.abs(run.columns("torque_left", "torque_right")) >= AT_LIMIT * side_limit
+    asked = (np.abs(run.column("v_cmd")) >= AT_LIMIT * v_max) | (np.abs(run.column("w_cmd")) >= AT_LIMIT * w_max)
     return TrackMetrics(
         path,
         rms("e_rho"),

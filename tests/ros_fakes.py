@@ -1,0 +1,141 @@
+"""What stands for ROS in tests without it: messages with the fields of the real ones, a clock, and a port."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+from validation.ros_port import Call, Received
+
+
+def _stamp() -> SimpleNamespace:
+    return SimpleNamespace(secs=0, nsecs=0)
+
+
+def _vector() -> SimpleNamespace:
+    return SimpleNamespace(x=0.0, y=0.0, z=0.0)
+
+
+def _quaternion() -> SimpleNamespace:
+    return SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
+
+
+def _pose() -> SimpleNamespace:
+    return SimpleNamespace(position=_vector(), orientation=_quaternion())
+
+
+def _twist() -> SimpleNamespace:
+    return SimpleNamespace(linear=_vector(), angular=_vector())
+
+
+def _header() -> SimpleNamespace:
+    return SimpleNamespace(stamp=_stamp(), frame_id="", seq=0)
+
+
+def _with_covariance(**fields: Any) -> SimpleNamespace:
+    return SimpleNamespace(**fields, covariance=[0.0] * 36)
+
+
+MAKERS: dict[str, Callable[[], SimpleNamespace]] = {
+    "geometry_msgs/Twist": _twist,
+    "geometry_msgs/PoseStamped": lambda: SimpleNamespace(header=_header(), pose=_pose()),
+    "geometry_msgs/PoseWithCovarianceStamped": lambda: SimpleNamespace(
+        header=_header(), pose=_with_covariance(pose=_pose())
+    ),
+    "geometry_msgs/TransformStamped": lambda: SimpleNamespace(
+        header=_header(), child_frame_id="", transform=SimpleNamespace(translation=_vector(), rotation=_quaternion())
+    ),
+    "nav_msgs/Odometry": lambda: SimpleNamespace(
+        header=_header(), child_frame_id="", pose=_with_covariance(pose=_pose()), twist=_with_covariance(twist=_twist())
+    ),
+    "sensor_msgs/Imu": lambda: SimpleNamespace(
+        header=_header(), orientation=_quaternion(), orientation_covariance=[0.0] * 9, angular_velocity=_vector(),
+        angular_velocity_covariance=[0.0] * 9, linear_acceleration=_vector(), linear_acceleration_covariance=[0.0] * 9,
+    ),
+    "tf2_msgs/TFMessage": lambda: SimpleNamespace(transforms=[]),
+    "rosgraph_msgs/Clock": lambda: SimpleNamespace(clock=_stamp()),
+    "std_msgs/Bool": lambda: SimpleNamespace(data=False),
+}  # fmt: skip
+
+
+def make(kind: str) -> Any:
+    """An empty message."""
+    return MAKERS[kind]()
+
+
+class FakeClock:
+    """Time that passes when somebody sleeps, and a little more than asked for."""
+
+    def __init__(self, overshoot: float = 0.0) -> None:
+        self.now, self.overshoot = 100.0, overshoot
+
+    def __call__(self) -> float:
+        """What time it is [s]."""
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        self.now += seconds + self.overshoot
+
+
+class FakePort:
+    """A port whose incoming messages are known beforehand, and whose outgoing ones are kept."""
+
+    master = "http://nowhere:11311"
+
+    def __init__(self, clock: FakeClock, kinds: dict[str, str]) -> None:
+        self.clock, self.kinds = clock, kinds
+        self.master_gone = threading.Event()
+        self.coming: list[Received] = []
+        self.calls: list[Call] = []
+        self.sent: list[tuple[str, float, Any]] = []
+        self.gone_at = self.back_at = float("inf")
+        self.robot_at = 0.0
+
+    def make(self, kind: str) -> Any:
+        """An empty message."""
+        return make(kind)
+
+    def send(self, topic: str, fill: Callable[[Any], None]) -> None:
+        """Keep a message, and lose the master when it is time."""
+        message = make(self.kinds[topic])
+        fill(message)
+        self.sent.append((topic, self.clock(), message))
+        if self.gone_at <= self.clock() < self.back_at:
+            self.master_gone.set()
+        else:
+            self.master_gone.clear()
+
+    def plan(self, topic: str, arrival: float, message: Any) -> None:
+        """Let a message come at `arrival` [s] after the clock's beginning."""
+        self.coming.append(Received(topic, 100.0 + arrival, message))
+        self.coming.sort(key=lambda r: r.arrival)
+
+    def receive(self, timeout: float = 0.0) -> Received | None:
+        """The next message that has come until then."""
+        until = self.clock() + timeout
+        if self.coming and self.coming[0].arrival <= until:
+            got = self.coming.pop(0)
+            self.clock.now = max(self.clock.now, got.arrival)
+            return got
+        self.clock.now = until
+        return None
+
+    def listeners(self, topic: str) -> int:
+        """One, once the robot is there."""
+        return int(self.clock() >= self.robot_at)
+
+    def call(self) -> Call | None:
+        """The next call."""
+        return self.calls.pop(0) if self.calls else None
+
+    def counts(self) -> Counter[str]:
+        """How many were sent, by topic."""
+        return Counter(topic for topic, _, _ in self.sent)
+
+    def of(self, topic: str) -> list[tuple[float, Any]]:
+        """Times [s] and messages sent on a topic."""
+        return [(t - 100.0, m) for name, t, m in self.sent if name == topic]

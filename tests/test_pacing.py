@@ -1,0 +1,76 @@
+"""Deadlines and what is due at them, with a clock that is no clock."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import islice, pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.ros_fakes import FakeClock
+from validation.pacing import Pacer, instants
+
+
+@given(st.dictionaries(st.sampled_from("abc"), st.sampled_from([7.0, 20.0, 50.0, 100.0, 120.0, 333.3, 500.0]), min_size=1))
+def test_rates_are_kept_to_the_step(rates: dict[str, float]) -> None:
+    dt, seen, last = 0.002, Counter[str](), 0
+    for step, names in islice(instants(rates, dt), 400):
+        assert step > last
+        last = step
+        seen.update(names)
+        for name, rate in rates.items():
+            assert seen[name] == int(step * dt * rate + 1e-9), "neither early nor more than a step late"
+
+
+def test_120_hz_does_not_drift_on_steps_of_2_ms() -> None:
+    steps = [step for step, _ in islice(instants({"pose": 120.0}, 0.002), 12000)]
+    assert steps[-1] == 50000
+    assert {b - a for a, b in pairwise(steps)} == {4, 5}
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 501.0, float("nan")])
+def test_rates_that_cannot_be_are_refused(rate: float) -> None:
+    with pytest.raises(ValueError, match="pose"):
+        next(instants({"pose": rate}, 0.002))
+
+
+def test_a_sleep_that_overshoots_does_not_add_up() -> None:
+    clock = FakeClock(overshoot=0.001)
+    pacer = Pacer(clock, clock.sleep)
+    for k in range(3000):
+        pacer.wait(0.01 * k)
+        clock.now += 0.004  # work
+    pace = pacer.pace()
+    assert clock.now - pacer.start == pytest.approx(29.99 + 0.001 + 0.004, abs=1e-9)
+    assert abs(pace.error) < 0.001 + 1e-9, "the first wait does not sleep, and does not overshoot"
+    assert pace.late_median == pytest.approx(0.001, abs=1e-9)
+
+
+def test_a_loop_that_is_too_slow_is_found_out() -> None:
+    clock = FakeClock()
+    pacer = Pacer(clock, clock.sleep)
+    for k in range(1000):
+        pacer.wait(0.01 * k)
+        clock.now += 0.0101
+    assert pacer.pace().error == pytest.approx(0.0001 * (1000 - 100), rel=0.02)
+
+
+def test_lateness_is_caught_up_with() -> None:
+    clock = FakeClock()
+    pacer = Pacer(clock, clock.sleep)
+    late = []
+    for k in range(200):
+        late.append(pacer.wait(0.01 * k))
+        clock.now += 0.5 if k == 50 else 0.001
+    assert max(late) == pytest.approx(0.49)
+    assert late[-1] == 0.0
+    assert np.all(np.diff(late[51:]) <= 0.0)
+
+
+def test_nothing_to_say_before_the_first_wait() -> None:
+    clock = FakeClock()
+    with pytest.raises(ValueError, match="nothing"):
+        Pacer(clock, clock.sleep).pace()

@@ -1,0 +1,109 @@
+"""The nodes on a real ROS 1 graph, on loopback; where rospy or roscore is not there, these tests skip and say so."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from validation import cli, ros
+from validation.ros_port import APT_PACKAGES, SET_POSE_MD5, load_rospy
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def python(*arguments: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """A process of its own: rospy leaves a process as it found it less than tests want."""
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=timeout, check=False, cwd=ROOT
+    )
+
+
+@cache
+def why_no_ros() -> str:
+    """Why there is no ROS here; empty where there is."""
+    if shutil.which("roscore") is None:
+        return f"there is no roscore; on Debian 12: apt-get install --no-install-recommends {APT_PACKAGES}"
+    loaded = python("-c", "from validation.ros_port import load_rospy; load_rospy()")
+    return loaded.stderr.strip().splitlines()[-1] if loaded.returncode else ""
+
+
+@pytest.fixture
+def graph() -> None:
+    """A test that needs ROS."""
+    if why := why_no_ros():
+        pytest.skip(why)
+
+
+def measured(tmp_path: Path, *options: str, timeout: float) -> dict[str, Any]:
+    """Findings of benchmarks.ros by name; each must keep what was asked of it."""
+    out = tmp_path / "ros.json"
+    done = python("-m", "benchmarks.ros", "--out", str(out), *options, timeout=timeout)
+    assert done.returncode == 0, done.stderr[-2000:]
+    rows = json.loads(out.read_text(encoding="utf-8"))["rows"]
+    assert [r for r in rows if not r["ok"]] == []
+    return {r["what"]: r["value"] for r in rows}
+
+
+def test_without_ros_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", sys.path[:])
+    for name in ("rospy", "rosgraph"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(cli.UserError, match=r"^ROS 1 is not there \(.*apt-get install --no-install-recommends ros-core"):
+        load_rospy()
+
+
+def test_mistakes_are_told_before_anything_is_started(tmp_path: Path) -> None:
+    """Also where there is no ROS."""
+    with pytest.raises(cli.UserError, match="--seed -1"):
+        ros.sim(seed=-1)
+    with pytest.raises(cli.UserError, match="no profile 'nobody'"):
+        ros.sim(profile="nobody")
+    with pytest.raises(cli.UserError, match=r"nowhere\.csv"):
+        ros.control("pid", str(tmp_path / "nowhere.csv"), speed=0.2)
+    with pytest.raises(cli.UserError, match=r"asks for 0\.5 m/s; the limit is 0\.3 m/s"):
+        ros.control("pid", "line", speed=0.5, v_limit=0.3)
+    with pytest.raises(cli.UserError, match="--patience 0 s"):
+        ros.control("pid", "line", patience=0.0)
+
+
+@pytest.mark.usefixtures("graph")
+def test_without_a_master_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
+    done = python("-m", "validation.ros", "sim", "--duration", "1")
+    assert done.returncode == 2
+    assert done.stderr.strip().splitlines()[-1].startswith("error: no ROS master answers at http://127.0.0.1:9")
+
+
+@pytest.mark.usefixtures("graph")
+def test_the_services_checksum_is_genmsgs() -> None:
+    """What genmsg makes of `geometry_msgs/PoseWithCovarianceStamped pose`: the type's checksum in the place of its name."""
+    code = (
+        "from validation.ros_port import load_rospy, message_class, set_pose_service; load_rospy();"
+        "import io; m = message_class('geometry_msgs/PoseWithCovarianceStamped'); r = set_pose_service()._request_class();"
+        "r.pose.pose.pose.position.x = 1.5; b = io.BytesIO(); r.serialize(b);"
+        "s = set_pose_service()._request_class().deserialize(b.getvalue());"
+        "print(m._md5sum, s.pose.pose.pose.position.x)"
+    )
+    checksum, x = python("-c", code).stdout.split()
+    assert hashlib.md5(f"{checksum} pose".encode()).hexdigest() == SET_POSE_MD5
+    assert float(x) == 1.5
+
+
+@pytest.mark.usefixtures("graph")
+def test_it_obeys_the_joystick_first_and_stops_on_silence_and_without_a_master(tmp_path: Path) -> None:
+    found = measured(tmp_path, "--only", "behaviour", timeout=120.0)
+    assert found["stream silent: at rest from 0.25 m/s after"] > 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("graph")
+def test_rates_pacing_latency_the_circle_and_a_controller_without_a_master(tmp_path: Path) -> None:
+    measured(tmp_path, "--only", "rates,latency,circle,orphans", "--repeats", "0", timeout=400.0)

@@ -1,0 +1,94 @@
+"""Fields, units and conventions of messages."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.geometry import wrap_angle
+from tests.conftest import ROUNDOFF
+from tests.ros_fakes import make
+from validation import ros_messages as msg
+
+NUMBERS = st.floats(-1e3, 1e3)
+COVARIANCE = np.array([[0.3, 0.1, 0.02], [0.1, 0.4, 0.03], [0.02, 0.03, 0.5]])
+
+
+@given(NUMBERS, NUMBERS, st.floats(-20.0, 20.0), NUMBERS, NUMBERS, st.integers(0, 10**10))
+def test_odometry_there_and_back(x: float, y: float, yaw: float, v: float, w: float, nanoseconds: int) -> None:
+    message = make("nav_msgs/Odometry")
+    msg.fill_odometry(message, 1e-9 * nanoseconds, np.array([x, y, yaw]), (v, w), COVARIANCE, 2.0 * COVARIANCE)
+    seen = msg.read_odometry(message)
+    assert (seen.x, seen.y, seen.v, seen.w) == (x, y, v, w)
+    assert abs(float(wrap_angle(seen.yaw - yaw))) < 100 * ROUNDOFF
+    assert message.header.stamp.secs * 10**9 + message.header.stamp.nsecs == nanoseconds
+    assert seen.stamp == pytest.approx(1e-9 * nanoseconds, rel=ROUNDOFF)
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+    np.testing.assert_array_equal(msg.planar_covariance(message.pose.covariance), COVARIANCE)
+    np.testing.assert_array_equal(msg.planar_covariance(message.twist.covariance), 2.0 * COVARIANCE)
+
+
+def test_a_covariance_stands_where_ros_reads_it() -> None:
+    full = np.reshape(msg.covariance_36(COVARIANCE), (6, 6))
+    assert full[0, 5] == full[5, 0] == COVARIANCE[0, 2]
+    assert full[1, 5] == COVARIANCE[1, 2]
+    assert full[5, 5] == COVARIANCE[2, 2]
+    assert np.linalg.eigvalsh(full).min() > 0.0, "the plane's own certainty leaves it invertible"
+
+
+@pytest.mark.parametrize("bad", [[0.0] * 35, [math.nan] * 36, [-1.0, *[0.0] * 35]])
+def test_covariances_that_cannot_be_are_refused(bad: list[float]) -> None:
+    with pytest.raises(ValueError, match=r"36|negative"):
+        msg.planar_covariance(bad)
+
+
+def test_an_orientation_is_normalised_or_refused() -> None:
+    message = make("geometry_msgs/PoseStamped")
+    with pytest.raises(ValueError, match="no quaternion"):
+        msg.read_pose_stamped(message)
+    message.pose.orientation.z = message.pose.orientation.w = 0.1  # a quarter turn to the left, unnormalised
+    assert msg.read_pose_stamped(message).yaw == pytest.approx(math.pi / 2)
+    message.pose.orientation.w = math.nan
+    with pytest.raises(ValueError, match="no quaternion"):
+        msg.read_pose_stamped(message)
+    message.pose.orientation.w, message.pose.position.x = 1.0, math.inf
+    with pytest.raises(ValueError, match="not finite"):
+        msg.read_pose_stamped(message)
+
+
+def test_a_tracked_pose_says_nothing_of_speeds() -> None:
+    message = make("geometry_msgs/PoseStamped")
+    msg.fill_pose_stamped(message, 1.5, "world", np.array([1.0, 2.0, -3.0]))
+    seen = msg.read_pose_stamped(message)
+    assert math.isnan(seen.v)
+    assert math.isnan(seen.w)
+    assert (seen.stamp, seen.x, seen.y) == (1.5, 1.0, 2.0)
+    assert seen.yaw == pytest.approx(-3.0)
+
+
+def test_an_imu_says_that_it_has_no_orientation() -> None:
+    message = make("sensor_msgs/Imu")
+    msg.fill_imu(message, 2.0, np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, 9.81]), (1e-4, 1e-2))
+    assert message.orientation_covariance[0] == -1.0
+    assert message.angular_velocity_covariance == [1e-4, 0, 0, 0, 1e-4, 0, 0, 0, 1e-4]
+    assert (message.angular_velocity.z, message.linear_acceleration.z) == (0.3, 9.81)
+    assert message.header.frame_id == "imu_link"
+
+
+def test_a_twist_is_speed_forward_and_yaw_rate() -> None:
+    message = make("geometry_msgs/Twist")
+    msg.fill_twist(message, 0.3, -0.4)
+    assert (message.linear.x, message.angular.z) == (0.3, -0.4)
+    assert msg.read_twist(message) == (0.3, -0.4)
+
+
+def test_a_transform_is_the_childs_pose_in_its_parent() -> None:
+    message = make("geometry_msgs/TransformStamped")
+    msg.fill_transform(message, 0.25, ("odom", "base_link"), (1.0, 2.0, 0.0), math.pi)
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+    assert message.transform.rotation.z == pytest.approx(1.0)
+    assert message.header.stamp.nsecs == 250_000_000

@@ -1,8 +1,8 @@
 """What the parts of a replication find, and how it is kept on disk so that an interrupted one goes on where it stopped.
 
-A section is a part that runs by itself and answers for some of the thesis' tables. What it finds is kept as `sections/KEY.json`,
-its pictures beside it in `figures/`, each written whole or not at all, the JSON last; it is used again where settings, inputs,
-code and versions are the same, which one digest stands for.
+A section is a part that runs by itself and answers for some of the thesis' tables. What it finds is kept as
+`sections/KEY.json`, its pictures beside it in `figures/`, each written whole or not at all, the JSON last; it is used again
+where settings, inputs, code and versions are the same, which one digest stands for.
 """
 
 from __future__ import annotations
@@ -237,5 +237,7 @@ def choose(sections: Sequence[Section], wanted: str) -> tuple[Section, ...]:
     for name in names:
         if not any(name == s.key or name in s.tables for s in sections):
             known = ", ".join(s.key for s in sections)
-            raise ValueError(f"--only '{name}' is no section ({known}) and no table that one of them answers for, such as 3.9")
+            raise ValueError(
+                f"--only '{name}' is no section ({known}) and no table that one of them answers for, such as 3.9"
+            )
     return tuple(s for s in sections if not names or s.key in names or any(t in names for t in s.tables))

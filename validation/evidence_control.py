@@ -96,20 +96,23 @@ def _tune_section(controller: str) -> Section:
         results = [tune(controller, seed, context) for seed in seeds]
         best = min(results, key=lambda r: r.cost)
         figure = draw_tune(best)
-        picture = context.picture("tune", figure, f"The best of {len(results)} searches for the {controller}'s gains.")
+        picture = context.picture(
+            "tune", figure, f"The {controller.upper()} with the gains of the cheapest search, beside the published ones."
+        )
         reduced = " (reduced: --quick)" if context.settings.quick else ""
         notes = (
-            f"{len(results)} searches{reduced}, costs {', '.join(f'{r.cost:.3f}' for r in results)}; with the published gains "
-            f"{best.baseline_cost:.3f}. Population {best.options['population']}, at most {best.options['generations']} "
-            f"generations, generic reference at {TUNED_ON[1]:g} m/s, the improved model with noise and disturbance. Ours are "
-            "the gains of the cheapest search, the spread is the standard deviation over all.",
+            f"{len(results)} search{'es' * (len(results) > 1)}{reduced}, cost "
+            f"{', '.join(f'{r.cost:.3f}' for r in results)}; with the published gains {best.baseline_cost:.3f}. "
+            f"Population {best.options['population']}, at most {best.options['generations']} generations, generic "
+            f"reference at {TUNED_ON[1]:g} m/s, the improved model with noise and disturbance. Ours are the gains of "
+            "the cheapest search, the spread is the standard deviation over all.",
             *best.notes,
         )
         numbers = {"searches": [{"seed": r.seed, "cost": r.cost, "gains": dict(r.gains)} for r in results]}
         return Findings({number: gain_table(controller, results)}, notes=notes, pictures=(picture,), numbers=numbers)
 
     needs = ("quick", "seed", "tune_seeds", "tune_population", "tune_generations")
-    return Section(f"tune-{controller}", f"The {controller}'s gains tuned", (number,), needs, run)
+    return Section(f"tune-{controller}", f"Gains of the {controller.upper()}, tuned", (number,), needs, run)
 
 
 def gain_table(controller: str, results: list[TuneResult]) -> Table:
@@ -134,7 +137,7 @@ def gain_table(controller: str, results: list[TuneResult]) -> Table:
     costs = [r.cost for r in results]
     beside = {"with_the_published_gains": best.baseline_cost} if math.isfinite(best.baseline_cost) else {}
     rows["cost"] = {"optimised": Pair(None, best.cost, "none", "1", _deviation(costs), beside)}
-    return Table(f"Gains of the {controller}, tuned on the generic reference", rows)
+    return Table(f"Gains of the {controller.upper()}, tuned on the generic reference", rows)
 
 
 def _deviation(values: list[float]) -> float | None:
@@ -154,14 +157,18 @@ def tables(context: Context) -> Findings:
             context.workers,
             lambda number: bar.update(task, advance=1, description=f"Tab. {number}"),
         )
-    found = {e.table: Table(f"{e.controller.upper()}, {_where(e)}: {CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries}
+    found = {
+        e.table: Table(f"{e.controller.upper()}, {_where(e)}: {CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries
+    }
     by_place = {(e.controller, e.reference, e.speed): e for e in study.entries if e.comparison == "simulated_vs_real"}
-    found["4.37"] = Table("Simulated against real, both controllers: repeats Tab. 4.13-4.19 and 4.30-4.36", _repeated(by_place))
+    found["4.37"] = Table(
+        "Simulated against real, both controllers: repeats Tab. 4.13-4.19 and 4.30-4.36", _repeated(by_place)
+    )
     found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", _changes(by_place))
     note = (
-        f"Means over {study.seeds} seeds of noise, each with its standard deviation: what is printed is a single run. Published "
-        "gains for the PID, the manual column of Tab. 4.21 for the LQR (Sec. 4.4.3). The simulation is pushed at random as in "
-        "the thesis; the MuJoCo Husky, which stands where the robot stood, is not."
+        f"Means over {study.seeds} seeds of noise, each with its standard deviation: what is printed is a single run. "
+        "Published gains for the PID, the manual column of Tab. 4.21 for the LQR (Sec. 4.4.3). The simulation is "
+        "pushed at random as in the thesis; the MuJoCo Husky, which stands where the robot stood, is not."
     )
     lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in study.entries if e.lost]
     caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {study.seeds} seeds), one table a row."

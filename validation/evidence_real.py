@@ -1,4 +1,4 @@
-"""The real robot's chapter: how far every plant of profile `husky-tile` is from a recorded drive, and where each one fails."""
+"""The real robot's chapter: how far the plants of `husky-tile` are from a recorded drive, and where each one fails."""
 
 from __future__ import annotations
 
@@ -79,15 +79,13 @@ def real(context: Context) -> Findings:
         pictures.append(_residual_picture(context, input_, words, residuals))
         worst.append(worst_of(residuals, words))
         numbers[f"residuals_{input_}"] = as_numbers(residuals)
-    horizons = {
-        input_: {part: _horizons(found[input_, part]) for part in parts} for input_, _, _ in INPUTS
-    }
+    horizons = {input_: {part: _horizons(found[input_, part]) for part in parts} for input_, _, _ in INPUTS}
     return Findings(
         grids={
             f"Median error of the relative pose by horizon, plant and input; windows: {_counts(found)}": horizon_grid(found),
             "What was recorded": data_grid(recording, parts),
         },
-        notes=(profile.description, *worst, *limits(recording, parts), *centre_of_mass(profile)),
+        notes=(f"{profile.description.rstrip('.')}.", *worst, *limits(recording, parts), *centre_of_mass(profile)),
         pictures=tuple(pictures),
         numbers={"profile": profile.name, "split_s": split, "horizons": horizons, **numbers},
     )
@@ -129,7 +127,12 @@ def horizon_grid(found: Mapping[tuple[str, str], Comparison]) -> Grid:
         least = [f"{min(column):.3f}" for column in zip(*values.values(), strict=True)]
         groups.append(
             tuple(
-                (Cell(input_), Cell(part), Cell(name), *(Cell(f"{v:.3f}", f"{v:.3f}" == b) for v, b in zip(row, least, strict=True)))
+                (
+                    Cell(input_),
+                    Cell(part),
+                    Cell(name),
+                    *(Cell(f"{v:.3f}", f"{v:.3f}" == b) for v, b in zip(row, least, strict=True)),
+                )
                 for name, row in values.items()
             )
         )
@@ -212,8 +215,8 @@ def _fresh(fresh: Any, i: int, j: int) -> Any:
 
 def _residual_picture(context: Context, input_: str, words: str, residuals: Residuals) -> Picture:
     caption = (
-        f"Where each plant fails, driven by {words}: median error over windows of {WINDOW:g} s, by the recorded speed and yaw "
-        "rate. The grey numbers on the left count the windows."
+        f"Where each plant fails, driven by {words}: median error over windows of {WINDOW:g} s, by the recorded speed "
+        "and yaw rate. The grey numbers on the left count the windows."
     )
     return context.picture(f"residuals-{input_}", draw_residuals(residuals, f"driven by {words}"), caption)
 
@@ -259,9 +262,9 @@ def limits(recording: Recording, parts: Mapping[str, Recording]) -> list[str]:
         f"Limits of the data: one robot on one floor, {gaps} gap{'s' * (gaps != 1)}; half of the time it moves at less than "
         f"{np.median(speed):.2f} m/s and turns at less than {np.median(rate):.2f} rad/s, and speed hardly exceeds "
         f"{np.percentile(speed, 99.0):.2f} m/s. Of other grounds, loads or speeds it says nothing.",
-        "Poses and wheel rates are refreshed more seldom than they are logged (table below); windows begin and end at fresh poses "
-        "only. A median of n windows is uncertain by about 1.25 standard deviations over √n: where plants differ by less than a "
-        "tenth, the windows do not decide.",
+        "Poses and wheel rates are refreshed more seldom than they are logged (table above); windows begin and end at "
+        "fresh poses only. A median of n windows is uncertain by about 1.25 standard deviations over √n: where plants "
+        "differ by less than a tenth, the windows do not decide.",
     ]
     if len(parts) == 1:
         out.append("Nothing of it is held out: what these plants were fitted to is scored with the rest.")
@@ -280,9 +283,10 @@ def centre_of_mass(profile: Profile) -> list[str]:
 
     return [
         "Centre of mass (docs/centre_of_mass.md): fitted with friction alike in all directions it lies "
-        f"{place('x', 'before', 'behind')} the middle between the axles and {place('y', 'to the left', 'to the right')}. Neither of "
-        "the maker's two places (85 mm to the right, 87 mm to the rear) then explains the recording; but with 6 % less grip across "
-        "than along, a centre in the very middle does as well. Motion alone does not tell which; weighing the axles would."
+        f"{place('x', 'before', 'behind')} the middle between the axles and "
+        f"{place('y', 'to the left', 'to the right')}. Neither of the maker's two places (85 mm to the right, 87 mm to "
+        "the rear) then explains the recording; but with 6 % less grip across than along, a centre in the very middle "
+        "does as well. Motion alone does not tell which; weighing the axles would."
     ]
 
 

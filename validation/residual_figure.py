@@ -41,7 +41,15 @@ def _draw_map(residuals: Residuals, values: FloatArray, most: float, title: str,
     ax.imshow(values, origin="lower", cmap="YlOrBr", vmin=0.0, vmax=most, aspect="auto")
     for (i, j), value in np.ndenumerate(values):
         if not np.isnan(value):
-            ax.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=9.0, color="white" if value > DARK * most else "0.15")
+            ax.text(
+                j,
+                i,
+                f"{value:.0f}",
+                ha="center",
+                va="center",
+                fontsize=9.0,
+                color="white" if value > DARK * most else "0.15",
+            )
     _name_bins(residuals, ax, first)
     ax.set_title(title, color=ink)
 
@@ -72,9 +80,7 @@ def draw_residuals(residuals: Residuals, how: str) -> Figure:
         known = [v for m in maps.values() for v in m[~np.isnan(m)]]
         most = float(max(known, default=1.0))
         panels: list[Panel] = [partial(_draw_count, residuals)]
-        panels += [
-            partial(_draw_map, residuals, values, most, name, ink_of(name), False) for name, values in maps.items()
-        ]
+        panels += [partial(_draw_map, residuals, values, most, name, ink_of(name), False) for name, values in maps.items()]
         heading = f"{what}, median error after {residuals.window:g} s [{unit}], {how}"
         rows += [text_row(0.3, partial(draw_section, heading)), side_by_side(3.0, panels)]
     foot = "bins with few windows are left empty · dark: far astray; one scale a row"

@@ -1,7 +1,7 @@
 """When a number of ours agrees with a printed one, and what is known about those that do not.
 
-The rules are here, each stated once; the known reasons are in ``verdicts.toml`` beside this module, each with the page of docs/
-that shows it. A difference without a known reason is called unexplained.
+The rules are here, each stated once; the known reasons are in ``verdicts.toml`` beside this module, each with the page of
+docs/ that shows it. A difference without a known reason is called unexplained.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 SCHEMA = "ssmr.verdicts/1"
 FACTOR = 1.5
@@ -25,9 +25,9 @@ ROUNDING = 1e-9
 """Relative; what is no more than this beyond a limit is at it."""
 
 Rule = Literal["distance", "ratio", "spread", "at_least", "none"]
-"""`distance`: positive, the smaller the nearer; `ratio`: one is perfect; `spread`: a parameter, a gain, a change, which only its
-own uncertainty can judge; `at_least`: the print says in words that it is large, and `published` is what that is taken to mean;
-`none`: shown for the record."""
+"""`distance`: positive, the smaller the nearer. `ratio`: one is perfect. `spread`: a parameter, a gain, a change, which only
+its own uncertainty can judge. `at_least`: the thesis says in words that it is large, and `beside["at_least"]` is what that
+is taken to mean. `none`: shown for the record."""
 Status = Literal["agrees", "nearer", "differs", "not compared"]
 """`nearer`: it differs, to the better: a distance of ours is smaller than the printed one."""
 STATUSES: tuple[Status, ...] = get_args(Status)
@@ -38,8 +38,8 @@ RULES: Mapping[Rule, str] = {
     "spread": f"a parameter or a gain agrees within {SPREADS:g} standard errors, or standard deviations over seeds",
     "at_least": "what the thesis says in words agrees if ours is at least what the words are taken to mean",
 }
-"""The rules in words. Where ours has a spread, distances and ratios within two standard deviations agree too: what is printed
-is a single run."""
+"""The rules in words. Where ours has a spread, distances and ratios within two standard deviations agree too: what is
+printed is a single run."""
 
 
 @dataclass(frozen=True)
@@ -125,19 +125,21 @@ def reasons() -> tuple[Reason, ...]:
     data = tomllib.loads(resources.files("validation").joinpath("verdicts.toml").read_text(encoding="utf-8"))
     if data.get("schema") != SCHEMA:
         raise ValueError(f"verdicts.toml has schema {data.get('schema')!r}, expected {SCHEMA!r}")
-    listed = ("tables", "rows", "metrics", "when")
-    return tuple(
-        Reason(**{key: tuple(value) if key in listed else value for key, value in entry.items()}) for entry in data["reason"]
-    )
+    return tuple(map(_reason, data["reason"]))
+
+
+def _reason(entry: Mapping[str, Any]) -> Reason:
+    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
+    return Reason(**values)
 
 
 def agrees(pair: Pair) -> bool:
     """Whether two numbers that can be compared agree, by the pair's rule."""
-    assert pair.published is not None
     assert pair.ours is not None
-    apart = abs(pair.ours - pair.published)
     if pair.rule == "at_least":
-        return pair.ours >= pair.published
+        return pair.ours >= pair.beside["at_least"]
+    assert pair.published is not None
+    apart = abs(pair.ours - pair.published)
     if pair.spread is not None and apart <= SPREADS * pair.spread * (1.0 + ROUNDING):
         return True
     if pair.rule == "ratio":
@@ -164,42 +166,56 @@ def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason]
         return Verdict("not compared", pair.obstacle)
     if barred is not None:
         return barred
-    if pair.published is None:
+    if pair.published is None and pair.rule != "at_least":
         return Verdict("not compared", "the thesis prints no number")
     if pair.rule == "none" or pair.ours is None:
         return Verdict("not compared", "shown for the record")
     if agrees(pair):
         return Verdict("agrees")
-    status: Status = "nearer" if pair.rule == "distance" and pair.ours < pair.published else "differs"
+    nearer = pair.rule == "distance" and pair.published is not None and pair.ours < pair.published
+    status: Status = "nearer" if nearer else "differs"
     found = next((r for r in about if not r.when or status in r.when), None)
     return Verdict(status, found.text, found.see) if found else Verdict(status, UNEXPLAINED)
 
 
-def of_row(verdicts: Mapping[str, Verdict]) -> Verdict:
-    """The verdict on a whole row: that of its worst number; what cannot be compared decides only where nothing can.
+@dataclass(frozen=True)
+class RowVerdict:
+    """How a row of numbers stands to the print."""
+
+    status: Status
+    """That of its worst number; what cannot be compared decides only where nothing can."""
+    because: tuple[tuple[tuple[str, ...], Verdict], ...]
+    """Its reasons, each with the metrics that it is about: none where it is about all of them."""
+
+    @property
+    def reason(self) -> str:
+        """All reasons in words, each with its metrics."""
+        about = (", ".join(map(short, metrics)) + ": " if metrics else "" for metrics, _ in self.because)
+        return "; ".join(which + v.reason for which, (_, v) in zip(about, self.because, strict=True))
+
+    @property
+    def see(self) -> str:
+        """All pages of docs/ that show them."""
+        return "; ".join(dict.fromkeys(v.see for _, v in self.because if v.see))
+
+
+def of_row(verdicts: Mapping[str, Verdict]) -> RowVerdict:
+    """The verdict on a row.
 
     Args:
-        verdicts: on the row's numbers, by metric; numbers that the thesis does not print left out.
-
-    Returns:
-        The worst status; its reasons joined, each with the metrics it is about where it is not about all.
+        verdicts: on its numbers, by metric; at least one.
     """
     judged = {m: v for m, v in verdicts.items() if v.status != "not compared"} or verdicts
-    if not judged:
-        return Verdict("not compared", "the thesis prints no number")
     order: tuple[Status, ...] = ("not compared", "agrees", "nearer", "differs")
     worst = max((v.status for v in judged.values()), key=order.index)
-    if worst == "agrees":
-        return Verdict("agrees")
-    by_reason: dict[tuple[str, str], list[str]] = {}
+    found: dict[tuple[str, str], list[str]] = {}
     for metric, v in judged.items():
         if v.reason:
-            by_reason.setdefault((v.reason, v.see), []).append(metric)
-    texts = []
-    for (text, _), metrics in by_reason.items():
-        about = "" if len(metrics) == len(judged) else f"{', '.join(map(short, metrics))}: "
-        texts.append(about + text)
-    return Verdict(worst, "; ".join(texts), "; ".join(dict.fromkeys(see for _, see in by_reason if see)))
+            found.setdefault((v.reason, v.see), []).append(metric)
+    because = tuple(
+        (() if len(metrics) == len(judged) else tuple(metrics), judged[metrics[0]]) for metrics in found.values()
+    )
+    return RowVerdict(worst, because)
 
 
 def short(metric: str) -> str:

@@ -27,6 +27,7 @@ LAYERS = (
         "validation.published",
         "validation.husky",
         "validation.recording",
+        "validation.verdicts",
     },
     {"validation.mujoco_plant", "validation.robot_mesh"},
     {"validation.profiles", "validation.results", "validation.drawing", "validation.husky_loops"},
@@ -47,8 +48,10 @@ LAYERS = (
         "validation.track_rerun",
         "validation.tune_report",
         "validation.tune_figure",
+        "validation.response_figure",
+        "validation.residual_figure",
     },
-    {"validation.driving", "validation.tracking", "validation.learning"},
+    {"validation.driving", "validation.tracking", "validation.learning", "validation.evidence"},
     {
         "validation.compare",
         "validation.population",
@@ -57,11 +60,14 @@ LAYERS = (
         "validation.robustness_figure",
         "validation.filter_study",
         "validation.filter_figure",
+        "validation.evidence_report",
     },
-    {"validation.objective", "validation.tuning"},
+    {"validation.objective", "validation.tuning", "validation.evidence_real", "validation.html_page"},
     {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},
     {"validation.fitting"},
-    {"validation.fit", "validation.track", "validation.tune", "validation.study"},
+    {"validation.fit", "validation.track", "validation.tune", "validation.study", "validation.evidence_models"},
+    {"validation.evidence_control"},
+    {"validation.replicate"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 

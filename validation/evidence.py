@@ -17,9 +17,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from validation import store
+from ssmr.jde import JdeSettings
+from ssmr.space import ParameterSpace
+from validation import cli, store
 from validation.drawing import save_figure
 from validation.husky import xml_path
+from validation.search import CheckpointError, Evaluate, Search, begin, shown
 from validation.tables import Cell, Grid
 from validation.verdicts import Pair
 
@@ -135,6 +138,35 @@ class Context:
     def checkpoint(self, name: str) -> Path:
         """Where a search of the section keeps its state; another digest has another file."""
         return self.folder / SECTIONS / f"{self.key}-{name}.{self.digest[:12]}.npz"
+
+
+def searched(context: Context, name: str, who: Mapping[str, str], space: ParameterSpace, jde: JdeSettings, seed: int,
+             evaluate: Evaluate) -> Search:  # fmt: skip
+    """Search to the end, from where a search of the same name and digest stopped, if there is one.
+
+    Args:
+        context: of the section.
+        name: of the search.
+        who: digests of all that decides its outcome.
+        space: what is searched.
+        jde: settings of the optimiser.
+        seed: of the optimiser.
+        evaluate: rates a generation.
+
+    Raises:
+        KeyboardInterrupt: it was stopped; its state is on disk.
+    """
+    state = context.checkpoint(name)
+    try:
+        search = begin(state, who, len(space), jde, seed, None, resume=state.is_file())
+    except CheckpointError as error:
+        cli.warn(f"{error}; the search begins anew")
+        search = begin(state, who, len(space), jde, seed, None, resume=False)
+    with shown(space, jde) as show:
+        search.run(evaluate, state, show)
+    if search.interrupted:
+        raise KeyboardInterrupt
+    return search
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from ssmr.closed_loop import LoopSettings
 from ssmr.jde import JdeSettings
 from validation import cli, published
 from validation.control_tables import METRICS, TABLES, Entry, draw_tables, study_tables
-from validation.evidence import Context, Findings, Section, Table
+from validation.evidence import Context, Findings, Section, Table, searched
 from validation.gains import load_gains
 from validation.profiles import load
 from validation.results import TuneResult
-from validation.search import Evaluate, begin, shown
+from validation.search import Evaluate
 from validation.tracking import make_robot
 from validation.tune import GENERATIONS, K_U, POPULATION
 from validation.tune_figure import draw_tune
@@ -70,13 +70,8 @@ def tune(controller: str, seed: int, context: Context) -> TuneResult:
         population=settings.tune_population or POPULATION[controller],
         generations=GENERATIONS[controller] if settings.tune_generations is None else settings.tune_generations,
     )
-    who, state = problem.identity(jde, seed, None), context.checkpoint(f"search-{seed}")
-    search = begin(state, who, len(space), jde, seed, None, resume=state.is_file())
     evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731
-    with shown(space, jde) as show:
-        search.run(evaluate, state, show)
-    if search.interrupted:
-        raise KeyboardInterrupt
+    search = searched(context, f"search-{seed}", problem.identity(jde, seed, None), space, jde, seed, evaluate)
     options = {
         **{k: v for k, v in asdict(cost).items() if k != "seeds"},
         "noise_seeds": list(cost.seeds),

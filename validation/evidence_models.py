@@ -17,7 +17,7 @@ from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import published, store
-from validation.evidence import Context, Findings, Section, Table
+from validation.evidence import Context, Findings, Section, Table, searched
 from validation.fit_figure import fit_figure
 from validation.fit_report import is_vague
 from validation.fitting import Asked, conclude, identity
@@ -25,7 +25,7 @@ from validation.objective import CostSettings, Problem
 from validation.profiles import load, make_plant
 from validation.response_figure import Responses, draw_responses
 from validation.results import FitResult, FittedParameter, Scored
-from validation.search import Evaluate, begin, shown
+from validation.search import Evaluate
 from validation.searchable import DEFAULT_FREE, make_space
 from validation.targets import held_out_targets, train_targets
 from validation.verdicts import Pair, Rule
@@ -66,13 +66,8 @@ def fit(model: str, context: Context) -> FitResult:
     space = make_space(model, DEFAULT_FREE["scenario"][model], {})
     problem = Problem(model, base.plants[model], space, targets, CostSettings("path"))
     jde = JdeSettings(population=settings.fit_population, generations=settings.fit_generations)
-    who, state = identity(problem, jde, settings.seed, None), context.checkpoint("search")
-    search = begin(state, who, len(space), jde, settings.seed, None, resume=state.is_file())
     evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731
-    with shown(space, jde) as show:
-        search.run(evaluate, state, show)
-    if search.interrupted:
-        raise KeyboardInterrupt
+    search = searched(context, "search", identity(problem, jde, settings.seed, None), space, jde, settings.seed, evaluate)
     options = {"objective": "path", **{k: v for k, v in asdict(jde).items() if k != "target"}}
     return conclude(search, problem, Asked(base, FITTED_TO, judged, settings.seed, options), context.workers)
 

@@ -57,29 +57,22 @@ def real(context: Context) -> Findings:
     profile, recording = load(PROFILE), read_csv(settings.recording)
     split = split_of(profile, settings.split)
     parts = cut(recording, split)
+    inputs = inputs_of(recording)
     found: dict[tuple[str, str], Comparison] = {}
-    for input_, kind, _ in INPUTS:
-        for part, piece in parts.items():
-            source = source_of(piece, "recording", kind)
-            found[input_, part] = compare(
-                source, profile, PLANTS, None, CompareSettings(input=input_, horizons=SHOWN), context.workers
-            )
-    last = list(parts)[-1]
-    sources = {kind: {part: source_of(piece, "recording", kind) for part, piece in parts.items()} for _, kind, _ in INPUTS}
     pictures, worst, numbers = [], [], {}
-    for input_, kind, words in INPUTS:
-        pictures.append(
-            context.picture(
-                f"paths-{input_}",
-                comparison_figure(found[input_, last]),
-                f"The plants driven by {words}, {last}: paths over windows, errors by horizon, yaw rate and speed.",
-            )
-        )
-        residuals = residuals_of([(found[input_, part], sources[kind][part]) for part in parts])
+    for input_, kind, words in inputs:
+        sources = {part: source_of(piece, "recording", kind) for part, piece in parts.items()}
+        for part, source in sources.items():
+            how = CompareSettings(input=input_, horizons=SHOWN)
+            found[input_, part] = compare(source, profile, PLANTS, None, how, context.workers)
+        last = list(parts)[-1]
+        caption = f"The plants driven by {words}, {last}: paths over windows, errors by horizon, yaw rate and speed."
+        pictures.append(context.picture(f"paths-{input_}", comparison_figure(found[input_, last]), caption))
+        residuals = residuals_of([(found[input_, part], source) for part, source in sources.items()])
         pictures.append(_residual_picture(context, input_, words, residuals))
         worst.append(worst_of(residuals, words))
         numbers[f"residuals_{input_}"] = as_numbers(residuals)
-    horizons = {input_: {part: _horizons(found[input_, part]) for part in parts} for input_, _, _ in INPUTS}
+    horizons = {input_: {part: _horizons(found[input_, part]) for part in parts} for input_, _, _ in inputs}
     return Findings(
         grids={
             f"Median error of the relative pose by horizon, plant and input; windows: {_counts(found)}": horizon_grid(found),
@@ -89,6 +82,21 @@ def real(context: Context) -> Findings:
         pictures=tuple(pictures),
         numbers={"profile": profile.name, "split_s": split, "horizons": horizons, **numbers},
     )
+
+
+def inputs_of(recording: Recording) -> list[tuple[Literal["wheels", "commands"], CommandKind, str]]:
+    """What of a recording can drive the plants.
+
+    Raises:
+        ValueError: nothing, or it has no poses to hold them against.
+    """
+    there = {"wheels": recording.has_wheels, "commands": recording.has_commands}
+    found = [each for each in INPUTS if there[each[0]]]
+    if not found:
+        raise ValueError(f"{recording.name} has neither wheel rates (enc_left, enc_right) nor commands (cmd_v, cmd_w)")
+    for _, kind, _ in found:
+        source_of(recording, recording.name, kind)
+    return found
 
 
 def cut(recording: Recording, split: float | None) -> dict[str, Recording]:
@@ -158,7 +166,8 @@ def data_grid(recording: Recording, parts: Mapping[str, Recording]) -> Grid:
 
 def _pieces(recording: Recording) -> Sequence[Any]:
     """Recorded motions, piece by piece."""
-    return [p.reference for p in source_of(recording, "recording", INPUTS[1][1]).pieces if p.reference is not None]
+    kind = inputs_of(recording)[0][1]
+    return [p.reference for p in source_of(recording, "recording", kind).pieces if p.reference is not None]
 
 
 def _motion(piece: Any) -> tuple[Any, Any]:
@@ -223,10 +232,10 @@ def _residual_picture(context: Context, input_: str, words: str, residuals: Resi
 
 def worst_of(residuals: Residuals, words: str) -> str:
     """In a sentence, the bin in which each plant's yaw goes most astray."""
+    if not np.any(residuals.count >= FEW):
+        return f"Driven by {words}, no bin of speed and yaw rate holds {FEW} windows of {WINDOW:g} s."
     parts = []
     for name, (_, yaw) in residuals.medians.items():
-        if np.all(np.isnan(yaw)):
-            continue
         i, j = np.unravel_index(int(np.nanargmax(yaw)), yaw.shape)
         parts.append(
             f"{name} {yaw[i, j]:.3f} rad at {residuals.speeds[i]:g}–{residuals.speeds[i + 1]:g} m/s and "

@@ -419,4 +419,4 @@ def markdown(document: Document, figures: str, docs: str | None = None) -> str:
 
 def linked(text: str, docs: str) -> str:
     """The text with the pages of docs/ that it names as links."""
-    return re.sub(r"(?<![\w(/])docs/(\w+\.md)", lambda m: f"[{m[1]}]({docs}{m[1]})", text)
+    return re.sub(r"(?<![\w/\[])(?<!\]\()docs/(\w+\.md)", lambda m: f"[{m[1]}]({docs}{m[1]})", text)

@@ -31,7 +31,6 @@ from validation.evidence import (
 from validation.evidence_report import Document, Found, as_json, document_of, markdown
 from validation.html_page import render
 from validation.recording import read_csv
-from validation.sources import source_of
 from validation.tables import rich_table
 
 ALL: tuple[Section, ...] = (*evidence_models.SECTIONS, *evidence_control.SECTIONS, *evidence_real.SECTIONS)
@@ -71,8 +70,7 @@ def main(
         if seed < 0 or (workers is not None and workers < 1):
             raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
         if recording is not None:
-            source_of(read_csv(recording), str(recording), "twist")
-            source_of(read_csv(recording), str(recording), "wheels")
+            evidence_real.inputs_of(read_csv(recording))
         chosen = choose(ALL, only)
         if docs is not None and docs.suffix != ".md":
             raise cli.UserError(f"--docs {docs} is no markdown file; name one such as docs/results.md")

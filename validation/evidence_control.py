@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 
@@ -42,6 +43,8 @@ GAINS: Mapping[str, Mapping[str, str]] = {
     },
 }  # fmt: skip
 """What the gain sets call the thesis' gains."""
+TOLD = 5
+"""Where standard error is no terminal, every so many tables a line of progress appears."""
 RULES: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
 CAPTIONS: Mapping[str, str] = {
     "reference_vs_simulated": "the improved model against the reference (beside it the MuJoCo Husky against the reference)",
@@ -146,12 +149,13 @@ def tables(context: Context) -> Findings:
     """Tab. 4.5-4.19 and 4.22-4.38."""
     with cli.progress() as bar:
         task = bar.add_task("tables", total=len(TABLES))
-        study = study_tables(
-            load(PROFILE),
-            context.settings.noise_seeds,
-            context.workers,
-            lambda number: bar.update(task, advance=1, description=f"Tab. {number}"),
-        )
+
+        def tell(number: str) -> None:
+            bar.update(task, advance=1, description=f"Tab. {number}")
+            if bar.disable and TABLES.index(number) % TOLD == TOLD - 1:
+                print(f"Tab. {number} done, {TABLES.index(number) + 1} of {len(TABLES)}", file=sys.stderr, flush=True)
+
+        study = study_tables(load(PROFILE), context.settings.noise_seeds, context.workers, tell)
     found = {
         e.table: Table(f"{e.controller.upper()}, {_where(e)}: {CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries
     }

@@ -70,7 +70,7 @@ def real(context: Context) -> Findings:
         pictures.append(context.picture(f"paths-{input_}", comparison_figure(found[input_, last]), caption))
         residuals = residuals_of([(found[input_, part], source) for part, source in sources.items()])
         pictures.append(_residual_picture(context, input_, words, residuals))
-        worst.append(worst_of(residuals, words))
+        worst += [worst_of(residuals, words), *straight_of(residuals, profile, words)]
         numbers[f"residuals_{input_}"] = as_numbers(residuals)
     horizons = {input_: {part: _horizons(found[input_, part]) for part in parts} for input_, _, _ in inputs}
     return Findings(
@@ -242,6 +242,22 @@ def worst_of(residuals: Residuals, words: str) -> str:
             f"{residuals.yaw_rates[j]:g}–{residuals.yaw_rates[j + 1]:g} rad/s (least {np.nanmin(yaw):.3f})"
         )
     return f"Driven by {words}, yaw goes most astray in {WINDOW:g} s, as a median over a bin's windows: {'; '.join(parts)}."
+
+
+def straight_of(residuals: Residuals, profile: Profile, words: str) -> list[str]:
+    """In a sentence, what plants make of driving straight and fast, where unequal wheel radii show; none without data."""
+    fast = [i for i in range(residuals.count.shape[0]) if residuals.count[i, 0] >= FEW]
+    if not fast:
+        return []
+    i = fast[-1]
+    errors = ", ".join(f"{name} {yaw[i, 0]:.3f}" for name, (_, yaw) in residuals.medians.items())
+    difference = float(profile.plants["mujoco"].parameters.radius_difference)
+    return [
+        f"Driving straight (below {residuals.yaw_rates[1]:g} rad/s) at {residuals.speeds[i]:g} m/s and more, driven by "
+        f"{words}, yaw goes astray by {errors} rad. The Coulomb, improved and linear models have one wheel radius for "
+        f"both sides; the MuJoCo Husky was fitted with a difference of {1e3 * difference:.1f} mm, and the kinematics "
+        "have a factor for each side."
+    ]
 
 
 def as_numbers(residuals: Residuals) -> dict[str, Any]:

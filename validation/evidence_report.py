@@ -12,6 +12,7 @@ from typing import Any
 from validation import store
 from validation.evidence import Effort, Findings, Picture, Section, Settings, Table
 from validation.fit_report import number_text, unit_text
+from validation.profiles import PLANTS
 from validation.tables import NOTHING, Cell, Grid, Unit, markdown_table
 from validation.verdicts import RULES, STATUSES, Pair, RowVerdict, Verdict, judge, of_row, short
 
@@ -138,7 +139,7 @@ def order_of(number: str) -> tuple[int, ...]:
 
 def _entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
     entry: dict[str, Any] = {"published": pair.published, "ours": pair.ours, "unit": pair.unit, "spread": pair.spread}
-    entry |= {f"ours_{name}": value for name, value in pair.beside.items()}
+    entry |= {f"ours_{name}" if name in PLANTS else name: value for name, value in pair.beside.items()}
     return entry | {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
 
 
@@ -165,21 +166,16 @@ class _Reasons:
         return Cell(f"{verdict.status}{colon} {', '.join(parts)}".strip())
 
 
-def _text(value: float | None, unit: str) -> str:
-    """A number without its unit, a length in millimetres."""
-    if value is None:
-        return NOTHING
-    if unit == "m":
-        return MILLIMETRES.text(value)
-    return f"{value:.3f}" if unit == "s" else number_text(value)
-
-
 def _metric_text(metric: str, value: float | None, unit: str) -> str:
+    """A number without its unit, a length in millimetres."""
     if value is None:
         return NOTHING
     if metric.endswith("ratio"):
         return RATIO.text(value)
-    return f"{value:.2f}" if unit == "%" else _text(value, unit)
+    if unit == "m":
+        return MILLIMETRES.text(value)
+    decimals = {"%": 2, "s": 3}.get(unit)
+    return number_text(value) if decimals is None else f"{value:.{decimals}f}"
 
 
 def _printed_text(metric: str, pair: Pair) -> str:
@@ -190,7 +186,7 @@ def _printed_text(metric: str, pair: Pair) -> str:
 
 
 def _spread_text(metric: str, pair: Pair) -> str:
-    """Ours with its spread, both with as many digits as the spread allows in print."""
+    """Ours with its spread."""
     own = _metric_text(metric, pair.ours, pair.unit)
     if pair.ours is None or pair.spread is None:
         return own
@@ -287,24 +283,24 @@ def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:
             parts.append(Part(f"Tab. {numbers[0]}–{numbers[-1]}. {caption}", *wide_grid(some)))
             done |= set(some)
     for number, table in findings.tables.items():
-        if number in done:
-            continue
-        where = f"Tab. {number}" if number[0].isdigit() else number
-        first = next(iter(next(iter(table.rows.values()))))
-        tall = first in ("value", "optimised") or section.key == "times"
-        made = _one_metric(table, number) if tall else wide_grid({number: table})
-        parts.append(Part(f"{where}. {table.caption}", *made))
+        if number not in done:
+            where = f"Tab. {number}" if number[0].isdigit() else number
+            parts.append(Part(f"{where}. {table.caption}", *_laid_out(number, table)))
     parts += [Part(caption, grid) for caption, grid in findings.grids.items()]
     return tuple(parts)
 
 
-def _one_metric(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
-    """A table whose rows have one number each, under whatever name."""
-    first = next(iter(next(iter(table.rows.values()))))
-    rows = {row: pairs if first in pairs else {first: next(iter(pairs.values()))} for row, pairs in table.rows.items()}
-    if any(first not in pairs for pairs in table.rows.values()):
+def _laid_out(number: str, table: Table) -> tuple[Grid, tuple[str, ...]]:
+    """One table: tall where a metric's unit changes from row to row, a number a line where each row has its own metric."""
+    units: dict[str, set[str]] = {}
+    for pairs in table.rows.values():
+        for metric, pair in pairs.items():
+            units.setdefault(metric, set()).add(pair.unit)
+    if any(len(u) > 1 for u in units.values()):
+        return tall_grid(table, number, next(iter(units)))
+    if len(units) > 1 and all(len(pairs) == 1 for pairs in table.rows.values()):
         return _mixed(table, number)
-    return tall_grid(Table(table.caption, rows), number, first)
+    return wide_grid({number: table})
 
 
 def _mixed(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:

@@ -223,6 +223,8 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
                 cells += [Cell(_metric_text(m, pair.beside.get(name), pair.unit)) for name in beside[m]]
             rows.append(tuple(cells))
         groups.append(tuple(rows))
+    if all(len(group) == 1 for group in groups):
+        groups = [tuple(row for group in groups for row in group)]
     return Grid(tuple(header), tuple(groups), left=2 + several), tuple(reasons.texts)
 
 

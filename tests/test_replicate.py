@@ -416,6 +416,20 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
     assert all(f"| {number} |" in text for number in TABLES)
 
 
+def test_the_page_of_docs_is_a_whole_replication() -> None:
+    """Nobody wrote it by hand, or published a quick or a partial one: titles and lead are those of this code."""
+    text = (Path(__file__).resolve().parents[1] / "docs" / "results.md").read_text(encoding="utf-8")
+    found = [(s, Findings(), replicate.Effort(0.0, 0.0)) for s in replicate.ALL]
+    expected = document_of(found, Settings())
+    assert text.startswith(f"# {expected.title}\n\n{expected.lead[0]}\n")
+    for chapter in expected.chapters:
+        assert f"\n## {chapter.title}\n" in text
+    for number in WANTED - set(TABLES):
+        assert f"**{number if not number[0].isdigit() else f'Tab. {number}'}. " in text
+    assert all(f"\n| {number} | " in text for number in TABLES)
+    assert evidence_real.NOT_RUN not in text
+
+
 # ------------------------------------------------------------------------------------------------------------- command line
 
 

@@ -29,7 +29,7 @@ from validation.verdicts import Pair
 SCHEMA = "ssmr.evidence/1"
 SECTIONS, FIGURES = "sections", "figures"
 """Folders in that of the results."""
-PRESENTATION = frozenset({"replicate.py", "evidence_report.py", "html_page.py", "verdicts.py"})
+PRESENTATION = frozenset({"replicate.py", "evidence_report.py", "evidence_tables.py", "html_page.py", "verdicts.py"})
 """Modules of `validation` that only judge and show what was found: a change to one of them makes nothing stale."""
 
 

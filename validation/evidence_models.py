@@ -176,9 +176,9 @@ def times(context: Context) -> Findings:
         "reduction_percent": Pair(float(text["simulation_time_reduction_percent"]["value"]), saved, "spread", "%", spread)
     }
     note = (
-        f"Medians of {context.settings.repeats} runs after one to warm up, {commands.duration:g} s of motion each, in processor "
-        "time; the spread is half the distance between the quartiles. The planar models are stepped at 1 ms by compiled loops, "
-        "the MuJoCo Husky at 2 ms. The thesis does not say how long its trajectory 4 is."
+        f"Medians of {context.settings.repeats} runs after one to warm up, {commands.duration:g} s of motion each, in "
+        "processor time; the spread is half the distance between the quartiles. The planar models are stepped at 1 ms by "
+        "compiled loops, the MuJoCo Husky at 2 ms. The thesis does not say how long its trajectory 4 is."
     )
     return Findings({"Sec. 3.6": Table("Time to simulate trajectory 4", rows)}, notes=(note,))
 

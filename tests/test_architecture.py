@@ -60,6 +60,7 @@ LAYERS = (
         "validation.robustness_figure",
         "validation.filter_study",
         "validation.filter_figure",
+        "validation.evidence_tables",
         "validation.evidence_report",
     },
     {"validation.objective", "validation.tuning", "validation.evidence_real", "validation.html_page"},

@@ -21,7 +21,7 @@ from tests.conftest import ROUNDOFF
 from validation import evidence_control, evidence_models, evidence_real, published, replicate
 from validation.control_tables import TABLES, Entry
 from validation.evidence import FIGURES, QUICK, SECTIONS, Context, Findings, Picture, Section, Settings, Table, choose, kept
-from validation.evidence_report import as_json, document_of, linked, markdown, order_of
+from validation.evidence_report import as_json, document_of, linked, markdown, order_of, unexplained
 from validation.html_page import prose, render, status_class
 from validation.objective import Problem
 from validation.recording import Recording, write_csv
@@ -366,6 +366,13 @@ def test_numbers_are_printed_beside_ours_with_a_verdict(report: Path) -> None:
             assert document["tables"]["3.9"]["rows"][row][metric]["published"] == value
     assert document["tables"]["3.8"]["rows"]["tau_max_wheel_N_m"]["value"]["verdict"] == "not compared"
     assert sum(document["verdicts"].values()) == 6 + 4 + 3
+
+
+def test_what_is_unexplained_is_said_first() -> None:
+    rows = {"line_0.25": {"d_rms_m": Pair(1.0, 9.0, "distance", "m"), "d_ratio": Pair(1.0, 1.0, "ratio")}}
+    found = [(section("tables"), Findings({"4.5": Table("a", rows)}), replicate.Effort(0.0, 0.0))]
+    assert unexplained(found) == ["Tab. 4.5 d_rms"]
+    assert "Unexplained: Tab. 4.5 d_rms." in document_of(found, SMALL).lead
 
 
 def test_markdown_holds_every_row_and_docs_link_their_pages(report: Path) -> None:

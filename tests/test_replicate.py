@@ -147,8 +147,11 @@ def test_what_is_kept_is_used_again_only_for_the_same_question(tmp_path: Path) -
         ((_, found, _),) = replicate.run_all([one], settings, folder, 1)
         assert found == FOUND
         assert len(ran) == times
-    replicate.run_all([one], SMALL, folder, 1, fresh=True)
-    assert len(ran) == 4
+    state = folder / SECTIONS / "fake-search.0123456789ab.npz"
+    state.touch()
+    anew = replace(one, run=lambda context: (ran.append(f"state: {state.exists()}"), FOUND)[1])
+    replicate.run_all([anew], SMALL, folder, 1, fresh=True)
+    assert ran[3:] == ["state: False"]
 
 
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"schema": "ssmr.evidence/1"}', "null"])

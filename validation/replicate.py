@@ -64,7 +64,7 @@ def main(
         workers: Threads; nothing but times depends on it.
         out: Folder for the results.
         docs: Write the report there too, such as docs/results.md; its pictures go to img/ beside it.
-        fresh: Run everything anew, whatever is kept.
+        fresh: Run everything anew, whatever is kept; searches too.
     """
     with cli.mistakes_are_users():
         if seed < 0 or (workers is not None and workers < 1):
@@ -97,6 +97,9 @@ def run_all(sections: Sequence[Section], settings: Settings, folder: Path, worke
     found: list[tuple[Section, Findings, Effort]] = []
     for k, section in enumerate(sections, 1):
         digest = section.digest(settings)
+        if fresh:
+            for state in (folder / SECTIONS).glob(f"{section.key}-*.npz"):
+                state.unlink()
         before = None if fresh else kept(folder, section, digest)
         if before is not None:
             _tell(f"[{k}/{len(sections)}] {section.title}: kept from before")

@@ -10,7 +10,7 @@ from typing import Any
 
 from validation import store
 from validation.evidence import Effort, Findings, Picture, Section, Settings
-from validation.evidence_tables import Part, is_printed, parts_of, row_verdict, verdicts_of
+from validation.evidence_tables import REMARKS, Part, is_printed, parts_of, row_verdict, verdicts_of
 from validation.profiles import PLANTS
 from validation.tables import Cell, Grid, markdown_table
 from validation.verdicts import RULES, STATUSES, UNEXPLAINED, Pair, RowVerdict, Verdict, short
@@ -138,7 +138,7 @@ def document_of(found: Found, settings: Settings, missing: Sequence[Section] = (
         missing: sections that were not asked for.
     """
     chapters = tuple(
-        Chapter(section.key, _title(section), findings.notes, parts_of(section, findings), findings.pictures)
+        Chapter(section.key, _title(section), _notes(section, findings), parts_of(section, findings), findings.pictures)
         for section, findings, _ in found
     )
     total = Counter[str]()
@@ -164,6 +164,11 @@ def document_of(found: Found, settings: Settings, missing: Sequence[Section] = (
     versions = ", ".join(f"{k} {v}" for k, v in store.versions().items())
     foot = f"All sections together took {wall / 60:.1f} minutes, {cpu / 60:.1f} of processor time. Versions: {versions}."
     return Document(TITLE, tuple(lead), _summary(found, total), chapters, foot)
+
+
+def _notes(section: Section, findings: Findings) -> tuple[str, ...]:
+    remark = REMARKS.get(section.key)
+    return findings.notes if remark is None else (*findings.notes, remark)
 
 
 def _title(section: Section) -> str:

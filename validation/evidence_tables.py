@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from validation.evidence import Findings, Section, Table
 from validation.fit_report import number_text, unit_text
 from validation.tables import NOTHING, Cell, Grid, Unit
-from validation.verdicts import Pair, RowVerdict, Verdict, judge, of_row, short
+from validation.verdicts import FACTOR, Pair, RowVerdict, Verdict, judge, of_row, short
 
 MILLIMETRES, RATIO = Unit("mm", 1e3, 1), Unit("", 1.0, 4)
 
@@ -175,6 +175,12 @@ WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
     ),
 }
 """Tables of a section that are shown as one, by section."""
+
+REMARKS: Mapping[str, str] = {
+    "tables": "The picture is that of `python -m validation.study tables`, which asks only whether the printed accuracy is "
+    f"reached: green where d_rms is at most {FACTOR:g} times the printed one (simulated against real: at most the printed one).",
+}
+"""What has to be said of a section's pictures beside the verdicts of this report, by section."""
 
 
 def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:

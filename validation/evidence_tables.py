@@ -177,8 +177,8 @@ WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
 """Tables of a section that are shown as one, by section."""
 
 REMARKS: Mapping[str, str] = {
-    "tables": "The picture is that of `python -m validation.study tables`, which asks only whether the printed accuracy is "
-    f"reached: green where d_rms is at most {FACTOR:g} times the printed one (simulated against real: at most the printed one).",
+    "tables": "The picture is that of `python -m validation.study tables`, which asks only whether the printed accuracy "
+    f"is reached: green where d_rms is at most {FACTOR:g} times the printed one (simulated against real: at most that one).",
 }
 """What has to be said of a section's pictures beside the verdicts of this report, by section."""
 

@@ -30,6 +30,7 @@ LAYERS = (
         "validation.skid_turn",
         "validation.recording",
         *("validation.pacing", "validation.ros_commands", "validation.ros_messages"),
+        "validation.verdicts",
     },
     {"validation.husky", "validation.rerun_ground"},
     {
@@ -59,10 +60,12 @@ LAYERS = (
         "validation.track_rerun",
         "validation.tune_report",
         "validation.tune_figure",
+        "validation.response_figure",
+        "validation.residual_figure",
     },
     {
         *("validation.driving", "validation.tracking", "validation.learning", "validation.recording_report"),
-        "validation.ros_control",
+        *("validation.ros_control", "validation.evidence"),
     },
     {
         "validation.compare",
@@ -76,14 +79,21 @@ LAYERS = (
         "validation.terrain_figure",
         "validation.simulated_log",
         "validation.contact_bench",
+        "validation.evidence_tables",
+        "validation.evidence_report",
     },
-    {"validation.objective", "validation.tuning", "validation.contact_study", "validation.contact_figure"},
+    {
+        *("validation.objective", "validation.tuning", "validation.contact_study", "validation.contact_figure"),
+        *("validation.evidence_real", "validation.html_page"),
+    },
     {"validation.targets", "validation.uncertainty", "validation.cluster", "validation.gain_study"},
     {"validation.fitting"},
     {
         *("validation.fit", "validation.track", "validation.tune", "validation.study", "validation.recordings"),
-        "validation.ros",
+        *("validation.ros", "validation.evidence_models"),
     },
+    {"validation.evidence_control"},
+    {"validation.replicate"},
 )
 """A module imports only from layers above its own, so there is no cycle."""
 

@@ -26,7 +26,8 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
         names = set(archive.namelist())
         archive.extractall(site)
     profiles = {f"validation/profiles/{p.name}" for p in (ROOT / "validation/profiles").glob("*.toml")}
-    assert {"validation/_models/husky.xml", "validation/published.toml", *profiles} <= names
+    data = {"_models/husky.xml", "published.toml", "verdicts.toml", "templates/replicate.html"}
+    assert {*(f"validation/{name}" for name in data), *profiles} <= names
     assert not any(name.startswith(("tests/", "benchmarks/", "docs/")) or ".nbi" in name for name in names)
     program = f"import sys; sys.path.insert(0, {str(site)!r}); import validation; print(validation.__file__)"
     program += (

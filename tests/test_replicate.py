@@ -1,0 +1,482 @@
+"""The replication: sections that are kept and used again, the report in its forms, and its numbers where they are simple."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import ROUNDOFF
+from validation import evidence_control, evidence_models, evidence_real, published, replicate
+from validation.control_tables import TABLES, Entry
+from validation.evidence import FIGURES, QUICK, SECTIONS, Context, Findings, Picture, Section, Settings, Table, choose, kept
+from validation.evidence_report import as_json, document_of, linked, markdown, order_of, unexplained
+from validation.html_page import prose, render, status_class
+from validation.objective import Problem
+from validation.recording import Recording, write_csv
+from validation.residual_figure import draw_residuals
+from validation.tables import Cell
+from validation.verdicts import STATUSES, Pair
+
+SMALL = Settings(fit_population=8, fit_generations=4, noise_seeds=1, repeats=1)
+WANTED = {
+    *("3.8", "3.9", "3.11", "3.12", "3.14", "3.15", "4.4", "4.21", "4.37", "4.38", "Sec. 3.6", "Fig. 3.33"),
+    *(f"4.{i}" for i in (*range(5, 20), *range(22, 37))),
+}
+
+
+def section(key: str) -> Section:
+    return next(s for s in replicate.ALL if s.key == key)
+
+
+def folders(path: Path) -> Path:
+    for name in (SECTIONS, FIGURES):
+        (path / name).mkdir(parents=True)
+    return path
+
+
+def run(keys: Sequence[str], folder: Path, settings: Settings = SMALL, *, fresh: bool = False) -> dict[str, Findings]:
+    found = replicate.run_all([section(k) for k in keys], settings, folder, 2, fresh=fresh)
+    return {s.key: findings for s, findings, _ in found}
+
+
+# ----------------------------------------------------------------------------------------------------------------- sections
+
+
+def test_every_table_of_the_thesis_has_one_section_that_answers_for_it() -> None:
+    answered = [t for s in replicate.ALL for t in s.tables]
+    assert len(answered) == len(set(answered))
+    assert set(answered) == WANTED
+
+
+def test_sections_are_chosen_by_key_and_by_table_in_their_own_order() -> None:
+    assert [s.key for s in choose(replicate.ALL, "4.9, times,3.9")] == ["fit-coulomb", "times", "tables"]
+    assert choose(replicate.ALL, "") == replicate.ALL
+    with pytest.raises(ValueError, match=r"'5\.1' is no section"):
+        choose(replicate.ALL, "times,5.1")
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures cost more than small searches; an empty file stands for each."""
+
+    def written(self: Context, name: str, figure: object, caption: str) -> Picture:
+        (self.folder / FIGURES / f"{name}.png").touch()
+        return Picture(f"{name}.png", caption)
+
+    monkeypatch.setattr(Context, "picture", written)
+    monkeypatch.setattr(evidence_models, "fit_figure", lambda result: None)
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_broken_off_search_goes_on_to_the_same_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stopped in the third generation of the second section: the same findings in the end, and nothing is done twice."""
+    through, broken = folders(tmp_path / "through"), folders(tmp_path / "broken")
+    real, generations, ran = Problem.costs, list[str](), list[str]()
+    both = [fake(FOUND, ran), section("fit-linear")]
+
+    def counting(self: Problem, *args: Any) -> Any:
+        generations.append(self.model)
+        if stopped and len(generations) == 3:
+            raise KeyboardInterrupt
+        return real(self, *args)
+
+    def findings(folder: Path) -> list[Findings]:
+        return [found for _, found, _ in replicate.run_all(both, SMALL, folder, 2)]
+
+    monkeypatch.setattr(Problem, "costs", counting)
+    stopped = False
+    undisturbed, wanted = findings(through), len(generations)
+    stopped = True
+    generations.clear()
+    with pytest.raises(KeyboardInterrupt):
+        findings(broken)
+    assert [p.name for p in (broken / SECTIONS).glob("*.json")] == ["fake.json"]
+    assert len(list((broken / SECTIONS).glob("fit-linear-*.npz"))) == 1
+    stopped = False
+    generations.clear()
+    assert findings(broken) == undisturbed
+    assert len(generations) == wanted - 2
+    assert len(ran) == 2
+    assert not list((broken / SECTIONS).glob("*.npz"))
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_damaged_search_begins_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, one = folders(tmp_path / "out"), section("fit-linear")
+    state = Context(SMALL, folder, one.key, one.digest(SMALL), 1).checkpoint("search")
+    state.write_bytes(b"no checkpoint")
+    assert run(["fit-linear"], folder)["fit-linear"].tables
+    assert "begins anew" in capsys.readouterr().err
+
+
+def fake(found: Findings, ran: list[str], needs: tuple[str, ...] = ("seed",)) -> Section:
+    def compute(context: Any) -> Findings:
+        ran.append(context.key)
+        return found
+
+    return Section("fake", "A section", ("3.9",), needs, compute)
+
+
+FOUND = Findings(
+    {
+        "3.9": Table(
+            "a caption", {"traj1": {"d_rms_m": Pair(0.1416, 0.0074, "distance", "m", 0.001, {"mujoco": 0.2}, "none")}}
+        )
+    },
+    notes=("a note",),
+    numbers={"a": [1.0, None]},
+)
+
+
+def test_what_is_kept_is_used_again_only_for_the_same_question(tmp_path: Path) -> None:
+    folder, ran = folders(tmp_path / "out"), list[str]()
+    one = fake(FOUND, ran)
+    for settings, times in ((SMALL, 1), (SMALL, 1), (replace(SMALL, repeats=9), 1), (replace(SMALL, seed=7), 2), (SMALL, 3)):
+        ((_, found, _),) = replicate.run_all([one], settings, folder, 1)
+        assert found == FOUND
+        assert len(ran) == times
+    state = folder / SECTIONS / "fake-search.0123456789ab.npz"
+    state.touch()
+    anew = replace(one, run=lambda context: (ran.append(f"state: {state.exists()}"), FOUND)[1])
+    replicate.run_all([anew], SMALL, folder, 1, fresh=True)
+    assert ran[3:] == ["state: False"]
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[]", '{"schema": "ssmr.evidence/1"}', "null"])
+def test_a_damaged_section_is_run_again(tmp_path: Path, damage: str) -> None:
+    folder, ran = folders(tmp_path / "out"), list[str]()
+    one = fake(FOUND, ran)
+    replicate.run_all([one], SMALL, folder, 1)
+    (folder / SECTIONS / "fake.json").write_text(damage, encoding="utf-8")
+    ((_, found, _),) = replicate.run_all([one], SMALL, folder, 1)
+    assert (found, len(ran)) == (FOUND, 2)
+
+
+@pytest.fixture(scope="module")
+def accelerations(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Findings]:
+    """That section, and the folder where it is kept."""
+    folder = folders(tmp_path_factory.mktemp("accelerations") / "out")
+    return folder, run(["accelerations"], folder)["accelerations"]
+
+
+def test_a_section_without_its_picture_or_with_foreign_findings_is_run_again(
+    accelerations: tuple[Path, Findings], tmp_path: Path
+) -> None:
+    folder, findings = Path(shutil.copytree(accelerations[0], tmp_path / "copy")), accelerations[1]
+    digest = section("accelerations").digest(SMALL)
+    again = kept(folder, section("accelerations"), digest)
+    assert again is not None
+    assert again[0] == findings
+    path = folder / SECTIONS / "accelerations.json"
+    whole = path.read_text(encoding="utf-8")
+    document = json.loads(whole)
+    document["findings"]["surprise"] = 1
+    path.write_text(json.dumps(document), encoding="utf-8")
+    assert kept(folder, section("accelerations"), digest) is None
+    path.write_text(whole, encoding="utf-8")
+    assert kept(folder, section("accelerations"), digest) is not None
+    (folder / FIGURES / findings.pictures[0].file).unlink()
+    assert kept(folder, section("accelerations"), digest) is None
+
+
+def test_a_recording_is_known_by_its_content(tmp_path: Path) -> None:
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    a.write_text("one", encoding="utf-8")
+    b.write_text("one", encoding="utf-8")
+    digests = [section("real").digest(replace(SMALL, recording=str(p))) for p in (a, b)]
+    b.write_text("two", encoding="utf-8")
+    assert digests[0] == digests[1] != section("real").digest(replace(SMALL, recording=str(b)))
+
+
+# ------------------------------------------------------------------------------------------------------------------ numbers
+
+
+def test_chattering_coulomb_and_smooth_improved_as_in_figure_3_33(accelerations: tuple[Path, Findings]) -> None:
+    rows = accelerations[1].tables["Fig. 3.33"].rows
+    counts = {name: rows[name]["alternations"].ours for name in ("coulomb", "improved", "linear")}
+    assert counts["improved"] == counts["linear"] == 0.0
+    assert counts["coulomb"] is not None
+    assert counts["coulomb"] > 100.0
+    delays = [rows[name]["speed_delay_s"].ours for name in evidence_models.TIMED]
+    assert all(d is not None and 0.2 < d < 0.3 for d in delays)  # 0.22 s of Tab. 3.8, and the first tenth of the rise
+
+
+def test_delay_and_rise_of_known_answers() -> None:
+    t = np.linspace(0.0, 5.0, 5001)
+    lag = np.where(t > 0.3, 1.0 - np.exp(-(t - 0.3) / 0.1), 0.0)
+    delay, rise = evidence_models.delay_and_rise(t, -2.0 * lag)
+    assert delay == pytest.approx(0.3 + 0.1 * math.log(1.0 / 0.9), abs=1e-4)
+    assert rise == pytest.approx(0.1 * math.log(9.0), abs=1e-4)
+    assert all(map(math.isnan, evidence_models.delay_and_rise(t, 0.0 * t)))
+
+
+def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None:
+    assert evidence_models.alternations(np.array([1.0, -1.0, 1.0, -1.0, -1.0, 2.0])) == 2
+    assert evidence_models.alternations(np.sin(np.linspace(0.0, 20.0, 500))) == 0
+
+
+def entry(controller: str, mean: float, deviation: float, n: int = 10) -> Entry:
+    values = {m: mean for m in ("d_rms_m", "d_haus_m", "d_ratio")}
+    return Entry("4.13", "simulated_vs_real", controller, controller, "line", 0.25, values, "", values,
+                 {m: deviation for m in values}, 0, n, {})  # fmt: skip
+
+
+def test_a_change_in_percent_carries_both_spreads() -> None:
+    change, spread = evidence_control.change_percent(entry("pid", 0.002, 0.0002), entry("lqr", 0.003, 0.0006), "d_rms_m")
+    assert change == pytest.approx(50.0, rel=ROUNDOFF)
+    assert spread == pytest.approx(150.0 * math.hypot(0.1, 0.2), rel=ROUNDOFF)
+    assert evidence_control.change_percent(entry("pid", 0.002, 0.0, 1), entry("lqr", 0.003, 0.0, 1), "d_rms_m")[1] is None
+    lost = replace(entry("pid", 0.002, 0.0), mean={})
+    assert evidence_control.change_percent(lost, entry("lqr", 0.003, 0.0), "d_rms_m") == (None, None)
+
+
+def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
+    for controller, number in evidence_control.TUNINGS.items():
+        assert set(evidence_control.GAINS[controller]) == set(published.table(number)["rows"])
+
+
+def drive(t: np.ndarray, speed: float, rate: float) -> Recording:
+    yaw = rate * t
+    x, y = speed / rate * np.sin(yaw), speed / rate * (1.0 - np.cos(yaw))
+    turn = rate * 0.5708 / 2.0 * 1.8
+    wheels = {"enc_left": np.full_like(t, (speed - turn) / 0.165), "enc_right": np.full_like(t, (speed + turn) / 0.165)}
+    return Recording.from_columns("drive", {"t": t, "x": x, "y": y, "yaw": yaw, **wheels})
+
+
+def test_a_recording_without_commands_is_driven_by_its_wheels(tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
+    write_csv(drive(np.arange(0.0, 40.0, 0.05), 0.25, 0.4), path)
+    settings = replace(SMALL, recording=str(path), split=25.0)
+    (findings,) = run(["real"], folders(tmp_path / "out"), settings).values()
+    assert set(findings.numbers["horizons"]) == {"wheels"}
+    residuals = findings.numbers["residuals_wheels"]
+    row, column = 2, 2  # 0.2-0.3 m/s, 0.3-0.6 rad/s
+    count = np.array(residuals["windows"])
+    assert count.sum() == count[row, column] == 12 + 7  # of 25 and of 15 s: windows end at samples, none spans the split
+    assert all(v[row][column] is not None for v in residuals["yaw_median_rad"].values())
+    assert sum(v is not None for line in residuals["yaw_median_rad"]["mujoco"] for v in line) == 1
+    page = render(
+        document_of([(section("real"), findings, replicate.Effort(1.0, 1.0))], settings), tmp_path / "out" / FIGURES
+    )
+    assert page.count("data:image/png;base64,") == 2
+
+
+def test_residuals_of_nothing_are_drawn_and_said() -> None:
+    shape = len(evidence_real.SPEEDS) - 1, len(evidence_real.YAW_RATES) - 1
+    empty = evidence_real.Residuals(
+        evidence_real.SPEEDS, evidence_real.YAW_RATES, np.zeros(shape, dtype=np.int64),
+        {"mujoco": np.full((2, *shape), np.nan)}, 2.0,
+    )  # fmt: skip
+    assert "no bin" in evidence_real.worst_of(empty, "wheels")
+    assert len(draw_residuals(empty, "driven by nobody").axes) >= 4
+
+
+# ------------------------------------------------------------------------------------------------------------------- report
+
+
+class Outside(HTMLParser):
+    """Collects whatever a page would load, and whether its elements are closed."""
+
+    VOID = frozenset({"meta", "img", "br", "link", "input", "hr"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.open: list[str] = []
+        self.ids: set[str] = set()
+        self.targets: set[str] = set()
+        self.style = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:  # noqa: D102
+        if tag not in self.VOID:
+            self.open.append(tag)
+        assert tag not in {"script", "link", "iframe", "object", "embed", "base"}
+        for name, value in attrs:
+            if name in {"src", "srcset", "data", "poster", "background", "action"}:
+                self.loads.append(value or "")
+            if name == "href":
+                self.targets.add(value or "")
+            if name == "id":
+                self.ids.add(value or "")
+            self.style += (value or "") if name == "style" else ""
+
+    def handle_endtag(self, tag: str) -> None:  # noqa: D102
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:  # noqa: D102
+        if self.open and self.open[-1] == "style":
+            self.style += data
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small replication by the program itself."""
+    out = tmp_path_factory.mktemp("replicate")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(replicate, "QUICK", replace(QUICK, fit_population=8, fit_generations=3, repeats=2))
+        replicate.main(quick=True, only="3.9,times,real", out=out, docs=out / "docs" / "results.md")
+    return out
+
+
+def test_the_page_needs_nothing_else(report: Path) -> None:
+    page = (report / "replicate.html").read_text(encoding="utf-8")
+    parser = Outside()
+    parser.feed(page)
+    parser.close()
+    assert parser.open == []
+    assert parser.loads
+    assert all(source.startswith("data:image/png;base64,iVBOR") for source in parser.loads)
+    assert all(t.startswith("#") and t[1:] in parser.ids for t in parser.targets)
+    assert "url(" not in parser.style
+    assert "@import" not in parser.style
+    assert "http://" not in page
+    assert "https://" not in page
+
+
+def test_foreign_text_stays_text() -> None:
+    assert prose("a `b<c` <d>") == "a <code>b&lt;c</code> &lt;d&gt;"
+    assert prose("a lonely ` and <") == "a lonely ` and &lt;"
+    assert [status_class(Cell(t)) for t in ("agrees", "not compared [1]", "differs: d_rms [2]", "agreed", "0.3")] == [
+        "agrees", "not-compared", "differs", "", "",
+    ]  # fmt: skip
+
+
+def test_numbers_are_printed_beside_ours_with_a_verdict(report: Path) -> None:
+    document = json.loads((report / "replicate.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "ssmr.replicate/1"
+    assert document["quick"] is True
+    assert list(document["tables"]) == ["3.8", "3.9", "Sec. 3.6"]
+    for number, table in document["tables"].items():
+        for row, metrics in table["rows"].items():
+            assert table["verdicts"][row]["verdict"] in STATUSES
+            for metric, pair in metrics.items():
+                assert {"published", "ours"} <= set(pair)
+                assert pair["verdict"] == "agrees" or pair["reason"], (number, row, metric)
+    for row, printed in published.table("3.9")["rows"].items():
+        for metric, value in printed.items():
+            assert document["tables"]["3.9"]["rows"][row][metric]["published"] == value
+    assert document["tables"]["3.8"]["rows"]["tau_max_wheel_N_m"]["value"]["verdict"] == "not compared"
+    assert sum(document["verdicts"].values()) == 6 + 4 + 3
+
+
+def test_what_is_unexplained_is_said_first() -> None:
+    rows = {"line_0.25": {"d_rms_m": Pair(1.0, 9.0, "distance", "m"), "d_ratio": Pair(1.0, 1.0, "ratio")}}
+    found = [(section("tables"), Findings({"4.5": Table("a", rows)}), replicate.Effort(0.0, 0.0))]
+    assert unexplained(found) == ["Tab. 4.5 d_rms"]
+    assert "Unexplained: Tab. 4.5 d_rms." in document_of(found, SMALL).lead
+
+
+def test_markdown_holds_every_row_and_docs_link_their_pages(report: Path) -> None:
+    text = (report / "replicate.md").read_text(encoding="utf-8")
+    for row in published.table("3.8")["rows"]:
+        assert f"| {row} |" in text
+    assert "Not run: no recording was given" in text
+    pictures = [line.rpartition("(")[2].rstrip(")") for line in text.splitlines() if line.startswith("![")]
+    assert pictures
+    assert all((report / p).is_file() for p in pictures)
+    page = (report / "docs" / "results.md").read_text(encoding="utf-8")
+    assert "](identification.md)" in page
+    assert "docs/identification.md" not in page
+    assert (report / "docs" / "img" / "results-fit-coulomb-fit.png").is_file()
+    assert linked("see docs/a.md, and [docs/b.md](docs/b.md)", "../") == "see [a.md](../a.md), and [docs/b.md](docs/b.md)"
+
+
+def test_a_second_run_keeps_everything_and_says_so(report: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (report / "replicate.json").read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(replicate, "QUICK", replace(QUICK, fit_population=8, fit_generations=3, repeats=2))
+        replicate.main(quick=True, only="3.9,times,real", out=report)
+    assert capsys.readouterr().err.count("kept from before") == 3
+    assert (report / "replicate.json").read_bytes() == before
+
+
+def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_path: Path) -> None:
+    """Made-up numbers at print: rows of known geometry agree, the others are not compared, whatever their numbers are."""
+    tables = {}
+    for number in TABLES:
+        rows = published.table(number)["rows"] or {"sine_0.50": {}}
+        rules = evidence_control.RULES
+        tables[number] = Table(
+            number,
+            {r: {m: Pair(v.get(m), 1.0 if number == "4.27" else v[m], rules[m]) for m in rules} for r, v in rows.items()},
+        )
+    found = [(section("tables"), Findings(tables), replicate.Effort(0.0, 0.0))]
+    document = as_json(found, SMALL)
+    verdicts = {n: next(iter(t["verdicts"].values())) for n, t in document["tables"].items()}
+    for number, verdict in verdicts.items():
+        content = published.table(number)
+        known = content["trajectory"] in ("line", "circle") and not content.get("suspect")
+        assert verdict["verdict"] == ("agrees" if known else "not compared"), number
+        assert known or verdict["see"]
+    assert "lost" in verdicts["4.27"]["reason"]
+    assert list(document["tables"]) == sorted(TABLES, key=order_of)
+    text = markdown(document_of(found, SMALL), "figures/")
+    assert all(f"| {number} |" in text for number in TABLES)
+
+
+def test_the_page_of_docs_is_a_whole_replication() -> None:
+    """Nobody wrote it by hand, or published a quick or a partial one: titles and lead are those of this code."""
+    text = (Path(__file__).resolve().parents[1] / "docs" / "results.md").read_text(encoding="utf-8")
+    found = [(s, Findings(), replicate.Effort(0.0, 0.0)) for s in replicate.ALL]
+    expected = document_of(found, Settings())
+    assert text.startswith(f"# {expected.title}\n\n{expected.lead[0]}\n")
+    for chapter in expected.chapters:
+        assert f"\n## {chapter.title}\n" in text
+    for number in WANTED - set(TABLES):
+        assert f"**{number if not number[0].isdigit() else f'Tab. {number}'}. " in text
+    assert all(f"\n| {number} | " in text for number in TABLES)
+    assert evidence_real.NOT_RUN not in text
+
+
+# ------------------------------------------------------------------------------------------------------------- command line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--only", "5.1"], "is no section"),
+        (["--recording", "nowhere.csv"], "nowhere.csv"),
+        (["--seed", "-1"], "--seed -1"),
+        (["--docs", "results.txt"], "no markdown file"),
+    ],
+)
+def test_mistakes_are_one_line(arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                               capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["replicate", *arguments])
+    with pytest.raises(SystemExit) as left:
+        replicate.cli.run(replicate.main, "python -m validation.replicate")
+    assert left.value.code == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_an_interrupt_leaves_with_130_and_keeps_the_search(tmp_path: Path) -> None:
+    program = (
+        "import os, signal, sys; sys.argv = ['replicate', '--quick', '--only', '3.15', '--out', 'out'];"
+        "signal.signal(signal.SIGINT, signal.default_int_handler);"  # who runs the tests may ignore interrupts
+        "from validation import cli, replicate; from validation.objective import Problem; real, calls = Problem.costs, [];"
+        "Problem.costs = lambda *a: (calls.append(1), len(calls) == 3 and os.kill(os.getpid(), signal.SIGINT), real(*a))[2];"
+        "cli.run(replicate.main, 'replicate')"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)
+    assert done.returncode == 130, done.stderr
+    assert "0 of 1 sections are kept in out" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(list((tmp_path / "out" / SECTIONS).glob("fit-linear-search.*.npz"))) == 1

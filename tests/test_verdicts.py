@@ -1,0 +1,155 @@
+"""Verdicts: the rules at their edges, and reasons that point at something there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from validation import published
+from validation.verdicts import (
+    FACTOR,
+    RATIO_REACH,
+    SPREADS,
+    STATUSES,
+    UNEXPLAINED,
+    Pair,
+    Reason,
+    Verdict,
+    judge,
+    of_row,
+    reasons,
+    short,
+)
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+POSITIVE = st.floats(1e-4, 1e4)
+
+
+def status(pair: Pair) -> str:
+    return judge("0.0", "row", "metric", pair, ()).status
+
+
+@pytest.mark.parametrize(
+    ("pair", "verdict"),
+    [
+        (Pair(0.010, 0.010 * FACTOR, "distance"), "agrees"),
+        (Pair(0.010, 0.010 * FACTOR * 1.001, "distance"), "differs"),
+        (Pair(0.010, 0.010 / FACTOR, "distance"), "agrees"),
+        (Pair(0.010, 0.010 / FACTOR / 1.001, "distance"), "nearer"),
+        (Pair(0.010, 0.030, "distance", spread=0.010), "agrees"),
+        (Pair(0.010, 0.0301, "distance", spread=0.010), "differs"),
+        (Pair(0.010, 0.0, "distance"), "nearer"),
+        (Pair(1.0, 1.0 + RATIO_REACH, "ratio"), "agrees"),
+        (Pair(1.0, 1.0 + 1.01 * RATIO_REACH, "ratio"), "differs"),
+        (Pair(1.0, 1.0 - 1.01 * RATIO_REACH, "ratio"), "differs"),
+        (Pair(1.0, 1.03, "ratio", spread=0.015), "agrees"),
+        (Pair(5.0, 5.0 + SPREADS, "spread", spread=1.0), "agrees"),
+        (Pair(5.0, 5.1 + SPREADS, "spread", spread=1.0), "differs"),
+        (Pair(5.0, 5.0, "spread"), "agrees"),
+        (Pair(5.0, 5.0001, "spread"), "differs"),
+        (Pair(None, 3.0, "at_least", beside={"at_least": 3.0}), "agrees"),
+        (Pair(None, 2.9, "at_least", beside={"at_least": 3.0}), "differs"),
+        (Pair(None, 1.0, "distance"), "not compared"),
+        (Pair(1.0, None, "distance"), "not compared"),
+        (Pair(1.0, 1.0, "none"), "not compared"),
+        (Pair(1.0, 1.0, "distance", obstacle="it was lost"), "not compared"),
+    ],
+)
+def test_rules_at_their_edges(pair: Pair, verdict: str) -> None:
+    assert status(pair) == verdict
+
+
+@given(POSITIVE, POSITIVE)
+def test_agreeing_in_distance_is_mutual(a: float, b: float) -> None:
+    assert (status(Pair(a, b, "distance")) == "agrees") == (status(Pair(b, a, "distance")) == "agrees")
+
+
+@given(POSITIVE, POSITIVE, st.floats(0.0, 10.0))
+def test_a_wider_spread_never_turns_agreement_into_difference(a: float, b: float, spread: float) -> None:
+    if status(Pair(a, b, "distance", spread=spread)) == "agrees":
+        assert status(Pair(a, b, "distance", spread=2.0 * spread)) == "agrees"
+    assert status(Pair(a, a, "distance", spread=spread)) == "agrees"
+
+
+@given(st.lists(st.sampled_from(STATUSES), min_size=1, max_size=4))
+def test_a_row_is_judged_by_its_worst_number(found: list[str]) -> None:
+    verdicts = {f"m{k}": Verdict(s, "" if s == "agrees" else f"because {s}") for k, s in enumerate(found)}  # type: ignore[arg-type]
+    row = of_row(verdicts)
+    for worse in ("differs", "nearer", "agrees", "not compared"):
+        if worse in found:
+            assert row.status == worse
+            break
+    if row.status in ("differs", "nearer"):
+        assert "not compared" not in row.reason
+
+
+def test_reasons_name_their_metrics_where_they_are_not_of_all() -> None:
+    row = of_row(
+        {
+            "d_rms_m": Verdict("nearer", "a", "x.md"),
+            "d_haus_m": Verdict("differs", "b", "y.md"),
+            "d_ratio": Verdict("agrees"),
+        }
+    )
+    assert row.reason == "d_rms: a; d_haus: b"
+    assert row.see == "x.md; y.md"
+    assert of_row({"d_rms_m": Verdict("differs", "a"), "d_haus_m": Verdict("differs", "a")}).reason == "a"
+
+
+def test_a_difference_without_reason_says_so_and_agreement_needs_none() -> None:
+    known = (Reason(("9.9",), "the moon", "page.md", rows=("a*",), metrics=("d_rms_m",), when=("differs",)),)
+    far, near, same = (Pair(1.0, x, "distance") for x in (9.0, 0.1, 1.0))
+    assert judge("9.9", "a1", "d_rms_m", far, known) == Verdict("differs", "the moon", "page.md")
+    for table, row, metric, pair in (
+        ("9.8", "a1", "d_rms_m", far),
+        ("9.9", "b", "d_rms_m", far),
+        ("9.9", "a1", "d_haus_m", far),
+        ("9.9", "a1", "d_rms_m", near),
+    ):
+        assert judge(table, row, metric, pair, known).reason == UNEXPLAINED
+    assert judge("9.9", "a1", "d_rms_m", same, known) == Verdict("agrees")
+
+
+def test_what_cannot_be_compared_is_not_even_where_it_agrees() -> None:
+    known = (Reason(("9.9",), "a copy", "errata.md, 30", comparable=False),)
+    assert judge("9.9", "a", "d_rms_m", Pair(1.0, 1.0, "distance"), known) == Verdict(
+        "not compared", "a copy", "errata.md, 30"
+    )
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_only_finite_numbers_are_compared(bad: float) -> None:
+    with pytest.raises(ValueError, match="no number"):
+        Pair(1.0, bad, "distance")
+    with pytest.raises(ValueError, match="no number"):
+        Pair(1.0, 1.0, "distance", beside={"mujoco": bad})
+    with pytest.raises(ValueError, match="unknown rule"):
+        Pair(1.0, 1.0, "guess")  # type: ignore[arg-type]
+
+
+def test_every_known_reason_is_about_something_printed_and_shown_on_a_page() -> None:
+    errata = (DOCS / "errata.md").read_text(encoding="utf-8")
+    for reason in reasons():
+        page, _, number = reason.see.partition(", ")
+        assert (DOCS / page).is_file(), reason.see
+        assert not number or re.search(rf"^\| {number} \|", errata, re.MULTILINE), reason.see
+        assert not reason.text.endswith("."), reason.text
+        assert set(reason.when) <= {"nearer", "differs"}
+        for table in reason.tables:
+            if not table[0].isdigit():
+                continue
+            rows = published.table(table)["rows"]
+            for row in reason.rows:
+                assert any(r == row or (row.endswith("*") and r.startswith(row[:-1])) for r in rows), (table, row)
+            metrics = {m for r in rows.values() for m in r}
+            assert not rows or set(reason.metrics) <= metrics, (table, reason.metrics)
+
+
+def test_metrics_are_called_without_their_units() -> None:
+    assert [short(m) for m in ("d_rms_m", "d_ratio", "simulation_time_s", "value")] == [
+        "d_rms", "d_ratio", "simulation_time", "value",
+    ]  # fmt: skip

@@ -189,7 +189,9 @@ class Section:
         chosen = {name: getattr(settings, name) for name in self.needs}
         recording = chosen.get("recording")
         if recording:
-            chosen["recording"] = hashlib.sha256(Path(recording).read_bytes()).hexdigest()
+            path = Path(recording)
+            files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+            chosen["recording"] = hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()
         whole = {"section": self.key, "settings": chosen, "versions": store.versions(), "code": code_digest()}
         return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 

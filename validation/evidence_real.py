@@ -15,10 +15,10 @@ from validation.compare import compare
 from validation.evidence import Context, Findings, Picture, Section
 from validation.figures import comparison_figure
 from validation.profiles import PLANTS, Profile, load
-from validation.recording import Recording, read_csv
+from validation.recording import Recording
 from validation.residual_figure import Residuals, draw_residuals
 from validation.results import Comparison
-from validation.sources import Source, source_of
+from validation.sources import Source, read_recording, source_of
 from validation.tables import Cell, Grid
 
 PROFILE = "husky-tile"
@@ -54,7 +54,7 @@ def real(context: Context) -> Findings:
     settings = context.settings
     if not settings.recording:
         return Findings(notes=(NOT_RUN,))
-    profile, recording = load(PROFILE), read_csv(settings.recording)
+    profile, recording = load(PROFILE), read_recording(settings.recording)
     split = split_of(profile, settings.split)
     parts = cut(recording, split)
     inputs = inputs_of(recording)

@@ -30,7 +30,7 @@ from validation.evidence import (
 )
 from validation.evidence_report import Document, Found, as_json, document_of, markdown
 from validation.html_page import render
-from validation.recording import read_csv
+from validation.sources import read_recording
 from validation.tables import rich_table
 
 ALL: tuple[Section, ...] = (*evidence_models.SECTIONS, *evidence_control.SECTIONS, *evidence_real.SECTIONS)
@@ -58,7 +58,8 @@ def main(
     Args:
         quick: Reduced budgets; under three minutes.
         only: Sections or tables, comma-separated, such as 3.9,4.5 or times; a wrong name lists all.
-        recording: A real Husky's log (.csv, columns as in the README) for the last chapter; without it that chapter says so.
+        recording: A real Husky's log (.csv with columns as in the README, or a bag) for the last chapter; without it that
+            chapter says so.
         split: What was recorded after this time is scored by itself [s]; by default where the fit of husky-tile ended.
         seed: Of the searches.
         workers: Threads; nothing but times depends on it.
@@ -70,7 +71,7 @@ def main(
         if seed < 0 or (workers is not None and workers < 1):
             raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
         if recording is not None:
-            evidence_real.inputs_of(read_csv(recording))
+            evidence_real.inputs_of(read_recording(recording))
         chosen = choose(ALL, only)
         if docs is not None and docs.suffix != ".md":
             raise cli.UserError(f"--docs {docs} is no markdown file; name one such as docs/results.md")

@@ -75,14 +75,24 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
         piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
         return Source(name, (piece,), plant or "mujoco", SAMPLE_DT)
     path = Path(name)
-    if path.suffix.lower() == ".csv":
-        return source_of(read_csv(path).cut(start, stop), name, kind)
-    if path.is_dir() or path.suffix.lower() in ENDINGS:
-        return source_of(read_bag_recording(path).cut(start, stop), name, kind)
-    if path.exists():
-        raise ValueError(f"{name}: recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag, see README")
+    if path.exists() or path.suffix.lower() in (".csv", *ENDINGS):
+        return source_of(read_recording(path).cut(start, stop), name, kind)
     paths = "paths of recordings (.csv, .bag, .mcap, a ROS 2 bag's folder)"
     raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")
+
+
+def read_recording(path: str | Path) -> Recording:
+    """A recording from a CSV file or a bag.
+
+    Raises:
+        ValueError: neither by its name, or it cannot be read.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".csv":
+        return read_csv(path)
+    if path.is_dir() or path.suffix.lower() in ENDINGS:
+        return read_bag_recording(path)
+    raise ValueError(f"{path}: recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag, see README")
 
 
 def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:

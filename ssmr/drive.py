@@ -19,15 +19,17 @@ from ssmr.vehicle import Drive
 
 WHOLE_STEPS = 1e-6
 """How far, in steps, a period may lie from a whole number of physics steps and still count as one."""
+MOST_STEPS = 1e7
+"""In one period: hours of the finest steps."""
 
 
 def whole_steps(period: float, dt: float, what: str) -> int:
     """How many physics steps of `dt` make up `period`.
 
     Raises:
-        ValueError: not a whole number, or less than one.
+        ValueError: not a whole number, less than one, or more than `MOST_STEPS`.
     """
-    steps = round(period / dt)
+    steps = round(period / dt) if 0.0 < period / dt < MOST_STEPS else 0
     if steps < 1 or abs(period / dt - steps) > WHOLE_STEPS:
         raise ValueError(f"{what} of {period} s is not a whole number of physics steps of {dt} s")
     return steps

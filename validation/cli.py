@@ -179,8 +179,18 @@ def run(main: Callable[..., Any], program: str) -> None:
         sys.exit(_complain(f"error: {error}", EXIT_USER_ERROR))
     except SsmrError as error:
         sys.exit(_complain(f"run failed: {error}", EXIT_FAILED_RUN))
+    except (OSError, MemoryError) as error:
+        sys.exit(_complain(f"run failed: {_circumstance(error)}", EXIT_FAILED_RUN))
     except KeyboardInterrupt:
         sys.exit(_complain("interrupted", EXIT_INTERRUPTED))
+
+
+def _circumstance(error: OSError | MemoryError) -> str:
+    """What the machine refused, in one line."""
+    if isinstance(error, MemoryError):
+        return "there is not enough memory"
+    where = f" ({error.filename})" if error.filename else ""
+    return f"{error.strerror or error}{where}; what was written before is whole"
 
 
 def _complain(text: str, status: int) -> int:

@@ -23,6 +23,7 @@ from ssmr.controllers.laws import GAINS
 from ssmr.ekf import EkfSettings, SensorModel, run_ekf, simulate_sensors
 from ssmr.geometry import relative, wrap_angle
 from ssmr.types import FloatArray, State, Trajectory
+from ssmr.vehicle import require_in_range
 from ssmr.waypoints import Waypoints
 from validation import cli, store
 from validation.gains import GainSet
@@ -125,12 +126,13 @@ class FilterSettings:
         """Check the ranges.
 
         Raises:
-            ValueError: no seeds, or a bias that is no number.
+            ValueError: no seeds, a bias that is no number, or a step that the simulation cannot have.
         """
         if self.seeds < 1:
             raise ValueError(f"--seeds {self.seeds} must be positive")
         if not math.isfinite(self.bias):
             raise ValueError(f"--bias {self.bias} must be finite")
+        require_in_range(self, "timestep", 1e-5, 0.01)
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,10 @@ LEVELS: Mapping[str, tuple[float, ...]] = MappingProxyType(
 Kind = Literal["nominal", "alone", "grid"]
 
 
+MOST = 100_000
+"""Seeds and runs that are allowed."""
+
+
 @dataclass(frozen=True)
 class Mismatch:
     """What a robot has other than its profile."""
@@ -173,8 +177,8 @@ class RobustnessSettings:
         Raises:
             ValueError: no seeds, too few runs, or a bound or a step that cannot be.
         """
-        if self.seeds < 1:
-            raise ValueError(f"--seeds {self.seeds} must be positive")
+        if not 1 <= self.seeds <= MOST or self.runs > MOST:
+            raise ValueError(f"--seeds {self.seeds} must be positive, and no more than {MOST} like --runs {self.runs}")
         if not 0.0 < self.bound <= LOST:
             raise ValueError(
                 f"--bound {self.bound:g} m must be positive and at most {LOST:g} m, where a robot counts as lost"

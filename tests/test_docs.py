@@ -14,17 +14,11 @@ from typing import Any
 
 import pytest
 
-from ssmr.controllers.lqr import LqrGains
-from ssmr.controllers.pid import PidGains
-from ssmr.controllers.scheduled import ScheduledGains
-from ssmr.controllers.smc import SmcGains
+from ssmr.controllers.laws import GAINS
 from ssmr.ekf import EkfSettings, SensorModel
-from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.improved import ImprovedParameters
-from ssmr.models.kinematic import KinematicParameters
-from ssmr.models.linear import LinearParameters
 from ssmr.scenarios import SineScenario
 from ssmr.sensors import SensorNoise
+from ssmr.simulate import MODELS
 from ssmr.vehicle import Drive, Vehicle
 from tests.test_architecture import LAYERS
 from validation.husky import WHEELS, HuskyCalibration, xml_path
@@ -35,19 +29,13 @@ PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md"] if p.is_f
 DOCUMENTED = (
     Vehicle,
     Drive,
-    CoulombParameters,
-    ImprovedParameters,
-    LinearParameters,
-    KinematicParameters,
+    *MODELS.values(),
     HuskyCalibration,
     SineScenario,
     SensorNoise,
     EkfSettings,
     SensorModel,
-    PidGains,
-    LqrGains,
-    ScheduledGains,
-    SmcGains,
+    *GAINS.values(),
 )
 GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}
 PHYSICAL = {

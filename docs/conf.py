@@ -12,6 +12,7 @@ from pathlib import Path
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
 from sphinx.writers.html5 import HTML5Translator
 
 project = "ssmr-testbed"
@@ -31,15 +32,27 @@ html_static_path = ["site.css"]
 html_css_files = ["site.css"]
 
 
+def mathml(latex: str, display: str) -> str:
+    """An equation as MathML.
+
+    Raises:
+        ExtensionError: something in it was not understood, which the converter leaves as it stands.
+    """
+    made = convert(latex.replace("{aligned}", "{align*}"), display=display)
+    if "\\" in made or ">&<" in made:
+        raise ExtensionError(f"an equation cannot be written as MathML: {latex}")
+    return made
+
+
 def write_inline(translator: HTML5Translator, node: nodes.math) -> None:
     """Write an equation in a sentence."""
-    translator.body.append(convert(node.astext(), display="inline"))
+    translator.body.append(mathml(node.astext(), "inline"))
     raise nodes.SkipNode
 
 
 def write_block(translator: HTML5Translator, node: nodes.math_block) -> None:
     """Write an equation on a line of its own."""
-    translator.body.append(f'<div class="equation">{convert(node.astext(), display="block")}</div>')
+    translator.body.append(f'<div class="equation">{mathml(node.astext(), "block")}</div>')
     raise nodes.SkipNode
 
 

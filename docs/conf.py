@@ -26,6 +26,7 @@ myst_fence_as_directive = ["math"]  # GitHub's way to write a displayed equation
 myst_heading_anchors = 4  # links to headings as GitHub makes them
 
 html_theme = "furo"
+html_show_copyright = html_show_sphinx = False
 html_title = "MuJoCo testbed for a skid-steering robot"
 html_math_renderer = "mathml"
 html_static_path = ["site.css"]
@@ -82,3 +83,4 @@ def setup(app: Sphinx) -> None:
     """Equations become MathML while the site is built: browsers draw it without a script, so the site works offline."""
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
     app.connect("source-read", prepare)
+    app.connect("env-get-outdated", lambda app, env, added, changed, removed: ["index"])  # new pages change its navigation

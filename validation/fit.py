@@ -20,10 +20,10 @@ from validation.cluster import Cluster
 from validation.fit_report import fit_notes, fit_tables
 from validation.fitting import Asked, as_document, conclude, fitted_profile, identity
 from validation.objective import CostName, CostSettings, Problem
-from validation.profiles import PLANTS, PlantProfile, Profile, dump, load
+from validation.profiles import PlantProfile, Profile, dump, load
 from validation.results import FitResult
 from validation.search import CHECKPOINT, Evaluate, begin, shown
-from validation.searchable import DEFAULT_FREE, find, make_space, with_values
+from validation.searchable import DEFAULT_FREE, SEARCHABLE, find, make_space, with_values
 from validation.targets import Input, held_out_targets, is_scenario, parse_sources, train_targets
 
 POPULATION = {"mujoco": 32}
@@ -76,7 +76,7 @@ def require_possible(problem: Problem, model: str) -> None:
 
 
 def main(
-    model: Annotated[str, tyro.conf.Positional, cli.one_of(PLANTS)],
+    model: Annotated[str, tyro.conf.Positional, cli.one_of(SEARCHABLE)],
     /,
     *,
     to: str,

@@ -28,18 +28,19 @@ CACHE_LIFETIME = 7 * 24 * 3600.0
 _PACKAGE = Path(__file__).resolve().parent
 
 
+_PLACES: tuple[Callable[[], Path], ...] = (
+    lambda: _PACKAGE / "__pycache__",
+    lambda: Path(tempfile.gettempdir()) / f"ssmr-{os.getuid()}",  # a full disk has no such place
+)
+
+
 def _cache_folder() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         digest.update(source.read_bytes())
-    roots = (
-        [Path(config.CACHE_DIR)]
-        if config.CACHE_DIR
-        else [_PACKAGE / "__pycache__", Path(tempfile.gettempdir()) / f"ssmr-{os.getuid()}"]
-    )
-    for root in roots:
-        folder = root / f"numba-{digest.hexdigest()[:12]}"
+    for place in (lambda: Path(config.CACHE_DIR),) if config.CACHE_DIR else _PLACES:
         try:
+            folder = (root := place()) / f"numba-{digest.hexdigest()[:12]}"
             if not folder.is_dir():
                 _forget_old(root)
             folder.mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,7 @@ from ssmr.controllers.laws import MEMORY, Controller, position_step, velocity_st
 from ssmr.drive import body_rates, follow, packed, whole_steps
 from ssmr.errors import SsmrError
 from ssmr.sensors import SensorNoise, yaw_disturbance
-from ssmr.simulate import PLANAR_DT, PlanarModel, move, pack_parameters, rotation_centre
+from ssmr.simulate import KINEMATIC, PLANAR_DT, PlanarModel, move, pack_parameters, rotation_centre
 from ssmr.types import FloatArray, Plant, State, Trajectory
 from ssmr.vehicle import require_in_range
 from ssmr.waypoints import ALPHA_SWITCH, Waypoints, position_errors, target
@@ -195,7 +195,7 @@ def run_closed_planar(
     torque_left, torque_right, index, tick = 0.0, 0.0, 0, 0
     command = (0.0, 0.0)
     for k in range(rates[2] + 1):
-        if model == 3:
+        if model == KINEMATIC:
             left, right = asked[2], asked[3]
         else:
             left, right = (v - c_eff * w) / r, (v + c_eff * w) / r

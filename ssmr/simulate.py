@@ -7,7 +7,7 @@ its pose follows by the midpoint rule with v_y = -x_ICR omega (Eq. 2.2, 2.10, 2.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numba
@@ -25,14 +25,16 @@ Parameters = (
     coulomb.CoulombParameters | improved.ImprovedParameters | linear.LinearParameters | kinematic.KinematicParameters
 )
 
-_KINDS: dict[type, tuple[str, int]] = {
-    coulomb.CoulombParameters: ("coulomb", 0),
-    improved.ImprovedParameters: ("improved", 1),
-    linear.LinearParameters: ("linear", 2),
-    kinematic.KinematicParameters: ("kinematic", 3),
+MODELS: Mapping[str, type[Parameters]] = {
+    "improved": improved.ImprovedParameters,
+    "coulomb": coulomb.CoulombParameters,
+    "linear": linear.LinearParameters,
+    "kinematic": kinematic.KinematicParameters,
 }
-PLANAR_MODELS = tuple(name for name, _ in _KINDS.values())
+"""By planar model, in the order of tables. The order is the number by which the compiled loops know a model."""
+PLANAR_MODELS = tuple(MODELS)
 """Names of the planar models."""
+IMPROVED, COULOMB, LINEAR, KINEMATIC = range(4)
 _WIDTH = 5  # numbers in a packed parameter set, the longest model's
 _COLUMNS = 13
 """x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration, its least and its
@@ -47,11 +49,11 @@ SAMPLE_DT = 0.008
 @jit
 def advance(model, v, w, reference, disturbance, dt, vehicle, parameters, side_limit):
     """One step of a model's velocities; returns v, omega, left torque, right torque."""
-    if model == 0:
-        return coulomb.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
-    if model == 1:
+    if model == IMPROVED:
         return improved.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
-    if model == 2:
+    if model == COULOMB:
+        return coulomb.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
+    if model == LINEAR:
         return linear.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
     return kinematic.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
 
@@ -59,9 +61,9 @@ def advance(model, v, w, reference, disturbance, dt, vehicle, parameters, side_l
 @jit
 def rotation_centre(model, vehicle, parameters):
     """x_ICR of a model [m]; zero in the improved and the linear one (Sec. 2.2.3)."""
-    if model == 0:
+    if model == COULOMB:
         return vehicle[7]
-    if model == 3:
+    if model == KINEMATIC:
         return parameters[2]
     return 0.0
 
@@ -85,7 +87,7 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
     """Advance a planar model over all references, writing every `stride`-th state.
 
     Args:
-        model: which one, see `_KINDS`.
+        model: which one, by its place in `MODELS`.
         references: (n, 2) wheel-rate references [rad/s].
         disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
         dt: step [s].
@@ -109,7 +111,7 @@ def run_planar(model, references, disturbance, dt, vehicle, parameters, side_lim
         if k == due:
             out[sample, 0], out[sample, 1], out[sample, 2] = x, y, yaw
             out[sample, 3], out[sample, 4], out[sample, 5] = v, -x_icr * w, w
-            if model == 3 and k > 0:
+            if model == KINEMATIC and k > 0:
                 out[sample, 6], out[sample, 7] = references[k - 1, 0], references[k - 1, 1]
             else:
                 out[sample, 6], out[sample, 7] = (v - c_eff * w) / r, (v + c_eff * w) / r
@@ -175,12 +177,12 @@ def pack_parameters(parameters: Parameters) -> tuple[int, FloatArray]:
     out = np.zeros(_WIDTH)
     values = astuple(parameters)
     out[: len(values)] = values
-    return _KINDS[type(parameters)][1], out
+    return list(MODELS.values()).index(type(parameters)), out
 
 
 @dataclass(frozen=True)
 class PlanarModel:
-    """One of the four planar models with all its numbers: everything that defines the plant, and no state."""
+    """A planar model with all its numbers: everything that defines the plant, and no state."""
 
     parameters: Parameters
     """Which model, and its unknowns."""
@@ -191,8 +193,8 @@ class PlanarModel:
 
     @property
     def name(self) -> str:
-        """`coulomb`, `improved`, `linear` or `kinematic`."""
-        return _KINDS[type(self.parameters)][0]
+        """One of `PLANAR_MODELS`."""
+        return PLANAR_MODELS[pack_parameters(self.parameters)[0]]
 
     def prescribed(self) -> PlanarModel:
         """What is left of the model where the wheel rates are given, whatever torque that takes.
@@ -202,7 +204,8 @@ class PlanarModel:
         if isinstance(self.parameters, kinematic.KinematicParameters):
             return self
         c_eff = self.vehicle.effective_half_track
-        x_icr = self.vehicle.x_icr if isinstance(self.parameters, coulomb.CoulombParameters) else 0.0
+        model, packed = pack_parameters(self.parameters)
+        x_icr = rotation_centre(model, tuple(self.vehicle.packed()), tuple(packed))
         return replace(self, parameters=kinematic.KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
 
 
@@ -229,7 +232,7 @@ class PlanarPlant:
 
     @property
     def name(self) -> str:
-        """`coulomb`, `improved`, `linear` or `kinematic`."""
+        """One of `PLANAR_MODELS`."""
         return self._model.name
 
     @property

@@ -370,7 +370,7 @@ def campaign_writes() -> dict[str, Tally]:
         name = program[0].removeprefix("validation.")
         single = name == "recordings"
         tally = out[f"full disk: {name}"] = Tally()
-        for limit in (0, 2_000, 20_000, 100_000):
+        for limit in (0, 2_000, 20_000, 100_000, 20_000_000):
             with tempfile.TemporaryDirectory() as folder:
                 target = Path(folder) / ("out.csv" if single else "out")
                 done = run_program(*program, "--out", str(target), cwd=Path(folder), file_limit=limit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -126,25 +127,24 @@ def test_the_velocity_loop_is_the_printed_equations(signal: list[tuple[float, fl
 # ------------------------------------------------------------------------------------------------------- all laws alike
 
 
+SOURCES: dict[str, Callable[..., tuple[float, ...]]] = {
+    "pid": lambda g, m, e, v_ref, w_ref, v, w: pid.position_loop.py_func(g, m, *e, DT),
+    "lqr": lambda g, m, e, v_ref, w_ref, v, w: lqr.regulate.py_func(g, m, *e, v, w, DT),
+    "lqr-scheduled": lambda g, m, e, v_ref, w_ref, v, w: scheduled.regulate.py_func(g, m, *e, v_ref, w_ref, v, w, DT),
+    "smc": lambda g, m, e, v_ref, w_ref, v, w: smc.slide.py_func(g, m, *e, v_ref, w_ref),
+}
+"""Of each law the Python source of its position loop."""
+
+
 @pytest.mark.parametrize("name", CONTROLLERS)
 @given(data=st.data())
 def test_compiled_laws_are_their_python_source(name: str, data: st.DataObject) -> None:
     """To round-off: numpy's sine and arctangent are not the compiler's."""
-    c = controller(name)
     memory = tuple(data.draw(errors) for _ in range(MEMORY))
-    e = [data.draw(errors) for _ in range(6)]
-    g, speed = packed(name), data.draw(speeds)
-    fast = position_step(c.number, g, memory, e[0], e[1], e[2], speed, e[3], e[4], e[5], DT)
-    if name in ("pid", "lqr"):
-        law = pid.position_loop.py_func if name == "pid" else lqr.regulate.py_func
-        slow = law(g, memory, e[0], e[1], e[2], *((e[4], e[5]) if name == "lqr" else ()), DT)
-    else:
-        target = (speed, e[3])
-        slow = (
-            scheduled.regulate.py_func(g, memory, e[0], e[1], e[2], *target, e[4], e[5], DT)
-            if name == "lqr-scheduled"
-            else smc.slide.py_func(g, memory, e[0], e[1], e[2], *target)
-        )
+    e = tuple(data.draw(errors) for _ in range(3))
+    moving = (data.draw(speeds), *(data.draw(errors) for _ in range(3)))
+    fast = position_step(controller(name).number, packed(name), memory, *e, *moving, DT)
+    slow = SOURCES[name](packed(name), memory, e, *moving)
     assert np.allclose(fast, slow, rtol=ROUNDOFF, atol=10 * ROUNDOFF)
 
 

@@ -6,6 +6,8 @@ import ast
 import importlib
 import math
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
@@ -14,17 +16,11 @@ from typing import Any
 
 import pytest
 
-from ssmr.controllers.lqr import LqrGains
-from ssmr.controllers.pid import PidGains
-from ssmr.controllers.scheduled import ScheduledGains
-from ssmr.controllers.smc import SmcGains
+from ssmr.controllers.laws import GAINS
 from ssmr.ekf import BiasSettings, EkfSettings, SensorModel
-from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.improved import ImprovedParameters
-from ssmr.models.kinematic import KinematicParameters
-from ssmr.models.linear import LinearParameters
 from ssmr.scenarios import SineScenario
 from ssmr.sensors import SensorNoise
+from ssmr.simulate import MODELS
 from ssmr.vehicle import Drive, Vehicle
 from tests.test_architecture import LAYERS
 from validation.husky import WHEELS, HuskyCalibration, xml_path
@@ -36,10 +32,7 @@ PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md"] if p.is_f
 DOCUMENTED = (
     Vehicle,
     Drive,
-    CoulombParameters,
-    ImprovedParameters,
-    LinearParameters,
-    KinematicParameters,
+    *MODELS.values(),
     HuskyCalibration,
     SineScenario,
     SensorNoise,
@@ -47,10 +40,7 @@ DOCUMENTED = (
     SensorModel,
     BiasSettings,
     LogSettings,
-    PidGains,
-    LqrGains,
-    ScheduledGains,
-    SmcGains,
+    *GAINS.values(),
 )
 GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}
 PHYSICAL = {
@@ -159,11 +149,54 @@ def test_every_module_is_listed_in_its_layer() -> None:
     assert [listed[layer] for layer in sorted(listed)] == list(LAYERS)
 
 
+def without_code(text: str) -> str:
+    """A page without its code: links and headings in it are none."""
+    return re.sub(r"^```.*?^```$|`[^`\n]*`", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    """What headings of a page are linked by, as GitHub makes it: letters, digits, hyphens, a hyphen for every blank."""
+    found: set[str] = set()
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for heading in re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE):
+        slug = re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+        copies = sum(name == slug or re.fullmatch(re.escape(slug) + r"-\d+", name) is not None for name in found)
+        found.add(f"{slug}-{copies}" if copies else slug)
+    return found
+
+
+def links(page: Path) -> list[tuple[str, str]]:
+    """Relative links of a page: the file, empty for the page itself, and the heading, empty for none."""
+    targets = re.findall(r"\]\(([^)\s]+)[^)]*\)", without_code(page.read_text(encoding="utf-8")))
+    local = [target for target in targets if "://" not in target and not target.startswith("mailto:")]
+    return [(file, heading) for file, _, heading in (target.partition("#") for target in local)]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_relative_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
-        if "://" not in target and not target.startswith("mailto:"):
-            assert (page.parent / target).exists(), target
+    for file, heading in links(page):
+        target = page.parent / file if file else page
+        assert target.exists(), file
+        if heading:
+            assert heading in anchors(target), f"{file}#{heading}: there are {sorted(anchors(target))}"
+
+
+def test_every_page_is_listed_in_the_index() -> None:
+    listed = {file for file, _ in links(DOCS / "index.md")}
+    assert {page.name for page in PAGES if page.parent == DOCS} - {"index.md"} <= listed
+
+
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    for needed in ("sphinx", "myst_parser", "furo", "latex2mathml"):
+        pytest.importorskip(needed, reason="the extra `docs` is not installed")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path / "site")]
+    built = subprocess.run([*command, "-d", str(tmp_path / "trees")], capture_output=True, text=True, timeout=300)
+    assert built.returncode == 0, built.stderr
+    equations = (tmp_path / "site" / "equations.html").read_text(encoding="utf-8")
+    assert equations.count('display="block"') == (DOCS / "equations.md").read_text(encoding="utf-8").count("```math")
+    for page in (tmp_path / "site").glob("*.html"):  # it works without a network
+        asked = re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+", page.read_text(encoding="utf-8"))
+        assert not asked, page
 
 
 def test_every_erratum_is_numbered_and_shown_by_a_test_that_exists_or_by_the_text() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -182,11 +183,18 @@ def test_a_bad_file_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
 
 def test_pid_has_no_manual_set() -> None:
     assert refused("pid", "manual") == (
-        "pid has no gains 'manual'; there are: published, tuned; or give the path of a TOML file"
+        "pid has no gains 'manual'; there are: published, tuned, default; or give the path of a TOML file"
     )
 
 
 def test_unknown_names_list_those_there_are() -> None:
-    assert refused("lqr", "best").startswith("lqr has no gains 'best'; there are: manual, published, tuned;")
+    assert refused("lqr", "best").startswith("lqr has no gains 'best'; there are: manual, published, tuned, default;")
     assert refused("mpc", "published").startswith("unknown controller 'mpc'; there are: pid, lqr")
     assert "these are gains of pid, wanted lqr" in refused("lqr", "pid-published")
+
+
+@pytest.mark.parametrize("controller", GAINS)
+def test_every_controller_has_the_defaults_of_its_class(controller: str) -> None:
+    gains = load_gains(controller, "default")
+    assert gains.name == f"{controller}-default"
+    assert dict(gains.values) == asdict(GAINS[controller]())

@@ -195,7 +195,7 @@ def test_health_is_that_of_the_run_itself(lab: Profile) -> None:
 
 def test_gains_fall_back_to_defaults_and_say_so() -> None:
     chosen, remarks = study.choose_gains(("pid", "smc"), "published")
-    assert (chosen["pid"].name, chosen["smc"].name) == ("pid-published", "default")
+    assert (chosen["pid"].name, chosen["smc"].name) == ("pid-published", "smc-default")
     assert len(remarks) == 1
     assert "smc" in remarks[0]
     assert study.choose_gains(("pid",), "default")[1] == []

@@ -19,7 +19,7 @@ from ssmr.references import circle, line
 from tests.conftest import EXACT, ROUNDOFF
 from validation import cli, track, tune
 from validation.gains import GainSet, dump_gains, load_gains
-from validation.profiles import Profile
+from validation.profiles import Profile, ProfileError
 from validation.tracking import make_controller, make_robot, rate, require_practicable, run_robots
 from validation.tuning import Case, TuneCost, TuneProblem, costs_of, delayed, make_tuning_space, reference_of_case
 
@@ -224,3 +224,10 @@ def test_a_reference_that_no_wheel_can_follow_is_refused_with_its_place(lab: Pro
         ValueError, match=r"line asks for 1\.2 m/s between waypoints \d+ and \d+; the robot's limit is 1 m/s"
     ):
         require_practicable(line(1.2, 3.0), make_robot(lab, "improved").drive, "line")
+
+
+def test_a_plant_of_another_kind_is_not_taken_for_a_planar_model(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("validation.tracking.make_plant", lambda *_: object())
+    profile = replace(lab, plants={**lab.plants, "other": lab.plants["improved"]})
+    with pytest.raises(ProfileError, match="plant 'other' has no closed loops in populations"):
+        make_robot(profile, "other")

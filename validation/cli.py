@@ -58,6 +58,11 @@ def output_folder(path: Path) -> Path:
     return path
 
 
+def one_of(names: Iterable[str]) -> Any:
+    """What to annotate an argument with that is one of these names: the help text lists them, others are refused."""
+    return tyro.conf.arg(constructor=tyro.extras.literal_type_from_choices(names))
+
+
 def parse_names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
     """Comma-separated names, each known, none twice.
 

@@ -19,7 +19,7 @@ from validation.profiles import load
 from validation.results import TuneResult
 from validation.search import Evaluate
 from validation.tracking import make_robot
-from validation.tune import GENERATIONS, K_U, POPULATION
+from validation.tune import K_U, SIZES
 from validation.tune_figure import draw_tune
 from validation.tuning import Asked, Case, TuneCost, TuneProblem, conclude, make_tuning_space
 from validation.verdicts import Pair, Rule
@@ -70,8 +70,8 @@ def tune(controller: str, seed: int, context: Context) -> TuneResult:
     cost = TuneCost(k_u=K_U.get(controller, 0.0), guard=0.0, seeds=(NOISE_SEED,))
     problem = TuneProblem(profile, load_gains(controller, "published"), space, (case,), cost)
     jde = JdeSettings(
-        population=settings.tune_population or POPULATION[controller],
-        generations=GENERATIONS[controller] if settings.tune_generations is None else settings.tune_generations,
+        population=settings.tune_population or SIZES[controller][0],
+        generations=SIZES[controller][1] if settings.tune_generations is None else settings.tune_generations,
     )
     evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731
     search = searched(context, f"search-{seed}", problem.identity(jde, seed, None), space, jde, seed, evaluate)

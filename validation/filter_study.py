@@ -19,14 +19,13 @@ from typing import Any
 import numpy as np
 
 from ssmr.closed_loop import LoopSettings, make_clock
-from ssmr.controllers.laws import GAINS
 from ssmr.ekf import EkfSettings, SensorModel, run_ekf, simulate_sensors
 from ssmr.geometry import relative, wrap_angle
 from ssmr.types import FloatArray, State, Trajectory
 from ssmr.vehicle import require_in_range
 from ssmr.waypoints import Waypoints
 from validation import cli, store
-from validation.gains import GainSet
+from validation.gains import DEFAULT, load_gains
 from validation.mujoco_plant import MujocoPlant
 from validation.profiles import Profile
 from validation.tables import NOTHING, Cell, Grid, markdown_table
@@ -273,7 +272,7 @@ def study_filter(
     """
     settings = settings or FilterSettings()
     robots = [s.robot(settings.timestep) for s in surfaces]
-    tracker = GainSet(TRACKER, "default", asdict(GAINS[TRACKER]()))
+    tracker = load_gains(TRACKER, DEFAULT)
     laws = [make_controller(s.profile, tracker) for s in surfaces]
     loop = LoopSettings("truth", disturbance=False, position_period=TICK)
     drives = []

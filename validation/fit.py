@@ -23,7 +23,7 @@ from validation.objective import CostName, CostSettings, Problem
 from validation.profiles import PlantProfile, Profile, dump, load
 from validation.results import FitResult
 from validation.search import CHECKPOINT, Evaluate, begin, shown
-from validation.searchable import DEFAULT_FREE, find, make_space, with_values
+from validation.searchable import DEFAULT_FREE, SEARCHABLE, find, make_space, with_values
 from validation.targets import Input, held_out_targets, is_scenario, parse_sources, train_targets
 
 POPULATION = {"mujoco": 32}
@@ -76,7 +76,7 @@ def require_possible(problem: Problem, model: str) -> None:
 
 
 def main(
-    model: Annotated[Literal["mujoco", "improved", "coulomb", "linear", "kinematic"], tyro.conf.Positional],
+    model: Annotated[str, tyro.conf.Positional, cli.one_of(SEARCHABLE)],
     /,
     *,
     to: str,

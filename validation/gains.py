@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -23,6 +23,10 @@ SCHEMA = "ssmr.gains/1"
 
 FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType({c: tuple(f.name for f in fields(g)) for c, g in GAINS.items()})
 """Names of the gains of each controller."""
+
+
+DEFAULT = "default"
+"""The set that every controller has: the defaults of its class."""
 
 
 class GainsError(ValueError):
@@ -76,7 +80,7 @@ def load_gains(controller: str, name_or_path: str) -> GainSet:
 
     Args:
         controller: one of `FIELDS`.
-        name_or_path: a name with the controller's in front (`lqr-manual`) or without (`manual`), or a path.
+        name_or_path: a name with the controller's in front (`lqr-manual`) or without (`manual`), `default`, or a path.
 
     Raises:
         GainsError: there is none, it belongs to another controller, or it says something that cannot be; one line that
@@ -86,6 +90,9 @@ def load_gains(controller: str, name_or_path: str) -> GainSet:
         _gains_of(controller)
     except ValueError as error:
         raise GainsError(str(error)) from error
+    if name_or_path == DEFAULT:
+        values = asdict(GAINS[controller]())
+        return GainSet(controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller")
     shipped = next((n for n in (f"{controller}-{name_or_path}", name_or_path) if n in names()), None)
     if shipped is not None:
         text = resources.files("validation").joinpath("gains", f"{shipped}.toml").read_text(encoding="utf-8")
@@ -95,7 +102,7 @@ def load_gains(controller: str, name_or_path: str) -> GainSet:
         except (OSError, UnicodeDecodeError) as error:
             raise GainsError(f"{name_or_path}: cannot be read as text ({error})") from error
     else:
-        own = ", ".join(n.removeprefix(f"{controller}-") for n in names(controller)) or "none"
+        own = ", ".join([*(n.removeprefix(f"{controller}-") for n in names(controller)), DEFAULT])
         raise GainsError(f"{controller} has no gains '{name_or_path}'; there are: {own}; or give the path of a TOML file")
     try:
         return _parse(tomllib.loads(text), controller)

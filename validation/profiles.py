@@ -19,11 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 import tomli_w
 
-from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.improved import ImprovedParameters
-from ssmr.models.kinematic import KinematicParameters
-from ssmr.models.linear import LinearParameters
-from ssmr.simulate import PlanarModel, PlanarPlant
+from ssmr.simulate import MODELS, PlanarModel, PlanarPlant
 from ssmr.types import Plant
 from ssmr.vehicle import Drive, Vehicle
 from validation.husky import HuskyCalibration
@@ -32,16 +28,10 @@ from validation.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
 
-PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
+_PARAMETERS: dict[str, type] = {"mujoco": HuskyCalibration, **MODELS}
+PLANTS = tuple(_PARAMETERS)
 """Every plant, in the order of tables."""
 
-_PARAMETERS: dict[str, type] = {
-    "mujoco": HuskyCalibration,
-    "improved": ImprovedParameters,
-    "coulomb": CoulombParameters,
-    "linear": LinearParameters,
-    "kinematic": KinematicParameters,
-}
 T = TypeVar("T")
 
 

@@ -27,11 +27,11 @@ from ssmr.ekf import SensorModel
 from ssmr.errors import SsmrError
 from ssmr.sensors import SensorNoise
 from ssmr.types import Commands, Trajectory
-from ssmr.vehicle import Drive
+from ssmr.vehicle import Drive, require_in_range
 from ssmr.waypoints import Waypoints
 from validation import cli, store
 from validation import gains as gain_sets
-from validation.gains import GainSet, load_gains
+from validation.gains import DEFAULT, GainSet, load_gains
 from validation.mujoco_plant import Health, MujocoPlant, check_health
 from validation.profiles import Profile
 from validation.tables import Cell, Grid, Unit, markdown_table
@@ -47,8 +47,6 @@ COARSE_PERIOD = 0.01
 MILLIMETRES = Unit("mm", 1e3, 1)
 NOMINAL = "nominal"
 """What a robot without a mismatch is called."""
-DEFAULT = "default"
-"""Name of the gains of a controller that are its class's defaults."""
 
 LEVELS: Mapping[str, tuple[float, ...]] = MappingProxyType(
     {
@@ -179,6 +177,7 @@ class RobustnessSettings:
         """
         if not 1 <= self.seeds <= MOST or self.runs > MOST:
             raise ValueError(f"--seeds {self.seeds} must be positive, and no more than {MOST} like --runs {self.runs}")
+        require_in_range(self, "timestep", 1e-5, 0.01)
         if not 0.0 < self.bound <= LOST:
             raise ValueError(
                 f"--bound {self.bound:g} m must be positive and at most {LOST:g} m, where a robot counts as lost"
@@ -366,8 +365,7 @@ def choose_gains(controllers: Sequence[str], name_or_path: str) -> tuple[dict[st
     chosen, remarks = {}, []
     for controller in controllers:
         if name_or_path in known and f"{controller}-{name_or_path}" not in gain_sets.names(controller):
-            source = "defaults of the controller"
-            chosen[controller] = GainSet(controller, DEFAULT, asdict(GAINS[controller]()), source=source)
+            chosen[controller] = load_gains(controller, DEFAULT)
             if name_or_path != DEFAULT:
                 remarks.append(f"{controller} has no gains '{name_or_path}'; its defaults are taken")
         else:

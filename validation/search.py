@@ -160,7 +160,7 @@ class Search:
         except CheckpointError:
             raise
         except Exception as error:  # a damaged archive fails in many ways, all of which mean the same
-            raise CheckpointError(f"{path} is no checkpoint of a fit, or a damaged one ({error})") from error
+            raise CheckpointError(f"{path} is no checkpoint of a fit, or a damaged one ({str(error)[:100]!a})") from error
 
     def trace(self) -> FitTrace:
         """How it went."""

@@ -109,6 +109,7 @@ _THESIS = {
     "kinematic": ("alpha_l", "alpha_r", "y_l", "y_r", "x_icr"),
 }
 """What Sec. 3.5.4-3.5.6 searched; the baseline has its five constants."""
+_DYNAMIC = tuple(name for name in _THESIS if name != "kinematic")
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
 """What the thesis read off response curves or took for given."""
 _DRIVEN = ("delay", "acceleration_v", "acceleration_w")
@@ -116,15 +117,12 @@ _POINT_NAMES = ("tracked_x", "tracked_y")
 
 DEFAULT_FREE: Mapping[Occasion, Mapping[str, tuple[str, ...]]] = {
     "scenario": {
-        **{name: (*_THESIS[name], *_READ_OFF) for name in ("coulomb", "improved", "linear")},
+        **{name: (*_THESIS[name], *_READ_OFF) for name in _DYNAMIC},
         "kinematic": _THESIS["kinematic"],
         "mujoco": ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tracked_x"),
     },
     "recording": {
-        **{
-            name: (*_THESIS[name], "wheel_radius", "effective_half_track", *_DRIVEN, *_POINT_NAMES)
-            for name in ("coulomb", "improved", "linear")
-        },
+        **{name: (*_THESIS[name], "wheel_radius", "effective_half_track", *_DRIVEN, *_POINT_NAMES) for name in _DYNAMIC},
         "kinematic": ("alpha_l", "alpha_r", "y_l", "y_r", *_DRIVEN, "wheel_lag", "tracked_x"),
         "mujoco": (
             *("friction", "wheel_radius", "radius_difference", "com_x", "com_y"),

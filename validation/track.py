@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from ssmr.closed_loop import Feedback, LoopSettings
+from ssmr.controllers.laws import CONTROLLERS
 from validation import cli, store
-from validation.gains import load_gains, names
+from validation.gains import DEFAULT, load_gains, names
 from validation.profiles import PLANTS, load
 from validation.results import TrackResult
 from validation.terrain import parse_terrain
@@ -25,12 +26,13 @@ NAMED = ("line", "circle", "sine", "generic")
 
 
 def default_gains(controller: str) -> str:
-    """`published` where the thesis has gains for that controller, else `tuned`."""
-    return "published" if f"{controller}-published" in names(controller) else "tuned"
+    """`published` where the thesis has gains for that controller, else `tuned`, else the defaults of the law."""
+    there = names(controller)
+    return next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)
 
 
 def main(
-    controller: Annotated[Literal["pid", "lqr", "lqr-scheduled", "smc"], tyro.conf.Positional],
+    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)],
     reference: Annotated[str, tyro.conf.Positional],
     /,
     *,
@@ -62,7 +64,8 @@ def main(
         plant: Which plant is the robot; several, comma-separated, are driven one beside the other, and the first is the one
             that track.json reports.
         profile: Name of a shipped profile or path of a TOML file.
-        gains: published, manual (lqr), tuned, or the path of a TOML file; published where the thesis has any, else tuned.
+        gains: published, manual (lqr), tuned, or the path of a TOML file; published where the thesis has any, else
+            tuned, else default (the law's own).
         feedback: What the controller sees: truth, noisy (with the lab's noise, Tab. 3.4), or ekf (a state filter on noisy
             encoders and gyro).
         no_noise: No noise and no disturbance: truth as feedback.

@@ -16,7 +16,7 @@ from ssmr.controllers.laws import Controller, make_gains
 from ssmr.ekf import EkfSettings
 from ssmr.metrics import PathMetrics, compare_paths
 from ssmr.models.linear import matrices
-from ssmr.simulate import PlanarModel
+from ssmr.simulate import PLANAR_MODELS, PlanarModel
 from ssmr.types import Trajectory
 from ssmr.vehicle import Drive
 from ssmr.waypoints import Waypoints
@@ -24,7 +24,7 @@ from validation import store
 from validation.gains import GainSet
 from validation.husky_loops import HuskyLoop, run_husky_loops
 from validation.mujoco_plant import MujocoPlant
-from validation.profiles import PlantProfile, Profile, make_plant
+from validation.profiles import PlantProfile, Profile, ProfileError, make_plant
 from validation.results import TrackMetrics, TrackResult
 from validation.terrain import FLAT, Terrain
 
@@ -65,8 +65,11 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> Robot:
     """
     made = make_plant(profile, plant, terrain)
     p: PlantProfile = profile.plants[plant]
-    body = made if isinstance(made, MujocoPlant) else PlanarModel(p.parameters, p.vehicle, p.drive)
-    return Robot(plant, body)
+    if isinstance(made, MujocoPlant):
+        return Robot(plant, made)
+    if plant not in PLANAR_MODELS:
+        raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.closed_loop.track drives it")
+    return Robot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
 
 
 def make_controller(profile: Profile, gains: GainSet) -> Controller:

@@ -7,16 +7,17 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import tyro
 
 from ssmr.closed_loop import Feedback, LoopSettings
+from ssmr.controllers.laws import CONTROLLERS
 from ssmr.jde import Crossover, JdeSettings, Strategy
 from ssmr.types import FloatArray
 from validation import cli, store
-from validation.gains import GainSet, dump_gains, load_gains, names
+from validation.gains import DEFAULT, GainSet, dump_gains, load_gains, names
 from validation.profiles import PLANTS, Profile, load
 from validation.results import TuneResult
 from validation.search import CHECKPOINT, Evaluate, begin, shown
@@ -34,12 +35,12 @@ from validation.tuning import (
 )
 from validation.waypoint_files import open_reference
 
-POPULATION = {"pid": 100, "lqr": 50, "lqr-scheduled": 50, "smc": 100}
-"""Default size of the population; Tab. 4.3, 4.20."""
-GENERATIONS = {"pid": 150, "lqr": 300, "lqr-scheduled": 150, "smc": 150}
-"""Default number of generations; Tab. 4.3, 4.20."""
-MUJOCO_POPULATION, MUJOCO_GENERATIONS = 24, 20
-"""Defaults where a MuJoCo Husky is among the plants: a run of it costs a hundred times that of a planar model."""
+SIZES = {"pid": (100, 150), "lqr": (50, 300), "smc": (100, 150)}
+"""Default population and generations; Tab. 4.3, 4.20."""
+USUAL_SIZE = (50, 150)
+"""Those of any other controller."""
+MUJOCO_SIZE = (24, 20)
+"""The same where a MuJoCo Husky is among the plants: a run of it costs a hundred times that of a planar model."""
 K_U = {"lqr": 50.0}
 """Weight of |1 - u_RMS|; Tab. 4.20. The PID's cost has no such term."""
 HELD_OUT = ("line@0.25", "line@0.5", "circle@0.25", "circle@0.5", "sine@0.25", "sine@0.5", "generic@0.25", "generic@0.5")
@@ -92,12 +93,8 @@ def baseline_of(controller: str, gains: str | None, held: dict[str, float]) -> G
     Raises:
         ValueError: unknown gains.
     """
-    from ssmr.controllers.laws import make_gains
-
-    if gains is None and f"{controller}-published" not in names(controller):
-        base = GainSet(controller, f"{controller}-default", asdict(make_gains(controller, {})))
-    else:
-        base = load_gains(controller, gains or "published")
+    published = f"{controller}-published" in names(controller)
+    base = load_gains(controller, gains or ("published" if published else DEFAULT))
     unknown = [name for name in held if name not in base.values]
     if unknown:
         raise ValueError(f"{controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}")
@@ -105,7 +102,7 @@ def baseline_of(controller: str, gains: str | None, held: dict[str, float]) -> G
 
 
 def main(
-    controller: Annotated[Literal["pid", "lqr", "lqr-scheduled", "smc"], tyro.conf.Positional],
+    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)],
     /,
     *,
     plant: str = "improved",
@@ -191,9 +188,10 @@ def main(
             kept = [n for n in space.names if n not in held]
             space = make_tuning_space(controller, kept, all, cli.parse_bounds(bounds))
         heavy = "mujoco" in plants
+        usual = MUJOCO_SIZE if heavy else SIZES.get(controller, USUAL_SIZE)
         settings = JdeSettings(
-            population=population or (MUJOCO_POPULATION if heavy else POPULATION[controller]),
-            generations=(MUJOCO_GENERATIONS if heavy else GENERATIONS[controller]) if generations is None else generations,
+            population=population or usual[0],
+            generations=usual[1] if generations is None else generations,
             strategy=strategy,
             crossover=crossover,
             df=df,

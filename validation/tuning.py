@@ -285,7 +285,7 @@ def make_tuning_space(
     Raises:
         ValueError: an unknown gain, bounds for what is not free, or bounds that make no sense.
     """
-    known = {**SEARCHED[controller], **BESIDE[controller]}
+    known = {**SEARCHED[controller], **BESIDE.get(controller, {})}
     names = list(free) if free is not None else list(known if everything else SEARCHED[controller])
     for name in (*names, *bounds):
         if name not in known:

@@ -11,8 +11,6 @@ whose names have `wheel` and `left` or `right` in them, the mean of each side.
 from __future__ import annotations
 
 import math
-import struct
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +22,7 @@ from numpy.typing import NDArray
 
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
-from validation.recording import RecordingError, shown
+from validation.recording import DAMAGE, RecordingError, shown
 
 Stamps = Literal["header", "bag"]
 
@@ -48,24 +46,6 @@ UNITS: Mapping[str, str] = MappingProxyType(
 )
 """The columns that streams have, each with its unit: v forward, vy to the left, w about the vertical; rates and angles of
 wheels by side; of an IMU, along its own axes."""
-
-BAG_FAULTS = (
-    OSError,
-    EOFError,
-    struct.error,
-    zlib.error,
-    SyntaxError,
-    LookupError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    AssertionError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-)
-"""What rosbags and the libraries under it raise on damaged files besides their own errors; they promise nothing narrower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +217,7 @@ def _collect(path: Path) -> tuple[dict[tuple[str, str], _Rows], dict[str, tuple[
         raise RecordingError(path, f"reading bags needs rosbags: pip install rosbags ({missing})") from None
     rows: dict[tuple[str, str], _Rows] = {}
     others: dict[str, tuple[str, int]] = {}
-    faults = (*BAG_FAULTS, apsw.Error, AnyReaderError, ReaderError1, ReaderError2, SerdeError, TypesysError)
+    faults = (*DAMAGE, apsw.Error, AnyReaderError, ReaderError1, ReaderError2, SerdeError, TypesysError)
     try:
         # the types of bags that do not bring them: ROS 2 before Iron
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:

@@ -13,6 +13,8 @@ import io
 import logging
 import math
 import os
+import struct
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -45,6 +47,25 @@ TIME_ROUNDOFF = 1e-6
 """Instants closer than this are the same one: well over rounding, well under any sample step [s]."""
 STILL_AFTER = 1.0
 """A pose that repeats for longer is a robot standing still, not a localiser slower than the log [s]."""
+
+
+DAMAGE = (
+    OSError,
+    EOFError,
+    struct.error,
+    zlib.error,
+    SyntaxError,  # what Python's XML parser raises
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    AssertionError,
+    NotImplementedError,
+    RuntimeError,
+    MemoryError,
+)
+"""What readers of foreign formats raise on damaged files, besides their own errors; they promise nothing narrower."""
 
 
 class TableError(ValueError):

@@ -7,10 +7,8 @@ that is the first sheet.
 from __future__ import annotations
 
 import io
-import struct
 import warnings
 import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -22,25 +20,7 @@ import numpy as np
 from ssmr import references
 from ssmr.types import FloatArray
 from ssmr.waypoints import Waypoints, find_fault
-from validation.recording import TableError, read_bytes, read_column, read_table, shown
-
-XLSX_FAULTS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    OSError,
-    EOFError,
-    SyntaxError,  # what Python's XML parser raises
-    LookupError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    AssertionError,
-    NotImplementedError,
-    RuntimeError,
-)
-"""What openpyxl and the libraries under it raise on a damaged file; they promise nothing narrower."""
+from validation.recording import DAMAGE, TableError, read_bytes, read_column, read_table, shown
 
 
 class WaypointError(TableError):
@@ -170,7 +150,7 @@ def _read_sheet(path: Path) -> tuple[list[list[str]], list[int]]:
         with warnings.catch_warnings(action="ignore"):  # of styles, pictures and other things that are no numbers
             book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
             table = [(k, _texts(cells)) for k, cells in _filled(book.worksheets)]
-    except XLSX_FAULTS as cause:
+    except (zipfile.BadZipFile, *DAMAGE) as cause:
         raise _SheetError(path, f"this is no xlsx file, or a damaged one ({shown([str(cause)])})") from cause
     if not table:
         raise _SheetError(path, f"the first sheet is empty; {_SheetError.header}")

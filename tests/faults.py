@@ -356,7 +356,7 @@ def run_program(*argv: str, cwd: Path, file_limit: int | None = None, timeout: f
 PROGRAMS = (
     ("validation.compare", "traj4", "--plants", "improved", "--reference", "improved"),
     ("validation.track", "pid", "line"),
-    ("validation.fit", "linear", "--to", "traj4@linear", "--population", "8", "--generations", "2", "--no-uncertainty"),
+    ("validation.fit", "linear", "--to", "traj4@linear", "--population", "8", "--generations", "2"),
     ("validation.tune", "pid", "--reference", "line@0.5", "--population", "8", "--generations", "2"),
     ("validation.recordings", "convert", "traj4@improved"),
 )
@@ -425,7 +425,6 @@ KILLED: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
             "16",
             "--generations",
             "60",
-            "--no-uncertainty",
         ),
         ("--resume",),
         "fit.json",

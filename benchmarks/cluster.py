@@ -24,8 +24,8 @@ import numpy as np
 from benchmarks.fit import LAB_FREE, problem_of
 from benchmarks.rows import Row, alternate, report
 from validation import cli
-from validation.cluster import Cluster
-from validation.objective import CostSettings, Problem
+from validation.fit.cluster import Cluster
+from validation.fit.objective import CostSettings, Problem
 
 POPULATION = 24
 SURFACES = Path(__file__).resolve().parents[1] / "docs" / "examples" / "surfaces.py"

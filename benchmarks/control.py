@@ -20,17 +20,17 @@ import numpy as np
 from mujoco import rollout
 
 from benchmarks.rows import Row, alternate, report
-from ssmr.closed_loop import Loop, LoopSettings, run_loops, track
-from ssmr.references import circle
+from ssmr.control.loop import Loop, LoopSettings, run_loops, track
+from ssmr.control.references import circle
 from ssmr.simulate import PlanarModel, PlanarPlant
 from validation import cli
-from validation.gains import load_gains
-from validation.husky_loops import HuskyLoop, run_husky_loops
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import load
-from validation.tracking import make_controller, make_robot
-from validation.tuning import Case, TuneCost, TuneProblem, make_tuning_space
-from validation.waypoint_files import open_reference
+from validation.plants.profile import load
+from validation.robots.loops import HuskyLoop, run_husky_loops
+from validation.robots.plant import MujocoPlant
+from validation.track.gains import load_gains
+from validation.track.tracking import make_controller, make_robot
+from validation.track.waypoint_files import open_reference
+from validation.tune.tuning import Case, TuneCost, TuneProblem, make_tuning_space
 
 POPULATION = 64
 BUDGET = 100 * 150

@@ -42,7 +42,7 @@ import numpy as np
 from rich.table import Table
 from scipy.optimize import differential_evolution
 
-from ssmr.jde import Jde, JdeSettings
+from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, store
 

@@ -25,16 +25,16 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.rows import Row, alternate, report
-from ssmr.jde import Jde, JdeSettings
+from ssmr.search.jde import Jde, JdeSettings
 from ssmr.simulate import SAMPLE_DT, PlanarModel, run_population
 from ssmr.types import FloatArray, State
 from validation import cli
-from validation.mujoco_plant import MujocoPlant
-from validation.objective import CostSettings, Problem
-from validation.profiles import PlantProfile, load
-from validation.search import Search
-from validation.searchable import make_space
-from validation.targets import train_targets
+from validation.fit.objective import CostSettings, Problem
+from validation.fit.search import Search
+from validation.fit.targets import train_targets
+from validation.plants.profile import PlantProfile, load
+from validation.plants.searchable import make_space
+from validation.robots.plant import MujocoPlant
 
 SIMULINK_RUN_S = 2.75
 """Sec. 3.6: the Coulomb model on trajectory 4, on the authors' machine [s]."""

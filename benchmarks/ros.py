@@ -25,20 +25,20 @@ from typing import Any, cast
 import numpy as np
 from rich.table import Table
 
-from ssmr.closed_loop import LoopSettings
-from ssmr.ekf import SensorModel
+from ssmr.control.loop import LoopSettings
+from ssmr.estimation.ekf import SensorModel
 from ssmr.types import State
 from validation import cli, store
-from validation import ros_messages as msg
-from validation.gains import load_gains
-from validation.mujoco_plant import MujocoPlant
-from validation.pacing import EDGE, Pacer, drift
-from validation.profiles import load, make_plant
-from validation.ros_commands import BASE_TIMEOUT
-from validation.ros_port import Port, Received, load_rospy, message_class, set_pose_service
-from validation.ros_sim import FILTERED, KINDS, POSE, RATES, SET_POSE, SIM_TIME
-from validation.tracking import make_controller, make_robot, odometry_of, rate, run_robots
-from validation.waypoint_files import open_reference
+from validation.plants.profile import load, make_plant
+from validation.robots.plant import MujocoPlant
+from validation.ros import messages as msg
+from validation.ros.commands import BASE_TIMEOUT
+from validation.ros.pacing import EDGE, Pacer, drift
+from validation.ros.port import Port, Received, load_rospy, message_class, set_pose_service
+from validation.ros.sim import FILTERED, KINDS, POSE, RATES, SET_POSE, SIM_TIME
+from validation.track.gains import load_gains
+from validation.track.tracking import make_controller, make_robot, odometry_of, rate, run_robots
+from validation.track.waypoint_files import open_reference
 
 COMMAND = "/cmd_vel"
 JOYSTICK = "/joy_teleop/cmd_vel"

@@ -25,9 +25,9 @@ from mujoco import rollout
 from scipy.integrate import solve_ivp
 
 from benchmarks.rows import Row, alternate, report
-from ssmr.drive import wheel_references
-from ssmr.metrics import compare_paths
+from ssmr.metrics.paths import compare_paths
 from ssmr.models import improved, linear
+from ssmr.robot.drive import wheel_references
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import (
     PLANAR_DT,
@@ -41,8 +41,8 @@ from ssmr.simulate import (
 )
 from ssmr.types import Commands, State
 from validation import cli
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import load
+from validation.plants.profile import load
+from validation.robots.plant import MujocoPlant
 
 SIMULINK_S = {"coulomb": 2.75, "improved": 0.70}
 """Sec. 3.6: trajectory 4 on the authors' machine [s]."""

@@ -15,13 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ssmr.robot.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
-from validation.contact_bench import SAMPLE, SPIN_LEAD, TURNED, Variant, make_variant, spin
-from validation.contact_study import variants
-from validation.driving import drive
-from validation.profiles import PlantProfile, load
-from validation.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_spot
-from validation.sources import open_source
+from validation.motion.driving import drive
+from validation.motion.sources import open_source
+from validation.plants.profile import PlantProfile, load
+from validation.study.contact.bench import SAMPLE, SPIN_LEAD, TURNED, Variant, make_variant, spin
+from validation.study.contact.run import variants
 
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {

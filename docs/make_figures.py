@@ -16,25 +16,17 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ssmr.drive import wheel_rates
+from ssmr.robot.drive import wheel_rates
+from ssmr.robot.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
+from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
-from ssmr.vehicle import Drive
-from validation.contact_bench import HALF_WIDTH, creep
-from validation.contact_study import MUJOCO_IMPEDANCE
-from validation.husky import (
-    CAPSULE_HALF_LENGTH,
-    GRAVITY,
-    PRESSED_IN,
-    WHEELS,
-    HuskyCalibration,
-    build,
-    limit_torque,
-)
-from validation.mujoco_plant import MujocoPlant, check_health
-from validation.physics_settings import SHIPPED, Impedance, PhysicsSettings
-from validation.profiles import load
-from validation.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
+from validation.plants.profile import load
+from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, PRESSED_IN, WHEELS, HuskyCalibration, build, limit_torque
+from validation.robots.physics import SHIPPED, Impedance, PhysicsSettings
+from validation.robots.plant import MujocoPlant, check_health
+from validation.study.contact.bench import HALF_WIDTH, creep
+from validation.study.contact.run import MUJOCO_IMPEDANCE
 
 RADIUS, WEIGHT = 0.1651, 73.30 * GRAVITY
 DIAGONAL = math.hypot(WHEELBASE, TRACK)

@@ -20,14 +20,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
-from ssmr.metrics import horizon_windows, relative_pose_error
+from ssmr.metrics.paths import horizon_windows, relative_pose_error
+from ssmr.robot.skid_turn import TRACK, WHEEL_X, WHEEL_Y, WHEELBASE, turn_on_the_spot
 from ssmr.types import CommandKind, FloatArray
-from validation.driving import drive
-from validation.palette import colour
-from validation.profiles import PLANTS, load, make_plant
-from validation.recording import read_csv
-from validation.skid_turn import TRACK, WHEEL_X, WHEEL_Y, WHEELBASE, turn_on_the_spot
-from validation.sources import open_source
+from validation.logs.recording import read_csv
+from validation.motion.driving import drive
+from validation.motion.sources import open_source
+from validation.plants.profile import PLANTS, load, make_plant
+from validation.show.palette import colour
 
 OUTLINE = 0.99, 0.67
 """Length and width of a Husky A200 [m]."""

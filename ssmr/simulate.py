@@ -14,12 +14,12 @@ import numba
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.drive import Driver, fill_references, wheel_references, whole_steps
-from ssmr.drive import packed as packed_drive
 from ssmr.errors import DivergedError
 from ssmr.models import coulomb, improved, kinematic, linear
+from ssmr.robot.drive import Driver, fill_references, wheel_references, whole_steps
+from ssmr.robot.drive import packed as packed_drive
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
-from ssmr.vehicle import Drive, Vehicle
 
 Parameters = (
     coulomb.CoulombParameters | improved.ImprovedParameters | linear.LinearParameters | kinematic.KinematicParameters

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import settings
 
 from ssmr.types import Plant
-from validation.profiles import PLANTS, Profile, load, make_plant
+from validation.plants.profile import PLANTS, Profile, load, make_plant
 
 EXACT = 0.0
 """Bit for bit: repetition, and a fast implementation against its reference."""

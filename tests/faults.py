@@ -142,8 +142,13 @@ def try_once(tally: Tally, what: str, call: Callable[[], Any]) -> None:
 
 def good_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any], float]]:
     """A valid file of each kind, what reads it, and which share of the inputs it gets."""
-    from validation import gains, profiles, recording_export, search, signals, sources, waypoint_files
-    from validation.recording import Recording, write_csv
+    from validation.fit import search
+    from validation.logs import export as recording_export
+    from validation.logs import signals
+    from validation.logs.recording import Recording, write_csv
+    from validation.motion import sources
+    from validation.plants import profile as profiles
+    from validation.track import gains, waypoint_files
 
     t = np.arange(0.0, 4.0, 0.04)
     yaw = 0.3 * t
@@ -192,8 +197,8 @@ def _write_sheet(path: Path) -> None:
 
 
 def _small_search() -> Any:
-    from ssmr.jde import Jde, JdeSettings
-    from validation.search import Search
+    from ssmr.search.jde import Jde, JdeSettings
+    from validation.fit.search import Search
 
     jde = Jde(3, JdeSettings(population=8), seed=0)
     search = Search(jde, {"what": "a small one"})
@@ -254,9 +259,9 @@ def number_constructors() -> Iterator[tuple[str, type]]:
 
 def campaign_numbers(count: int, seed: int) -> dict[str, Tally]:
     """Constructors and arrays of numbers, then plants."""
+    from ssmr.control.waypoints import Waypoints
     from ssmr.types import Trajectory
-    from ssmr.waypoints import Waypoints
-    from validation.terrain import parse_terrain
+    from validation.robots.terrain import parse_terrain
 
     rng, out = random.Random(seed), {}
     kinds = list(number_constructors())
@@ -306,7 +311,7 @@ def campaign_numbers(count: int, seed: int) -> dict[str, Tally]:
 
 def campaign_plants(count: int, rng: random.Random) -> dict[str, Tally]:
     """Every plant with extreme parameters, driven for a second: refused, failed with a word, or finite."""
-    from validation.profiles import PLANTS, load
+    from validation.plants.profile import PLANTS, load
 
     lab, out = load("thesis-lab"), {}
     for name in PLANTS:
@@ -322,7 +327,7 @@ def campaign_plants(count: int, rng: random.Random) -> dict[str, Tally]:
 
 def _drive_changed(profile: Any, name: str, part: str, values: dict[str, Any]) -> Any:
     """A second of a plant with some numbers of its profile changed."""
-    from validation.profiles import make_plant
+    from validation.plants.profile import make_plant
 
     section = profile.plants[name]
     changed = dataclasses.replace(section, **{part: dataclasses.replace(getattr(section, part), **values)})

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from validation.ros_port import Call, Received
+from validation.ros.port import Call, Received
 
 
 def _stamp() -> SimpleNamespace:

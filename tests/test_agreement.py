@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from ssmr.jde import Jde, JdeSettings
+from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import data_folder
-from validation import published
-from validation.compare import Settings, compare
-from validation.objective import CostSettings, Problem
-from validation.profiles import Profile, load
-from validation.results import PlantResult
-from validation.search import Search
-from validation.searchable import DEFAULT_FREE, make_space, with_values
-from validation.sources import open_source
-from validation.targets import train_targets
+from validation.compare.result import PlantResult
+from validation.compare.run import Settings, compare
+from validation.fit.objective import CostSettings, Problem
+from validation.fit.search import Search
+from validation.fit.targets import train_targets
+from validation.motion.sources import open_source
+from validation.plants.profile import Profile, load
+from validation.plants.searchable import DEFAULT_FREE, make_space, with_values
+from validation.thesis import published
 
 TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")
 OWN_TABLE = {"coulomb": "3.9", "improved": "3.12", "linear": "3.15"}

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from tests.bag_factory import KINDS, Maker, Message, circle, write
 from tests.conftest import ROUNDOFF
-from validation.bag_recording import groups_of_bag, read_bag_recording, to_local, vertical
-from validation.bags import Bag, choose_topics, is_bag, read_bag
-from validation.driving import drive
-from validation.profiles import Profile, make_plant
-from validation.recording import RecordingError
-from validation.sources import open_source
+from validation.logs.bag_recording import groups_of_bag, read_bag_recording, to_local, vertical
+from validation.logs.bags import Bag, choose_topics, is_bag, read_bag
+from validation.logs.recording import RecordingError
+from validation.motion.driving import drive
+from validation.motion.sources import open_source
+from validation.plants.profile import Profile, make_plant
 
 STAMP = 1e-6
 """Stamps of bags are whole nanoseconds of a Unix time, which a double of seconds keeps to 0.2 microseconds."""

@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr._jit import config
-from ssmr.closed_loop import (
+from ssmr.control.laws import CONTROLLERS, GAINS, Controller, make_gains
+from ssmr.control.loop import (
     COLUMNS,
     LOST,
     SPINNING,
@@ -29,28 +30,27 @@ from ssmr.closed_loop import (
     run_loops,
     track,
 )
-from ssmr.controllers.laws import CONTROLLERS, GAINS, Controller, make_gains
-from ssmr.controllers.lqr import LqrGains
-from ssmr.controllers.pid import PidGains
-from ssmr.controllers.smc import SmcGains
-from ssmr.drive import wheel_rates
-from ssmr.ekf import EkfSettings, SensorModel
+from ssmr.control.lqr import LqrGains
+from ssmr.control.pid import PidGains
+from ssmr.control.references import circle, line, sine
+from ssmr.control.smc import SmcGains
+from ssmr.control.waypoints import Waypoints
+from ssmr.estimation.ekf import EkfSettings, SensorModel
 from ssmr.geometry import wrap_angle
-from ssmr.metrics import compare_paths
+from ssmr.metrics.paths import compare_paths
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters, matrices
-from ssmr.references import circle, line, sine
-from ssmr.sensors import SensorNoise
+from ssmr.robot.drive import wheel_rates
+from ssmr.robot.sensors import SensorNoise
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulate import PLANAR_DT, PLANAR_MODELS, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
-from ssmr.vehicle import Drive, Vehicle
-from ssmr.waypoints import Waypoints
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
-from validation import published
-from validation.gains import load_gains
-from validation.husky_loops import HuskyLoop, run_husky_loops
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import Profile, load, make_plant
+from validation.plants.profile import Profile, load, make_plant
+from validation.robots.loops import HuskyLoop, run_husky_loops
+from validation.robots.plant import MujocoPlant
+from validation.thesis import published
+from validation.track.gains import load_gains
 
 FRAME = 1e-11
 """Coordinates of some metres round to 1e-15, times the loops' gains of about ten, through hundreds of damped ticks."""

@@ -11,9 +11,9 @@ import pytest
 from tests.conftest import EXACT
 from tests.test_fit import call, document
 from tests.test_objective import log_target, problem, scenario
-from validation.cluster import Cluster, ClusterError
-from validation.objective import CostSettings
-from validation.profiles import Profile
+from validation.fit.cluster import Cluster, ClusterError
+from validation.fit.objective import CostSettings
+from validation.plants.profile import Profile
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
@@ -60,7 +60,7 @@ def test_other_versions_are_refused(lab: Profile, address: str, monkeypatch: pyt
     from validation import store
 
     now = store.versions()
-    monkeypatch.setattr("validation.cluster.store.versions", lambda: {**now, "mujoco": "2.0"})
+    monkeypatch.setattr("validation.fit.cluster.store.versions", lambda: {**now, "mujoco": "2.0"})
     p = problem(lab, scenario(lab), CostSettings(), "coulomb")
     monkeypatch.setattr(Cluster, "_run_versions", lambda self: {"worker": now})
     with pytest.raises(ClusterError, match=r"mujoco .* there, 2\.0 here"):

@@ -14,15 +14,16 @@ import pytest
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import shift_reference
-from ssmr.metrics import PathMetrics
+from ssmr.metrics.paths import PathMetrics
 from ssmr.types import State
 from tests.conftest import data_folder
-from validation import cli, compare
-from validation.compare import Settings, as_document
-from validation.driving import drive, resample, score_horizons
-from validation.profiles import Profile, load, make_plant
-from validation.recording import write_csv
-from validation.sources import move_reference, open_source
+from validation import cli
+from validation.compare import __main__ as compare
+from validation.compare.run import Settings, as_document
+from validation.logs.recording import write_csv
+from validation.motion.driving import drive, resample, score_horizons
+from validation.motion.sources import move_reference, open_source
+from validation.plants.profile import Profile, load, make_plant
 
 ROOT = Path(__file__).resolve().parents[1]
 TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"

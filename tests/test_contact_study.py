@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ssmr.robot.skid_turn import TRACK, turn_on_the_spot
 from ssmr.types import Commands, State
 from tests.test_robustness import run_program
-from validation import contact_bench as bench_module
-from validation import contact_study as study
-from validation.contact_bench import SPIN_LEAD, Bench, Measures, Outcome, Variant, make_bench, make_variant
-from validation.contact_figure import badness, draw_contact
-from validation.contact_study import BASELINE, COLUMNS, ContactStudy, variants
-from validation.driving import drive
-from validation.husky import HuskyCalibration
-from validation.mujoco_plant import MujocoPlant
-from validation.physics_settings import PhysicsSettings
-from validation.profiles import Profile
-from validation.recording import Recording
-from validation.skid_turn import TRACK, turn_on_the_spot
-from validation.sources import Piece, source_of
+from validation.logs.recording import Recording
+from validation.motion.driving import drive
+from validation.motion.sources import Piece, source_of
+from validation.plants.profile import Profile
+from validation.robots.husky import HuskyCalibration
+from validation.robots.physics import PhysicsSettings
+from validation.robots.plant import MujocoPlant
+from validation.study.contact import bench as bench_module
+from validation.study.contact import run as study
+from validation.study.contact.bench import SPIN_LEAD, Bench, Measures, Outcome, Variant, make_bench, make_variant
+from validation.study.contact.figure import badness, draw_contact
+from validation.study.contact.run import BASELINE, COLUMNS, ContactStudy, variants
 
 BY_KEY = {v.key: v for v in variants()}
 PYRAMIDAL = BY_KEY["cone: pyramidal"]

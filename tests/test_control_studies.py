@@ -9,9 +9,10 @@ from dataclasses import replace
 import pytest
 
 from tests.conftest import EXACT
-from validation import control_tables, gain_study
-from validation.gains import names
-from validation.profiles import Profile, load
+from validation.plants.profile import Profile, load
+from validation.study.gains import run as gain_study
+from validation.study.tables import run as control_tables
+from validation.track.gains import names
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,11 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.controllers import lqr, pid, scheduled, smc
-from ssmr.controllers.laws import CONTROLLERS, GAINS, MEMORY, Controller, make_gains, position_step, velocity_step
+from ssmr.control import lqr, pid, scheduled, smc
+from ssmr.control.laws import CONTROLLERS, GAINS, MEMORY, Controller, make_gains, position_step, velocity_step
 from ssmr.models.linear import LinearParameters, matrices
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
-from ssmr.vehicle import Drive, Vehicle
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
 RICCATI = 1e-7

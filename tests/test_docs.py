@@ -16,15 +16,15 @@ from typing import Any
 
 import pytest
 
-from ssmr.controllers.laws import GAINS
-from ssmr.ekf import BiasSettings, EkfSettings, SensorModel
+from ssmr.control.laws import GAINS
+from ssmr.estimation.ekf import BiasSettings, EkfSettings, SensorModel
+from ssmr.robot.sensors import SensorNoise
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
-from ssmr.sensors import SensorNoise
 from ssmr.simulate import MODELS
-from ssmr.vehicle import Drive, Vehicle
 from tests.test_architecture import LAYERS
-from validation.husky import WHEELS, HuskyCalibration, xml_path
-from validation.simulated_log import LogSettings
+from validation.recordings.simulated_log import LogSettings
+from validation.robots.husky import WHEELS, HuskyCalibration, xml_path
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

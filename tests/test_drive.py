@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.drive import Driver, body_rates, wheel_rates, wheel_references, wheel_torques, whole_steps
+from ssmr.robot.drive import Driver, body_rates, wheel_rates, wheel_references, wheel_torques, whole_steps
+from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
-from ssmr.vehicle import Drive
 from tests.conftest import EXACT
 
 DT = 0.001

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.drive import wheel_rates
-from ssmr.ekf import (
+from ssmr.estimation.ekf import (
     BiasSettings,
     EkfSettings,
     SensorModel,
@@ -30,10 +29,11 @@ from ssmr.ekf import (
 )
 from ssmr.geometry import compose, rotate_body_to_world
 from ssmr.models.kinematic import KinematicParameters
+from ssmr.robot.drive import wheel_rates
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State, Trajectory
-from ssmr.vehicle import Drive, Vehicle
 from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 
 STOCK = EkfSettings()

@@ -9,20 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssmr.friction import stop_at_zero_crossing
+from ssmr.control.waypoints import position_errors
 from ssmr.geometry import wrap_angle
-from ssmr.metrics import compare_paths, path_length
+from ssmr.metrics.paths import compare_paths, path_length
 from ssmr.models import linear
 from ssmr.models.coulomb import CoulombParameters
+from ssmr.models.friction import stop_at_zero_crossing
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.linear import LOAD_SUM, LinearParameters
+from ssmr.robot.sensors import SensorNoise
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.sensors import SensorNoise
 from ssmr.simulate import SAMPLE_DT, Parameters, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
-from ssmr.vehicle import Drive, Vehicle
-from ssmr.waypoints import position_errors
-from validation.published import table, value
+from validation.thesis.published import table, value
 
 AGREEMENT = 0.03
 """The published models lie within 0.0145 to 0.0150 m (d_rms, trajectory 4) of the same robot, so within twice that of

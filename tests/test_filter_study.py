@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.references import circle, line
+from ssmr.control.references import circle, line
 from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF
 from tests.test_robustness import run_program
-from validation import filter_study as study
-from validation.filter_figure import draw_filter
-from validation.filter_study import FilterSettings, FilterStudy
-from validation.profiles import Profile
+from validation.plants.profile import Profile
+from validation.study.filter import run as study
+from validation.study.filter.figure import draw_filter
+from validation.study.filter.run import FilterSettings, FilterStudy
 
 SMALL = FilterSettings(seeds=3, seed=5, timestep=0.005)
 

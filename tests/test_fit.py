@@ -14,17 +14,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.jde import Jde, JdeSettings
+from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import EXACT
 from tests.test_objective import recorded, scenario
-from validation import fit
-from validation.fitting import identity
-from validation.objective import CostSettings, Problem
-from validation.profiles import Profile, load
-from validation.recording import write_csv
-from validation.search import CheckpointError, Search
-from validation.searchable import make_space
-from validation.uncertainty import VAGUE, estimate
+from validation.fit import __main__ as fit
+from validation.fit.fitting import identity
+from validation.fit.objective import CostSettings, Problem
+from validation.fit.search import CheckpointError, Search
+from validation.fit.uncertainty import VAGUE, estimate
+from validation.logs.recording import write_csv
+from validation.plants.profile import Profile, load
+from validation.plants.searchable import make_space
 
 QUICK = ("--population", "16", "--generations", "12")
 
@@ -129,7 +129,7 @@ def test_standard_errors_follow_the_data(lab: Profile) -> None:
     """Noise of known size on the truth: the error of the estimate has the size that is claimed, here within a factor."""
     from dataclasses import replace
 
-    from validation.objective import Target
+    from validation.fit.objective import Target
 
     base = scenario(lab, "traj4@linear")
     space = make_space("linear", ("effective_half_track", "wheel_radius"), {})
@@ -289,7 +289,7 @@ def test_resuming_from_nothing_begins_anew(tmp_path: Path, capsys: pytest.Captur
 def test_mistakes_are_one_clear_line(
     args: Sequence[str], what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("validation.cluster.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("validation.fit.cluster.CONNECT_TIMEOUT", 0.5)
     out = tmp_path / "out"
     assert call(*args, "--out", str(out)) == 2
     told = capsys.readouterr().err.strip()

@@ -17,13 +17,13 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from ssmr.metrics import HorizonErrors, compare_pieces
+from ssmr.metrics.paths import HorizonErrors, compare_pieces
 from ssmr.types import FloatArray
 from tests.test_figures import lines, motion, texts, written
-from validation.drawing import ALARM, save_figure
-from validation.fit_figure import MAX_HELD_OUT, MAX_TRAIN, fit_figure
-from validation.fit_report import cube_share, effort, fit_notes, value_text
-from validation.results import FitResult, FittedParameter, FitTrace, Scored
+from validation.fit.figure import MAX_HELD_OUT, MAX_TRAIN, fit_figure
+from validation.fit.report import cube_share, effort, fit_notes, value_text
+from validation.fit.result import FitResult, FittedParameter, FitTrace, Scored
+from validation.show.drawing import ALARM, save_figure
 
 NAMES = {
     "friction": ("1", 0.1, 1.2, "linear"),

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.friction import (
+from ssmr.models.friction import (
     coulomb,
     hyperviscous,
     hyperviscous_coefficient,

@@ -12,10 +12,11 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.controllers.laws import GAINS
+from ssmr.control.laws import GAINS
 from tests.test_docs import tables
-from validation import cli, published
-from validation.gains import FIELDS, SCHEMA, GainsError, GainSet, dump_gains, load_gains, names
+from validation import cli
+from validation.thesis import published
+from validation.track.gains import FIELDS, SCHEMA, GainsError, GainSet, dump_gains, load_gains, names
 
 PRINTED = {
     "pid": {

@@ -10,15 +10,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from ssmr.drive import wheel_rates
 from ssmr.errors import UnhealthyRunError
+from ssmr.robot.drive import wheel_rates
+from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
-from ssmr.vehicle import Drive
 from tests.conftest import ROUNDOFF
-from validation.husky import WHEELS, HuskyCalibration, build, calibrate, limit_torque, wheel_geoms, xml_path
-from validation.mujoco_plant import DEVIATION_LIMIT, LIFT_SHARE, MujocoPlant, check_health
+from validation.robots.husky import WHEELS, HuskyCalibration, build, calibrate, limit_torque, wheel_geoms, xml_path
+from validation.robots.plant import DEVIATION_LIMIT, LIFT_SHARE, MujocoPlant, check_health
 
 WHEELBASE, TRACK = 0.512, 0.5708
 

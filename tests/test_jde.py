@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import settings as effort
 from hypothesis import strategies as st
 
-from ssmr.jde import (
+from ssmr.search.jde import (
     PARTNERS,
     Jde,
     JdeSettings,

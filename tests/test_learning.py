@@ -14,12 +14,12 @@ from dm_env import test_utils
 
 from ssmr.types import Commands
 from tests.conftest import SYMMETRY
-from validation.profiles import load, make_plant
-from validation.waypoint_files import open_reference
+from validation.plants.profile import load, make_plant
+from validation.track.waypoint_files import open_reference
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # without a screen dm_control's import warns of its search for one
-    from validation.learning import tracking
+    from validation.learning.tracking import tracking
 
 
 SAME_ROBOT = 2e-5

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.loads import LoadModel, slope, static_loads, turning_drift
+from ssmr.robot.loads import LoadModel, slope, static_loads, turning_drift
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
-from ssmr.vehicle import Drive, Vehicle
 from tests.conftest import ROUNDOFF
-from validation.husky import HuskyCalibration
-from validation.mujoco_plant import MujocoPlant
-from validation.terrain import FLAT, Terrain, parse_terrain
-from validation.wheel_loads import MEASURED, QUASI_STATIC, load_model, summarise, with_quasi_static
+from validation.robots.husky import HuskyCalibration
+from validation.robots.plant import MujocoPlant
+from validation.robots.terrain import FLAT, Terrain, parse_terrain
+from validation.robots.wheel_loads import MEASURED, QUASI_STATIC, load_model, summarise, with_quasi_static
 
 LEVEL = np.array([[0.0, 0.0, -9.81]])
 HUSKY = LoadModel(73.3, 0.0, 0.0, 0.19, 0.512, 0.5708, 0.176)

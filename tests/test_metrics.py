@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
-from ssmr.metrics import (
+from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
     TIME_TOLERANCE,

@@ -18,9 +18,9 @@ from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulate import PlanarModel, PlanarPlant, run_population
 from ssmr.types import Commands, State
-from ssmr.vehicle import Drive, Vehicle
 from tests.conftest import EXACT, ROUNDOFF
 
 LOOSE = Drive(v_max=50.0, w_max=50.0, delay_v=0.0, delay_w=0.0, hold=0.05, torque_limit=math.inf)

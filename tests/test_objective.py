@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssmr.metrics import compare_paths
+from ssmr.metrics.paths import compare_paths
 from ssmr.types import State, Trajectory
 from tests.conftest import EXACT, ROUNDOFF
-from validation.driving import drive, horizons_of
-from validation.objective import CostSettings, Problem, Target, make_raters, windows
-from validation.profiles import Profile, make_plant
-from validation.recording import Recording
-from validation.searchable import DEFAULT_FREE, SEARCHABLE, find, make_space, with_values
-from validation.sources import open_source, source_of
+from validation.fit.objective import CostSettings, Problem, Target, make_raters, windows
+from validation.logs.recording import Recording
+from validation.motion.driving import drive, horizons_of
+from validation.motion.sources import open_source, source_of
+from validation.plants.profile import Profile, make_plant
+from validation.plants.searchable import DEFAULT_FREE, SEARCHABLE, find, make_space, with_values
 
 
 def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Recording:
@@ -165,7 +165,7 @@ def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
 
 def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
     """Candidates of every plant, by commands and by wheel rates, end where the plant alone ends."""
-    from validation.population import make_population
+    from validation.motion.population import make_population
 
     for kind in ("twist", "wheels"):
         target = log_target(lab, kind)

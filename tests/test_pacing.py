@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.ros_fakes import FakeClock
-from validation.pacing import Pacer, instants
+from validation.ros.pacing import Pacer, instants
 
 
 @given(st.dictionaries(st.sampled_from("abc"), st.sampled_from([7.0, 20.0, 50.0, 100.0, 120.0, 333.3, 500.0]), min_size=1))

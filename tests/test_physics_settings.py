@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
-from ssmr.vehicle import Drive
-from validation.husky import HuskyCalibration, build, wheel_geoms
-from validation.mujoco_plant import MujocoPlant
-from validation.physics_settings import SHIPPED, PhysicsSettings
+from validation.robots.husky import HuskyCalibration, build, wheel_geoms
+from validation.robots.physics import SHIPPED, PhysicsSettings
+from validation.robots.plant import MujocoPlant
 
 EVERYTHING = PhysicsSettings(
     cone="pyramidal", impratio=7.0, noslip=2, condim=4, solimp=(0.5, 0.9, 0.002, 0.5, 2.0), solref=(0.03, 0.8),

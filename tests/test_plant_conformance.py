@@ -8,8 +8,8 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from ssmr.drive import wheel_rates
 from ssmr.geometry import compose
+from ssmr.robot.drive import wheel_rates
 from ssmr.simulate import simulate
 from ssmr.types import Commands, Plant, State, Trajectory
 from tests.conftest import EXACT, SYMMETRY

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.profiles import PLANTS, ProfileError, load, make_plant, shipped
+from validation.plants.profile import PLANTS, ProfileError, load, make_plant, shipped
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from validation import published
+from validation.thesis import published
 
 NUMBERS = [f"3.{i}" for i in range(1, 17)] + [f"4.{i}" for i in range(1, 39)]
 METRICS = ("d_rms_m", "d_haus_m", "d_ratio")

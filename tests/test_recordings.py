@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import FloatArray
-from validation import recording as recordings
-from validation.recording import COLUMNS, Recording, RecordingError, Segment, read_csv, write_csv
+from validation.logs import recording as recordings
+from validation.logs.recording import COLUMNS, Recording, RecordingError, Segment, read_csv, write_csv
 
 EXACT_FIT = 1e-9
 """A least-squares fit of noise-free poses: rounding of 1e-16 over a span of half a second, with room to spare."""

@@ -19,13 +19,14 @@ from scipy.optimize import least_squares
 from ssmr.geometry import align_rigidly, quat_wxyz_to_yaw
 from tests.bag_factory import circle, poses_at, write
 from tests.conftest import data_folder
-from validation import cli, recordings
-from validation.dead_reckoning import integrated, reckon
-from validation.profiles import load
-from validation.recording import Recording, read_csv, write_csv
-from validation.recordings import open_log
-from validation.signals import estimate_offsets, find_rest, unbiased
-from validation.simulated_log import LogSettings, simulated_log
+from validation import cli
+from validation.logs.dead_reckoning import integrated, reckon
+from validation.logs.recording import Recording, read_csv, write_csv
+from validation.logs.signals import estimate_offsets, find_rest, unbiased
+from validation.plants.profile import load
+from validation.recordings import run as recordings
+from validation.recordings.run import open_log
+from validation.recordings.simulated_log import LogSettings, simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
 PARKING_LOT = data_folder() / "husky_parking_lot" / "test1.bag"
@@ -212,7 +213,7 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypat
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("validation.recording_export._fill", full)
+    monkeypatch.setattr("validation.logs.export._fill", full)
     with pytest.raises(cli.UserError, match=r"cannot be written \(No space left on device\)"):
         recordings.convert(str(source), out=out)
     assert out.read_bytes() == b"precious"

@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr import references
-from ssmr.references import SPACING, circle, line, sine
+from ssmr.control import references
+from ssmr.control.references import SPACING, circle, line, sine
+from ssmr.control.waypoints import Waypoints
+from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
-from ssmr.vehicle import Drive
-from ssmr.waypoints import Waypoints
 from tests.conftest import ROUNDOFF
 from tests.test_docs import tables
-from validation import published
-from validation.waypoint_files import REFERENCES
+from validation.thesis import published
+from validation.track.waypoint_files import REFERENCES
 
 PRINTED = 1e-6
 """generic.csv is written to the micrometre: half of that at both ends of a segment, and of the table's pieces [m]."""

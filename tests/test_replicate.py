@@ -18,16 +18,32 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROUNDOFF
-from validation import evidence_control, evidence_models, evidence_real, published, replicate
-from validation.control_tables import TABLES, Entry
-from validation.evidence import FIGURES, QUICK, SECTIONS, Context, Findings, Picture, Section, Settings, Table, choose, kept
-from validation.evidence_report import as_json, document_of, linked, markdown, order_of, unexplained
-from validation.html_page import prose, render, status_class
-from validation.objective import Problem
-from validation.recording import Recording, write_csv
-from validation.residual_figure import draw_residuals
-from validation.tables import Cell
-from validation.verdicts import STATUSES, Pair
+from validation.compare.table import Cell
+from validation.fit.objective import Problem
+from validation.logs.recording import Recording, write_csv
+from validation.replicate import __main__ as replicate
+from validation.replicate import control as evidence_control
+from validation.replicate import models as evidence_models
+from validation.replicate import real as evidence_real
+from validation.replicate.evidence import (
+    FIGURES,
+    QUICK,
+    SECTIONS,
+    Context,
+    Findings,
+    Picture,
+    Section,
+    Settings,
+    Table,
+    choose,
+    kept,
+)
+from validation.replicate.html_page import prose, render, status_class
+from validation.replicate.report import as_json, document_of, linked, markdown, order_of, unexplained
+from validation.replicate.residual_figure import draw_residuals
+from validation.study.tables.run import TABLES, Entry
+from validation.thesis import published
+from validation.thesis.verdicts import STATUSES, Pair
 
 SMALL = Settings(fit_population=8, fit_generations=4, noise_seeds=1, repeats=1)
 WANTED = {

@@ -21,15 +21,15 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from ssmr.metrics import PathMetrics
+from ssmr.metrics.paths import PathMetrics
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import ROUNDOFF
-from validation import rerun_log
-from validation.husky import WHEELS, xml_path
-from validation.palette import PALETTE, colour, mix
-from validation.rerun_log import open_viewer, write_recording
-from validation.results import Comparison, PlantResult
-from validation.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.compare import rerun as rerun_log
+from validation.compare.rerun import open_viewer, write_recording
+from validation.compare.result import Comparison, PlantResult
+from validation.robots.husky import WHEELS, xml_path
+from validation.show.palette import PALETTE, colour, mix
+from validation.show.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
 
 SINGLE = 2.0**-22
 """Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""

@@ -13,17 +13,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.closed_loop import COLUMNS, LOST, ClosedRun
-from ssmr.references import circle, line
+from ssmr.control.loop import COLUMNS, LOST, ClosedRun
+from ssmr.control.references import circle, line
 from tests.conftest import ROUNDOFF
 from validation import cli
-from validation import robustness as study
-from validation.gains import FIELDS, GainsError, GainSet, load_gains
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import Profile
-from validation.robustness import Mismatch, Outcome, Robustness, RobustnessSettings
-from validation.robustness_figure import draw_robustness
-from validation.study import program
+from validation.plants.profile import Profile
+from validation.robots.plant import MujocoPlant
+from validation.study.__main__ import program
+from validation.study.robustness import run as study
+from validation.study.robustness.figure import draw_robustness
+from validation.study.robustness.run import Mismatch, Outcome, Robustness, RobustnessSettings
+from validation.track.gains import FIELDS, GainsError, GainSet, load_gains
 
 SMALL = RobustnessSettings(runs=14, seeds=1, seed=3, timestep=0.005)
 MISSION = line(0.75, length=3.6)

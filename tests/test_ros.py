@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from validation import cli, ros
-from validation.ros_port import APT_PACKAGES, SET_POSE_MD5, load_rospy
+from validation import cli
+from validation.ros import __main__ as ros
+from validation.ros.port import APT_PACKAGES, SET_POSE_MD5, load_rospy
 
 ROOT = Path(__file__).resolve().parents[1]
 

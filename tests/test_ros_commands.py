@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from validation.ros_commands import BASE_TIMEOUT, SOURCES, STILL, CommandGate, Source
+from validation.ros.commands import BASE_TIMEOUT, SOURCES, STILL, CommandGate, Source
 
 JOY, MARKER, PLANNER, EXTERNAL = (s.topic for s in SOURCES)
 

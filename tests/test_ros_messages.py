@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ssmr.geometry import wrap_angle
 from tests.conftest import ROUNDOFF
 from tests.ros_fakes import make
-from validation import ros_messages as msg
+from validation.ros import messages as msg
 
 NUMBERS = st.floats(-1e3, 1e3)
 COVARIANCE = np.array([[0.3, 0.1, 0.02], [0.1, 0.4, 0.03], [0.02, 0.03, 0.5]])

@@ -11,15 +11,15 @@ import pytest
 
 from tests.ros_fakes import FakeClock, FakePort, make
 from tests.test_ros_pilot import BEND, law
-from validation import ros_messages as msg
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import Profile, make_plant
-from validation.ros_commands import LOCK_TOPIC, CommandGate
-from validation.ros_control import STOP_TIME, ControlNode, Topics
-from validation.ros_pilot import Phase, Pilot, PilotSettings, StoppedError
-from validation.ros_port import Call
-from validation.ros_robot import SensorSettings, SimulatedRobot
-from validation.ros_sim import FILTERED, KINDS, POSE, RATES, SET_POSE, TF, WHEELS, MasterGoneError, SimNode
+from validation.plants.profile import Profile, make_plant
+from validation.robots.plant import MujocoPlant
+from validation.ros import messages as msg
+from validation.ros.commands import LOCK_TOPIC, CommandGate
+from validation.ros.control import STOP_TIME, ControlNode, Topics
+from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
+from validation.ros.port import Call
+from validation.ros.robot import SensorSettings, SimulatedRobot
+from validation.ros.sim import FILTERED, KINDS, POSE, RATES, SET_POSE, TF, WHEELS, MasterGoneError, SimNode
 
 COMMAND = "/cmd_vel"
 

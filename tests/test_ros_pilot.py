@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssmr.closed_loop import LoopSettings
-from ssmr.closed_loop import track as track_in_process
-from ssmr.controllers.laws import Controller
+from ssmr.control.laws import Controller
+from ssmr.control.loop import LoopSettings
+from ssmr.control.loop import track as track_in_process
+from ssmr.control.waypoints import Waypoints
 from ssmr.types import State
-from ssmr.waypoints import Waypoints
-from validation.gains import load_gains
-from validation.profiles import Profile, make_plant
-from validation.ros_messages import Seen
-from validation.ros_pilot import FRESH, Phase, Pilot, PilotSettings, StoppedError
-from validation.track import default_gains
-from validation.tracking import make_controller
+from validation.plants.profile import Profile, make_plant
+from validation.ros.messages import Seen
+from validation.ros.pilot import FRESH, Phase, Pilot, PilotSettings, StoppedError
+from validation.track.__main__ import default_gains
+from validation.track.gains import load_gains
+from validation.track.tracking import make_controller
 
 BEND = Waypoints(np.arange(13.0) * 0.5, 1.2 * np.column_stack([np.sin(np.arange(13) / 10), 1 - np.cos(np.arange(13) / 10)]))
 """A left bend of 1.2 m radius at 0.24 m/s, 6 s long."""

@@ -11,7 +11,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from validation.ros_port import ask_master
+from validation.ros.port import ask_master
 
 
 @contextmanager

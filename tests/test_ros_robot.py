@@ -8,12 +8,12 @@ from typing import cast
 import numpy as np
 import pytest
 
-from ssmr import ekf
+from ssmr.estimation import ekf
 from ssmr.types import State
 from tests.conftest import EXACT
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import Profile, make_plant
-from validation.ros_robot import SensorSettings, SimulatedRobot
+from validation.plants.profile import Profile, make_plant
+from validation.robots.plant import MujocoPlant
+from validation.ros.robot import SensorSettings, SimulatedRobot
 
 STEPS = 10  # of 2 ms: 50 Hz
 

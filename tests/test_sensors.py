@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ssmr.models.improved import ImprovedParameters
+from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorNoise, measure, yaw_disturbance
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
-from ssmr.sensors import SAMPLE_RATES_HZ, SensorNoise, measure, yaw_disturbance
 from ssmr.simulate import PlanarModel, PlanarPlant
 from ssmr.types import State, Trajectory
-from ssmr.vehicle import Drive, Vehicle
 
 N = 20001
 STILL = Trajectory(np.arange(N) * 0.001, np.zeros((N, 3)), np.zeros((N, 3)), np.zeros((N, 2)))

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from ssmr.geometry import align_rigidly, compose, relative, rotate_body_to_world
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
-from validation.dead_reckoning import reckon, run_filter, with_filter
-from validation.recording import POSE, Recording, RecordingError
-from validation.signals import (
+from validation.logs.dead_reckoning import reckon, run_filter, with_filter
+from validation.logs.recording import POSE, Recording, RecordingError
+from validation.logs.signals import (
     Group,
     aligned,
     cut_groups,

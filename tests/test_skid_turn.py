@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from validation.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_spot
+from ssmr.robot.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_spot
 
 MINIMUM = 1e-6
 """Relative: where a smooth power is least, its gradient vanishes to 1e-10."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.space import BOUND_SHARE, Parameter, ParameterSpace
+from ssmr.search.space import BOUND_SHARE, Parameter, ParameterSpace
 from tests.conftest import ROUNDOFF
 
 SPACE = ParameterSpace((Parameter("mu", "1", 0.1, 0.9), Parameter("gain", "N m s/rad", 10.0, 1000.0, "log")))

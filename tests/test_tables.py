@@ -15,12 +15,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ssmr.metrics import HorizonErrors, PathMetrics
+from ssmr.metrics.paths import HorizonErrors, PathMetrics
 from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF
-from validation.mujoco_plant import Health
-from validation.results import Comparison, PlantResult
-from validation.tables import (
+from validation.compare.result import Comparison, PlantResult
+from validation.compare.table import (
     BEST_STYLE,
     COLUMNS,
     NOTHING,
@@ -30,6 +29,7 @@ from validation.tables import (
     length_unit,
     report_markdown,
 )
+from validation.robots.plant import Health
 
 TERMINAL = 110  # columns: what the tables must fit
 HEALTHY, UNHEALTHY = Health(0.9, 0.03), Health(0.0, 0.3)

@@ -13,15 +13,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
-from ssmr.vehicle import Drive
 from tests.conftest import EXACT
-from validation import cli, compare, track
-from validation.husky import HuskyCalibration
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import Profile, make_plant
-from validation.terrain import FLAT, KINDS, Terrain, parse_terrain
+from validation import cli
+from validation.compare import __main__ as compare
+from validation.plants.profile import Profile, make_plant
+from validation.robots.husky import HuskyCalibration
+from validation.robots.plant import MujocoPlant
+from validation.robots.terrain import FLAT, KINDS, Terrain, parse_terrain
+from validation.track import __main__ as track
 
 SAMPLED = 0.06
 """Relative: statistics of 16 000 correlation areas, of which slopes are rarer than heights."""

@@ -12,10 +12,10 @@ import pytest
 
 from tests.test_robustness import run_program
 from validation import store
-from validation import terrain_study as study
-from validation.profiles import Profile
-from validation.terrain_figure import draw_terrain
-from validation.terrain_study import AXES, PLANAR, Followed, TerrainSettings, TerrainStudy
+from validation.plants.profile import Profile
+from validation.study.terrain import run as study
+from validation.study.terrain.figure import draw_terrain
+from validation.study.terrain.run import AXES, PLANAR, Followed, TerrainSettings, TerrainStudy
 
 SMALL = TerrainSettings(
     speeds=(0.5,), slopes=(0.0, math.radians(3.0), math.radians(6.0)), heights=(0.0, 0.004), lost=(0.0,),

@@ -14,18 +14,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from ssmr.closed_loop import Feedback, LoopSettings
-from ssmr.references import circle, line, sine
-from ssmr.waypoints import Waypoints
+from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.references import circle, line, sine
+from ssmr.control.waypoints import Waypoints
 from tests.test_figures import lines, texts, written, x_of, y_of
 from tests.test_tune_figure import cut, overlapping
-from validation.drawing import save_figure
-from validation.gains import load_gains
-from validation.profiles import load
-from validation.results import TrackResult
-from validation.track_figure import draw_track, saturated
-from validation.track_report import MEASURES, gains_text, units_of
-from validation.tracking import make_robot, track
+from validation.plants.profile import load
+from validation.show.drawing import save_figure
+from validation.track.figure import draw_track, saturated
+from validation.track.gains import load_gains
+from validation.track.report import MEASURES, gains_text, units_of
+from validation.track.result import TrackResult
+from validation.track.tracking import make_robot, track
 
 WAYS: dict[str, Waypoints] = {
     "line": line(0.4, 1.0),

@@ -18,10 +18,10 @@ from tests.test_tables import TERMINAL, in_si, markdown_tables, rendered, rich_r
 from tests.test_track_figure import CASES, followed, lost
 from tests.test_tune_figure import CASES as TUNINGS
 from validation import store
-from validation.fit_report import number_text, value_text
-from validation.track_report import MEASURES, as_document, track_markdown, track_notes, track_tables
-from validation.track_rerun import TRAIL_HEIGHT, write_track_rerun
-from validation.tune_report import tune_document, tune_notes, tune_tables
+from validation.fit.report import number_text, value_text
+from validation.track.report import MEASURES, as_document, track_markdown, track_notes, track_tables
+from validation.track.rerun import TRAIL_HEIGHT, write_track_rerun
+from validation.tune.report import tune_document, tune_notes, tune_tables
 
 PATH_METRICS = {
     *("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "d_rms_symmetric_m", "d_haus_symmetric_m", "sync_rms_m"),

@@ -13,18 +13,19 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ssmr.closed_loop import ClosedRun, LoopSettings
-from ssmr.references import circle, line, sine
-from ssmr.waypoints import Waypoints
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.references import circle, line, sine
+from ssmr.control.waypoints import Waypoints
 from tests.test_figures import lines, texts, written
 from tests.test_fit_figure import trace
-from validation.fit_report import cube_share, value_text
-from validation.gains import GainSet, load_gains
-from validation.profiles import load
-from validation.results import FittedParameter, Followed, TuneResult
-from validation.tracking import make_controller, make_robot, rate, reference_of, run_robots
-from validation.tune_figure import MAX_HELD_OUT, MAX_TRAIN, draw_tune
-from validation.tune_report import label_text
+from validation.fit.report import cube_share, value_text
+from validation.fit.result import FittedParameter
+from validation.plants.profile import load
+from validation.track.gains import GainSet, load_gains
+from validation.track.tracking import make_controller, make_robot, rate, reference_of, run_robots
+from validation.tune.figure import MAX_HELD_OUT, MAX_TRAIN, draw_tune
+from validation.tune.report import label_text
+from validation.tune.result import Followed, TuneResult
 
 SPEED = 0.4
 WAYS: dict[str, Waypoints] = {

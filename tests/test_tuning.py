@@ -13,15 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.closed_loop import ClosedRun, LoopSettings
-from ssmr.metrics import compare_paths
-from ssmr.references import circle, line
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.references import circle, line
+from ssmr.metrics.paths import compare_paths
 from tests.conftest import EXACT, ROUNDOFF
-from validation import cli, track, tune
-from validation.gains import GainSet, dump_gains, load_gains
-from validation.profiles import Profile, ProfileError
-from validation.tracking import make_controller, make_robot, rate, require_practicable, run_robots
-from validation.tuning import Case, TuneCost, TuneProblem, costs_of, delayed, make_tuning_space, reference_of_case
+from validation import cli
+from validation.plants.profile import Profile, ProfileError
+from validation.track import __main__ as track
+from validation.track.gains import GainSet, dump_gains, load_gains
+from validation.track.tracking import make_controller, make_robot, rate, require_practicable, run_robots
+from validation.tune import __main__ as tune
+from validation.tune.tuning import Case, TuneCost, TuneProblem, costs_of, delayed, make_tuning_space, reference_of_case
 
 QUIET = LoopSettings("truth", disturbance=False)
 
@@ -227,7 +229,7 @@ def test_a_reference_that_no_wheel_can_follow_is_refused_with_its_place(lab: Pro
 
 
 def test_a_plant_of_another_kind_is_not_taken_for_a_planar_model(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("validation.tracking.make_plant", lambda *_: object())
+    monkeypatch.setattr("validation.track.tracking.make_plant", lambda *_: object())
     profile = replace(lab, plants={**lab.plants, "other": lab.plants["improved"]})
     with pytest.raises(ProfileError, match="plant 'other' has no closed loops in populations"):
         make_robot(profile, "other")

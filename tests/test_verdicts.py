@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from validation import published
-from validation.verdicts import (
+from validation.thesis import published
+from validation.thesis.verdicts import (
     FACTOR,
     RATIO_REACH,
     SPREADS,

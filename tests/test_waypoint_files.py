@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.waypoints import Waypoints
+from ssmr.control.waypoints import Waypoints
 from tests.conftest import ROUNDOFF
 from validation import cli
-from validation.waypoint_files import REFERENCES, WaypointError, open_reference, read_waypoints
+from validation.track.waypoint_files import REFERENCES, WaypointError, open_reference, read_waypoints
 
 openpyxl = pytest.importorskip("openpyxl", reason="spreadsheets need the extra `xlsx`")
 HEADER = "t,x,y\n"

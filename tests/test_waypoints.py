@@ -10,11 +10,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
+from ssmr.control.waypoints import ALPHA_SWITCH, LARGEST, Waypoints, position_errors, target
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.types import FloatArray
-from ssmr.waypoints import ALPHA_SWITCH, LARGEST, Waypoints, position_errors, target
 from tests.conftest import EXACT, ROUNDOFF
-from validation import published
+from validation.thesis import published
 
 FRAME = 1e-9
 """Moving the frame by some metres rounds coordinates to 1e-15 m, and angles of centimetres to 1e-13."""

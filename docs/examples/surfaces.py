@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 from distributed import Client, LocalCluster, as_completed
 
-from ssmr.metrics import compare_paths
+from ssmr.metrics.paths import compare_paths
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import State
-from validation.mujoco_plant import MujocoPlant
-from validation.profiles import load, make_plant
-from validation.terrain import parse_terrain
+from validation.plants.profile import load, make_plant
+from validation.robots.plant import MujocoPlant
+from validation.robots.terrain import parse_terrain
 
 FRICTIONS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 TERRAINS = ("flat", "ramp:2", "ramp:slope_deg=2,toward_deg=90", "rough:2", "split:0.7")

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssmr._jit import jit
-from ssmr.drive import wheel_torques
-from ssmr.friction import coulomb
-from ssmr.vehicle import require_in_range
+from ssmr.models.friction import coulomb
+from ssmr.robot.drive import wheel_torques
+from ssmr.robot.vehicle import require_in_range
 
 
 @dataclass(frozen=True)

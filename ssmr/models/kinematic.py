@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssmr._jit import jit
-from ssmr.vehicle import require_in_range
+from ssmr.robot.vehicle import require_in_range
 
 
 @dataclass(frozen=True)

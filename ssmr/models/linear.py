@@ -17,9 +17,9 @@ import control
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.drive import wheel_torques
+from ssmr.robot.drive import wheel_torques
+from ssmr.robot.vehicle import Drive, Vehicle, require_in_range
 from ssmr.types import FloatArray
-from ssmr.vehicle import Drive, Vehicle, require_in_range
 
 Form = Literal["used", "single", "printed"]
 

@@ -1,0 +1,126 @@
+"""How a robot's weight is spread over its wheels: at rest as the thesis has it, and in motion from its accelerations.
+
+Wheels in order front left, front right, rear left, rear right.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ssmr.robot.vehicle import Vehicle, require_in_range
+from ssmr.types import FloatArray, Trajectory
+
+DIFFERENTIATED_OVER = 0.1
+"""Accelerations are slopes of speed over so much time [s]: longer than the contacts' 20 ms, shorter than a manoeuvre."""
+
+
+def static_loads(vehicle: Vehicle) -> FloatArray:
+    """(4,) wheel loads [N] at rest on level ground, left and right alike (Eq. 2.17)."""
+    weight, wheelbase = vehicle.mass * vehicle.gravity, vehicle.a + vehicle.b
+    front, rear = 0.5 * weight * vehicle.a / wheelbase, 0.5 * weight * vehicle.b / wheelbase
+    return np.array([front, front, rear, rear])
+
+
+@dataclass(frozen=True)
+class LoadModel:
+    """A rigid robot on four equal springs that hardly give: what decides its wheel loads."""
+
+    mass: float
+    """Total [kg]."""
+    com_x: float
+    """Centre of mass ahead of the middle between the axles [m]."""
+    com_y: float
+    """The same to the left [m]."""
+    com_height: float
+    """The same above the ground [m]."""
+    wheelbase: float
+    """Distance of the axles, L [m]."""
+    track: float
+    """Distance of left and right wheels, B [m]."""
+    spin_inertia: float = 0.0
+    """Of the four wheels together about their axles [kg m2]: to spin them up, and to turn them sideways, takes moments."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ValueError: a number that is not positive, or not finite.
+        """
+        for f in fields(self):
+            if f.name in ("com_x", "com_y", "spin_inertia"):
+                require_in_range(self, f.name, -10.0 if f.name != "spin_inertia" else 0.0, 1e3)
+            else:
+                require_in_range(self, f.name, 0.0, 1e6, open_low=True)
+
+    def quasi_static(
+        self, acceleration: FloatArray, gravity: FloatArray, spin: FloatArray, spin_rate: FloatArray, yaw_rate: FloatArray
+    ) -> FloatArray:
+        """Wheel loads from how the body is accelerated.
+
+        The ground pushes along its plane with F = m (a - g). About the centre of mass, with N_i at (x_i, y_i), the plane a
+        height h below, and the wheels' angular momentum J W along the axles,
+
+            sum N_i                = -m g_z
+            sum (x_i - x_c) N_i    = -h F_x - J dW/dt
+            sum (y_i - y_c) N_i    = -h F_y - J W omega
+
+        Four equal springs under a rigid body take N_i = k0 + k1 x_i + k2 y_i, which makes the three equations enough.
+
+        Args:
+            acceleration: (M, 2) of the centre of mass, in the body's axes [m/s2].
+            gravity: (M, 3) in the body's axes [m/s2].
+            spin: (M,) mean rate of the wheels, W [rad/s].
+            spin_rate: (M,) its rate of change [rad/s2].
+            yaw_rate: (M,) [rad/s].
+
+        Returns:
+            (M, 4) [N]; negative where a wheel would have to be held down: it lifts, and the formula no longer holds.
+        """
+        force = self.mass * (acceleration - gravity[:, :2])
+        weight = -self.mass * gravity[:, 2]
+        about_y = self.com_x * weight - self.com_height * force[:, 0] - self.spin_inertia * spin_rate
+        about_x = self.com_y * weight - self.com_height * force[:, 1] - self.spin_inertia * spin * yaw_rate
+        x = 0.5 * self.wheelbase * np.array([1.0, 1.0, -1.0, -1.0])
+        y = 0.5 * self.track * np.array([1.0, -1.0, 1.0, -1.0])
+        return weight[:, None] / 4.0 + np.outer(about_y, x / self.wheelbase**2) + np.outer(about_x, y / self.track**2)
+
+    def along(self, motion: Trajectory, gravity: FloatArray, wheel_radius: float) -> FloatArray:
+        """(M, 4) quasi-static loads [N] over a motion of the middle between the axles.
+
+        Args:
+            motion: its speeds are differentiated over `DIFFERENTIATED_OVER`.
+            gravity: (M, 3) in the body's axes [m/s2].
+            wheel_radius: with which rolling wheels are taken to spin where the motion has no wheel rates [m].
+        """
+        t, (v_x, v_y, w) = motion.t, motion.twist.T
+        a_x = slope(t, v_x) - w * v_y - w**2 * self.com_x - slope(t, w) * self.com_y
+        a_y = slope(t, v_y) + w * v_x - w**2 * self.com_y + slope(t, w) * self.com_x
+        spin = motion.wheels.mean(axis=1) if np.any(motion.wheels) else v_x / wheel_radius
+        return self.quasi_static(np.column_stack([a_x, a_y]), gravity, spin, slope(t, spin), w)
+
+
+def slope(t: FloatArray, values: FloatArray, span: float = DIFFERENTIATED_OVER) -> FloatArray:
+    """(M,) rate of change of (M,) values over a centred span [s], shorter at the ends."""
+    if len(t) < 2:
+        return np.zeros_like(values)
+    low, high = np.clip(t - 0.5 * span, t[0], t[-1]), np.clip(t + 0.5 * span, t[0], t[-1])
+    return np.asarray((np.interp(high, t, values) - np.interp(low, t, values)) / (high - low))
+
+
+def turning_drift(slope_angle: float, yaw_rate: float, friction: float, wheelbase: float, track: float) -> float:
+    """Mean speed [m/s] at which a robot that turns on the spot on a slope slides down it.
+
+    A turning skid-steering robot skids on all four wheels with slip S = |omega| L D / (2 B), D^2 = L^2 + B^2, along and
+    across its wheels as L : B (docs/physics.md). A further small slip d changes the four Coulomb forces together by
+    -(mu m g / S) (I - s s') d, averaged over the unit vectors s along the slip: by -(mu m g / S) (B^2, L^2) / D^2 along and
+    across the body. Friction, which holds a resting robot on any slope under mu, gives way to the least push like a fluid.
+    Balance with m g sin(slope) gives v = sin(slope) S D^2 / (mu B^2) where downhill is ahead and sin(slope) S D^2 / (mu L^2)
+    where it is aside; turning goes through both, and their mean is
+
+        v = sin(slope) |omega| D^5 / (4 mu L B^3)
+    """
+    diagonal = math.hypot(wheelbase, track)
+    return math.sin(slope_angle) * abs(yaw_rate) * diagonal**5 / (4.0 * friction * wheelbase * track**3)

@@ -1,0 +1,94 @@
+"""What a robot's own sensors make of its motion, and what disturbs it: seeded options of a simulation (Sec. 3.4.4-3.4.6)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ssmr.robot.vehicle import require_in_range
+from ssmr.types import FloatArray, Trajectory
+
+SAMPLE_RATES_HZ = {"tracking": 120.0, "ekf": 50.0, "command": 20.0}
+"""Tab. 3.5. The table's sample times (0.008, 0.020, 0.050 s) are rounded; Sec. 4.2 runs the filter at 120 Hz."""
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Variances of the state filter's output (Tab. 3.4)."""
+
+    v_x: float = 5.0115e-05
+    """[m2/s2]"""
+    yaw_rate: float = 3.5298e-05
+    """[rad2/s2]"""
+    x: float = 8.8786e-06
+    """[m2]"""
+    y: float = 7.9259e-12
+    """[m2]; measured while y was not excited, so too small for a turning robot."""
+    yaw: float = 1.2941e-08
+    """[rad2]; the same."""
+
+    def __post_init__(self) -> None:
+        """Check that no variance is negative."""
+        for name in ("v_x", "yaw_rate", "x", "y", "yaw"):
+            require_in_range(self, name, 0.0, 1e6)
+
+
+def measure(
+    trajectory: Trajectory, noise: SensorNoise, rng: np.random.Generator, rate: float = SAMPLE_RATES_HZ["ekf"]
+) -> Trajectory:
+    """The motion as the robot's state filter would report it: sampled, held and noisy.
+
+    Args:
+        trajectory: the true motion.
+        noise: variances of white noise, drawn anew at every sample of the filter.
+        rng: the generator that draws it.
+        rate: samples a second [Hz]; between them the last value is held (zero-order hold, Sec. 3.4.6).
+
+    Returns:
+        The same time stamps; lateral speed, wheels and channels as they were.
+    """
+    if not rate > 0.0:
+        raise ValueError(f"the sample rate must be positive, got {rate} Hz")
+    tick = np.floor((trajectory.t - trajectory.t[0]) * rate + 1e-9).astype(int)
+    source = np.searchsorted(tick, tick, side="left")  # the first sample of each tick
+    draws = rng.standard_normal((int(tick[-1]) + 1, 5))[tick]
+    deviations = np.sqrt([noise.x, noise.y, noise.yaw, noise.v_x, noise.yaw_rate])
+    pose = trajectory.pose[source] + draws[:, :3] * deviations[:3]
+    twist = trajectory.twist[source].copy()
+    twist[:, [0, 2]] += draws[:, 3:] * deviations[3:]
+    return Trajectory(trajectory.t, pose, twist, trajectory.wheels, trajectory.channels)
+
+
+YAW_DISTURBANCE_VARIANCE = 25.0
+"""Variance of the disturbing yaw acceleration [rad2/s4]; Sec. 3.4.5."""
+
+
+def yaw_disturbance(
+    duration: float,
+    dt: float,
+    rng: np.random.Generator,
+    variance: float = YAW_DISTURBANCE_VARIANCE,
+    sample_time: float = 0.1,
+) -> FloatArray:
+    """White yaw acceleration, held for `sample_time` (Sec. 3.4.5).
+
+    Args:
+        duration: length of the run [s].
+        dt: physics step [s].
+        rng: the generator that draws it.
+        variance: of each draw [rad2/s4].
+        sample_time: how long each is held [s]. The thesis does not say; 0.1 s is the default of Simulink's random number
+            block.
+
+    Returns: (n,) yaw acceleration of each physics step [rad/s2]. The draws do not depend on `dt`, so all plants of one
+        run feel the same disturbance.
+    """
+    if variance < 0.0 or not sample_time > 0.0:
+        raise ValueError(
+            f"variance {variance} and sample time {sample_time} s: the first must not be negative, the second be positive"
+        )
+    draws = math.sqrt(variance) * rng.standard_normal(math.ceil(duration / sample_time - 1e-9) + 1)
+    step = np.arange(round(duration / dt))
+    return draws[np.floor(step * dt / sample_time + 1e-9).astype(int)]

@@ -1,0 +1,433 @@
+"""A comparison as tables, for the terminal (rich) and for a report (markdown): one set of columns, one formatting."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from ssmr.metrics.paths import HorizonErrors
+from validation.compare.result import Comparison, PlantResult
+from validation.robots.husky import WHEELS
+from validation.robots.terrain import FLAT
+
+Quantity = Literal["length", "ratio", "angle", "speed-up"]
+Wanted = Literal["low", "one", "high"]
+
+NOTHING = "–"
+"""What a number that is not finite is written as."""
+BEST_STYLE = "bold green"
+"""How the terminal emphasises the best value."""
+HEADLINE_HORIZON = 6.0
+"""The horizon whose errors stand for a plant where only one has room [s]; else the one closest to it."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """How the numbers of one quantity are written in one table."""
+
+    symbol: str
+    """What stands in brackets."""
+    scale: float
+    """How many of it make up one SI unit."""
+    decimals: int
+    """Digits after the point."""
+    significant: int = 0
+    """Where positive: digits kept before that, for numbers that are not known better."""
+
+    def text(self, value: float) -> str:
+        """A number in SI as it is written, without its unit."""
+        if not math.isfinite(value):
+            return NOTHING
+        scaled = value * self.scale
+        if self.significant > 0:
+            scaled = float(f"{scaled:.{self.significant}g}")
+        text = f"{scaled:.{self.decimals}f}"
+        return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+METRES = Unit("m", 1.0, 3)
+DEGREES = Unit("deg", 180.0 / math.pi, 2)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A metric of a plant: how it is called, read, written and judged."""
+
+    name: str
+    quantity: Quantity
+    wanted: Wanted
+    value: Callable[[PlantResult], float]
+    meaning: str
+
+
+COLUMNS = (
+    _Column(
+        "d_rms", "length", "low", lambda r: r.metrics.d_rms_m,
+        "root mean square, over the reference's samples, of the distance to the closest sample of the plant; "
+        "one-sided: leaving the reference's path after having covered it costs nothing",
+    ),
+    _Column(
+        "d_haus", "length", "low", lambda r: r.metrics.d_haus_m,
+        "the largest of those distances, the one-sided Hausdorff distance: from the reference to the plant",
+    ),
+    _Column(
+        "d_ratio", "ratio", "one", lambda r: r.metrics.d_ratio,
+        "length of the plant's path over that of the reference; above 1 the plant drives farther",
+    ),
+    _Column(
+        "e_bend ratio", "ratio", "one", lambda r: r.metrics.e_bend_ratio,
+        "bending energy (curvature squared, summed along the path) of the plant over that of the reference; "
+        "above 1 the plant's path is more curved",
+    ),
+    _Column(
+        "d_rms sym", "length", "low", lambda r: r.metrics.d_rms_symmetric_m,
+        "d_rms of both directions, from the reference to the plant and back, each with the same weight",
+    ),
+    _Column(
+        "d_haus sym", "length", "low", lambda r: r.metrics.d_haus_symmetric_m,
+        "the larger of the Hausdorff distances of both directions",
+    ),
+    _Column(
+        "sync rms", "length", "low", lambda r: r.metrics.sync_rms_m,
+        "root mean square of the distance between plant and reference at the same instant",
+    ),
+    _Column(
+        "yaw rms", "angle", "low", lambda r: r.metrics.yaw_rms_rad,
+        "root mean square of the difference between the headings of plant and reference at the same instant, wrapped",
+    ),
+    _Column(
+        "real time", "speed-up", "high", lambda r: r.real_time_factor,
+        "simulated time over the time that simulating took; above 1 the plant is faster than the clock",
+    ),
+)  # fmt: skip
+"""What a comparison says about each plant, in the order of its table."""
+
+HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] = (
+    ("position median", METRES, lambda e: e.position_median_m),
+    ("position p95", METRES, lambda e: e.position_p95_m),
+    ("yaw median", DEGREES, lambda e: e.yaw_median_rad),
+    ("yaw p95", DEGREES, lambda e: e.yaw_p95_rad),
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry as it is written, and whether it is the best of its kind."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table before it is drawn: everything that the terminal and the report have in common."""
+
+    header: tuple[tuple[str, str], ...]
+    """Name and unit of each column; the unit may be empty."""
+    groups: tuple[tuple[tuple[Cell, ...], ...], ...]
+    """Rows, in groups that a line separates."""
+    left: int
+    """How many of the columns hold words."""
+
+
+def length_unit(values: Iterable[float]) -> Unit:
+    """Millimetres for lengths [m] that all stay below a metre, else metres."""
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
+    if largest >= 1.0:
+        return METRES
+    return Unit("mm", 1e3, 3 if 1e-6 <= largest < 0.01 else 1)
+
+
+def unit_of(quantity: Quantity, values: Sequence[float]) -> Unit:
+    """How to write all values of a quantity in one table."""
+    if quantity == "length":
+        return length_unit(values)
+    if quantity == "angle":
+        return DEGREES
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
+    if quantity == "ratio":
+        return Unit("1", 1.0, 4 if largest < 100.0 else 2)
+    return Unit("×", 1.0, 0 if largest >= 100.0 else 2, significant=3)
+
+
+def best_of(texts: Mapping[str, str], values: Mapping[str, float], wanted: Wanted) -> set[str]:
+    """Names of the best of what is comparable, ties as written included; nobody where there is nobody to beat."""
+
+    def badness(value: float) -> float:
+        if wanted == "one":
+            return abs(math.log(value)) if value > 0.0 else math.inf
+        return value if wanted == "low" else -value
+
+    finite = {name: badness(value) for name, value in values.items() if math.isfinite(value)}
+    if len(finite) < 2:
+        return set()
+    winner = min(finite, key=lambda name: finite[name])
+    return {name for name in finite if texts[name] == texts[winner]}
+
+
+def _plant_grid(comparison: Comparison) -> Grid:
+    """Plants as rows, metrics as columns; the reference, at no distance from itself, is judged by its speed only."""
+    plants = comparison.plants
+    columns: list[dict[str, Cell]] = []
+    header = [("plant", "")]
+    lengths = [c.value(r) for c in COLUMNS if c.quantity == "length" for r in plants.values()]
+    for column in COLUMNS:
+        values = {name: column.value(result) for name, result in plants.items()}
+        unit = unit_of(column.quantity, lengths if column.quantity == "length" else list(values.values()))
+        texts = {name: unit.text(value) for name, value in values.items()}
+        judged = {n: v for n, v in values.items() if n != comparison.reference_name or column.quantity == "speed-up"}
+        best = best_of(texts, judged, column.wanted)
+        header.append((column.name, unit.symbol))
+        columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+    rows = []
+    for name in plants:
+        label = f"{name} (ref)" if name == comparison.reference_name else name
+        rows.append((Cell(label), *(column[name] for column in columns)))
+    return Grid(tuple(header), (tuple(rows),), left=1)
+
+
+def _horizon_grid(comparison: Comparison) -> Grid | None:
+    """Horizons as groups, plants as rows; None where there is no horizon."""
+    plants = comparison.plants
+    horizons = sorted({h for result in plants.values() for h in result.horizons})
+    if not horizons:
+        return None
+    header = [("horizon", "s"), ("plant", ""), ("windows", "1")]
+    header += [(name, unit.symbol) for name, unit, _ in HORIZON_VALUES]
+    groups = []
+    for horizon in horizons:
+        errors = {name: result.horizons[horizon] for name, result in plants.items() if horizon in result.horizons}
+        columns = []
+        for _, unit, value in HORIZON_VALUES:
+            values = {name: value(e) for name, e in errors.items()}
+            texts = {name: unit.text(v) for name, v in values.items()}
+            best = best_of(texts, values, "low")
+            columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+        groups.append(
+            tuple(
+                (Cell(f"{horizon:g}"), Cell(name), Cell(str(e.n)), *(column[name] for column in columns))
+                for name, e in errors.items()
+            )
+        )
+    return Grid(tuple(header), tuple(groups), left=2)
+
+
+NEWTONS = Unit("N", 1.0, 0)
+PERCENT = Unit("%", 100.0, 1)
+
+
+def _load_grid(comparison: Comparison) -> Grid | None:
+    """What the wheels of the plants that know carried."""
+    groups = []
+    for name, result in comparison.plants.items():
+        loads = result.loads
+        if loads is not None:
+            rows = zip(
+                WHEELS, loads.static_N, loads.mean_N, loads.lowest_N, loads.highest_N, loads.off_ground_share, strict=True
+            )
+            groups.append(
+                tuple(
+                    (
+                        Cell(name),
+                        Cell(wheel.replace("_", " ")),
+                        *(Cell(NEWTONS.text(n)) for n in newtons),
+                        Cell(PERCENT.text(share)),
+                    )
+                    for wheel, *newtons, share in rows
+                )
+            )
+    header = [
+        ("plant", ""),
+        ("wheel", ""),
+        *((n, "N") for n in ("static", "mean", "least", "greatest")),
+        ("off ground", "%"),
+    ]
+    return Grid(tuple(header), tuple(groups), left=2) if groups else None
+
+
+def _load_caption(comparison: Comparison) -> str:
+    """How much of the loads each formula explains."""
+    return "; ".join(
+        f"{name} on {comparison.terrain.words}: rms {r.loads.static_rms_N:.1f} N from the static share (Eq. 2.17), "
+        f"{r.loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
+        for name, r in comparison.plants.items()
+        if r.loads is not None
+    )
+
+
+def load_table(comparison: Comparison) -> Table | None:
+    """What each wheel carried, for a terminal; None where no plant knows."""
+    grid = _load_grid(comparison)
+    return None if grid is None else rich_table(grid, "Wheel loads", _load_caption(comparison))
+
+
+def _unhealthy(comparison: Comparison) -> list[tuple[str, str]]:
+    """Plants whose wheel loads say that their contact cannot be believed, each with what to do about it."""
+    return [(n, r.health.advice) for n, r in comparison.plants.items() if r.health is not None and not r.health.ok]
+
+
+def rich_table(grid: Grid, title: str, caption: str) -> Table:
+    """Draw a grid for the terminal. Texts of the user's go in as they are, never as markup."""
+    table = Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold"), caption=Text(caption))
+    table.title_justify = table.caption_justify = "left"
+    for k, (name, unit) in enumerate(grid.header):
+        words = name.replace(" ", "\n") if k >= grid.left else name
+        heading = Text(f"{words}\n[{unit}]" if unit else words)
+        table.add_column(heading, justify="left" if k < grid.left else "right", no_wrap=True, vertical="bottom")
+    for group in grid.groups:
+        for k, row in enumerate(group):
+            cells = [Text(cell.text, style=BEST_STYLE if cell.best else "") for cell in row]
+            table.add_row(*cells, end_section=k + 1 == len(group))
+    return table
+
+
+def one_line(text: object) -> str:
+    """Foreign text without line breaks."""
+    return " ".join(str(text).split())
+
+
+def shortened(text: str, most: int) -> str:
+    """A text in one line of at most `most` characters: its end says more than its beginning."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else f"…{line[1 - most :]}"
+
+
+def code_span(text: object) -> str:
+    """Foreign text as a code span."""
+    return "`" + one_line(text).replace("`", "'") + "`"
+
+
+def markdown_table(grid: Grid) -> list[str]:
+    """Draw a grid as the lines of a table of GitHub-flavoured markdown."""
+
+    def line(cells: Iterable[str]) -> str:
+        return "| " + " | ".join(one_line(cell).replace("|", "\\|") for cell in cells) + " |"
+
+    rows = [row for group in grid.groups for row in group]
+    return [
+        line(f"{name} [{unit}]" if unit else name for name, unit in grid.header),
+        line(":---" if k < grid.left else "---:" for k in range(len(grid.header))),
+        *(line(f"**{cell.text}**" if cell.best else cell.text for cell in row) for row in rows),
+    ]
+
+
+def option_text(value: object) -> str:
+    """How an option is written; several values, such as horizons, are joined by commas."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ",".join(map(option_text, value))
+    return f"{value:g}" if isinstance(value, float) else one_line(value)
+
+
+def comparison_table(comparison: Comparison) -> Table:
+    """Every plant against the reference, for a terminal of 110 columns or more.
+
+    Args:
+        comparison: what was found.
+
+    Returns:
+        Plants as rows, the reference marked, metrics as columns; the best value of each column is emphasised, the reference
+        itself, being at no distance from itself, left out.
+    """
+    title = f"{one_line(comparison.source)} · profile {one_line(comparison.profile)}"
+    if comparison.terrain != FLAT:
+        title += f" · mujoco on {comparison.terrain.words}"
+    caption = f"against {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
+    for name, _ in _unhealthy(comparison):
+        caption += f"\n{name} is unhealthy: by its wheel loads its contact is not to be believed"
+    return rich_table(_plant_grid(comparison), title, caption)
+
+
+def horizon_table(comparison: Comparison) -> Table | None:
+    """Errors of the relative pose by horizon, for a terminal.
+
+    Args:
+        comparison: what was found.
+
+    Returns:
+        Per horizon and plant the number of windows, and median and 95th percentile (p95) of the position error [m] and the
+        yaw error [deg]; None where the comparison has no horizons.
+    """
+    grid = _horizon_grid(comparison)
+    title = "Error of the relative pose after a horizon"
+    return None if grid is None else rich_table(grid, title, f"against {comparison.reference_name} · emphasised: the best")
+
+
+def headline(comparison: Comparison, name: str) -> str:
+    """The one number by which a plant is known where there is no room for more.
+
+    Args:
+        comparison: what was found.
+        name: which plant.
+
+    Returns:
+        Median errors after the horizon closest to `HEADLINE_HORIZON`, where there are horizons; else d_rms. With units.
+    """
+    result = comparison.plants[name]
+    if result.horizons:
+        horizon = min(result.horizons, key=lambda h: abs(h - HEADLINE_HORIZON))
+        errors = result.horizons[horizon]
+        length = length_unit([errors.position_median_m])
+        coarse = replace(length, decimals=0) if length.symbol == "mm" else replace(length, decimals=2)
+        yaw = replace(DEGREES, decimals=1, significant=2).text(errors.yaw_median_rad).removesuffix(".0")
+        return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
+    length = length_unit([result.metrics.d_rms_m])
+    return f"d_rms {length.text(result.metrics.d_rms_m)} {length.symbol}"
+
+
+def report_markdown(comparison: Comparison) -> str:
+    """The whole comparison as GitHub-flavoured markdown.
+
+    Args:
+        comparison: what was found.
+
+    Returns:
+        How it was run, the tables of `comparison_table` and `horizon_table`, what each metric means, and what to change
+        where a plant is unhealthy.
+    """
+    options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in comparison.options.items())
+    versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in comparison.versions.items())
+    lines = [
+        "# Comparison",
+        "",
+        f"- source: {code_span(comparison.source)}",
+        f"- profile: {code_span(comparison.profile)}",
+        f"- reference: {code_span(comparison.reference_name)}",
+        f"- seed: {comparison.seed}",
+        f"- options: {code_span(options) if options else 'none'}",
+        f"- versions: {code_span(versions) if versions else 'unknown'}",
+        "",
+        "## Plants against the reference",
+        "",
+        *markdown_table(_plant_grid(comparison)),
+        "",
+        "Bold: the best of each column; the reference, at no distance from itself, competes only in real time.",
+    ]
+    for name, advice in _unhealthy(comparison):
+        lines += ["", f"> **{name} is unhealthy:** {one_line(advice)}."]
+    horizons = _horizon_grid(comparison)
+    if horizons is not None:
+        lines += [
+            "",
+            "## Error of the relative pose after a horizon",
+            "",
+            *markdown_table(horizons),
+            "",
+            "The motion over each window of a horizon's length, as the plant has it against as the reference has it: what"
+            " dead reckoning loses in that time, whatever the drift before. Windows follow one another and span no gap;"
+            " given are how many there are, and the median and the 95th percentile (p95) over them. Bold: the best of each"
+            " horizon.",
+        ]
+    loads = _load_grid(comparison)
+    if loads is not None:
+        lines += ["", "## Wheel loads", "", *markdown_table(loads), "", f"{_load_caption(comparison)}."]
+    lines += ["", "## What the metrics mean", ""]
+    lines += [f"- **{column.name}**: {column.meaning}." for column in COLUMNS]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,115 @@
+"""A generation spread over a dask.distributed cluster (extra `cluster`); the same costs as in one process."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ssmr.types import FloatArray
+from validation import store
+from validation.fit.objective import Problem
+
+CONNECT_TIMEOUT = 15.0
+"""How long the scheduler is waited for, and how long for its first worker [s]."""
+MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")
+"""Packages whose versions decide the numbers."""
+
+_one_at_a_time = threading.Lock()
+"""A worker process rates one share at a time, on all its threads: the compiled loops use them anyhow."""
+
+
+class ClusterError(ValueError):
+    """A cluster that cannot be used; the message says why."""
+
+
+def _rate(problem: Problem, points: FloatArray, limits: FloatArray, threads: int) -> FloatArray:
+    """On a worker: the costs of a share of the generation."""
+    with _one_at_a_time:
+        return problem.costs(points, limits, workers=threads)
+
+
+class Cluster:
+    """Rates generations on the workers of a scheduler; a context manager that closes the connection."""
+
+    def __init__(self, address: str, problem: Problem) -> None:
+        """Connect, see that the workers run the same versions, and hand them the problem once.
+
+        Raises:
+            ClusterError: dask.distributed is not installed, nobody answers, or versions differ.
+        """
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise ClusterError(
+                "--scheduler needs dask.distributed: pip install 'ssmr-testbed[cluster]' (in a source tree: '.[cluster]')"
+            ) from error
+        try:
+            self._client: Any = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ClusterError(f"no dask scheduler answers at {address}; start one with: dask scheduler") from error
+        try:
+            self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
+            self._check_versions()
+        except TimeoutError as error:
+            self.close()
+            raise ClusterError(f"the scheduler at {address} has no worker; start one with: dask worker {address}") from error
+        except ClusterError:
+            self.close()
+            raise
+        self._problem = self._client.scatter(problem, broadcast=True)
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave; the cluster goes on."""
+        self._client.close()
+
+    def _check_versions(self) -> None:
+        here = store.versions()
+        for worker, there in self._run_versions().items():
+            differs = [f"{p} {there.get(p)} there, {here[p]} here" for p in MUST_AGREE if there.get(p) != here[p]]
+            if differs:
+                raise ClusterError(f"worker {worker} has other versions, so its numbers would differ: {'; '.join(differs)}")
+
+    def _run_versions(self) -> dict[str, dict[str, str]]:
+        """What runs on each worker."""
+        return dict(self._client.run(store.versions))
+
+    def __call__(
+        self, points: FloatArray, limits: FloatArray, on_progress: Callable[[float], object] | None = None
+    ) -> FloatArray:
+        """Rate a generation: as many shares as there are worker processes, each of every n-th candidate.
+
+        Raises:
+            KeyboardInterrupt: as in one process; what the workers still do is cancelled.
+        """
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        addresses = sorted(workers)
+        shares = [np.arange(len(points))[i :: len(addresses)] for i in range(len(addresses))]
+        futures = [
+            self._client.submit(
+                _rate, self._problem, points[share], limits[share], workers[address]["nthreads"], workers=[address],
+                allow_other_workers=True, pure=False,
+            )
+            for address, share in zip(addresses, shares, strict=True)
+            if len(share)
+        ]  # fmt: skip
+        try:
+            while on_progress is not None and not all(f.done() for f in futures):
+                on_progress(sum(f.done() for f in futures) / len(futures))
+                time.sleep(0.05)
+            costs = np.empty(len(points))
+            for share, found in zip([s for s in shares if len(s)], self._client.gather(futures), strict=True):
+                costs[share] = found
+        except KeyboardInterrupt:
+            self._client.cancel(futures)
+            raise
+        return costs

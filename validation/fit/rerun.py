@@ -1,0 +1,78 @@
+"""A fit as a rerun recording: the fitted plant beside the truth and the plant before, and how the search went."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ssmr.metrics.paths import compare_pieces
+from ssmr.types import Trajectory
+from validation.compare.rerun import History, write_recording
+from validation.compare.result import Comparison, PlantResult
+from validation.compare.table import option_text
+from validation.fit.report import fit_markdown
+from validation.fit.result import FitResult, FittedParameter
+from validation.show.palette import colour
+
+BEFORE = "before"
+"""What the plant before the fit is called."""
+TRUTH = "truth"
+"""What the truth is called where the same plant made it."""
+GENERATION = "generation"
+"""The timeline of the search."""
+
+
+def write_fit_recording(result: FitResult, path: Path) -> None:
+    """Write a fit as a rerun recording, whole or not at all.
+
+    The robots are those of the first source that was fitted to. The cost has a timeline of its own, `generation`.
+
+    Args:
+        result: what was found.
+        path: the file, `.rrd`; one that is there already is replaced.
+
+    Raises:
+        OSError: the file cannot be written.
+        RuntimeError: rerun is switched off by `RERUN=off`.
+    """
+    costs = np.column_stack([result.trace.best_cost, result.trace.median_cost])
+    names = (f"best {result.cost_name} cost", "median of the population")
+    history = History("cost", "Cost", GENERATION, names, (colour(result.model), colour("")), costs)
+    write_recording(as_comparison(result), path, fit_markdown(result), [history])
+
+
+def as_comparison(result: FitResult) -> Comparison:
+    """The first source that was fitted to, as a comparison: the truth is the reference, what was commanded is not kept.
+
+    Bodies are drawn by the tracked point as far as that was fitted, else as if it were the plants' own reference point.
+    """
+    first = result.train[0]
+    reference = TRUTH if first.reference_name == result.model else first.reference_name
+    found = {p.name: p for p in result.parameters}
+
+    def tracked(of: Callable[[FittedParameter], float]) -> tuple[float, float]:
+        x, y = (of(found[name]) if name in found else 0.0 for name in ("tracked_x", "tracked_y"))
+        return x, y
+
+    def plant(name: str, pieces: tuple[Trajectory, ...], point: tuple[float, float]) -> PlantResult:
+        return PlantResult(name, pieces, compare_pieces(pieces, first.truth), {}, math.nan, math.nan, tracked_point=point)
+
+    plants = [plant(result.model, first.motion, tracked(lambda p: p.value))]
+    if first.before:
+        plants.append(plant(BEFORE, first.before, tracked(lambda p: p.before)))
+    if reference != "recording":
+        plants.append(plant(reference, first.truth, (0.0, 0.0)))
+    return Comparison(
+        first.label,
+        result.profile,
+        reference,
+        first.truth,
+        (),
+        {p.name: p for p in plants},
+        result.seed,
+        {k: option_text(v) for k, v in result.options.items() if v is not None},
+        result.versions,
+    )

@@ -1,0 +1,167 @@
+"""How well a fit determines its parameters: curvature at the optimum, with errors that belong together kept together.
+
+The motion is linearised about the optimum (2 n + 1 motions). Errors of neighbouring windows share poses, commands and
+ground, so a block of time is one observation: the sandwich H^-1 G H^-1 with the curvature H of a robust sum of errors and
+the scatter G of the blocks' gradients (P. Huber 1967; K.-Y. Liang and S. Zeger 1986). Errors weigh by their size, not its
+square, as in the costs: pseudo-Huber with the median size as scale. Where the data say nothing, what remains is what the
+bounds say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from ssmr.search.space import ParameterSpace
+from ssmr.types import FloatArray
+from validation.fit.objective import Problem, Residuals
+
+METHOD = "curvature at the optimum, scatter of {blocks} blocks of time (robust sandwich); where they say nothing, the bounds"
+STEP = 0.01
+"""Step of the central differences, in the unit cube."""
+IGNORANCE = 12.0**-0.5
+"""Standard deviation of a number of which its bounds are all that is known, in the unit cube."""
+VAGUE = 0.2
+"""A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
+bounds alone it is 0.29."""
+ENTANGLED = 0.95
+"""Correlation beyond which the data cannot tell two parameters apart ..."""
+WORTH_TELLING = 0.01
+"""... unless both are known to better than this share of the bounds' width."""
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How far the data leave the parameters open."""
+
+    standard_error: FloatArray
+    """(n,) of the values; NaN where the motion could not be computed beside the optimum."""
+    interval: FloatArray
+    """(n, 2) of the values: 95 % of a normal distribution, within the bounds."""
+    correlation: FloatArray
+    """(n, n)."""
+    share: FloatArray
+    """(n,) standard error over the width of the bounds, in the unit cube [1]."""
+    method: str
+    """How, in words."""
+
+
+def estimate(problem: Problem, point: FloatArray, workers: int = 1) -> Uncertainty:
+    """Standard errors and correlations at a point.
+
+    Args:
+        problem: what was fitted.
+        point: (n,) the optimum, in the unit cube.
+        workers: threads; the result does not depend on it.
+    """
+    n = len(point)
+    below, above = np.maximum(point - STEP, 0.0), np.minimum(point + STEP, 1.0)
+    beside = [np.where(np.arange(n) == i, end, point) for i in range(n) for end in (below, above)]
+    found = problem.residuals(np.vstack([point[None], np.array(beside)]), workers)
+    rows, jacobian = _linearised(found, above - below, problem.settings.yaw_weight)
+    known = np.array(np.isfinite(jacobian).all(axis=(0, 1)) & np.isfinite(rows).all())
+    covariance = np.full((n, n), np.nan)
+    if known.any():
+        covariance[np.ix_(known, known)] = _sandwich(rows, jacobian[..., known], found.weight, found.block)
+    share = np.sqrt(np.diag(covariance))
+    correlation = np.where(np.isfinite(covariance), covariance / np.where(share > 0.0, np.outer(share, share), 1.0), 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    ends = [problem.space.values(np.clip(point + k * np.nan_to_num(share), 0.0, 1.0)) for k in (-1.96, 1.96)]
+    return Uncertainty(
+        share * problem.space.slopes(point),
+        np.where(known[:, None], np.stack(ends, axis=1), np.nan),
+        correlation,
+        share,
+        METHOD.format(blocks=len(np.unique(found.block))),
+    )
+
+
+def _linearised(found: Residuals, width: FloatArray, yaw_weight: float) -> tuple[FloatArray, FloatArray]:
+    """(K, 3) residuals at the point in metres, yaw weighted, and their (K, 3, n) derivatives along the cube's axes."""
+    stacked = np.concatenate([found.position, yaw_weight * found.yaw[..., None]], axis=2)
+    return stacked[0], np.moveaxis((stacked[2::2] - stacked[1::2]) / width[:, None, None], 0, 2)
+
+
+def _sandwich(rows: FloatArray, jacobian: FloatArray, weight: FloatArray, block: FloatArray) -> FloatArray:
+    """(n, n) covariance in the unit cube.
+
+    The curvature of the ignorance, R = (noise / IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
+    direction that no residual sees gets IGNORANCE, one that all see is not touched, and none gets more: where the scatter
+    of a few blocks claims more than the bounds allow, the bounds say more than it.
+    """
+    n = jacobian.shape[2]
+    curvature, gradients = np.zeros((n, n)), np.zeros((len(rows), n))
+    for part in (slice(0, 2), slice(2, 3)):
+        error, slope = rows[:, part], jacobian[:, part]
+        scale = max(float(np.median(np.linalg.norm(error, axis=1))), 1e-12)
+        q = 1.0 + (error**2).sum(axis=1) / scale**2
+        outer = np.eye(error.shape[1]) / np.sqrt(q)[:, None, None]
+        outer -= error[:, :, None] * error[:, None, :] / (scale**2 * q**1.5)[:, None, None]
+        curvature += np.einsum("k,kia,kij,kjb->ab", weight / scale, slope, outer, slope, optimize=True)
+        gradients += np.einsum("k,ki,kia->ka", weight / (scale * np.sqrt(q)), error, slope, optimize=True)
+    _, member = np.unique(block, return_inverse=True)
+    blocks = int(member.max()) + 1
+    sums = np.zeros((blocks, n))
+    np.add.at(sums, member, gradients)
+    sums -= sums.mean(axis=0)  # at an optimum of the cost itself it is nothing
+    scatter = sums.T @ sums * (blocks / max(blocks - 1, 1))
+    noise = float(np.trace(scatter)) / max(float(np.trace(curvature)), 1e-300)
+    ridge = max(noise, 1e-300) / IGNORANCE**2
+    inverse = np.linalg.inv(curvature + ridge * np.eye(n))
+    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * IGNORANCE) ** 2 * np.eye(n)) @ inverse)
+    return np.asarray((axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T)
+
+
+def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty | None) -> tuple[str, ...]:
+    """What the fit cannot say, in plain words.
+
+    Args:
+        model: the plant.
+        space: what was searched.
+        point: (n,) the optimum, in the unit cube.
+        uncertainty: of the values; None where it was not estimated.
+    """
+    out = []
+    for name, p, at_bound, x in zip(space.names, space.parameters, space.at_bound(point), point, strict=True):
+        if at_bound:
+            end, bound = ("lower", p.lower) if x < 0.5 else ("upper", p.upper)
+            out.append(f"{name} ended at its {end} bound, {bound:g} {p.unit}: widen its --bounds, or fix it.")
+    if uncertainty is None:
+        return tuple(out)
+    vague = [n for n, s in zip(space.names, uncertainty.share, strict=True) if s > VAGUE]
+    for name in vague:
+        share = 100.0 * float(uncertainty.share[space.names.index(name)])
+        out.append(f"The data hardly determine {name}: its standard error is {share:.0f} % of the width of its bounds.")
+    entangled = _groups(space.names, uncertainty)
+    for group, r in entangled:
+        *others, last = group
+        out.append(
+            f"The data cannot tell {', '.join(others)} and {last} apart (correlation {r}): "
+            f"only {'a combination is' if len(group) == 2 else 'combinations are'} determined."
+        )
+    touched = {*vague, *(name for group, _ in entangled for name in group)}
+    if model == "mujoco" and "friction" in touched:
+        out.append(
+            "How a robot turns fixes the ratio of lateral to longitudinal friction, not the friction itself, which shows "
+            "only where torque saturates, the wheel loop gives way or the robot slides outwards: take it from elsewhere."
+        )
+    return tuple(out)
+
+
+def _groups(names: Sequence[str], uncertainty: Uncertainty) -> list[tuple[list[str], str]]:
+    """Parameters linked by correlations beyond ENTANGLED, and how strong these are, in words."""
+    size, share = np.abs(uncertainty.correlation), uncertainty.share
+    linked = (size > ENTANGLED) & (np.maximum.outer(share, share) > WORTH_TELLING) & ~np.eye(len(names), dtype=bool)
+    count, label = connected_components(linked, directed=False)
+    found = []
+    for k in range(count):
+        members = [int(i) for i in np.flatnonzero(label == k)]
+        if len(members) == 2:
+            found.append(([names[i] for i in members], f"{uncertainty.correlation[members[0], members[1]]:+.2f}"))
+        elif len(members) > 2:
+            block = np.ix_(members, members)
+            found.append(([names[i] for i in members], f"up to {size[block][linked[block]].max():.2f} in size"))
+    return found

@@ -1,0 +1,252 @@
+"""The Husky for learning code: a dm_control entity, and trajectory tracking as a `dm_env` environment.
+
+The same robot as everywhere: husky.xml, calibrated by a profile, behind the profile's drive; an action is the command that a
+robot reads every 50 ms, and the errors are those that the trackers see.
+
+    from validation.learning import tracking
+    environment = tracking("thesis-lab", "circle", speed=0.5)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+from dm_env import specs
+
+from ssmr.control.loop import LOST, SPINNING, VELOCITY_PERIOD
+from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints, position_errors, target
+from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
+from ssmr.robot.drive import Driver, whole_steps
+from ssmr.types import FloatArray, State
+from validation.plants.profile import PlantProfile, Profile, load, make_plant
+from validation.robots.husky import SIDES, WHEELS, HuskyCalibration, calibrate, limit_torque, xml_path
+from validation.robots.plant import MujocoPlant
+from validation.track.waypoint_files import open_reference
+
+WIDTH = 0.1
+"""Distance from the target at which the reward has fallen to 1/e [m]."""
+
+
+class Husky(composer.Entity):
+    """The robot of husky.xml, without its free joint: `Arena.add_free_entity` gives it one."""
+
+    def _build(self, name: str = "husky") -> None:
+        self._model = mjcf.from_path(str(xml_path()))
+        self._model.model = name
+        self._model.find("joint", "root").remove()
+
+    @property
+    def mjcf_model(self) -> Any:
+        """The MJCF tree."""
+        return self._model
+
+    @property
+    def prefix(self) -> str:
+        """In front of all names once the robot is attached."""
+        return f"{self._model.model}/"
+
+    @property
+    def wheels(self) -> list[Any]:
+        """The four wheel joints, in the order of `WHEELS`."""
+        return [self._model.find("joint", f"{wheel}_wheel") for wheel in WHEELS]
+
+    @property
+    def motors(self) -> list[Any]:
+        """Velocity servos of the left and the right side [rad/s]."""
+        return [self._model.find("actuator", f"{side}_motor") for side in SIDES]
+
+    def calibrate(self, physics: Any, calibration: HuskyCalibration, torque_limit: float) -> None:
+        """Set a calibration and the greatest torque of a wheel [N m] on compiled physics."""
+        calibrate(physics.model.ptr, calibration, self.prefix)
+        limit_torque(physics.model.ptr, torque_limit, self.prefix)
+
+
+def ground() -> composer.Arena:
+    """A plane under a lamp, with the solver's settings of husky.xml: an attached robot does not bring its own."""
+    arena = composer.Arena(name="ground")
+    robot, root = mjcf.from_path(str(xml_path())), arena.mjcf_model
+    for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
+        setattr(root.option, name, getattr(robot.option, name))
+    root.option.flag.multiccd = robot.option.flag.multiccd
+    root.compiler.angle = "radian"
+    root.worldbody.add("geom", name="plane", type="plane", size=[0, 0, 0.05], condim=3)
+    root.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
+    return arena
+
+
+class Tracking(composer.Task):
+    """Follow a moving target; the reward is exp(-(distance / 0.1 m)^2), the end is the reference's, or losing the target.
+
+    An action is a command, v [m/s] and omega [rad/s], read every 50 ms. Each episode takes one of the profiles at random:
+    variations of the domain.
+    """
+
+    def __init__(self, profiles: Sequence[Profile], waypoints: Waypoints) -> None:
+        """Compose robot and ground.
+
+        Args:
+            profiles: one or more calibrated robots, of one time step.
+            waypoints: what is followed.
+
+        Raises:
+            ValueError: no profile, several time steps, or tyres of another shape than husky.xml's.
+        """
+        self._plants: list[PlantProfile] = [p.plants["mujoco"] for p in profiles]
+        steps = {p.parameters.timestep for p in self._plants}
+        if len(steps) != 1:
+            raise ValueError(
+                f"the profiles must have one time step, they have {', '.join(map(str, sorted(steps))) or 'none'}"
+            )
+        if any(p.parameters.wheel_shape != "ellipsoid" or p.parameters.friction_ratio != 1.0 for p in self._plants):
+            raise ValueError("a tracking task has ellipsoid tyres and isotropic friction")
+        self._resting: list[FloatArray] = []
+        for profile in profiles:
+            plant = make_plant(profile, "mujoco")
+            assert isinstance(plant, MujocoPlant)
+            nq = plant.model.nq
+            self._resting.append(plant.placed(waypoints.start)[1 : 1 + nq])
+        self._waypoints, self._table = waypoints, waypoints.packed()
+        self._arena, self.husky = ground(), Husky()
+        self._frame = self._arena.add_free_entity(self.husky)
+        self.set_timesteps(control_timestep=VELOCITY_PERIOD, physics_timestep=steps.pop())
+        self._observables = {
+            name: observable.Generic(getattr(self, f"_see_{name}")) for name in ("errors", "twist", "wheels", "target")
+        }
+        for see in self._observables.values():
+            see.enabled = True
+        self._index, self._drawn, self._start, self._substep = 0, 0, 0.0, 0
+        self._driver, self._references = Driver(self._plants[0].drive, self.physics_timestep, State()), np.zeros((1, 2))
+
+    @property
+    def root_entity(self) -> composer.Entity:
+        """The ground, to which the robot is attached."""
+        return self._arena
+
+    @property
+    def task_observables(self) -> Mapping[str, Any]:
+        """What an agent sees.
+
+        `errors` (3,): e_rho [m], e_y [m], e_alpha [rad]; `twist` (3,): v_x, v_y [m/s], yaw rate [rad/s]; `wheels` (2,): left
+        and right [rad/s]; `target` (2,): its speed [m/s] and yaw rate [rad/s].
+        """
+        return dict(self._observables)
+
+    def initialize_episode(self, physics: Any, random_state: np.random.RandomState) -> None:
+        """Take a profile, and put its robot on the first waypoint, at rest on its tyres."""
+        self._drawn = int(random_state.randint(len(self._plants)))
+        plant = self._plants[self._drawn]
+        self.husky.calibrate(physics, plant.parameters, plant.drive.torque_limit)
+        with physics.reset_context():
+            physics.data.qpos[:] = self._resting[self._drawn]
+            physics.data.qpos[:7] = self._frame_pose(physics)
+            physics.data.qvel[:] = 0.0
+        self._driver, self._references = Driver(plant.drive, self.physics_timestep, State()), np.zeros((1, 2))
+        self._index, self._start = 0, float(physics.data.time)
+
+    def _frame_pose(self, physics: Any) -> FloatArray:
+        """(7,) of the free joint, whose frame lies where husky.xml has the origin, not the base."""
+        rest, lever = self._resting[self._drawn], np.zeros(3)
+        mujoco.mju_rotVecQuat(lever, np.array(physics.model.body(f"{self.husky.prefix}base").pos), rest[3:7])
+        return np.concatenate([rest[:3] - lever, rest[3:7]])
+
+    def before_step(self, physics: Any, action: FloatArray, random_state: np.random.RandomState) -> None:
+        """The drive turns the command into wheel-rate references for the physics steps until the next."""
+        del random_state
+        n = whole_steps(self.control_timestep, self.physics_timestep, "the control period")
+        v, w = map(float, np.asarray(action, dtype=np.float64))
+        self._references, self._substep = self._driver.references((v, w), n), 0
+        physics.data.ctrl[:] = self._references[0]
+
+    def before_substep(self, physics: Any, action: FloatArray, random_state: np.random.RandomState) -> None:
+        """The reference of this physics step."""
+        del action, random_state
+        physics.data.ctrl[:] = self._references[min(self._substep, len(self._references) - 1)]
+        self._substep += 1
+
+    def action_spec(self, physics: Any) -> specs.BoundedArray:
+        """(2,) v and omega within the drive's limits."""
+        del physics
+        drive = self._plants[0].drive
+        top = np.array([drive.v_max, drive.w_max])
+        return specs.BoundedArray((2,), np.float64, -top, top, name="v\tomega")
+
+    def _state(self, physics: Any) -> tuple[float, float, float, FloatArray]:
+        """x, y, yaw and twist of the base, which stands above the free joint's frame and sways with it."""
+        qpos, qvel, base = physics.data.qpos, physics.data.qvel, physics.model.body(f"{self.husky.prefix}base")
+        lever, velocity = np.zeros(3), np.zeros(3)
+        mujoco.mju_rotVecQuat(lever, np.array(base.pos), np.array(qpos[3:7]))
+        mujoco.mju_rotVecQuat(velocity, np.cross(qvel[3:6], base.pos), np.array(qpos[3:7]))
+        yaw = float(quat_wxyz_to_yaw(qpos[3:7]))
+        v = rotate_world_to_body(np.array(qvel[:2]) + velocity[:2], yaw)
+        return float(qpos[0] + lever[0]), float(qpos[1] + lever[1]), yaw, np.array([v[0], v[1], qvel[5]])
+
+    def state(self, physics: Any) -> State:
+        """The robot's state, as plants have it."""
+        x, y, yaw, twist = self._state(physics)
+        return State(x, y, yaw, *map(float, twist), *map(float, self._see_wheels(physics)))
+
+    def _aim(self, physics: Any) -> tuple[float, float, float, float, float]:
+        x, y, phi, v, w, self._index = target(self._table, physics.data.time - self._start, self._index)
+        return x, y, phi, v, w
+
+    def _see_errors(self, physics: Any) -> FloatArray:
+        x, y, yaw, _ = self._state(physics)
+        x_t, y_t, phi, _, _ = self._aim(physics)
+        return np.array(position_errors(x, y, yaw, x_t, y_t, phi, ALPHA_SWITCH))
+
+    def _see_twist(self, physics: Any) -> FloatArray:
+        return self._state(physics)[3]
+
+    def _see_wheels(self, physics: Any) -> FloatArray:
+        rates = np.array(physics.bind(self.husky.wheels).qvel)
+        return np.array([rates[[0, 2]].mean(), rates[[1, 3]].mean()])
+
+    def _see_target(self, physics: Any) -> FloatArray:
+        return np.array(self._aim(physics)[3:])
+
+    def _distance(self, physics: Any) -> float:
+        x, y, _, _ = self._state(physics)
+        x_t, y_t, *_ = self._aim(physics)
+        return float(np.hypot(x_t - x, y_t - y))
+
+    def get_reward(self, physics: Any) -> float:
+        """In (0, 1]: exp(-(distance / 0.1 m)^2)."""
+        return float(np.exp(-((self._distance(physics) / WIDTH) ** 2)))
+
+    def should_terminate_episode(self, physics: Any) -> bool:
+        """At the end of the reference, or where the robot was lost."""
+        lost = self._distance(physics) >= LOST or abs(float(physics.data.qvel[5])) >= SPINNING
+        return lost or physics.data.time - self._start >= self._waypoints.duration
+
+    def get_discount(self, physics: Any) -> float:
+        """0 where the robot was lost, 1 elsewhere: the end of a reference is no failure."""
+        return 0.0 if self._distance(physics) >= LOST else 1.0
+
+
+def tracking(
+    profiles: str = "thesis-lab", reference: str = "circle", speed: float | None = 0.25, seed: int | None = None
+) -> composer.Environment:
+    """Trajectory tracking as a `dm_env` environment.
+
+    Args:
+        profiles: names of profiles or paths, comma-separated; each episode takes one at random.
+        reference: line, circle, sine, generic, or a file of waypoints.
+        speed: mean speed of the reference [m/s].
+        seed: of what is drawn at random.
+
+    Raises:
+        ValueError: profiles or waypoints that cannot be read, or do not go together.
+    """
+    chosen = [load(name.strip()) for name in profiles.split(",") if name.strip()]
+    _, waypoints = open_reference(reference, speed)
+    return composer.Environment(
+        Tracking(chosen, waypoints),
+        random_state=seed,
+        strip_singleton_obs_buffer_dim=True,
+        raise_exception_on_physics_error=True,
+    )

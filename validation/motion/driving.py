@@ -1,0 +1,76 @@
+"""A plant driven over a source's pieces, seen at the tracked point and at the reference's stamps; and its horizon scores."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ssmr.geometry import shift_reference
+from ssmr.metrics.paths import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
+from ssmr.types import FloatArray, Plant, State, Trajectory
+from validation.motion.sources import Piece, Source, move_reference
+
+
+def start_of(piece: Piece, tracked: tuple[float, float]) -> State:
+    """Where a plant's reference point starts, so that its tracked point (x, y) [m] starts where the piece says."""
+    return move_reference(piece.start, (-tracked[0], -tracked[1]))
+
+
+def drive(
+    plant: Plant, piece: Piece, tracked: tuple[float, float], sample_dt: float, push: FloatArray | None = None
+) -> Trajectory:
+    """A plant's motion over one piece, its tracked point where the reference's starts, at the reference's stamps.
+
+    Args:
+        plant: what to drive; reset first.
+        piece: commands, start and stamps.
+        tracked: the tracked point in the plant's body [m].
+        sample_dt: period at which the plant is sampled [s].
+        push: (n,) disturbing yaw acceleration of each physics step [rad/s2].
+    """
+    motion = plant.run(piece.commands, start_of(piece, tracked), sample_dt, push)
+    pose = shift_reference(motion.pose, tracked)
+    twist = motion.twist + motion.twist[:, 2:] * np.array([-tracked[1], tracked[0], 0.0])
+    motion = replace(motion, pose=pose, twist=twist)
+    return motion if piece.t is None else resample(motion, piece.t)
+
+
+def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
+    """The motion at the stamps `t` [s], its first sample being at `t[0]`; linear between samples."""
+
+    def at(values: np.ndarray) -> np.ndarray:
+        columns = values.reshape(len(values), -1)
+        return np.column_stack([np.interp(t, motion.t + t[0], column) for column in columns.T]).reshape(
+            len(t), *values.shape[1:]
+        )
+
+    return Trajectory(
+        t, at(motion.pose), at(motion.twist), at(motion.wheels), {k: at(v) for k, v in motion.channels.items()}
+    )
+
+
+def score_horizons(pieces: Sequence[Trajectory], source: Source, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
+    """Errors of the relative pose over windows that never span a gap; horizons with no window are left out."""
+    return horizons_of([(source, pieces)], horizons)
+
+
+def horizons_of(
+    driven: Sequence[tuple[Source, Sequence[Trajectory]]], horizons: Sequence[float]
+) -> dict[float, HorizonErrors]:
+    """The same over several sources together; a source without a recorded motion has no windows."""
+    found = {}
+    for horizon in horizons:
+        position, yaw = [], []
+        for source, motions in driven:
+            for motion, piece in zip(motions, source.pieces, strict=True):
+                if piece.reference is None or piece.t is None:
+                    continue
+                starts, ends = horizon_windows(piece.t, horizon, piece.fresh)
+                errors = relative_pose_error(motion.pose, piece.reference.pose, starts, ends)
+                position.append(errors[0])
+                yaw.append(errors[1])
+        if sum(map(len, position)):
+            found[horizon] = horizon_errors(np.concatenate(position), np.concatenate(yaw))
+    return found

@@ -1,0 +1,148 @@
+"""SOURCE on the command line -> what drives the plants and what they are held against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr.geometry import rotate_world_to_body, shift_reference
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.simulate import SAMPLE_DT
+from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
+from validation.logs.bag_recording import read_bag_recording
+from validation.logs.bags import ENDINGS
+from validation.logs.recording import Recording, Segment, read_csv
+from validation.plants.profile import PLANTS
+
+RECORDING_GRID = 0.01
+"""Period at which a recording's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any
+log of ours."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One gap-free stretch of a source."""
+
+    commands: Commands
+    """What drives the plants, from the first stamp on."""
+    start: State
+    """Where the tracked point is, and how it moves, at the first stamp."""
+    t: FloatArray | None
+    """(M,) stamps at which plants are compared [s]; None for a scenario, whose stamps are the simulation's."""
+    reference: Trajectory | None
+    """The recorded motion at those stamps; None for a scenario, whose reference is a plant."""
+    fresh: NDArray[np.bool_] | None = None
+    """(M,) where the recorded pose was new: scoring windows begin and end there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A motion to compare plants on."""
+
+    name: str
+    """As the user named it."""
+    pieces: tuple[Piece, ...]
+    """At least one."""
+    reference: str
+    """`recording`, or the plant that a scenario is held against unless the user says otherwise."""
+    sample_dt: float
+    """Period at which plants are sampled [s]."""
+
+
+def open_source(name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None) -> Source:
+    """What SOURCE means.
+
+    Args:
+        name: `traj1` ... `traj4`, one of them with `@PLANT`, or the path of a recording.
+        kind: which of a recording's inputs drives the plants.
+        start: leave out what was recorded before [s].
+        stop: leave out what was recorded after [s].
+
+    Raises:
+        ValueError: an unknown name, a recording that cannot be read or lacks what is asked for.
+    """
+    scenario, _, plant = name.partition("@")
+    if scenario in TRAJECTORIES:
+        if plant and plant not in PLANTS:
+            raise ValueError(f"unknown plant '{plant}' in '{name}'; there are: {', '.join(PLANTS)}")
+        if kind == "wheels":
+            raise ValueError(f"{name} has no measured wheel rates; --input wheels needs a recording")
+        if start is not None or stop is not None:
+            raise ValueError(f"--from and --until cut recordings; {name} is a scenario")
+        piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
+        return Source(name, (piece,), plant or "mujoco", SAMPLE_DT)
+    path = Path(name)
+    if path.exists() or path.suffix.lower() in (".csv", *ENDINGS):
+        return source_of(read_recording(path).cut(start, stop), name, kind)
+    paths = "paths of recordings (.csv, .bag, .mcap, a ROS 2 bag's folder)"
+    raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")
+
+
+def read_recording(path: str | Path) -> Recording:
+    """A recording from a CSV file or a bag.
+
+    Raises:
+        ValueError: neither by its name, or it cannot be read.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".csv":
+        return read_csv(path)
+    if path.is_dir() or path.suffix.lower() in ENDINGS:
+        return read_bag_recording(path)
+    raise ValueError(f"{path}: recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag, see README")
+
+
+def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:
+    """A recording as a motion to compare plants on.
+
+    Raises:
+        ValueError: it lacks the inputs or the pose.
+    """
+    return Source(name, tuple(_piece(s, kind) for s in recording.segments()), "recording", RECORDING_GRID)
+
+
+def _piece(segment: Segment, kind: CommandKind) -> Piece:
+    commands = segment.commands(kind, RECORDING_GRID)
+    start = segment.initial_state()
+    before = (float(commands.values[0, 0]), float(commands.values[0, 1]))
+    reference = _recorded_motion(segment, segment.recording)
+    return Piece(replace(commands, before=before), start, segment.t, reference, segment.fresh)
+
+
+def _recorded_motion(segment: Segment, recording: Recording) -> Trajectory:
+    """The recorded pose; speeds are its slope over half a second, yaw rate the gyro's where there is one."""
+    velocity = _slopes(segment.t, segment.pose, segment.fresh)
+    twist = np.column_stack([rotate_world_to_body(velocity[:, :2], segment.pose[:, 2]), velocity[:, 2]])
+    rows = slice(segment.start, segment.stop)
+    if "gyro_z" in recording.columns:
+        twist[:, 2] = recording.columns["gyro_z"][rows]
+    wheels = segment.inputs("wheels") if recording.has_wheels else np.zeros((len(segment.t), 2))
+    return Trajectory(segment.t, segment.pose, twist, wheels)
+
+
+def _slopes(t: FloatArray, values: FloatArray, fresh: NDArray[np.bool_], span: float = 0.5) -> FloatArray:
+    """(M, k) rates of change over a centred `span` [s], from fresh samples only."""
+    known_t, known = t[fresh], values[fresh]
+    if len(known_t) < 2:
+        return np.zeros_like(values)
+    low, high = np.clip(t - 0.5 * span, known_t[0], known_t[-1]), np.clip(t + 0.5 * span, known_t[0], known_t[-1])
+    rise = np.column_stack(
+        [np.interp(high, known_t, known[:, i]) - np.interp(low, known_t, known[:, i]) for i in range(values.shape[1])]
+    )
+    return rise / np.maximum(high - low, 1e-9)[:, None]
+
+
+def move_reference(state: State, offset: tuple[float, float]) -> State:
+    """The state of the point at `offset` (x, y) [m] in the body, from the state of the body's reference point."""
+    x, y, yaw = shift_reference([state.x, state.y, state.yaw], offset)
+    return replace(
+        state,
+        x=float(x),
+        y=float(y),
+        yaw=float(yaw),
+        v_x=state.v_x - state.yaw_rate * offset[1],
+        v_y=state.v_y + state.yaw_rate * offset[0],
+    )

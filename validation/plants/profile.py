@@ -1,0 +1,204 @@
+"""Calibrated parameter sets: TOML files with provenance, shipped or the user's own.
+
+A profile has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they
+differ from the common ones its own `vehicle`, `drive` and `tracked_point` (x, y of the point whose path is compared, in
+the plant's body [m]). What a profile does not say has the default of its field, which for the thesis' models is the
+published value.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+import tomli_w
+
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.simulate import MODELS, PlanarModel, PlanarPlant
+from ssmr.types import Plant
+from validation.robots.husky import HuskyCalibration
+from validation.robots.plant import MujocoPlant
+from validation.robots.terrain import FLAT, Terrain
+
+SCHEMA = "ssmr.profile/1"
+
+_PARAMETERS: dict[str, type] = {"mujoco": HuskyCalibration, **MODELS}
+PLANTS = tuple(_PARAMETERS)
+"""Every plant, in the order of tables."""
+
+T = TypeVar("T")
+
+
+class ProfileError(ValueError):
+    """A profile that cannot be found, read or believed."""
+
+
+@dataclass(frozen=True)
+class PlantProfile:
+    """Everything that defines one plant."""
+
+    parameters: Any
+    """The plant's own parameters, of the type that belongs to its name."""
+    vehicle: Vehicle
+    """Mass and geometry; the MuJoCo Husky has its own in `parameters`."""
+    drive: Drive
+    """What stands between command and wheels."""
+    tracked_point: tuple[float, float]
+    """The point whose path is compared, in the body [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A calibrated robot: one parameter set for every plant."""
+
+    name: str
+    """What results call it."""
+    description: str
+    """One sentence on which robot and ground it means."""
+    plants: Mapping[str, PlantProfile]
+    """By plant name."""
+    provenance: Mapping[str, Any]
+    """What was fitted to what, when, with which seed and cost; as it stands in the file."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """All numbers, for a result to record."""
+        return {name: _finite(asdict(plant)) for name, plant in self.plants.items()}
+
+
+def shipped() -> list[str]:
+    """Names of the profiles that come with the package."""
+    return sorted(
+        p.name.removesuffix(".toml")
+        for p in resources.files("validation.plants").joinpath("profiles").iterdir()
+        if p.name.endswith(".toml")
+    )
+
+
+def load(name_or_path: str) -> Profile:
+    """A shipped profile by name, or a TOML file by path.
+
+    Raises:
+        ProfileError: there is none, or it says something that cannot be; the message names file, section and key.
+    """
+    if name_or_path in shipped():
+        text = resources.files("validation.plants").joinpath("profiles", f"{name_or_path}.toml").read_text(encoding="utf-8")
+    elif Path(name_or_path).is_file():
+        try:
+            text = Path(name_or_path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise ProfileError(f"{name_or_path}: cannot be read as text ({error})") from error
+    else:
+        raise ProfileError(
+            f"no profile '{name_or_path}'; shipped are: {', '.join(shipped())}; or give the path of a TOML file"
+        )
+    try:
+        return _parse(tomllib.loads(text))
+    except (ValueError, TypeError) as error:
+        raise ProfileError(f"profile {name_or_path}: {error}") from error
+
+
+def _parse(document: Mapping[str, Any]) -> Profile:
+    if document.get("schema") != SCHEMA:
+        raise ValueError(f"schema is {document.get('schema')!r}, wanted '{SCHEMA}'")
+    _know(document, {"schema", "name", "description", "vehicle", "drive", "plants", "provenance"}, "the top level")
+    vehicle = _fill(Vehicle(), document.get("vehicle", {}), "vehicle")
+    drive = _fill(Drive(), document.get("drive", {}), "drive")
+    sections = document.get("plants", {})
+    _know(sections, set(PLANTS), "plants")
+    plants = {}
+    for name in PLANTS:
+        section = sections.get(name, {})
+        where = f"plants.{name}"
+        _know(section, {"parameters", "vehicle", "drive", "tracked_point"}, where)
+        point = section.get("tracked_point", (0.0, 0.0))
+        if len(point) != 2 or not np.all(np.isfinite(point)):
+            raise ValueError(f"{where}.tracked_point is {point!r}, wanted two numbers [m]")
+        plants[name] = PlantProfile(
+            _fill(_PARAMETERS[name](), section.get("parameters", {}), f"{where}.parameters"),
+            _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
+            _fill(drive, section.get("drive", {}), f"{where}.drive"),
+            (float(point[0]), float(point[1])),
+        )
+    return Profile(
+        str(document.get("name", "unnamed")),
+        str(document.get("description", "")),
+        MappingProxyType(plants),
+        MappingProxyType(dict(document.get("provenance", {}))),
+    )
+
+
+def _know(section: Mapping[str, Any], known: set[str], where: str) -> None:
+    if not isinstance(section, Mapping):
+        raise ValueError(f"{where} is {section!r}, wanted a table")
+    unknown = sorted(set(section) - known)
+    if unknown:
+        raise ValueError(f"{where} has unknown keys {', '.join(unknown)}; there are: {', '.join(sorted(known))}")
+
+
+def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
+    """A copy of `default` with `values` in place, each of the type its field has."""
+    types = {f.name: type(getattr(default, f.name)) for f in fields(default)}  # type: ignore[arg-type]
+    _know(values, set(types), where)
+    given = {}
+    for key, value in values.items():
+        wanted = types[key]
+        fits = isinstance(value, str) if wanted is str else isinstance(value, int | float) and not isinstance(value, bool)
+        if not fits:
+            raise ValueError(f"{where}.{key} is {value!r}, wanted {'text' if wanted is str else 'a number'}")
+        given[key] = wanted(value)
+    try:
+        return replace(default, **given)  # type: ignore[type-var]
+    except ValueError as error:
+        raise ValueError(f"[{where}] {error}") from error
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity: a limit that is off is written as null."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def dump(profile: Profile) -> str:
+    """The profile as TOML: what differs from the defaults, so that a reader sees what was decided."""
+    plants: dict[str, Any] = {}
+    for name, plant in profile.plants.items():
+        section: dict[str, Any] = {"tracked_point": list(plant.tracked_point)} if any(plant.tracked_point) else {}
+        for part, default in (("parameters", _PARAMETERS[name]()), ("vehicle", Vehicle()), ("drive", Drive())):
+            values = {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
+            if values:
+                section[part] = values
+        if section:
+            plants[name] = section
+    document = {"schema": SCHEMA, "name": profile.name, "description": profile.description, "plants": plants}
+    return tomli_w.dumps({**document, "provenance": dict(profile.provenance)})
+
+
+def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT) -> Plant:
+    """The plant of that name with the profile's numbers.
+
+    Args:
+        profile: the numbers.
+        name: which plant.
+        terrain: what the MuJoCo Husky stands on; the planar models know only level ground of one friction.
+
+    Raises:
+        ProfileError: an unknown name, or numbers that do not go together.
+    """
+    if name not in PLANTS:
+        raise ProfileError(f"unknown plant '{name}'; there are: {', '.join(PLANTS)}")
+    section = profile.plants[name]
+    try:
+        if name == "mujoco":
+            return MujocoPlant(section.parameters, section.drive, terrain=terrain)
+        return PlanarPlant(PlanarModel(section.parameters, section.vehicle, section.drive))
+    except ValueError as error:
+        raise ProfileError(f"profile {profile.name}, plant {name}: {error}") from error

@@ -1,0 +1,102 @@
+"""What a robot would have logged of a simulated drive: every sensor at its own rate, noisy, the localiser late."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ssmr.estimation.ekf import SensorModel, simulate_sensors
+from ssmr.robot.sensors import SAMPLE_RATES_HZ
+from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
+from ssmr.simulate import SAMPLE_DT
+from ssmr.types import Commands, FloatArray, State
+from validation.logs.recording import POSE
+from validation.logs.signals import Group
+from validation.motion.driving import drive
+from validation.motion.sources import Piece
+from validation.plants.profile import PLANTS, Profile, make_plant
+
+STANDING = 5.0
+"""How long a logged drive stands before and after [s]: the gyro's bias shows there."""
+
+
+@dataclass(frozen=True)
+class LogSettings:
+    """Faults of a simulated log, besides the noise of encoders and gyro."""
+
+    gyro_bias: float = -0.0156
+    """What the gyro shows at rest [rad/s]; a real Husky's on tile."""
+    pose_std: float = 0.002
+    """Of the localiser's x and y [m]; motion capture."""
+    yaw_std: float = 0.002
+    """Of its yaw [rad]."""
+    pose_late: float = 0.05
+    """How much later than it was measured a pose is stamped [s]."""
+
+
+def varied() -> Commands:
+    """A minute for identification: speeds from 0.1 to 0.7 m/s, both ways of turning, at rates that never repeat; 20 Hz."""
+    t = np.arange(round(60.0 / COMMAND_PERIOD)) * COMMAND_PERIOD
+    v = 0.4 + 0.3 * np.sin(0.31 * t)
+    return Commands(COMMAND_PERIOD, np.column_stack([v, 0.5 * np.sin(0.7 * t) + 0.4 * np.sin(1.9 * t)]))
+
+
+def scenarios() -> Mapping[str, Commands]:
+    """What can be driven, by name."""
+    return {**{name: made.commands() for name, made in TRAJECTORIES.items()}, "varied": varied()}
+
+
+def is_simulated(name: str) -> bool:
+    """Whether a SOURCE names a drive to be simulated, as SCENARIO or SCENARIO@PLANT."""
+    return name.partition("@")[0] in scenarios()
+
+
+def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings | None = None) -> dict[str, Group]:
+    """Drive a plant and log it.
+
+    Args:
+        name: SCENARIO@PLANT; mujoco if no plant is named.
+        profile: the plant's numbers.
+        seed: of all noise.
+        settings: faults of the log.
+
+    Returns:
+        Groups: commands at 20 Hz, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
+
+    Raises:
+        ValueError: an unknown scenario or plant.
+        SsmrError: the plant diverged.
+    """
+    faults = settings or LogSettings()
+    scenario, _, plant = name.partition("@")
+    plant = plant or "mujoco"
+    if scenario not in scenarios() or plant not in PLANTS:
+        raise ValueError(
+            f"no drive '{name}'; there are: {', '.join(scenarios())}, each with @ and any of {', '.join(PLANTS)}"
+        )
+    commands = _standing_around(scenarios()[scenario])
+    piece = Piece(commands, State(), None, None)
+    motion = drive(make_plant(profile, plant), piece, profile.plants[plant].tracked_point, SAMPLE_DT)
+    rng = np.random.default_rng(seed)
+    shown = simulate_sensors(motion, rng, SensorModel(gyro_bias=faults.gyro_bias), SAMPLE_RATES_HZ["ekf"])
+    pose = motion.pose + rng.standard_normal(motion.pose.shape) * [faults.pose_std, faults.pose_std, faults.yaw_std]
+    stamps = np.asarray(np.arange(len(commands.values)) * commands.dt, dtype=np.float64)
+    return {
+        "cmd": Group("commands", stamps, _named(("cmd_v", "cmd_w"), commands.values)),
+        "wheels": Group("encoders", shown.t, {"enc_left": shown.left, "enc_right": shown.right}),
+        "imu": Group("gyro", shown.t, {"gyro_z": shown.gyro}),
+        "pose": Group("localiser", motion.t + faults.pose_late, _named(POSE, pose)),
+    }
+
+
+def _standing_around(commands: Commands) -> Commands:
+    """Commands with a rest before and after."""
+    rest = np.zeros((math.ceil(STANDING / commands.dt), 2))
+    return Commands(commands.dt, np.concatenate([rest, commands.values, rest]))
+
+
+def _named(names: tuple[str, ...], table: FloatArray) -> dict[str, FloatArray]:
+    return {name: table[:, k].copy() for k, name in enumerate(names)}

@@ -1,0 +1,246 @@
+"""Chapter 4 anew: gains tuned as the thesis tuned them, and its tables of tracked references."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import numpy as np
+
+from ssmr.control.loop import LoopSettings
+from ssmr.search.jde import JdeSettings
+from validation import cli
+from validation.fit.search import Evaluate
+from validation.plants.profile import load
+from validation.replicate.evidence import Context, Findings, Section, Table, searched
+from validation.study.tables.run import METRICS, TABLES, Entry, draw_tables, study_tables
+from validation.thesis import published
+from validation.thesis.verdicts import Pair, Rule
+from validation.track.gains import load_gains
+from validation.track.tracking import make_robot
+from validation.track.waypoint_files import open_reference
+from validation.tune.figure import draw_tune
+from validation.tune.result import TuneResult
+from validation.tune.run import K_U, SIZES
+from validation.tune.tuning import Asked, Case, TuneCost, TuneProblem, conclude, make_tuning_space
+
+PROFILE, PLANT = "thesis-lab", "improved"
+TUNED_ON = ("generic", 0.25)
+"""Sec. 4.3.3: always the generic trajectory."""
+NOISE_SEED = 0
+"""Of noise and disturbance in the loop that is tuned; the searches differ in theirs."""
+TUNINGS: Mapping[str, str] = {"pid": "4.4", "lqr": "4.21"}
+GAINS: Mapping[str, Mapping[str, str]] = {
+    "pid": {
+        "K_P_rho": "k_p_rho", "K_I_rho": "k_i_rho", "K_P_y": "k_p_y", "K_I_y": "k_i_y", "K_P_alpha": "k_p_alpha",
+        "K_I_alpha": "k_i_alpha", "K_P_u": "k_p_u", "K_I_u": "k_i_u", "K_P_omega": "k_p_w", "K_I_omega": "k_i_w",
+        "K_P_FF_u": "ff_u", "K_P_FF_omega": "ff_w",
+    },
+    "lqr": {
+        "Q_11": "q_x", "Q_22": "q_v", "Q_33": "q_yaw", "Q_44": "q_w", "R_11": "r_v", "R_22": "r_w", "K_alpha": "k_alpha",
+        "K_y": "k_y", "K_I_rho": "k_i_rho",
+    },
+}  # fmt: skip
+"""What the gain sets call the thesis' gains."""
+TOLD = 5
+"""Where standard error is no terminal, every so many tables a line of progress appears."""
+RULES: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
+CAPTIONS: Mapping[str, str] = {
+    "reference_vs_simulated": "the improved model against the reference (beside it the MuJoCo Husky against the reference)",
+    "simulated_vs_real": "the improved model against the robot (ours: against the MuJoCo Husky)",
+}
+
+# ----------------------------------------------------------------------------------------------------------------- tunings
+
+
+def tune(controller: str, seed: int, context: Context) -> TuneResult:
+    """A search for a controller's gains, as Sec. 4.3.3 and 4.4.3 describe it; goes on from its state where there is one.
+
+    Raises:
+        KeyboardInterrupt: the search was interrupted; its state is on disk.
+        SsmrError: no candidate kept the reference.
+    """
+    settings, profile = context.settings, load(PROFILE)
+    robot = make_robot(profile, PLANT)
+    name, speed = TUNED_ON
+    _, waypoints = open_reference(name, speed)
+    case = Case(f"{name} at {speed:g} m/s, {PLANT}", name, waypoints, robot, LoopSettings())
+    space = make_tuning_space(controller, None, False, {})
+    cost = TuneCost(k_u=K_U.get(controller, 0.0), guard=0.0, seeds=(NOISE_SEED,))
+    problem = TuneProblem(profile, load_gains(controller, "published"), space, (case,), cost)
+    jde = JdeSettings(
+        population=settings.tune_population or SIZES[controller][0],
+        generations=SIZES[controller][1] if settings.tune_generations is None else settings.tune_generations,
+    )
+    evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731
+    search = searched(context, f"search-{seed}", problem.identity(jde, seed, None), space, jde, seed, evaluate)
+    options = {
+        **{k: v for k, v in asdict(cost).items() if k != "seeds"},
+        "noise_seeds": list(cost.seeds),
+        "feedback": case.settings.feedback,
+        "disturbance": case.settings.disturbance,
+        **{k: v for k, v in asdict(jde).items() if k != "target"},
+        "from_scratch": True,
+    }
+    return conclude(search, problem, Asked((), seed, options), context.workers)
+
+
+def _tune_section(controller: str) -> Section:
+    number = TUNINGS[controller]
+
+    def run(context: Context) -> Findings:
+        seeds = range(context.settings.seed, context.settings.seed + context.settings.tune_seeds)
+        results = [tune(controller, seed, context) for seed in seeds]
+        best = min(results, key=lambda r: r.cost)
+        figure = draw_tune(best)
+        picture = context.picture(
+            "tune", figure, f"The {controller.upper()} with the gains of the cheapest search, beside the published ones."
+        )
+        reduced = " (reduced: --quick)" if context.settings.quick else ""
+        notes = (
+            f"{len(results)} search{'es' * (len(results) > 1)}{reduced}, cost "
+            f"{', '.join(f'{r.cost:.3f}' for r in results)}; with the published gains {best.baseline_cost:.3f}. "
+            f"Population {best.options['population']}, at most {best.options['generations']} generations, generic "
+            f"reference at {TUNED_ON[1]:g} m/s, the improved model with noise and disturbance. Ours are the gains of "
+            "the cheapest search, the spread is the standard deviation over all.",
+            *best.notes,
+        )
+        numbers = {"searches": [{"seed": r.seed, "cost": r.cost, "gains": dict(r.gains)} for r in results]}
+        return Findings({number: gain_table(controller, results)}, notes=notes, pictures=(picture,), numbers=numbers)
+
+    needs = ("quick", "seed", "tune_seeds", "tune_population", "tune_generations")
+    return Section(f"tune-{controller}", f"Gains of the {controller.upper()}, tuned", (number,), needs, run)
+
+
+def gain_table(controller: str, results: list[TuneResult]) -> Table:
+    """The thesis' gains beside those of the cheapest search; below them the cost."""
+    number = TUNINGS[controller]
+    best = min(results, key=lambda r: r.cost)
+    searched = {p.name: p for p in best.parameters}
+    rows: dict[str, dict[str, Pair]] = {}
+    for row, printed in published.table(number)["rows"].items():
+        name, unit = GAINS[controller][row], printed["unit"]
+        published_value = float(printed.get("optimised", printed.get("value", math.nan)))
+        spread = _deviation([float(r.gains[name]) for r in results])
+        if name not in searched:
+            obstacle = "set by hand in the thesis; taken over"
+        elif spread is None:
+            obstacle = "a single search tells no spread"
+        else:
+            obstacle = ""
+        rows[row] = {"optimised": Pair(published_value, float(best.gains[name]), "spread", unit, spread, {}, obstacle)}
+        if "manual" in printed:
+            rows[row]["manual"] = Pair(float(printed["manual"]), None, "none", unit)
+    costs = [r.cost for r in results]
+    beside = {"with_the_published_gains": best.baseline_cost} if math.isfinite(best.baseline_cost) else {}
+    rows["cost"] = {"optimised": Pair(None, best.cost, "none", "1", _deviation(costs), beside)}
+    return Table(f"Gains of the {controller.upper()}, tuned on the generic reference", rows)
+
+
+def _deviation(values: list[float]) -> float | None:
+    return float(np.std(values, ddof=1)) if len(values) > 1 else None
+
+
+# ------------------------------------------------------------------------------------------------------------------ tables
+
+
+def tables(context: Context) -> Findings:
+    """Tab. 4.5-4.19 and 4.22-4.38."""
+    with cli.progress() as bar:
+        task = bar.add_task("tables", total=len(TABLES))
+
+        def tell(number: str) -> None:
+            bar.update(task, advance=1, description=f"Tab. {number}")
+            if bar.disable and TABLES.index(number) % TOLD == TOLD - 1:
+                print(f"Tab. {number} done, {TABLES.index(number) + 1} of {len(TABLES)}", file=sys.stderr, flush=True)
+
+        study = study_tables(load(PROFILE), context.settings.noise_seeds, context.workers, tell)
+    found = {
+        e.table: Table(f"{e.controller.upper()}, {_where(e)}: {CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries
+    }
+    by_place = {(e.controller, e.reference, e.speed): e for e in study.entries if e.comparison == "simulated_vs_real"}
+    found["4.37"] = Table(
+        "Simulated against real, both controllers: repeats Tab. 4.13-4.19 and 4.30-4.36", _repeated(by_place)
+    )
+    found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", _changes(by_place))
+    note = (
+        f"Means over {study.seeds} seeds of noise, each with its standard deviation: what is printed is a single run. "
+        "Published gains for the PID, the manual column of Tab. 4.21 for the LQR (Sec. 4.4.3). The simulation is "
+        "pushed at random as in the thesis; the MuJoCo Husky, which stands where the robot stood, is not."
+    )
+    lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in study.entries if e.lost]
+    caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {study.seeds} seeds), one table a row."
+    return Findings(found, notes=(note, *lost), pictures=(context.picture("d_rms", draw_tables(study), caption),))
+
+
+def _where(entry: Entry) -> str:
+    return f"{entry.reference} at {entry.speed:g} m/s"
+
+
+def _key(entry: Entry) -> str:
+    return f"{entry.reference}_{entry.speed:.2f}"
+
+
+def _pairs(entry: Entry) -> dict[str, Pair]:
+    return {
+        metric: Pair(
+            entry.printed.get(metric),
+            entry.mean.get(metric),
+            RULES[metric],
+            "m" if metric.endswith("_m") else "1",
+            entry.deviation.get(metric) if entry.n > 1 else None,
+            {"mujoco": entry.mujoco[metric]} if metric in entry.mujoco else {},
+            "" if entry.mean else "every seed lost the reference",
+        )
+        for metric in METRICS
+    }
+
+
+def _rows(entry: Entry) -> dict[str, dict[str, Pair]]:
+    return {_key(entry): _pairs(entry)}
+
+
+Places = Mapping[tuple[str, str, float], Entry]
+
+
+def _repeated(entries: Places) -> dict[str, dict[str, Pair]]:
+    rows = {}
+    for row, printed in published.table("4.37")["rows"].items():
+        entry = entries[printed["controller"], printed["trajectory"], float(printed["speed_m_s"])]
+        own = _pairs(entry)
+        rows[row] = {
+            m: Pair(float(printed[m]), p.ours, p.rule, p.unit, p.spread, p.beside, p.obstacle) for m, p in own.items()
+        }
+    return rows
+
+
+def _changes(entries: Places) -> dict[str, dict[str, Pair]]:
+    rows: dict[str, dict[str, Pair]] = {}
+    for row, printed in published.table("4.38")["rows"].items():
+        reference, _, speed = row.partition("_")
+        pid, lqr = (entries[law, reference, float(speed)] for law in ("pid", "lqr"))
+        rows[row] = {}
+        for metric in METRICS:
+            name = f"{metric.removesuffix('_m')}_change_percent"
+            change, spread = change_percent(pid, lqr, metric)
+            obstacle = "" if change is not None else "every seed lost the reference"
+            rows[row][name] = Pair(float(printed[name]), change, "spread", "%", spread, {}, obstacle)
+    return rows
+
+
+def change_percent(before: Entry, after: Entry, metric: str) -> tuple[float | None, float | None]:
+    """100 (after / before - 1) of two means, and its standard deviation as that of single runs carries over [%]."""
+    if not (before.mean and after.mean and before.mean[metric] > 0.0):
+        return None, None
+    ratio = after.mean[metric] / before.mean[metric]
+    share = [e.deviation[metric] / e.mean[metric] for e in (before, after) if e.n > 1 and e.mean[metric] > 0.0]
+    return 100.0 * (ratio - 1.0), 100.0 * ratio * math.hypot(*share) if len(share) == 2 else None
+
+
+SECTIONS = (
+    *(_tune_section(controller) for controller in TUNINGS),
+    Section("tables", "Tracked references", (*TABLES, "4.37", "4.38"), ("noise_seeds",), tables),
+)
+"""Those of chapter 4."""

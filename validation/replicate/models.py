@@ -1,0 +1,278 @@
+"""Chapter 3 anew: the models fitted to trajectory 4, judged on all four, timed, and their accelerations looked at.
+
+The MuJoCo Husky of profile `thesis-lab` stands where the thesis' robot stood: its measured motion is not published.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
+from ssmr.search.jde import JdeSettings
+from ssmr.simulate import SAMPLE_DT
+from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from validation import store
+from validation.fit.figure import fit_figure
+from validation.fit.fitting import Asked, conclude, identity
+from validation.fit.objective import CostSettings, Problem
+from validation.fit.report import is_vague
+from validation.fit.result import FitResult, FittedParameter, Scored
+from validation.fit.search import Evaluate
+from validation.fit.targets import held_out_targets, train_targets
+from validation.plants.profile import load, make_plant
+from validation.plants.searchable import DEFAULT_FREE, make_space
+from validation.replicate.evidence import Context, Findings, Section, Table, searched
+from validation.replicate.response_figure import Responses, draw_responses
+from validation.thesis import published
+from validation.thesis.verdicts import Pair, Rule
+
+PROFILE = "thesis-lab"
+FITTED_TO, HELD_OUT = "traj4@mujoco", ("traj1", "traj2", "traj3")
+FITS: Mapping[str, tuple[str, str]] = {"coulomb": ("3.8", "3.9"), "improved": ("3.11", "3.12"), "linear": ("3.14", "3.15")}
+"""Model to its tables: parameters, distances."""
+CALLED = {"coulomb": "Coulomb"}
+"""How a model is written, where that is not its name."""
+NAMES: Mapping[str, str] = {
+    "delay_u_s": "delay", "delay_w_s": "delay", "u_x": "u_x", "mu_c": "mu_c", "mu_s": "mu_s", "mu_d": "mu_d", "K_u": "k_u",
+    "K_y": "k_y", "K_P_tau": "gain",
+}  # fmt: skip
+"""What the fit calls the thesis' parameters; it has one delay for both."""
+METRICS: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio", "e_bend_ratio": "none"}
+TIMED = ("coulomb", "improved", "linear", "mujoco")
+STEP = (0.5, 0.5)
+"""Speed [m/s] and, by itself, yaw rate [rad/s] that responses are measured to: of the trajectories' size."""
+STEP_TIME = 4.0
+"""How long a response is watched [s]."""
+CHATTER = 3.0
+"""Fig. 3.33 shows numerical artefacts of the Coulomb model that the improved one does not have: taken to mean that its yaw
+acceleration alternates at least so many times as often (one added to both counts)."""
+
+
+def fit(model: str, context: Context) -> FitResult:
+    """A model's parameters, as Sec. 3.5.4-3.5.6 found them; goes on from the search's state where there is one.
+
+    Raises:
+        KeyboardInterrupt: the search was interrupted; its state is on disk.
+        SsmrError: a plant diverged.
+    """
+    settings = context.settings
+    base = load(PROFILE)
+    targets = train_targets((FITTED_TO,), base, "commands", None, None)
+    judged = held_out_targets(HELD_OUT, (FITTED_TO,), base, "commands", None, None)
+    space = make_space(model, DEFAULT_FREE["scenario"][model], {})
+    problem = Problem(model, base.plants[model], space, targets, CostSettings("path"))
+    jde = JdeSettings(population=settings.fit_population, generations=settings.fit_generations)
+    evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731
+    search = searched(context, "search", identity(problem, jde, settings.seed, None), space, jde, settings.seed, evaluate)
+    options = {"objective": "path", **{k: v for k, v in asdict(jde).items() if k != "target"}}
+    return conclude(search, problem, Asked(base, FITTED_TO, judged, settings.seed, options), context.workers)
+
+
+def _fit_section(model: str) -> Section:
+    parameters, distances = FITS[model]
+    called = CALLED.get(model, model)
+
+    def run(context: Context) -> Findings:
+        result = fit(model, context)
+        pictures = (
+            context.picture(
+                "fit",
+                fit_figure(result),
+                f"The {called} model fitted to trajectory 4 as the MuJoCo Husky drives it: the search, the parameters "
+                "between their bounds with 95 % bars, their correlations, and the paths.",
+            ),
+        )
+        budget = f"{result.evaluations} simulations, {result.generations} generations of {context.settings.fit_population}"
+        reduced = " (reduced: --quick)" if context.settings.quick else ""
+        return Findings(
+            {parameters: parameter_table(parameters, model, result), distances: distance_table(distances, model, result)},
+            notes=(f"The search took {budget}{reduced}; cost {result.cost:.4g}, seed {result.seed}.", *result.notes),
+            pictures=pictures,
+            numbers={
+                "cost": result.cost,
+                "evaluations": result.evaluations,
+                "parameters": store.plain({p.name: asdict(p) for p in result.parameters}),
+            },
+        )
+
+    needs = ("quick", "seed", "fit_population", "fit_generations")
+    return Section(f"fit-{model}", f"The {called} model, fitted", (parameters, distances), needs, run)
+
+
+def parameter_table(number: str, model: str, result: FitResult) -> Table:
+    """The thesis' parameters beside those of a fit, with standard errors; what the fit moved besides below them."""
+    found = {p.name: p for p in result.parameters}
+    rows: dict[str, dict[str, Pair]] = {}
+    for row, printed in published.table(number)["rows"].items():
+        unit, value = printed["unit"], float(printed["value"])
+        if row in NAMES:
+            rows[row] = {"value": _parameter_pair(value, unit, found[NAMES[row]])}
+        else:
+            held = load(PROFILE).plants[model].drive.torque_limit
+            rows[row] = {"value": Pair(value, held, "spread", unit, obstacle="taken from the thesis, not searched")}
+    named = {NAMES[row] for row in rows if row in NAMES}
+    rows |= {name: {"value": _parameter_pair(None, p.unit, p)} for name, p in found.items() if name not in named}
+    return Table(f"Parameters of the {CALLED.get(model, model)} model, fitted to trajectory 4", rows)
+
+
+def _parameter_pair(value: float | None, unit: str, p: FittedParameter) -> Pair:
+    obstacle = ""
+    if p.at_bound:
+        obstacle = "ours ended at a bound of its search"
+    elif p.standard_error is None:
+        obstacle = "no standard error could be estimated"
+    elif is_vague(p):
+        obstacle = "the motion hardly determines it: its 95 % interval takes up more than half of the bounds"
+    return Pair(value, p.value, "spread", unit, p.standard_error, {"lower": p.lower, "upper": p.upper}, obstacle)
+
+
+def distance_table(number: str, model: str, result: FitResult) -> Table:
+    """Distances of the fitted model from the robot, or from what stands in its place, on trajectories 1-4."""
+    printed = published.table(number)["rows"]
+    scored: dict[str, Scored] = {s.label.partition("@")[0]: s for s in (*result.held_out, *result.train)}
+    rows = {}
+    for row in printed:
+        metrics = asdict(scored[row].metrics)
+        rows[row] = {
+            metric: Pair(_number(printed[row].get(metric)), _number(metrics[metric]), rule, _unit(metric))
+            for metric, rule in METRICS.items()
+        }
+    return Table(
+        f"The {CALLED.get(model, model)} model, fitted on trajectory 4, against the robot (ours: the MuJoCo Husky)", rows
+    )
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _unit(metric: str) -> str:
+    return "m" if metric.endswith("_m") else "1"
+
+
+# ------------------------------------------------------------------------------------------------------- simulation times
+
+
+def times(context: Context) -> Findings:
+    """Sec. 3.6: how long a simulation of trajectory 4 takes."""
+    profile, commands = load(PROFILE), TRAJECTORIES["traj4"].commands()
+    walls = {name: _wall(make_plant(profile, name), commands, context.settings.repeats) for name in TIMED}
+    text = published.table("text")["rows"]
+    hardware = "another machine and another simulator (Simulink)"
+    rows: dict[str, dict[str, Pair]] = {}
+    for name, (wall, spread) in walls.items():
+        printed = text.get(f"{name}_simulation_time_s")
+        value = float(printed["value"]) if printed else None
+        beside = {"published_over_ours": value / wall} if value is not None else {}
+        obstacle = hardware if value is not None else ""
+        rows[name] = {"simulation_time_s": Pair(value, wall, "none", "s", spread, beside, obstacle)}
+    saved = 100.0 * (1.0 - walls["improved"][0] / walls["coulomb"][0])
+    spread = (100.0 - saved) * math.hypot(*(walls[name][1] / walls[name][0] for name in ("improved", "coulomb")))
+    rows["improved against coulomb"] = {
+        "reduction_percent": Pair(float(text["simulation_time_reduction_percent"]["value"]), saved, "spread", "%", spread)
+    }
+    note = (
+        f"Medians of {context.settings.repeats} runs after one to warm up, {commands.duration:g} s of motion each, in "
+        "processor time; the spread is half the distance between the quartiles. The planar models are stepped at 1 ms by "
+        "compiled loops, the MuJoCo Husky at 2 ms. The thesis does not say how long its trajectory 4 is."
+    )
+    return Findings({"Sec. 3.6": Table("Time to simulate trajectory 4", rows)}, notes=(note,))
+
+
+def _wall(plant: Plant, commands: Commands, repeats: int) -> tuple[float, float]:
+    """Median and half the interquartile range of a run's processor time [s]: a quiet machine's time on the clock."""
+    plant.run(commands, State(), SAMPLE_DT)
+    taken = []
+    for _ in range(repeats):
+        began = time.process_time()
+        plant.run(commands, State(), SAMPLE_DT)
+        taken.append(time.process_time() - began)
+    low, median, high = np.percentile(taken, (25.0, 50.0, 75.0))
+    return float(median), float(0.5 * (high - low))
+
+
+# ----------------------------------------------------------------------------------------------------------- accelerations
+
+
+def accelerations(context: Context) -> Findings:
+    """Fig. 3.33: yaw acceleration of the models on trajectory 4, and how fast they answer a step of speed or yaw rate."""
+    profile = load(PROFILE)
+    plants = {name: make_plant(profile, name) for name in TIMED}
+    driven = {name: plant.run(TRAJECTORIES["traj4"].commands(), State(), plant.dt) for name, plant in plants.items()}
+    steps = [_steps(plants, np.array([STEP[0], 0.0])), _steps(plants, np.array([0.0, STEP[1]]))]
+    rows: dict[str, dict[str, Pair]] = {}
+    for name in TIMED:
+        n = alternations(driven[name].channels["yaw_acceleration_rad_s2"])
+        rows[name] = {"alternations": Pair(None, float(n), "none")}
+        for k, (what, column) in enumerate((("speed", 0), ("yaw_rate", 2))):
+            delay, rise = delay_and_rise(steps[k][name].t, steps[k][name].twist[:, column])
+            rows[name][f"{what}_delay_s"] = Pair(None, _number(delay), "none", "s")
+            rows[name][f"{what}_rise_s"] = Pair(None, _number(rise), "none", "s")
+    chatter = {name: 1.0 + (row["alternations"].ours or 0.0) for name, row in rows.items()}
+    rows["coulomb over improved"] = {
+        "alternations": Pair(None, chatter["coulomb"] / chatter["improved"], "at_least", beside={"at_least": CHATTER})
+    }
+    figure = draw_responses(Responses(driven, steps[0], steps[1], STEP, profile.name))
+    caption = (
+        "Above, yaw acceleration on trajectory 4 where the turn reverses, at every physics step. Below, the answers to "
+        "a step of speed and to a step of yaw rate, from rest."
+    )
+    notes = (
+        "Alternations: physics steps of trajectory 4 at which the yaw acceleration has another sign than at both its "
+        "neighbours. Delay: from the command to 10 % of the final value. Rise: from there to 90 %. Fig. 3.33 has no "
+        "numbers; what the thesis says of it, artefacts under Coulomb friction and none under the improved one, is "
+        f"taken to mean at least {CHATTER:g} times as many alternations, one added to both.",
+    )
+    table = Table("Yaw acceleration on trajectory 4, and answers to a step", rows)
+    return Findings({"Fig. 3.33": table}, notes=notes, pictures=(context.picture("accelerations", figure, caption),))
+
+
+def alternations(acceleration: FloatArray) -> int:
+    """How many samples of an (M,) acceleration have another sign than both their neighbours: what chatter looks like."""
+    sign = np.sign(acceleration)
+    return int(np.sum((sign[1:-1] * sign[:-2] < 0.0) & (sign[1:-1] * sign[2:] < 0.0)))
+
+
+def _steps(plants: Mapping[str, Plant], command: FloatArray) -> dict[str, Trajectory]:
+    commands = Commands(COMMAND_PERIOD, np.tile(command, (round(STEP_TIME / COMMAND_PERIOD), 1)))
+    return {name: plant.run(commands, State(), SAMPLE_DT) for name, plant in plants.items()}
+
+
+def delay_and_rise(t: Sequence[float] | FloatArray, answer: FloatArray) -> tuple[float, float]:
+    """Of an answer to a step from rest at the first stamp.
+
+    Args:
+        t: (M,) stamps [s].
+        answer: (M,) what answers; its mean over the last tenth is the final value.
+
+    Returns:
+        Time to 10 % of the final value [s], and from there to 90 % [s]; NaN for an answer that does not move.
+    """
+    stamps, values = np.asarray(t, dtype=np.float64), np.asarray(answer, dtype=np.float64)
+    final = float(np.mean(values[-max(1, len(values) // 10) :]))
+    if not abs(final) > 1e-6:
+        return float("nan"), float("nan")
+    share = values / final
+    low, high = (_crossing(stamps, share, level) for level in (0.1, 0.9))
+    return low - float(stamps[0]), high - low
+
+
+def _crossing(t: FloatArray, share: FloatArray, level: float) -> float:
+    """First time at which `share` reaches a level, linear between samples."""
+    k = int(np.argmax(share >= level))
+    if k == 0:
+        return float(t[0])
+    return float(np.interp(level, share[k - 1 : k + 1], t[k - 1 : k + 1]))
+
+
+SECTIONS = (
+    *(_fit_section(model) for model in FITS),
+    Section("times", "Simulation times", ("Sec. 3.6",), ("repeats",), times),
+    Section("accelerations", "Acceleration curves", ("Fig. 3.33",), (), accelerations),
+)
+"""Those of chapter 3."""

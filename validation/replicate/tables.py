@@ -1,0 +1,241 @@
+"""The tables of a replication as they are shown: printed and ours side by side, verdicts, and the reasons below."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from validation.compare.table import NOTHING, Cell, Grid, Unit
+from validation.fit.report import number_text, unit_text
+from validation.replicate.evidence import Findings, Section, Table
+from validation.thesis.verdicts import FACTOR, Pair, RowVerdict, Verdict, judge, of_row, short
+
+MILLIMETRES, RATIO = Unit("mm", 1e3, 1), Unit("", 1.0, 4)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A table with its caption and the reasons that its verdicts point to."""
+
+    caption: str
+    """What stands above it."""
+    grid: Grid
+    """The table."""
+    reasons: tuple[str, ...] = ()
+    """What stands below it, by the numbers in its verdicts."""
+
+
+def verdicts_of(number: str, table: Table) -> dict[str, dict[str, Verdict]]:
+    """Of every number of a table, by row and metric."""
+    return {row: {m: judge(number, row, m, pair) for m, pair in pairs.items()} for row, pairs in table.rows.items()}
+
+
+def row_verdict(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> RowVerdict:
+    """Of a row: over what the thesis tells to be judged; where that is nothing, over what is lost; else over all."""
+    printed = {m: v for m, v in verdicts.items() if is_told(pairs[m]) and pairs[m].rule != "none"}
+    return of_row(printed or {m: v for m, v in verdicts.items() if v.see} or dict(verdicts))
+
+
+def is_told(pair: Pair) -> bool:
+    """Whether the thesis has it, in numbers or in words."""
+    return pair.published is not None or pair.rule == "at_least"
+
+
+def is_printed(number: str, row: str, pairs: Mapping[str, Pair]) -> bool:
+    """Whether the thesis has such a row, lost ones among them."""
+    return any(is_told(p) or judge(number, row, m, p).see for m, p in pairs.items())
+
+
+class _Reasons:
+    """Reasons of a part, numbered as they come up."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def number(self, verdict: Verdict) -> int:
+        """Of the verdict's reason."""
+        text = f"{verdict.reason[0].upper()}{verdict.reason[1:]}{f' (docs/{verdict.see})' if verdict.see else ''}."
+        if text not in self.texts:
+            self.texts.append(text)
+        return self.texts.index(text) + 1
+
+    def cell(self, verdict: RowVerdict) -> Cell:
+        """The verdict's word and its reason, `differs [1]`; where numbers have different ones, `differs: d_rms [1], …`."""
+        parts = [f"{', '.join(map(short, metrics))} [{self.number(v)}]".strip() for metrics, v in verdict.because]
+        colon = ":" if any(metrics for metrics, _ in verdict.because) else ""
+        return Cell(f"{verdict.status}{colon} {', '.join(parts)}".strip())
+
+
+def _metric_text(metric: str, value: float | None, unit: str) -> str:
+    """A number without its unit, a length in millimetres."""
+    if value is None:
+        return NOTHING
+    if metric.endswith("ratio"):
+        return RATIO.text(value)
+    if unit == "m":
+        return MILLIMETRES.text(value)
+    decimals = {"%": 2, "s": 3}.get(unit)
+    return number_text(value) if decimals is None else f"{value:.{decimals}f}"
+
+
+def _printed_text(metric: str, pair: Pair) -> str:
+    """What the thesis prints, or what its words are taken to mean."""
+    if pair.rule == "at_least":
+        return f"≥ {pair.beside['at_least']:g}"
+    return _metric_text(metric, pair.published, pair.unit)
+
+
+def _spread_text(metric: str, pair: Pair) -> str:
+    """Ours with its spread."""
+    own = _metric_text(metric, pair.ours, pair.unit)
+    if pair.ours is None or pair.spread is None:
+        return own
+    return f"{own} ± {_metric_text(metric, pair.spread, pair.unit)}"
+
+
+def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
+    """Tables whose rows share their metrics: a row each, printed and ours side by side, and the verdict.
+
+    Returns:
+        The grid, and the reasons that its verdicts are numbered by.
+    """
+    metrics = list(dict.fromkeys(m for t in tables.values() for pairs in t.rows.values() for m in pairs))
+    pairs_of = [pairs for t in tables.values() for pairs in t.rows.values()]
+    shown = {m: next(p[m] for p in pairs_of if m in p) for m in metrics}
+    printed = {m for m in metrics if any(m in p and is_told(p[m]) for p in pairs_of)}
+    beside = {m: [n for n in ("mujoco",) if any(m in p and n in p[m].beside for p in pairs_of)] for m in metrics}
+    several = len(tables) > 1
+    header: list[tuple[str, str]] = [("Tab.", "")] * several + [("row", ""), ("verdict", "")]
+    for m in metrics:
+        unit = "mm" if shown[m].unit == "m" else unit_text(shown[m].unit)
+        name = short(m).replace("_", " ") if m.endswith(("_s", "_percent")) else short(m)
+        header += [(f"{name} printed", unit)] if m in printed else []
+        header += [("ours" if m in printed else name, unit), *((n, unit) for n in beside[m])]
+    reasons, groups = _Reasons(), []
+    for number, table in tables.items():
+        verdicts, rows = verdicts_of(number, table), []
+        for row, pairs in table.rows.items():
+            cells = [Cell(number)] * several + [Cell(row.replace("_", " ")), reasons.cell(row_verdict(pairs, verdicts[row]))]
+            for m in metrics:
+                pair = pairs.get(m, Pair(None, None, "none"))
+                cells += [Cell(_printed_text(m, pair))] if m in printed else []
+                cells.append(Cell(_spread_text(m, pair)))
+                cells += [Cell(_metric_text(m, pair.beside.get(name), pair.unit)) for name in beside[m]]
+            rows.append(tuple(cells))
+        groups.append(tuple(rows))
+    if all(len(group) == 1 for group in groups):
+        groups = [tuple(row for group in groups for row in group)]
+    return Grid(tuple(header), tuple(groups), left=2 + several), tuple(reasons.texts)
+
+
+def tall_grid(table: Table, number: str, metric: str) -> tuple[Grid, tuple[str, ...]]:
+    """A table of parameters or gains: one number a row, each in its own unit, with what stands beside it."""
+    names = list(
+        dict.fromkeys(n for pairs in table.rows.values() for n in pairs[metric].beside if n not in ("lower", "upper"))
+    )
+    others = list(dict.fromkeys(m for pairs in table.rows.values() for m in pairs if m != metric))
+    searched = any("lower" in pairs[metric].beside for pairs in table.rows.values())
+    header = [("row", ""), ("unit", ""), ("verdict", ""), ("printed", ""), ("ours", "")]
+    header += (
+        [("searched", "")] * searched + [(n.replace("_", " "), "") for n in names] + [(f"{m} printed", "") for m in others]
+    )
+    verdicts, reasons, rows = verdicts_of(number, table), _Reasons(), []
+    for row, pairs in table.rows.items():
+        pair = pairs[metric]
+        cells = [Cell(row), Cell(pair.unit), reasons.cell(row_verdict(pairs, {metric: verdicts[row][metric]}))]
+        cells += [Cell(NOTHING if pair.published is None else f"{pair.published:g}"), Cell(_with_error(pair))]
+        if searched:
+            known = "lower" in pair.beside
+            cells.append(Cell(f"{pair.beside['lower']:g} to {pair.beside['upper']:g}" if known else NOTHING))
+        cells += [Cell(number_text(pair.beside[n]) if n in pair.beside else NOTHING) for n in names]
+        for m in others:
+            value = pairs[m].published if m in pairs else None
+            cells.append(Cell(NOTHING if value is None else f"{value:g}"))
+        rows.append(tuple(cells))
+    return Grid(tuple(header), (tuple(rows),), left=3), tuple(reasons.texts)
+
+
+def _with_error(pair: Pair) -> str:
+    """`0.523 ± 0.004`: the spread decides how many digits both have."""
+    if pair.ours is None:
+        return NOTHING
+    if pair.spread is None or not pair.spread > 0.0:
+        return number_text(pair.ours)
+    decimals = max(0, 1 - math.floor(math.log10(pair.spread)))
+    return f"{pair.ours:.{decimals}f} ± {pair.spread:.{decimals}f}"
+
+
+WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
+    "tables": (
+        ("PID, reference against simulated", tuple(f"4.{i}" for i in range(5, 13))),
+        ("PID, simulated against real", tuple(f"4.{i}" for i in range(13, 20))),
+        ("LQR, reference against simulated", tuple(f"4.{i}" for i in range(22, 30))),
+        ("LQR, simulated against real", tuple(f"4.{i}" for i in range(30, 37))),
+    ),
+}
+"""Tables of a section that are shown as one, by section."""
+
+REMARKS: Mapping[str, str] = {
+    "tables": "The picture is that of `python -m validation.study tables`, which asks only whether the printed accuracy "
+    f"is reached: green where d_rms is at most {FACTOR:g} times the printed one (simulated against real: at most that one).",
+}
+"""What has to be said of a section's pictures beside the verdicts of this report, by section."""
+
+
+def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:
+    """A section's tables as they are shown."""
+    parts, done = [], set[str]()
+    for caption, numbers in WIDE.get(section.key, ()):
+        some = {n: findings.tables[n] for n in numbers if n in findings.tables}
+        if some:
+            parts.append(Part(f"Tab. {numbers[0]}–{numbers[-1]}. {caption}", *wide_grid(some)))
+            done |= set(some)
+    for number, table in findings.tables.items():
+        if number not in done:
+            where = f"Tab. {number}" if number[0].isdigit() else number
+            parts.append(Part(f"{where}. {table.caption}", *_laid_out(number, table)))
+    parts += [Part(caption, grid) for caption, grid in findings.grids.items()]
+    return tuple(parts)
+
+
+def _laid_out(number: str, table: Table) -> tuple[Grid, tuple[str, ...]]:
+    """One table: tall where a metric's unit changes from row to row, a number a line where each row has its own metric."""
+    units: dict[str, set[str]] = {}
+    for pairs in table.rows.values():
+        for metric, pair in pairs.items():
+            units.setdefault(metric, set()).add(pair.unit)
+    if any(len(u) > 1 for u in units.values()):
+        return tall_grid(table, number, next(iter(units)))
+    if len(units) > 1 and all(len(pairs) == 1 for pairs in table.rows.values()):
+        return _mixed(table, number)
+    return wide_grid({number: table})
+
+
+def _mixed(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
+    """Rows with one number each, of different metrics."""
+    header = (
+        ("row", ""),
+        ("what", ""),
+        ("unit", ""),
+        ("verdict", ""),
+        ("printed", ""),
+        ("ours", ""),
+        ("printed over ours", ""),
+    )
+    reasons, rows = _Reasons(), []
+    for row, pairs in table.rows.items():
+        for m, pair in pairs.items():
+            over = pair.beside.get("published_over_ours")
+            rows.append(
+                (
+                    Cell(row),
+                    Cell(short(m).replace("_", " ")),
+                    Cell(pair.unit),
+                    reasons.cell(of_row({m: judge(number, row, m, pair)})),
+                    Cell(NOTHING if pair.published is None else f"{pair.published:g}"),
+                    Cell(_with_error(pair)),
+                    Cell(NOTHING if over is None else f"{over:.0f}"),
+                )
+            )
+    return Grid(header, (tuple(rows),), left=4), tuple(reasons.texts)

@@ -1,0 +1,299 @@
+"""models/husky.xml + ground + calibration -> MjModel: dm_control.mjcf composes, mujoco runs.
+
+`compose` builds what has structure (ground, robot, wheel shape, marker); `calibrate` sets the numbers on a compiled model
+and is the only place that does, so a fit that edits one model in place and a profile that is loaded from disk mean the
+same robot.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import mujoco
+import numpy as np
+
+from ssmr.robot.vehicle import require_in_range
+from validation.robots.physics import SHIPPED, PhysicsSettings, apply_settings
+from validation.robots.terrain import FLAT, Terrain
+
+WheelShape = Literal["ellipsoid", "cylinder", "capsule"]
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+SIDES = ("left", "right")
+
+GRAVITY = 9.81
+"""[m/s2]; list of symbols of the thesis, and MuJoCo's default."""
+
+
+@dataclass(frozen=True)
+class HuskyCalibration:
+    """The numbers of the MuJoCo Husky that a fit may move. What drives it is a `ssmr.vehicle.Drive`, as for every plant."""
+
+    friction: float = 0.3
+    """Sliding friction of tyre on ground [1] -> geom_friction[0]; with anisotropic wheels the longitudinal one. Assumed:
+    above 0.356 a robot of these numbers cannot turn on the spot with the 7 N m a wheel of Tab. 3.8 (docs/physics.md)."""
+    friction_ratio: float = 1.0
+    """Lateral over longitudinal friction [1] -> pair_friction; other than 1 only with capsule wheels, whose contact frame
+    turns with the robot (for other shapes MuJoCo lays the tangents along the world's axes)."""
+    wheel_radius: float = 0.1651
+    """Effective rolling radius [m] -> geom_size, larger by half of what the contact lets the tyre in (`PRESSED_IN`); the
+    maker's robot description."""
+    radius_difference: float = 0.0
+    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped alike -> geom_size."""
+    rolling_resistance: float = 0.0
+    """Rolling resistance over wheel load [1] -> tendon_frictionloss of a side, coefficient x half the weight x radius."""
+    gain: float = 118.04
+    """K_P of a side's velocity servo [N m s/rad] -> actuator_gainprm; Tab. 3.11."""
+    armature: float = 0.3
+    """Rotor inertia of a wheel through the gearbox [kg m2] -> dof_armature; assumed. Light wheels behind a stiff servo
+    make the answer depend on the time step; heavy ones add armature / wheel_radius^2 of apparent mass each."""
+    mass: float = 73.30
+    """Total mass [kg] -> body_mass of the base, less the wheels; Tab. 3.1."""
+    com_x: float = 0.0
+    """Centre of mass of the base ahead of the middle between the axles [m] -> body_ipos; assumed, see husky.xml."""
+    com_y: float = 0.0
+    """The same to the left [m]."""
+    com_z: float = 0.062
+    """The same above the bottom plate [m]; the maker's robot description."""
+    yaw_inertia: float = 4.42
+    """Moment of inertia of the whole robot about the vertical through the middle [kg m2], the centre of mass being there
+    -> body_inertia; derived from the maker's, see husky.xml."""
+    wheel_shape: WheelShape = "ellipsoid"
+    """Contact shape of the tyres: `ellipsoid` (one point), `cylinder` (a line) or `capsule` (two points)."""
+    timestep: float = 0.002
+    """Physics step [s] -> opt.timestep; halving it moves the end of trajectories 1-4 by less than 2 mm."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ValueError: a number outside its range, an unknown wheel shape, friction that the shape cannot have.
+        """
+        for name, high in (
+            ("friction", 5.0),
+            ("friction_ratio", 10.0),
+            ("wheel_radius", 1.0),
+            ("gain", 1e7),
+            ("armature", 100.0),
+        ):
+            require_in_range(self, name, 0.0, high, open_low=True)
+        require_in_range(self, "radius_difference", -0.1 * self.wheel_radius, 0.1 * self.wheel_radius)
+        require_in_range(self, "rolling_resistance", 0.0, 1.0)
+        require_in_range(self, "mass", 15.0, 1000.0)
+        require_in_range(self, "com_x", -0.25, 0.25)
+        require_in_range(self, "com_y", -0.25, 0.25)
+        require_in_range(self, "com_z", 0.0, 1.0)
+        require_in_range(self, "timestep", 1e-5, 0.01)
+        require_in_range(self, "yaw_inertia", 0.0, 1e3, open_low=True)
+        if self.wheel_shape not in get_args(WheelShape):
+            raise ValueError(f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}")
+        if self.friction_ratio != 1.0 and self.wheel_shape != "capsule":
+            raise ValueError(f"friction_ratio {self.friction_ratio} needs wheel_shape 'capsule', not '{self.wheel_shape}'")
+
+
+def xml_path() -> Path:
+    """Where husky.xml lies: inside an installed package, or beside it in a source tree.
+
+    Raises:
+        FileNotFoundError: in neither place.
+    """
+    packaged = Path(str(resources.files("validation"))) / "_models" / "husky.xml"
+    source = Path(__file__).resolve().parents[2] / "models" / "husky.xml"
+    for path in (packaged, source):
+        if path.is_file():
+            return path
+    raise FileNotFoundError(f"husky.xml is neither at {packaged} nor at {source}: the installation is incomplete")
+
+
+def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False, terrain: Terrain = FLAT) -> str:
+    """The robot on its ground, as MJCF text.
+
+    Args:
+        shape: contact shape of the tyres.
+        anisotropic: add explicit contact pairs, whose two tangential frictions may differ.
+        terrain: what the ground is made of.
+
+    Returns:
+        A complete MJCF model.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore"
+        )  # without a screen dm_control's import warns of its search for one; nothing is drawn here
+        from dm_control import mjcf
+
+    arena = mjcf.from_path(str(xml_path()))
+    arena.visual.headlight.set_attributes(ambient=[0.45] * 3, diffuse=[0.35] * 3, specular=[0.1] * 3)
+    getattr(arena.visual, "global").set_attributes(offwidth=1280, offheight=960)
+    arena.asset.add("texture", name="tiles", type="2d", builtin="checker", width=256, height=256,
+                    rgb1=[0.86, 0.87, 0.88], rgb2=[0.79, 0.80, 0.82])  # fmt: skip
+    arena.asset.add("material", name="tiles", texture="tiles", texrepeat=[1, 1], texuniform=True)
+    ground = _lay_ground(arena, terrain)
+    arena.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
+    arena.worldbody.add("site", name="start", type="cylinder", size=[0.03, 0.001], rgba=[0.1, 0.5, 0.9, 0.8])
+    for wheel in WHEELS:
+        tire = arena.find("geom", f"{wheel}_tire")
+        radius, width = 0.1651, 0.05715
+        if shape == "cylinder":
+            tire.set_attributes(type="cylinder", size=[radius, width], zaxis=[0, 1, 0])
+        elif shape == "capsule":
+            tire.set_attributes(type="capsule", size=[radius, CAPSULE_HALF_LENGTH], zaxis=[0, 1, 0])
+        if terrain.kind == "rough":
+            patch = arena.worldbody.add("body", name=f"{wheel}_ground", mocap=True)
+            ground = patch.add("geom", type="plane", size=[0.3, 0.3, 0.05], material="tiles", contype=0, conaffinity=0)
+        if anisotropic or terrain.kind == "rough":
+            arena.contact.add(
+                "pair", geom1=ground, geom2=tire, condim=3, solref=[0.02, 1], solimp=[0.1, 0.95, 0.005, 0.5, 2]
+            )
+    return arena.to_xml_string()
+
+
+def _lay_ground(arena: Any, terrain: Terrain) -> Any:
+    """Add the ground; return the geom that is named so, if there is one."""
+    looks: dict[str, Any] = {"name": "ground", "material": "tiles", "condim": 3}
+    if terrain.kind == "rough":
+        return None  # each wheel has a plane of its own, which `MujocoPlant` lays under it
+    if terrain.kind == "split":
+        # Two slabs side by side: planes have no edge. Of two geoms that touch, the one of higher priority says friction and
+        # softness: the slippery slab's above the tyre's, the tyre's above the other slab's.
+        tire, half = arena.find("default", "tire").geom, 0.5 * SLAB_SIZE
+        slab = {"type": "box", "size": [half, half, 0.5 * GROUND_DEPTH], "euler": [0, 0, terrain.edge_heading]}
+        left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
+        down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
+        contact = {"solref": tire.solref, "solimp": tire.solimp, "priority": int(tire.priority) + 1}
+        right = {**looks, **slab, **contact, "name": OTHER_GROUND, "rgba": [0.55, 0.68, 0.80, 1]}
+        arena.worldbody.add("geom", pos=left * (terrain.edge_offset - half) + down, **right)
+        return arena.worldbody.add("geom", pos=left * (terrain.edge_offset + half) + down, **slab, **looks)
+    return arena.worldbody.add("geom", type="plane", size=[0, 0, 0.05], **looks)
+
+
+OTHER_GROUND = "other_ground"
+"""The part of a two-friction floor that lies right of its edge."""
+GROUND_DEPTH = 0.5
+"""How far what is below the ground's surface reaches [m]: far deeper than any tyre."""
+SLAB_SIZE = 200.0
+"""Of each half of a two-friction floor [m]: farther than any run goes."""
+
+PRESSED_IN: dict[str, float] = {"ellipsoid": 0.00283, "cylinder": 0.00252, "capsule": 0.00252}
+"""How deep the soft contact of husky.xml lets each shape of tyre in at rest [m], whatever the load: MuJoCo scales a
+contact by the inertia behind it. The contact point lies halfway, so the rolling radius is half of it less than the
+geom's."""
+
+CAPSULE_HALF_LENGTH = 0.00715
+"""Half the distance of a capsule wheel's two contact points [m]: narrow, so that the contact stays nearly one point."""
+
+_models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
+
+
+def build(calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> mujoco.MjModel:
+    """A compiled and calibrated model, the caller's own.
+
+    Args:
+        calibration: the robot's numbers.
+        terrain: what it stands on.
+        settings: how its physics is computed, if not as shipped.
+
+    Raises:
+        ValueError: a calibration whose inertia no body can have, or tyres that the terrain cannot have.
+    """
+    if calibration.friction_ratio != 1.0 and terrain.kind == "split":
+        raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
+    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0 or settings.needs_pairs, terrain)
+    if key not in _models:
+        _models[key] = mujoco.MjModel.from_xml_string(compose(*key))
+    model = mujoco.MjModel.__copy__(_models[key])
+    model.opt.gravity = terrain.gravity(GRAVITY)
+    if terrain.kind == "split":
+        model.geom_friction[model.geom(OTHER_GROUND).id, 0] = calibration.friction * terrain.friction_ratio
+    calibrate(model, calibration)
+    apply_settings(model, settings, wheel_geoms(model))
+    return model
+
+
+def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
+    """The ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `calibrate`."""
+    return [model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS]
+
+
+def base_inertia(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> np.ndarray:
+    """(3,) principal inertia of the base [kg m2] about its own centre of mass.
+
+    Roll and pitch inertia scale with the mass; yaw inertia is what the whole robot's leaves when the wheels', which stand
+    off the middle, are taken away.
+
+    Raises:
+        ValueError: the rest is not positive, or no rigid body has the three numbers (each at most the sum of the others).
+    """
+    wheels = [model.body(f"{prefix}{wheel}") for wheel in WHEELS]
+    wheel_mass = sum(float(w.mass[0]) for w in wheels)
+    from_wheels = sum(float(w.inertia[2] + w.mass[0] * (w.pos[0] ** 2 + w.pos[1] ** 2)) for w in wheels)
+    scale = (calibration.mass - wheel_mass) / MAKER_BASE_MASS
+    inertia = np.array([MAKER_ROLL_INERTIA * scale, MAKER_PITCH_INERTIA * scale, calibration.yaw_inertia - from_wheels])
+    if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum():
+        low, high = abs(inertia[0] - inertia[1]) + from_wheels, inertia[0] + inertia[1] + from_wheels
+        raise ValueError(
+            f"yaw_inertia {calibration.yaw_inertia} kg m2 leaves the base {inertia.round(3)}, which no rigid body has; "
+            f"with mass {calibration.mass} kg it must lie between {low:.3f} and {high:.3f}"
+        )
+    return inertia
+
+
+MAKER_BASE_MASS = 46.034
+MAKER_ROLL_INERTIA = 0.6022
+MAKER_PITCH_INERTIA = 1.7386
+"""Mass [kg] and inertia [kg m2] of the base in the maker's robot description (husky_description)."""
+
+
+def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> None:
+    """Set every number of `calibration` on a compiled model.
+
+    Args:
+        model: in place.
+        calibration: the numbers.
+        prefix: in front of the robot's names, where it is part of a larger model.
+
+    Raises:
+        ValueError: an inertia no body can have; the model is untouched then.
+    """
+    inertia = base_inertia(model, calibration, prefix)
+    base = model.body(f"{prefix}base").id
+    wheel_mass = sum(float(model.body(f"{prefix}{wheel}").mass[0]) for wheel in WHEELS)
+    model.body_mass[base] = calibration.mass - wheel_mass
+    model.body_inertia[base] = inertia
+    model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
+    for wheel, geom in zip(WHEELS, wheel_geoms(model, prefix), strict=True):
+        share = 0.5 if wheel.endswith("left") else -0.5
+        radius = calibration.wheel_radius + share * calibration.radius_difference + 0.5 * PRESSED_IN[calibration.wheel_shape]
+        model.geom_friction[geom, 0] = calibration.friction
+        model.geom_size[geom, 0] = radius
+        if calibration.wheel_shape == "ellipsoid":
+            model.geom_size[geom, 2] = radius
+        model.geom_rbound[geom] = calibration.wheel_radius + CAPSULE_HALF_LENGTH + 0.06
+    if model.npair:
+        # A capsule's contact frame on a plane: first tangent across the rolling direction, second along it.
+        model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio
+        model.pair_friction[:, 1] = calibration.friction
+    for wheel in WHEELS:
+        model.dof_armature[model.joint(f"{prefix}{wheel}_wheel").dofadr[0]] = calibration.armature
+    for side in SIDES:
+        motor, tendon = model.actuator(f"{prefix}{side}_motor").id, model.tendon(f"{prefix}{side}").id
+        model.actuator_gainprm[motor, 0] = calibration.gain
+        model.actuator_biasprm[motor, 2] = -calibration.gain
+        resistance = calibration.rolling_resistance * 0.5 * calibration.mass * GRAVITY * calibration.wheel_radius
+        model.tendon_frictionloss[tendon] = resistance
+    model.opt.timestep = calibration.timestep
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def limit_torque(model: mujoco.MjModel, wheel_limit: float, prefix: str = "") -> None:
+    """Set the greatest torque of one wheel [N m]; a side has twice that. Infinity switches the limit off."""
+    for side in SIDES:
+        motor = model.actuator(f"{prefix}{side}_motor").id
+        limit = 2.0 * wheel_limit
+        model.actuator_forcelimited[motor] = math.isfinite(limit)
+        if math.isfinite(limit):
+            model.actuator_forcerange[motor] = -limit, limit

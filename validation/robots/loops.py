@@ -1,0 +1,166 @@
+"""Closed loops around MuJoCo Huskies: a whole population, each with its own body, controller and noise, in one batch.
+
+Everything between two ticks of the position loop is known at the first, so a batch advances by whole periods, as fast as an
+open-loop rollout; the robots' side is `ssmr.closed_loop.plan_chunks`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco import batch
+from numpy.typing import NDArray
+
+from ssmr.control.laws import MEMORY, Controller
+from ssmr.control.loop import (
+    COLUMNS,
+    ClosedRun,
+    LoopSettings,
+    closed_run,
+    common_settings,
+    draw,
+    make_clock,
+    packed_laws,
+    plan_chunks,
+)
+from ssmr.control.waypoints import Waypoints
+from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
+from ssmr.robot.drive import body_rates, packed
+from ssmr.types import FloatArray, State
+from validation.robots.plant import MujocoPlant
+
+
+@dataclass(frozen=True, eq=False)
+class HuskyLoop:
+    """One closed loop of a population: a controller around a MuJoCo Husky."""
+
+    plant: MujocoPlant
+    """The robot; several loops may share one."""
+    controller: Controller
+    """The law."""
+    settings: LoopSettings
+    """What stands around them; feedback, disturbance and periods are the same throughout a population."""
+
+
+class _Bodies:
+    """A batch of robots and their planar states."""
+
+    def __init__(self, loops: Sequence[HuskyLoop], state: State, workers: int) -> None:
+        """Place every robot in `state`."""
+        first = self._first = loops[0].plant
+        self._batch = batch.Batch(first.model, len(loops), workers)
+        self._batch.set_models([p.plant.model for p in loops])
+        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self._force = self._batch.bind("actuator_force")
+        self._rough = first.terrain.kind == "rough"
+        if self._rough:
+            self._ground = self._batch.bind("mocap_pos"), self._batch.bind("mocap_quat")
+        nq = first.model.nq
+        for row, p in enumerate(loops):
+            start = p.plant.placed(state)
+            self._qpos[row], self._qvel[row] = start[1 : 1 + nq], start[1 + nq : 1 + nq + first.model.nv]
+        self._left, self._right = first.wheel_dofs
+        self._inertia = np.array([p.plant.yaw_inertia for p in loops])
+        self._yaw = np.full(len(loops), state.yaw)
+        self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+        self._width = first.model.nu + first.model.nv
+
+    @property
+    def torques(self) -> FloatArray:
+        """(S, 2) of the sides [N m]."""
+        return np.array(self._force)
+
+    @property
+    def gave_up(self) -> NDArray[np.bool_]:
+        """(S,) whom the simulator warned of: it stops there, and starts diverged ones again from the origin."""
+        return np.asarray(self._batch.warning[:, :, 1].any(axis=1))
+
+    def states(self) -> FloatArray:
+        """(S, 8) x, y, yaw, v_x, v_y, yaw rate, left and right wheel rate; yaw is unwrapped from the last reading."""
+        out = np.empty((len(self._yaw), 8))
+        turn = quat_wxyz_to_yaw(self._qpos[:, 3:7]) - self._yaw
+        self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        out[:, :2], out[:, 2] = self._qpos[:, :2], self._yaw
+        out[:, 3:5] = rotate_world_to_body(self._qvel[:, :2], self._yaw)
+        out[:, 5] = self._qvel[:, 5]
+        out[:, 6], out[:, 7] = self._qvel[:, self._left].mean(axis=1), self._qvel[:, self._right].mean(axis=1)
+        return out
+
+    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
+        """Take (S, n, 2) wheel-rate references and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+        control = np.zeros((*references.shape[:2], self._width))
+        control[:, :, :2] = references
+        control[:, :, 2 + 5] = self._inertia[:, None] * pushes
+        pieces = [control] if not self._rough else np.split(control, references.shape[1], axis=1)
+        for piece in pieces:
+            if self._rough:
+                for bound, values in zip(self._ground, self._first.planes_under(self._qpos[:, :7]), strict=True):
+                    bound[:] = values.reshape(bound.shape)
+            self._batch.rollout(piece.shape[1], piece, control_spec=self._spec, record=())
+
+
+def run_husky_loops(
+    loops: Sequence[HuskyLoop],
+    waypoints: Waypoints,
+    seeds: Sequence[int],
+    workers: int | None = None,
+    start: State | None = None,
+) -> list[ClosedRun]:
+    """Run many closed loops of MuJoCo Huskies along one reference.
+
+    Args:
+        loops: S of them.
+        waypoints: what they follow.
+        seeds: of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
+        workers: threads; the result does not depend on it.
+        start: where they start; the first waypoint, at rest, if not given.
+
+    Raises:
+        ValueError: several kinds of feedback or disturbance, sets of periods, time steps or tyres; periods that are no whole
+            number of steps; no loops or no seeds.
+    """
+    settings = common_settings([p.settings for p in loops], seeds)
+    if len({(p.plant.dt, p.plant.terrain, p.plant.calibration.wheel_shape, p.plant.model.npair) for p in loops}) != 1:
+        raise ValueError("a population of Huskies has one time step, one terrain and one shape of tyre")
+    dt = loops[0].plant.dt
+    clock = make_clock(waypoints, settings, dt)
+    drawn = [draw(clock, settings, seed) for seed in seeds]
+    draws, pushes = np.array([d for d, _ in drawn]), np.array([np.resize(d, clock.n) for _, d in drawn])
+    turn = np.arange(len(loops)) % len(seeds)
+    state = start or waypoints.start
+    bodies = _Bodies(loops, state, workers or os.cpu_count() or 1)
+    drives = [packed(p.plant.drive, settings.velocity_period, dt) for p in loops]
+    wheels = (state.wheel_left, state.wheel_right)
+    asked = np.array([[*body_rates(*wheels, d[0][2], d[0][3]), *wheels] for d in drives])
+    outs = np.empty((len(loops), clock.ticks, len(COLUMNS)))
+    alive, last = np.ones(len(loops), dtype=np.bool_), np.full(len(loops), clock.ticks)
+    references = np.zeros((len(loops), clock.position, 2))
+    fixed = (
+        *packed_laws([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
+        draws,
+        dt,
+        np.array([d[0] for d in drives]),
+        np.array([d[1] for d in drives]),
+    )
+    memories, indices = np.zeros((len(loops), MEMORY)), np.zeros(len(loops), dtype=np.int64)
+    commands = np.zeros((len(loops), 1 + clock.n // clock.velocity, 2))
+    for tick in range(clock.ticks):
+        n = clock.position if tick < clock.ticks - 1 else 0
+        before = alive.copy()
+        plan_chunks(
+            tick, n, *fixed, bodies.states(), bodies.torques, memories, indices, asked, commands, alive, outs, references
+        )
+        last[before & ~alive] = tick + 1
+        references[~alive] = 0.0
+        if not alive.any():
+            break
+        if n:
+            k = tick * clock.position
+            bodies.advance(references, np.where(alive[:, None], pushes[turn, k : k + n], 0.0))
+            gave_up = alive & bodies.gave_up
+            last[gave_up], alive = tick + 1, alive & ~gave_up
+    return [closed_run(out[:n], clock) for out, n in zip(outs, last, strict=True)]

@@ -1,0 +1,343 @@
+"""The MuJoCo Husky as a `Plant`, and the health gate that says whether its contact physics can be believed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from ssmr.errors import DivergedError, UnhealthyRunError
+from ssmr.geometry import quat_wxyz_to_roll_pitch, quat_wxyz_to_yaw, rotate_world_to_body, yaw_to_quat_wxyz
+from ssmr.robot.drive import Driver, wheel_references, whole_steps
+from ssmr.robot.vehicle import Drive
+from ssmr.types import Commands, FloatArray, State, Trajectory
+from validation.robots.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
+from validation.robots.physics import SHIPPED, PhysicsSettings
+from validation.robots.terrain import FLAT, Terrain
+
+LIFT_SHARE = 0.02
+"""A wheel whose load falls below this share of its mean has left the ground."""
+DEVIATION_LIMIT = 0.10
+"""Greatest standard deviation of a wheel's load, as a share of its mean, that a run on flat ground may have."""
+PRESCRIBED_ARMATURE = 100.0
+"""Armature of wheels whose rates are given [kg m2]: so heavy that the ground cannot change them (MuJoCo does not pass an
+armature's reaction on to the body)."""
+PRESCRIBED_LAG = 2.5
+"""Time constant with which given wheel rates are followed, in time steps."""
+SETTLE_TIME = 1.0
+"""How long the robot stands before its resting height is taken [s]: fifty times the contact's time constant."""
+
+
+@dataclass(frozen=True)
+class Health:
+    """What the wheel loads say about a run."""
+
+    lowest_load_share: float
+    """Least load of any wheel over that wheel's mean [1]; 0 where a wheel lifted."""
+    load_deviation: float
+    """Greatest standard deviation of a wheel's load over its mean [1]."""
+
+    @property
+    def ok(self) -> bool:
+        """No wheel lifted, and the loads were smooth."""
+        return self.lowest_load_share >= LIFT_SHARE and self.load_deviation <= DEVIATION_LIMIT
+
+    @property
+    def advice(self) -> str:
+        """What is wrong and what to change; empty if all is well."""
+        if self.ok:
+            return ""
+        what = (
+            f"a wheel left the ground (least load {100 * self.lowest_load_share:.1f} % of its mean)"
+            if self.lowest_load_share < LIFT_SHARE
+            else f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of the mean, "
+            f"at most {100 * DEVIATION_LIMIT:.0f} %)"
+        )
+        return (
+            f"{what}: keep the soft contact of husky.xml (solimp 0.1 0.95 0.005), an elliptic cone and a time step "
+            "of at most 5 ms; "
+            "if they are as shipped, lower the gain, raise the armature or limit the acceleration"
+        )
+
+
+def check_health(wheel_loads: FloatArray) -> Health:
+    """Judge (M, 4) wheel loads [N] of a run."""
+    mean = np.maximum(wheel_loads.mean(axis=0), 1e-9)
+    return Health(float((wheel_loads.min(axis=0) / mean).min()), float((wheel_loads.std(axis=0) / mean).max()))
+
+
+class MujocoPlant:
+    """A calibrated Husky on its ground."""
+
+    name = "mujoco"
+
+    def __init__(
+        self,
+        calibration: HuskyCalibration,
+        drive: Drive,
+        *,
+        terrain: Terrain = FLAT,
+        strict: bool = False,
+        settings: PhysicsSettings = SHIPPED,
+    ) -> None:
+        """Build the model, let it settle, and start at rest at the origin.
+
+        Args:
+            calibration: the robot's numbers.
+            drive: what stands between command and wheels.
+            terrain: what it stands on.
+            strict: raise where a run's wheel loads are unhealthy, instead of leaving the verdict in the result.
+            settings: how physics is computed, if not as shipped.
+
+        Raises:
+            ValueError: numbers that do not go together.
+        """
+        whole_steps(drive.hold, calibration.timestep, "the drive's hold")
+        self.calibration, self.terrain, self._drive, self._strict = calibration, terrain, drive, strict
+        self._settings = settings
+        self.model = build(calibration, terrain, settings)
+        limit_torque(self.model, drive.torque_limit)
+        self._data = mujoco.MjData(self.model)
+        self._wheel_dofs = [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS]
+        self._left = [self._wheel_dofs[i] for i, wheel in enumerate(WHEELS) if wheel.endswith("left")]
+        self._right = [self._wheel_dofs[i] for i, wheel in enumerate(WHEELS) if wheel.endswith("right")]
+        self._wheel_bodies = [int(self.model.body(wheel).id) for wheel in WHEELS]
+        self._tires = wheel_geoms(self.model)
+        radius, wheel = float(self.model.geom_size[self._tires[0], 0]), self.model.body_pos[self._wheel_bodies[0]]
+        self._level_height = radius - PRESSED_IN[calibration.wheel_shape] - float(wheel[2])  # of the base, on level ground
+        self._load_columns = [int(self.model.sensor(f"load_{wheel}").adr[0]) for wheel in WHEELS]
+        self._torque_columns = [int(self.model.sensor(f"torque_{side}").adr[0]) for side in SIDES]
+        self._acceleration_column = int(self.model.sensor("angular_acceleration").adr[0]) + 2
+        self._imu_columns = [int(self.model.sensor(f"imu_{what}").adr[0]) for what in ("gyro", "accelerometer")]
+        self._resting = self._settle(State())
+        self._rest_on_rough: tuple[State, FloatArray] | None = None
+        self._yaw_inertia = self._total_yaw_inertia()
+        self._prescribed: mujoco.MjModel | None = None
+        self.reset(State())
+
+    def _prescribed_wheels(self) -> mujoco.MjModel:
+        """The same robot with wheels that turn as they are told, whatever torque that takes."""
+        if self._prescribed is None:
+            gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
+            self._prescribed = build(
+                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0),
+                self.terrain,
+                self._settings,
+            )
+            limit_torque(self._prescribed, math.inf)
+        return self._prescribed
+
+    @property
+    def dt(self) -> float:
+        """Physics step [s]."""
+        return float(self.model.opt.timestep)
+
+    def _settle(self, state: State) -> FloatArray:
+        """(nq,) configuration at rest where `state` is: tyres pressed in, the body tilted as its mass and the ground lie."""
+        data = self._data
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:2] = state.x, state.y
+        mujoco.mju_mulQuat(data.qpos[3:7], yaw_to_quat_wxyz(state.yaw), self.model.qpos0[3:7])
+        for _ in range(round(SETTLE_TIME / self.dt)):
+            self.lay_ground(data)
+            mujoco.mj_step(self.model, data)
+        rest = np.array(data.qpos)
+        rest[:2] = state.x, state.y
+        turned = float(quat_wxyz_to_yaw(rest[3:7])) - state.yaw
+        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(-turned), data.qpos[3:7])
+        rest[7:] = 0.0
+        return rest
+
+    def lay_ground(self, data: mujoco.MjData) -> None:
+        """Put rough ground's tangent planes under the wheels, where the body is now; nothing to do on other grounds."""
+        if self.terrain.kind == "rough":
+            (data.mocap_pos[:],), (data.mocap_quat[:],) = self.planes_under(data.qpos[None, :7])
+
+    def planes_under(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(S, 4, 3) places and (S, 4, 4) quaternions (w first) of the ground under the wheels of (S, 7) poses."""
+        radius = float(self.model.geom_size[self._tires[0], 0])
+        return self.terrain.surface.tangent_planes(poses, self.model.body_pos[self._wheel_bodies], radius)
+
+    def _rest(self, state: State) -> FloatArray:
+        """(nq,) the same, without letting it down where the ground is alike everywhere."""
+        if self.terrain.kind == "rough":
+            place = State(state.x, state.y, state.yaw)
+            if self._rest_on_rough is None or self._rest_on_rough[0] != place:
+                self._rest_on_rough = place, self._settle(place)
+            return self._rest_on_rough[1]
+        rest = self._resting.copy()
+        rest[:2] = state.x, state.y
+        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
+        return rest
+
+    def _total_yaw_inertia(self) -> float:
+        """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
+        mass_matrix = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self._data, mass_matrix)
+        root = self.model.body("base").id
+        offset = self._data.subtree_com[root][:2] - self._data.xpos[root][:2]
+        return float(mass_matrix[5, 5] - self.model.body_subtreemass[root] * offset @ offset)
+
+    def _place(self, state: State) -> None:
+        """Put the simulator into `state`, its memory of former runs wiped; on rough ground its speed is level."""
+        data, rest = self._data, self._rest(state)
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:] = rest
+        c, s = math.cos(state.yaw), math.sin(state.yaw)
+        data.qvel[:2] = c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y
+        data.qvel[5] = state.yaw_rate
+        data.qvel[self._left] = state.wheel_left
+        data.qvel[self._right] = state.wheel_right
+        self._turns = round((state.yaw - float(quat_wxyz_to_yaw(data.qpos[3:7]))) / (2.0 * math.pi))
+
+    def placed(self, state: State) -> FloatArray:
+        """(1 + nq + nv) the simulator's whole state where the robot rests on its tyres in `state`."""
+        self._place(state)
+        start = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(self.model, self._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        return start
+
+    @property
+    def drive(self) -> Drive:
+        """What stands between command and wheels."""
+        return self._drive
+
+    @property
+    def yaw_inertia(self) -> float:
+        """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
+        return self._yaw_inertia
+
+    @property
+    def wheel_dofs(self) -> tuple[list[int], list[int]]:
+        """Degrees of freedom of the left and of the right wheels."""
+        return self._left, self._right
+
+    def _read(self) -> State:
+        """The simulator's state as a planar one; yaw is unwrapped from the last reading."""
+        qpos, qvel = self._data.qpos, self._data.qvel
+        yaw = float(quat_wxyz_to_yaw(qpos[3:7])) + 2.0 * math.pi * self._turns
+        v = rotate_world_to_body(qvel[:2], yaw)
+        return State(
+            float(qpos[0]), float(qpos[1]), yaw, float(v[0]), float(v[1]), float(qvel[5]),
+            float(np.mean(qvel[self._left])), float(np.mean(qvel[self._right])),
+        )  # fmt: skip
+
+    def reset(self, state: State) -> State:
+        """Start from `state`, resting on its tyres, with empty delay lines."""
+        self._place(state)
+        self._driver = Driver(self._drive, self.dt, state)
+        self._last = self._read()
+        return self._last
+
+    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
+        """Hold a twist command for `dt` [s].
+
+        Raises:
+            DivergedError: the simulator warned or left the finite numbers.
+        """
+        data = self._data
+        data.qfrc_applied[5] = self._yaw_inertia * yaw_acceleration
+        turned = self._last.yaw  # to within a step: enough to count whole turns, however long the command is held
+        for reference in self._driver.references(command, whole_steps(dt, self.dt, "the step")):
+            data.ctrl[:] = reference
+            before = data.time
+            self.lay_ground(data)
+            mujoco.mj_step(self.model, data)
+            if not data.time > before:
+                raise DivergedError(f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last)
+            turned += self.dt * float(data.qvel[5])
+        self._turns += round((turned - self._read().yaw) / (2.0 * math.pi))
+        self._last = self._read()
+        return self._last
+
+    def imu(self) -> tuple[FloatArray, FloatArray]:
+        """(3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU, along its axes, at the last step's start.
+
+        Zero before the first step.
+        """
+        gyro, accelerometer = (np.array(self._data.sensordata[column : column + 3]) for column in self._imu_columns)
+        return gyro, accelerometer
+
+    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+        """Drive `commands` at once, by `mujoco.rollout`.
+
+        Returns: The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear right),
+            `torque_N_m` (M, 2) and `yaw_acceleration_rad_s2` (M,); on rough ground also `height_m` (M,) above where it rests
+            on level ground and `roll_pitch_rad` (M, 2).
+
+        Raises:
+            DivergedError: the simulator gave up.
+            UnhealthyRunError: wheel loads dropped out or were not smooth, if `strict`.
+        """
+        stride = whole_steps(sample_dt, self.dt, "the sample period")
+        references = wheel_references(commands, self._drive, self.dt, state)
+        start = self.placed(state)
+        spec, control = (
+            mujoco.mjtState.mjSTATE_CTRL,
+            np.vstack([references, references[-1:]]),
+        )  # one more step: its sensors are the end's
+        if disturbance is not None:
+            if len(disturbance) != len(references):
+                raise ValueError(f"{len(disturbance)} disturbances for {len(references)} physics steps")
+            applied = np.zeros((len(control), self.model.nv))
+            applied[:-1, 5] = self._yaw_inertia * np.asarray(disturbance)
+            spec, control = spec | mujoco.mjtState.mjSTATE_QFRC_APPLIED, np.hstack([control, applied])
+        model = self._prescribed_wheels() if commands.kind == "wheels" else self.model
+        states, sensors = self._roll(model, start, control, int(spec))
+        self._check_finite(states)
+        table = np.vstack([start, states[:-1]])
+        trajectory = self._trajectory(table, sensors, stride, state)
+        health = check_health(trajectory.channels["wheel_load_N"])
+        if self._strict and not health.ok:
+            raise UnhealthyRunError(health.advice, health=health, loads=trajectory.channels["wheel_load_N"])
+        return trajectory
+
+    def _roll(
+        self, model: mujoco.MjModel, start: FloatArray, control: FloatArray, spec: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """States after, and sensors before, each of n steps from `start` under (n, ...) controls of the kind `spec`."""
+        data = self._data
+        if self.terrain.kind != "rough":
+            states, sensors = rollout.rollout(model, data, start[None], control[None], control_spec=spec)
+            return states[0], sensors[0]
+        full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        states, sensors = np.empty((len(control), len(start))), np.empty((len(control), model.nsensordata))
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_setState(model, data, start, full)
+        for k, applied in enumerate(control):
+            mujoco.mj_setState(model, data, applied, spec)
+            self.lay_ground(data)
+            mujoco.mj_step(model, data)
+            mujoco.mj_getState(model, data, states[k], full)
+            sensors[k] = data.sensordata
+        return states, sensors
+
+    def _check_finite(self, states: FloatArray) -> None:
+        """A diverged rollout resets itself: its clock jumps back."""
+        bad = np.flatnonzero((np.diff(states[:, 0]) <= 0.0) | ~np.isfinite(states[1:]).all(axis=1))
+        if len(bad):
+            t = (int(bad[0]) + 1) * self.dt
+            raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=states[: int(bad[0]) + 1])
+
+    def _trajectory(self, table: FloatArray, sensors: FloatArray, stride: int, state: State) -> Trajectory:
+        """Every `stride`-th of (n + 1, 1 + nq + nv) states and their sensors; yaw is unwrapped over all of them."""
+        nq = self.model.nq
+        yaw = np.unwrap(quat_wxyz_to_yaw(table[:, 4:8]))[::stride]
+        yaw += 2.0 * math.pi * round((state.yaw - yaw[0]) / (2.0 * math.pi))
+        table, sensors = table[::stride], sensors[::stride]
+        qpos, qvel = table[:, 1 : 1 + nq], table[:, 1 + nq : 1 + nq + self.model.nv]
+        twist = np.column_stack([rotate_world_to_body(qvel[:, :2], yaw), qvel[:, 5]])
+        wheels = np.column_stack([qvel[:, self._left].mean(axis=1), qvel[:, self._right].mean(axis=1)])
+        channels = {
+            "wheel_load_N": sensors[:, self._load_columns],
+            "torque_N_m": sensors[:, self._torque_columns],
+            "yaw_acceleration_rad_s2": sensors[:, self._acceleration_column],
+        }
+        if self.terrain.kind == "rough":
+            channels["height_m"] = qpos[:, 2] - self._level_height
+            channels["roll_pitch_rad"] = quat_wxyz_to_roll_pitch(qpos[:, 3:7])
+        t = stride * self.dt * np.arange(len(table), dtype=np.float64)
+        return Trajectory(t, np.column_stack([qpos[:, :2], yaw]), twist, wheels, channels)

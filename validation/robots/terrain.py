@@ -1,0 +1,242 @@
+"""The ground that the MuJoCo Husky stands on: level, a ramp, rough, or of two frictions. The planar models know none of it.
+
+On the command line a terrain is `KIND`, `KIND:NUMBER` or `KIND:KEY=NUMBER,...`: `ramp:5`, `rough:height_mm=5,seed=3`. Units
+are in the keys there; in here they are SI.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from scipy import ndimage
+
+from ssmr.geometry import rotate_world_to_body, shift_reference
+from ssmr.robot.surface import Surface
+from ssmr.robot.vehicle import require_in_range
+from ssmr.types import FloatArray
+
+Kind = Literal["flat", "ramp", "rough", "split"]
+
+PERIOD = 40.0
+"""Rough ground repeats itself after so much in x and y [m]: farther than most runs go."""
+WHEEL_RADIUS = 0.1651
+"""By which rough ground is judged, whether wheels touch it in one place [m]."""
+HALF_WHEELBASE, HALF_TRACK = 0.256, 0.2854
+"""Where the wheels of husky.xml stand [m]."""
+CELLS_A_LENGTH = 5.0
+"""Heights over one correlation length; a spline through them keeps all but a ten-thousandth of the ground's power."""
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """What the ground is like; a field counts only for its kind."""
+
+    kind: Kind = "flat"
+    """Which."""
+    slope: float = 0.0
+    """Of a ramp [rad]. Positions on it are along its surface."""
+    toward: float = 0.0
+    """The heading in which a ramp rises [rad]."""
+    height: float = 0.0
+    """Root mean square height of rough ground about its mean [m]."""
+    length: float = 0.3
+    """Correlation length of rough ground [m]: its autocorrelation is exp(-(distance/length)^2)."""
+    seed: int = 0
+    """Of rough ground."""
+    friction_ratio: float = 1.0
+    """Friction right of a two-friction floor's edge, over the calibrated one, which holds left of it [1]."""
+    edge_heading: float = 0.0
+    """Along which that edge runs [rad]."""
+    edge_offset: float = 0.0
+    """By how much it lies left of the world's origin [m]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ValueError: an unknown kind, or a number outside its range.
+        """
+        if self.kind not in KINDS:
+            raise ValueError(f"unknown terrain '{self.kind}'; there are: {', '.join(KINDS)}")
+        require_in_range(self, "slope", 0.0, math.radians(45.0))
+        require_in_range(self, "height", 0.0, 0.2)
+        require_in_range(self, "length", 0.1, 10.0)
+        if 3.0 * self.curvature * WHEEL_RADIUS > 1.0:
+            raise ValueError(
+                f"{self.words} is curved as tightly as a wheel, which would touch it in two places at once; "
+                "ask for less height or a longer correlation length"
+            )
+        require_in_range(self, "friction_ratio", 0.0, 10.0, open_low=True)
+        for name in ("toward", "edge_heading", "edge_offset"):
+            require_in_range(self, name, -1e3, 1e3)
+        if self.seed < 0:
+            raise ValueError(f"Terrain.seed = {self.seed} must not be negative")
+
+    @property
+    def even(self) -> bool:
+        """Whether wheel loads on it must be smooth: it is level and without bumps."""
+        return self.kind in ("flat", "split")
+
+    @property
+    def curvature(self) -> float:
+        """Root mean square curvature of rough ground along a line [1/m]: that of its autocorrelation's fourth derivative."""
+        return math.sqrt(12.0) * self.height / self.length**2
+
+    def gravity(self, g: float) -> FloatArray:
+        """(3,) gravity [m/s2] along the axes of the ground."""
+        if self.kind != "ramp":
+            return np.array([0.0, 0.0, -g])
+        along = g * math.sin(self.slope)
+        return np.array([-along * math.cos(self.toward), -along * math.sin(self.toward), -g * math.cos(self.slope)])
+
+    def gravity_in_body(self, yaw: FloatArray, g: float) -> FloatArray:
+        """(M, 3) gravity [m/s2] in the axes of a robot that stands flat on the ground with (M,) headings."""
+        world = self.gravity(g)
+        return np.column_stack([rotate_world_to_body(world[:2], yaw), np.full(len(yaw), world[2])])
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Rough ground.
+
+        White noise through a Gaussian filter of standard deviation length / 2, so that its autocorrelation is
+        exp(-(d / length)^2), scaled to the root mean square asked for.
+        """
+        n = round(PERIOD * CELLS_A_LENGTH / self.length)
+        noise = np.random.default_rng(self.seed).standard_normal((n, n))
+        smooth = ndimage.gaussian_filter(noise, 0.5 * CELLS_A_LENGTH, mode="wrap")
+        smooth -= smooth.mean()
+        return Surface(smooth * (self.height / np.sqrt(np.mean(smooth**2))), PERIOD / n, -0.5 * PERIOD)
+
+    def height_at(self, xy: FloatArray) -> FloatArray:
+        """(M,) height [m] of the ground at (M, 2) positions [m]."""
+        return self.surface.at(xy)[:, 0] if self.kind == "rough" else np.zeros(len(xy))
+
+    def lie(self, pose: FloatArray) -> FloatArray:
+        """(M, 3) height [m], roll and pitch [rad] at (M, 3) poses, of the plane nearest to the ground under the wheels."""
+        if self.kind != "rough":
+            return np.zeros_like(pose)
+        front_left, front_right, rear_left, rear_right = (
+            self.height_at(shift_reference(pose, (x, y))[:, :2])
+            for x in (HALF_WHEELBASE, -HALF_WHEELBASE)
+            for y in (HALF_TRACK, -HALF_TRACK)
+        )
+        height = 0.25 * (front_left + front_right + rear_left + rear_right)
+        ahead = 0.25 * (front_left + front_right - rear_left - rear_right) / HALF_WHEELBASE
+        aside = 0.25 * (front_left - front_right + rear_left - rear_right) / HALF_TRACK
+        return np.column_stack([height, np.arctan(aside), -np.arctan(ahead)])
+
+    @property
+    def spec(self) -> str:
+        """How the command line says it: `parse_terrain` reads it back."""
+        keys = _KEYS[self.kind]
+        given = ",".join(f"{key}={out(getattr(self, name)):.12g}" for key, (name, _, out) in keys.items())
+        return f"{self.kind}:{given}" if given else self.kind
+
+    @property
+    def words(self) -> str:
+        """For titles."""
+        return {
+            "flat": "level ground",
+            "ramp": f"a ramp of {math.degrees(self.slope):g}° that rises toward {math.degrees(self.toward):g}°",
+            "rough": f"rough ground of {1e3 * self.height:g} mm rms, correlation length {1e3 * self.length:g} mm",
+            "split": f"a floor with {self.friction_ratio:g} times the friction right of an edge",
+        }[self.kind]
+
+
+def _same(value: float) -> float:
+    return value
+
+
+def _milli(value: float) -> float:
+    return 1e3 * value
+
+
+def _from_milli(value: float) -> float:
+    return 1e-3 * value
+
+
+_Key = tuple[str, Callable[[float], float], Callable[[float], float]]
+"""The field it sets, and the conversions into SI and back."""
+
+_KEYS: Mapping[str, Mapping[str, _Key]] = MappingProxyType(
+    {
+        "flat": {},
+        "ramp": {
+            "slope_deg": ("slope", math.radians, math.degrees),
+            "toward_deg": ("toward", math.radians, math.degrees),
+        },
+        "rough": {
+            "height_mm": ("height", _from_milli, _milli),
+            "length_mm": ("length", _from_milli, _milli),
+            "seed": ("seed", _same, _same),
+        },
+        "split": {
+            "friction_ratio": ("friction_ratio", _same, _same),
+            "edge_deg": ("edge_heading", math.radians, math.degrees),
+            "edge_m": ("edge_offset", _same, _same),
+        },
+    }
+)
+"""The keys of each kind on the command line; the first may be left out."""
+
+KINDS = tuple(_KEYS)
+"""All kinds."""
+
+FLAT = Terrain()
+
+
+def parse_terrain(text: str) -> Terrain:
+    """What the command line says.
+
+    Raises:
+        ValueError: an unknown kind or key, no number, or one outside its range; the message says what would be right.
+    """
+    kind, _, rest = text.strip().partition(":")
+    if kind not in KINDS:
+        raise ValueError(f"unknown terrain '{kind}'; there are: {', '.join(map(usage, KINDS))}")
+    keys, values = _KEYS[kind], dict[str, float]()
+    for position, part in enumerate(filter(None, map(str.strip, rest.split(",")))):
+        key, equals, number = part.rpartition("=")
+        key = key.strip() if equals else next(iter(keys), "") if position == 0 else part
+        if key not in keys or keys[key][0] in values:
+            raise ValueError(f"terrain '{text}': '{part}' is not understood; wanted {usage(kind)}")
+        values[keys[key][0]] = _number(number, text, kind) if key != "seed" else _seed(number, text)
+        values[keys[key][0]] = keys[key][1](values[keys[key][0]])
+    if keys and next(iter(keys.values()))[0] not in values:
+        raise ValueError(f"terrain '{text}' says too little; wanted {usage(kind)}")
+    try:
+        return Terrain(kind, **values)  # type: ignore[arg-type]  # names and kinds are those of _KEYS
+    except ValueError as error:
+        raise ValueError(f"terrain '{text}': {error}") from error
+
+
+def _number(text: str, whole: str, kind: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"terrain '{whole}': '{text}' is no number; wanted {usage(kind)}") from None
+    if not math.isfinite(value):
+        raise ValueError(f"terrain '{whole}': {text} is not finite")
+    return value
+
+
+def _seed(text: str, whole: str) -> int:
+    if not text.strip().isdecimal():
+        raise ValueError(f"terrain '{whole}': seed '{text}' is no whole number")
+    return int(text)
+
+
+def usage(kind: str) -> str:
+    """How a kind is written."""
+    keys = list(_KEYS[kind])
+    if not keys:
+        return kind
+    defaults = {f.name: f.default for f in fields(Terrain)}
+    more = [f"{key}={_KEYS[kind][key][2](defaults[_KEYS[kind][key][0]]):g}" for key in keys[1:]]  # type: ignore[arg-type]
+    return f"{kind}:{','.join([f'{keys[0]}=NUMBER', *more])}"

@@ -1,0 +1,90 @@
+"""The MuJoCo Husky's wheel loads beside what can be said without it: the static share and quasi-static load transfer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from ssmr.robot.loads import LoadModel, static_loads
+from ssmr.robot.vehicle import Vehicle
+from ssmr.types import FloatArray, State, Trajectory
+from validation.robots.husky import GRAVITY, WHEELS
+from validation.robots.plant import LIFT_SHARE, MujocoPlant
+
+MEASURED, QUASI_STATIC = "wheel_load_N", "quasi_static_load_N"
+"""Channels of a motion, (M, 4) each [N]: as simulated, and by the formula from that same motion."""
+
+
+@dataclass(frozen=True)
+class WheelLoads:
+    """What the four wheels carried over a run; tuples in the order of `WHEELS`."""
+
+    static_N: tuple[float, ...]
+    """At rest on level ground, by Eq. 2.17 with the robot's own mass and the thesis' centre of gravity [N]."""
+    mean_N: tuple[float, ...]
+    """[N]."""
+    lowest_N: tuple[float, ...]
+    """[N]."""
+    highest_N: tuple[float, ...]
+    """[N]."""
+    off_ground_share: tuple[float, ...]
+    """Share of time in which a wheel carried less than 2 % of a quarter of the weight [1]."""
+    static_rms_N: float
+    """Root mean square of simulated less static loads, over all wheels [N]."""
+    quasi_static_rms_N: float
+    """The same of simulated less quasi-static loads [N]: what load transfer by acceleration and slope does not explain."""
+
+
+def load_model(plant: MujocoPlant) -> LoadModel:
+    """What the quasi-static formula needs to know of a Husky, read off its compiled model where it rests."""
+    model, data = plant.model, mujoco.MjData(plant.model)
+    mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    root = model.body("base").id
+    com = data.subtree_com[root]
+    front, right = model.body("front_left").pos, model.body("rear_right").pos
+    spin = sum(float(model.body(wheel).inertia[1]) for wheel in WHEELS)
+    ground = plant.terrain.height_at(np.zeros((1, 2)))[0]
+    return LoadModel(
+        float(model.body_subtreemass[root]), float(com[0]), float(com[1]), float(com[2] - ground),
+        float(front[0] - right[0]), float(front[1] - right[1]), spin,
+    )  # fmt: skip
+
+
+def with_quasi_static(motion: Trajectory, plant: MujocoPlant, tracked: tuple[float, float]) -> Trajectory:
+    """A motion of the plant's tracked point (x, y) [m] with the channel `QUASI_STATIC`.
+
+    On rough ground gravity is turned with the body, as far as roll and pitch were kept.
+    """
+    middle = replace(motion, twist=motion.twist - motion.twist[:, 2:] * np.array([-tracked[1], tracked[0], 0.0]))
+    gravity = plant.terrain.gravity_in_body(motion.yaw, GRAVITY)
+    if "roll_pitch_rad" in motion.channels:
+        roll, pitch = motion.channels["roll_pitch_rad"].T
+        gravity = GRAVITY * np.column_stack([np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
+    loads = load_model(plant).along(middle, gravity, plant.calibration.wheel_radius)
+    return replace(motion, channels={**motion.channels, QUASI_STATIC: loads})
+
+
+def summarise(pieces: tuple[Trajectory, ...], vehicle: Vehicle) -> WheelLoads:
+    """What the wheels carried over all pieces, each with both channels; `vehicle` gives the static shares."""
+    measured, formula = (np.concatenate([p.channels[name] for p in pieces]) for name in (MEASURED, QUASI_STATIC))
+    static = static_loads(vehicle)
+
+    def rms(values: FloatArray) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    def tell(values: FloatArray) -> tuple[float, ...]:
+        return tuple(map(float, values))
+
+    return WheelLoads(
+        tell(static),
+        tell(measured.mean(axis=0)),
+        tell(measured.min(axis=0)),
+        tell(measured.max(axis=0)),
+        tell(np.mean(measured < LIFT_SHARE * static.mean(), axis=0)),
+        rms(measured - static),
+        rms(measured - formula),
+    )

@@ -1,0 +1,249 @@
+"""A trajectory tracker for a robot that answers by messages: when to start, what to command, when to stop. No ROS here.
+
+The position loop runs with each message that says where the robot is, the velocity loop when its own clock says so
+(Sec. 4.3.2). Mission time is counted by the messages' stamps, so target and observation belong to one instant, however long
+the message took; that messages still come is watched by the receiver's own clock.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from ssmr.control.laws import MEMORY, Controller, velocity_step
+from ssmr.control.loop import COLUMNS, LOST, ClosedRun, is_lost, position_tick, write_row
+from ssmr.control.waypoints import Waypoints
+from ssmr.errors import SsmrError
+from ssmr.geometry import compose, invert, wrap_angle
+from ssmr.robot.vehicle import require_in_range
+from ssmr.types import FloatArray
+from validation.ros.commands import STILL, Twist
+from validation.ros.messages import Seen
+
+FRESH = 0.5
+"""Feedback older than this is none [s]."""
+STANDING = 0.05
+"""A robot faster than this does not stand, and is not taken over [m/s, rad/s]."""
+AT_START = 0.5
+"""With `absolute`: how far from the reference's start a robot may stand [m]."""
+
+
+class StoppedError(SsmrError):
+    """The robot was stopped before the reference's end; the message says why."""
+
+
+class Phase(Enum):
+    """What a pilot is doing."""
+
+    WAITING = "waiting"
+    DRIVING = "driving"
+    ARRIVED = "arrived"
+
+
+@dataclass(frozen=True)
+class PilotSettings:
+    """How careful to be, and how often to command."""
+
+    period: float = 0.05
+    """Of commands and the velocity loop [s]; a Husky reads 20 a second."""
+    v_limit: float = 1.0
+    """Greatest speed ever commanded [m/s]."""
+    w_limit: float = 1.0
+    """Greatest yaw rate ever commanded [rad/s]."""
+    lookahead: float = 0.0
+    """Distance at which the robot is told to keep behind its target [m]."""
+    absolute: bool = False
+    """Waypoints are places in the feedback's frame; else the reference begins where the robot stands, and as it faces."""
+    settled: int = 5
+    """So many fresh messages in a row, of a robot that stands, before it is driven."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ValueError: a number out of its range.
+        """
+        require_in_range(self, "period", 0.0, 1.0, open_low=True)
+        require_in_range(self, "v_limit", 0.0, 3.0, open_low=True)
+        require_in_range(self, "w_limit", 0.0, 6.0, open_low=True)
+        require_in_range(self, "lookahead", 0.0, LOST / 2.0)
+
+
+class _Frame:
+    """Poses of one sender, unwrapped, as the reference's frame has them."""
+
+    def __init__(self, origin: FloatArray) -> None:
+        self._to_reference = origin
+        self._yaw: float | None = None
+
+    def take(self, seen: Seen) -> FloatArray:
+        """(3,) the pose, its yaw unwrapped from the last one (Sec. 4.2)."""
+        yaw = seen.yaw if self._yaw is None else self._yaw + float(wrap_angle(seen.yaw - self._yaw))
+        self._yaw = yaw
+        return compose(self._to_reference, np.array([seen.x, seen.y, yaw]))
+
+
+def _onto(start: FloatArray, seen: Seen) -> FloatArray:
+    """The transform that takes what is seen now to the reference's start."""
+    return compose(start, invert(np.array([seen.x, seen.y, seen.yaw])))
+
+
+class Pilot:
+    """One mission: messages in, commands out."""
+
+    def __init__(self, controller: Controller, waypoints: Waypoints, settings: PilotSettings) -> None:
+        """Design the law and compile the loops, so that nothing is slow once the robot moves.
+
+        Raises:
+            ValueError: gains that the law refuses, or a reference faster than the limit.
+        """
+        fastest = float(waypoints.packed()[:-1, 5].max())
+        if fastest > settings.v_limit:
+            raise ValueError(f"the reference asks for {fastest:.3g} m/s; the limit is {settings.v_limit:g} m/s")
+        self._law, self._gains, self._table = controller.number, controller.packed(), waypoints.packed()
+        self._waypoints, self.settings = waypoints, settings
+        self.phase = Phase.WAITING
+        self.why_waiting = "no feedback yet"
+        self._arrival = -math.inf
+        self._stamp = -math.inf
+        self._fresh = 0
+        self._memory: tuple[float, ...] = (0.0,) * MEMORY
+        self._index = 0
+        self._seen: tuple[float, ...] = (0.0,) * 5
+        self._begin = 0.0
+        self._command: Twist = STILL
+        self._rows: list[FloatArray] = []
+        self._times: list[float] = []
+        self._tracked: list[FloatArray] = []
+        self._last_tracked: Seen | None = None
+        self._tracked_frame: _Frame | None = None
+        self._frame = _Frame(np.zeros(3))
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        aim = position_tick(self._law, self._gains, self._memory, self._table, 0, 0.0, self._seen, 0.0, 0.02)[2]
+        velocity_step(self._law, self._gains, self._memory, 0.0, 0.0, self.settings.period)
+        write_row(np.empty(len(COLUMNS)), *(0.0,) * 10, aim, self._memory, STILL, self._seen)
+        is_lost(0.0, 0.0, 0.0, aim)
+
+    def track(self, seen: Seen) -> None:
+        """Where a tracking system saw the robot; for the record, not for the law."""
+        self._last_tracked = seen
+        if self._tracked_frame is not None:
+            pose = self._tracked_frame.take(seen)
+            self._tracked.append(np.array([seen.stamp - self._begin, *pose]))
+
+    def see(self, seen: Seen, now: float) -> None:
+        """Where the robot believes to be, and how fast; runs the position loop.
+
+        Args:
+            seen: all of it finite.
+            now: when it came, by the receiver's monotonic clock [s].
+
+        Raises:
+            StoppedError: the sender's clock jumped, or the robot is farther from its target than it may be.
+        """
+        dt, self._stamp = seen.stamp - self._stamp, seen.stamp
+        self._arrival = now
+        if self.phase is Phase.WAITING:
+            self._consider(seen, dt)
+        elif self.phase is Phase.DRIVING:
+            if not 0.0 <= dt < FRESH:
+                raise StoppedError(f"the stamps of the feedback jumped by {dt:.3f} s")
+            if dt > 0.0:
+                self._tick(seen, dt)
+
+    def _consider(self, seen: Seen, dt: float) -> None:
+        """Whether to start."""
+        start = self._waypoints.start
+        away = math.hypot(seen.x - start.x, seen.y - start.y)
+        if not 0.0 < dt < FRESH:
+            self.why_waiting, self._fresh = "the feedback does not come steadily", 0
+        elif abs(seen.v) > STANDING or abs(seen.w) > STANDING:
+            self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
+        elif self.settings.absolute and away > AT_START:
+            self.why_waiting, self._fresh = f"the robot stands {away:.2f} m from the reference's start", 0
+        else:
+            self._fresh += 1
+        if self._fresh < self.settings.settled:
+            return
+        origin = np.array([start.x, start.y, start.yaw])
+        if self.settings.absolute:  # as it is, but for whole turns: yaw begins near the reference's
+            turn = start.yaw + float(wrap_angle(seen.yaw - start.yaw)) - seen.yaw
+            self._frame = _Frame(np.array([0.0, 0.0, turn]))
+        else:
+            self._frame = _Frame(_onto(origin, seen))
+        if self._last_tracked is not None:
+            here = self._frame.take(seen) if self.settings.absolute else origin
+            self._tracked_frame = _Frame(_onto(here, self._last_tracked))
+        self._begin, self.phase = seen.stamp, Phase.DRIVING
+        self._tick(seen, dt)
+
+    def _tick(self, seen: Seen, dt: float) -> None:
+        """One step of the position loop."""
+        t = seen.stamp - self._begin
+        x, y, yaw = map(float, self._frame.take(seen))
+        self._seen = (x, y, yaw, seen.v, seen.w)
+        self._memory, self._index, aim = position_tick(
+            self._law, self._gains, self._memory, self._table, self._index, t, self._seen, self.settings.lookahead, dt
+        )
+        row = np.empty(len(COLUMNS))
+        write_row(
+            row, x, y, yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0, aim, self._memory, self._command, self._seen
+        )  # fmt: skip
+        self._rows.append(row)
+        self._times.append(t)
+        if is_lost(x, y, seen.w, aim):
+            away = math.hypot(x - aim[0], y - aim[1])
+            raise StoppedError(f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)")
+        if t >= self._waypoints.duration - 1e-9:
+            self.phase = Phase.ARRIVED
+
+    def command(self, now: float) -> Twist:
+        """One step of the velocity loop: v [m/s] and omega [rad/s] to send now.
+
+        Raises:
+            StoppedError: the feedback is too old to drive by, or a law's output is not finite.
+        """
+        if self.phase is not Phase.DRIVING:
+            return STILL
+        if now - self._arrival > FRESH:
+            raise StoppedError(f"no feedback for {now - self._arrival:.2f} s")
+        self._memory, v, w = velocity_step(
+            self._law, self._gains, self._memory, self._seen[3], self._seen[4], self.settings.period
+        )
+        if not (math.isfinite(v) and math.isfinite(w)):
+            raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
+        s = self.settings
+        self._command = float(np.clip(v, -s.v_limit, s.v_limit)), float(np.clip(w, -s.w_limit, s.w_limit))
+        return self._command
+
+    @property
+    def tracked(self) -> bool:
+        """Whether a tracking system saw the whole drive."""
+        return bool(self._tracked) and self._tracked[-1][0] >= self._times[-1] - FRESH
+
+    def run(self) -> ClosedRun:
+        """What happened, at even instants; the motion by the tracking system if there was one, else as the robot believes.
+
+        Lateral speed, wheel rates and torques are not known, and 0.
+
+        Raises:
+            StoppedError: the robot was never driven.
+        """
+        if len(self._times) < 2:
+            raise StoppedError("the robot was not driven")
+        times, rows = np.array(self._times), np.array(self._rows)
+        period = float(np.median(np.diff(times)))
+        t = period * np.arange(int(times[-1] / period + 1e-6) + 1, dtype=np.float64)
+        table: FloatArray = rows[np.searchsorted(times, t + 1e-9, side="right") - 1]
+        for k in range(3):
+            table[:, k] = np.interp(t, times, rows[:, k])
+        if self.tracked:
+            track = np.array(self._tracked)
+            for k in range(3):
+                table[:, k] = np.interp(t, track[:, 0], track[:, 1 + k])
+        return ClosedRun(t, table, lost=False)

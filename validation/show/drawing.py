@@ -1,0 +1,351 @@
+"""How all pictures look, and what they are put together from: style, inks, darts, rows of panels.
+
+Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting outlives a call.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import matplotlib.style
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.markers import MarkerStyle
+from matplotlib.path import Path as Outline
+from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import Affine2D
+
+from ssmr.metrics.paths import HorizonErrors
+from ssmr.types import FloatArray
+from validation.show.palette import colour, mix
+from validation.store import write_atomic
+
+WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
+MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.edgecolor": "0.35",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.7,
+    "xtick.color": "0.25",
+    "ytick.color": "0.25",
+    "axes.labelpad": 3.0,
+    "text.parse_math": False,
+}
+
+Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
+Panel = Callable[[Axes], None]
+Span = tuple[float, float]
+Ink = str | tuple[float, float, float]
+
+MAX_LABELLED = 3
+"""Up to so many plants there is room for numbers beside their points."""
+
+DART = Outline([(1.0, 0.0), (-0.8, 0.75), (-0.35, 0.0), (-0.8, -0.75), (1.0, 0.0)], closed=True)
+BROAD, NARROW = 2.6, 1.5
+QUIET, ALARM = "0.4", "#b00020"
+DASHED: Dashes = (0.0, (4.0, 1.8))
+BESIDE_INK: Ink = "0.45"
+"""Of what a result is held against: the plant before a fit, the gains that a tuning began with."""
+
+REFERENCE_INK: Ink = "0.1"
+REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
+"""Of what a controller is told to follow."""
+
+_SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a line of notes; characters in such a line
+
+
+def ink_of(name: str) -> tuple[float, float, float]:
+    """A plant's colour for lines on white: a little darker than for surfaces."""
+    red, green, blue = mix(colour(name), (0, 0, 0), 0.1)
+    return red / 255.0, green / 255.0, blue / 255.0
+
+
+def joined(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """(M,) abscissae and (M, ...) ordinates of all pieces, with a NaN between two, where the line breaks."""
+    if not parts:
+        return np.empty(0), np.empty(0)
+    xs, ys = [parts[0][0]], [parts[0][1]]
+    for x, y in parts[1:]:
+        xs += [np.full(1, np.nan), x]
+        ys += [np.full((1, *y.shape[1:]), np.nan), y]
+    return np.concatenate(xs), np.concatenate(ys)
+
+
+def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
+    """A dart at a pose (x, y [m], yaw [rad]) that points along its yaw."""
+    marker = MarkerStyle(DART, transform=Affine2D().rotate(float(pose[2])))
+    ax.plot(
+        pose[0],
+        pose[1],
+        marker=marker,
+        markersize=size,
+        color=ink_of(name),
+        markeredgecolor="white",
+        markeredgewidth=0.6,
+        zorder=4.0,
+    )
+
+
+def draw_ring(ax: Axes, x: float, y: float) -> None:
+    """Where motions start."""
+    ax.plot(x, y, "o", markersize=8.0, markerfacecolor="white", markeredgecolor="0.1", markeredgewidth=1.5, zorder=3.5)
+
+
+def draw_reference(ax: Axes, xy: FloatArray) -> None:
+    """What a controller is told to follow, from a ring to a square."""
+    ax.plot(*xy.T, color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES, zorder=2.8, gid="reference")
+    ax.plot(*xy[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, markeredgewidth=1.3,
+            zorder=3.4, gid="reference end")  # fmt: skip
+    draw_ring(ax, *map(float, xy[0]))
+
+
+def draw_loss(ax: Axes, x: float, y: float, gid: str) -> None:
+    """A cross where a robot was lost."""
+    ax.plot(x, y, "x", color=ALARM, markersize=10.0, markeredgewidth=2.1, zorder=4.5, gid=gid)
+
+
+def draw_directions(ax: Axes, xy: FloatArray, name: str, shares: Sequence[float]) -> None:
+    """Darts on a path, at shares of its length, that point where it goes; none on a path that goes nowhere."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    if not along[-1] > 1e-3:
+        return
+    for share in shares:
+        where = along[-1] * np.array([share - 0.005, share + 0.005])
+        x, y = np.interp(where, along, xy[:, 0]), np.interp(where, along, xy[:, 1])
+        draw_dart(ax, np.array([x.mean(), y.mean(), math.atan2(y[1] - y[0], x[1] - x[0])]), name, 13.0)
+
+
+def equal_scales(ax: Axes, smallest: float) -> None:
+    """Equal scales that fill the panel and show all data and at least `smallest` [m] each way."""
+    ax.margins(0.09)
+    ax.autoscale_view()
+    (x, x_end), (y, y_end) = ax.get_xlim(), ax.get_ylim()
+    wider, taller = max(0.0, 0.5 * (smallest - (x_end - x))), max(0.0, 0.5 * (smallest - (y_end - y)))
+    hold_limits(ax, (x - wider, x_end + wider), (y - taller, y_end + taller))
+    ax.set_aspect("equal", adjustable="datalim")
+
+
+def hold_limits(ax: Axes, x: Span, y: Span) -> None:
+    """Set limits that equal scales may widen: fixed ones make matplotlib complain."""
+    ax.set_xlim(*x, auto=True)
+    ax.set_ylim(*y, auto=True)
+
+
+def at_least(ax: Axes, reach: float) -> None:
+    """Widen the ordinate to show at least `reach`: rounding errors are not to fill a panel."""
+    low, high = ax.get_ylim()
+    spare = max(0.0, 0.5 * (reach - (high - low)))
+    ax.set_ylim(low - spare, high + spare)
+
+
+def corner_note(ax: Axes, text: str, ink: str = QUIET) -> None:
+    """A remark in a panel's corner."""
+    ax.text(0.995, 0.02, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, color=ink, zorder=6.0,
+            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0})  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonMarks:
+    """Somebody's errors by horizon, and how they look."""
+
+    name: str
+    ink: Ink
+    marker: str
+    errors: Mapping[float, HorizonErrors]
+    """By horizon [s]; not empty."""
+
+
+def yaw_degrees(errors: HorizonErrors) -> tuple[float, float]:
+    """Median and 95th percentile of the yaw error [deg]."""
+    return math.degrees(errors.yaw_median_rad), math.degrees(errors.yaw_p95_rad)
+
+
+def draw_horizons(
+    marks: Sequence[HorizonMarks], title: str, value: Callable[[HorizonErrors], tuple[float, float]], ax: Axes
+) -> None:
+    """Everybody's median and a bar up to the 95th percentile, by horizon; `value` gives both in the unit shown."""
+    horizons = sorted({h for each in marks for h in each.errors})
+    smallest, largest = math.inf, 0.0
+    for k, each in enumerate(marks):
+        at = np.array([horizons.index(h) for h in each.errors]) + 0.4 * (2 * k + 1 - len(marks)) / len(marks)
+        median, high = np.array([value(errors) for errors in each.errors.values()]).T
+        ax.vlines(at, median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
+        ax.plot(at, high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
+        ax.plot(at, median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=each.name)
+        for x, y in zip(at, median, strict=True) if len(marks) <= MAX_LABELLED else ():
+            ax.annotate(f"{y:.2g}" if y < 10.0 else f"{y:.0f}", (x, y), (0, -6), textcoords="offset points", ha="center",
+                        va="top", fontsize=8.0, color="0.25")  # fmt: skip
+        smallest, largest = min(smallest, float(median.min())), max(largest, float(high.max()))
+    if smallest > 0.0:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.margins(y=0.25)
+    counts = [max(each.errors[h].n for each in marks if h in each.errors) for h in horizons]
+    ax.set_xticks(
+        range(len(horizons)), [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)]
+    )
+    ax.grid(visible=False, axis="x")
+    ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
+
+
+def line_legend(ax: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
+    """A legend in one line along a panel's lower edge, written as small as its width asks for."""
+    for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
+        legend = ax.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
+            borderaxespad=0.0, borderpad=0.0, handlelength=2.8, columnspacing=1.4, handletextpad=0.6,
+        )  # fmt: skip
+        if legend.get_window_extent().width <= ax.get_window_extent().width:
+            break
+
+
+def narrow(text: Text, most: float, lead: str = "") -> None:
+    """Shorten what follows `lead` where a text is wider than `most` [in]: its end says more than its beginning."""
+    whole, figure = text.get_text().removeprefix(lead), text.get_figure(root=True)
+    assert figure is not None
+    n, width = len(whole), text.get_window_extent().width / figure.dpi
+    while width > most and n > 2:
+        n = min(n - 1, int(n * most / width) + 1)
+        text.set_text(f"{lead}…{whole[1 - n :]}")
+        width = text.get_window_extent().width / figure.dpi
+
+
+def inset(ax: Axes, left: float = 0.0, right: float = 0.0, below: float = 0.0, above: float = 0.0) -> None:
+    """Give a panel more room around it [in], taken from its own."""
+    figure, box = ax.get_figure(root=True), ax.get_position()
+    assert figure is not None
+    wide, tall = figure.get_size_inches()
+    ax.set_position((box.x0 + left / wide, box.y0 + below / tall,
+                     box.width - (left + right) / wide, box.height - (below + above) / tall))  # fmt: skip
+
+
+def draw_section(text: str, ax: Axes) -> None:
+    """A heading over a row of panels."""
+    ax.set_axis_off()
+    ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=10.5, fontweight="bold", va="bottom")
+
+
+def draw_footer(text: str, ax: Axes) -> None:
+    """How it was made, in one line."""
+    ax.set_axis_off()
+    ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
+
+
+def stacked(panels: Sequence[tuple[float, Panel]], ax: Axes) -> None:
+    """Panels above one another in the place of one, each with its share of the height."""
+    figure, box = ax.get_figure(root=True), ax.get_position()
+    assert figure is not None
+    ax.remove()
+    gap = 0.85 / float(figure.get_size_inches()[1])  # labels of the upper, title of the lower
+    room, top = box.height - gap * (len(panels) - 1), box.y1
+    for share, panel in panels:
+        panel(figure.add_axes((box.x0, top - share * room, box.width, share * room)))
+        top -= share * room + gap
+
+
+@dataclass(frozen=True)
+class Row:
+    """Panels side by side."""
+
+    height: float
+    """[in], labels included."""
+    panels: tuple[tuple[float, Panel], ...]
+    """Each with its share of the width."""
+    bare: bool = False
+    """Texts only, which need no room for labels."""
+
+    def place(self, figure: Figure, top: float) -> None:
+        """Draw the panels, from `top` [in] above the figure's lower edge downwards."""
+        margins = (0.0, 0.0, 0.0, 0.0) if self.bare else MARGINS_IN
+        wide, tall = figure.get_size_inches()
+        left, right, bottom, above = margins
+        x, room = EDGE_IN, wide - 2.0 * EDGE_IN
+        for share, panel in self.panels:
+            box = (x + left, top - self.height + bottom, share * room - left - right, self.height - bottom - above)
+            panel(figure.add_axes((box[0] / wide, box[1] / tall, box[2] / wide, box[3] / tall)))
+            x += share * room
+
+
+def side_by_side(height: float, panels: Sequence[Panel]) -> Row:
+    """Panels of equal width."""
+    return Row(height, tuple((1.0 / len(panels), panel) for panel in panels))
+
+
+def text_row(height: float, panel: Panel) -> Row:
+    """A row without axes."""
+    return Row(height, ((1.0, panel),), bare=True)
+
+
+def note_rows(notes: Sequence[str]) -> list[Row]:
+    """Sentences below a heading, as many lines as they need, the first of each with a bullet; nothing for none."""
+    lines = [line for note in notes for line in textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")]
+    if not lines:
+        return []
+
+    def draw(ax: Axes) -> None:
+        ax.set_axis_off()
+        for k, line in enumerate(lines):
+            ax.text(0.0, 1.0 - (k + 0.5) / len(lines), line, transform=ax.transAxes, fontsize=9.0, va="center", color="0.2")
+
+    return [text_row(_SECTION_IN, partial(draw_section, "Notes")), text_row(0.08 + _LINE_IN * len(lines), draw)]
+
+
+def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None = None) -> Figure:
+    """Draw rows from top to bottom into a figure 1600 px wide.
+
+    Args:
+        rows: what to draw.
+        finish: what is done last, in the same style, when ticks and limits are settled.
+
+    Returns:
+        A figure with its layout done.
+    """
+    with matplotlib.style.context(["default", STYLE]):
+        figure = Figure(figsize=(WIDTH_IN, 2.0 * EDGE_IN + sum(row.height for row in rows)), dpi=DPI)
+        FigureCanvasAgg(figure)
+        top = float(figure.get_size_inches()[1]) - EDGE_IN
+        for row in rows:
+            row.place(figure, top)
+            top -= row.height
+        figure.draw_without_rendering()  # settles ticks, in this style, and what panels of equal scales show
+        if finish is not None:
+            finish(figure)
+    return figure
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure, whole or not at all.
+
+    Args:
+        figure: what to write.
+        path: where; the suffix says the format (.png, .svg, .pdf).
+
+    Raises:
+        ValueError: the format is unknown; nothing is written.
+        OSError: the file cannot be written.
+    """
+    with matplotlib.style.context(["default", STYLE]):
+        write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=figure.dpi))

@@ -1,0 +1,143 @@
+"""Sets of controller gains: TOML files with provenance, shipped or the user's own.
+
+A file names its `controller`, its own `name` and `source`, and gives every gain of that controller under `[gains]`; what it
+was tuned on, and how, stands under `[provenance]`. Whether the numbers make sense is the controllers' to say.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import tomli_w
+
+from ssmr.control.laws import GAINS
+
+SCHEMA = "ssmr.gains/1"
+
+FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType({c: tuple(f.name for f in fields(g)) for c, g in GAINS.items()})
+"""Names of the gains of each controller."""
+
+
+DEFAULT = "default"
+"""The set that every controller has: the defaults of its class."""
+
+
+class GainsError(ValueError):
+    """A set of gains that cannot be found, read or believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class GainSet:
+    """All gains of one controller; checked, copied and read-only."""
+
+    controller: str
+    """One of `FIELDS`."""
+    name: str
+    """What results call it."""
+    values: Mapping[str, float]
+    """Every gain of the controller by name; the units are those of its class."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    """What they were tuned on, how and when; as it stands in the file."""
+    source: str = ""
+    """Where the numbers come from, in one sentence."""
+
+    def __post_init__(self) -> None:
+        """Check and freeze.
+
+        Raises:
+            ValueError: an unknown controller, gains that it does not have, gains that are missing, or no finite numbers.
+        """
+        known = _gains_of(self.controller)
+        unknown = [name for name in self.values if name not in known]
+        missing = [name for name in known if name not in self.values]
+        if unknown:
+            raise ValueError(f"[gains] has unknown names {', '.join(unknown)}; {self.controller} has {', '.join(known)}")
+        if missing:
+            raise ValueError(f"[gains] lacks {', '.join(missing)}; {self.controller} needs {', '.join(known)}")
+        for name, value in self.values.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"[gains] {name} is {value!r}, wanted a finite number")
+        object.__setattr__(self, "values", MappingProxyType({name: float(self.values[name]) for name in known}))
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+
+def names(controller: str | None = None) -> list[str]:
+    """Names of the sets that come with the package, CONTROLLER-NAME each; only those of `controller`, if given."""
+    folder = resources.files("validation.track").joinpath("gain_sets")
+    found = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
+    return found if controller is None else [name for name in found if name.rpartition("-")[0] == controller]
+
+
+def load_gains(controller: str, name_or_path: str) -> GainSet:
+    """The gains of a controller: a shipped set by name, or a TOML file by path.
+
+    Args:
+        controller: one of `FIELDS`.
+        name_or_path: a name with the controller's in front (`lqr-manual`) or without (`manual`), `default`, or a path.
+
+    Raises:
+        GainsError: there is none, it belongs to another controller, or it says something that cannot be; one line that
+            names file and gain.
+    """
+    try:
+        _gains_of(controller)
+    except ValueError as error:
+        raise GainsError(str(error)) from error
+    if name_or_path == DEFAULT:
+        values = asdict(GAINS[controller]())
+        return GainSet(controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller")
+    shipped = next((n for n in (f"{controller}-{name_or_path}", name_or_path) if n in names()), None)
+    if shipped is not None:
+        text = resources.files("validation.track").joinpath("gain_sets", f"{shipped}.toml").read_text(encoding="utf-8")
+    elif Path(name_or_path).is_file():
+        try:
+            text = Path(name_or_path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise GainsError(f"{name_or_path}: cannot be read as text ({error})") from error
+    else:
+        own = ", ".join([*(n.removeprefix(f"{controller}-") for n in names(controller)), DEFAULT])
+        raise GainsError(f"{controller} has no gains '{name_or_path}'; there are: {own}; or give the path of a TOML file")
+    try:
+        return _parse(tomllib.loads(text), controller)
+    except ValueError as error:
+        raise GainsError(f"gains {name_or_path}: {' '.join(str(error).split())}") from error
+
+
+def dump_gains(gains: GainSet) -> str:
+    """The set as TOML; `load_gains` gets equal bits back."""
+    document: dict[str, Any] = {"schema": SCHEMA, "controller": gains.controller, "name": gains.name, "source": gains.source}
+    document["gains"] = dict(gains.values)
+    if gains.provenance:
+        document["provenance"] = dict(gains.provenance)
+    return tomli_w.dumps(document)
+
+
+def _gains_of(controller: str) -> tuple[str, ...]:
+    if controller not in FIELDS:
+        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(FIELDS)}")
+    return FIELDS[controller]
+
+
+def _parse(document: Mapping[str, Any], controller: str) -> GainSet:
+    if document.get("schema") != SCHEMA:
+        raise ValueError(f"schema is {document.get('schema')!r}, wanted '{SCHEMA}'")
+    known = {"schema", "controller", "name", "source", "gains", "provenance"}
+    unknown = sorted(set(document) - known)
+    if unknown:
+        raise ValueError(f"the top level has unknown keys {', '.join(unknown)}; there are: {', '.join(sorted(known))}")
+    if document.get("controller") != controller:
+        raise ValueError(f"these are gains of {document.get('controller', 'no controller')}, wanted {controller}")
+    for key, kind, what in (("name", str, "text"), ("source", str, "text"), ("gains", dict, "a table")):
+        if not isinstance(document.get(key), kind):
+            raise ValueError(f"{key} is {document.get(key)!r}, wanted {what}")
+    provenance = document.get("provenance", {})
+    if not isinstance(provenance, dict):
+        raise ValueError(f"provenance is {provenance!r}, wanted a table")
+    return GainSet(controller, document["name"], document["gains"], provenance, document["source"])

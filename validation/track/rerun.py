@@ -1,0 +1,218 @@
+"""Robots that follow a reference as a rerun recording: a target moves on, the robots leave trails, plots say why.
+
+Like a comparison's recording, in metres, seconds and radians on the timeline `sim_time`; see `validation.rerun_log`:
+
+- `world/reference/path`, `.../ticks`: the whole reference, and where its target is at round times;
+- `world/target`: the moving target, an arrow along its heading;
+- `world/<plant>/robot`, `.../trail`, `.../end`: the robot, where it has been, its name where it ends;
+- `plots/<quantity>/<plant>`, `plots/<quantity>/<plant>_wanted`, `..._command`: what is drawn over time;
+- `report`: the report as text.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
+from validation.compare.rerun import (
+    BLACK,
+    TIMELINE,
+    WHITE,
+    Extent,
+    Series,
+    Track,
+    blueprint,
+    encode,
+    follower,
+    identify,
+    lines,
+    opacity_of,
+    outline,
+    overviews,
+    plot_view,
+    round_interval,
+    rr,
+    rrb,
+    write_circumstances,
+    write_motion,
+    write_path,
+    write_robot,
+    write_series,
+    write_signpost,
+)
+from validation.robots.terrain import FLAT
+from validation.show.palette import Rgb, mix
+from validation.show.rerun_ground import write_ground
+from validation.show.robot_mesh import robot_mesh
+from validation.store import write_atomic
+from validation.track.report import gains_text, headline, require_comparable, track_markdown
+from validation.track.result import TrackResult
+
+REFERENCE, TARGET = "reference", "target"
+TRAIL_UPDATES = 200
+"""How often a trail grows, at most."""
+TRAIL_POINTS = 600
+"""How many points a trail has at its end, at most."""
+TRAIL_HEIGHT = 0.016
+"""Just above the reference [m]."""
+TARGET_INK: Rgb = (20, 20, 24)
+QUANTITIES = (
+    ("speed", "m/s", "v_x", "u_ref", "v_cmd", 0),
+    ("yaw_rate", "rad/s", "yaw_rate", "w_ref", "w_cmd", 2),
+)
+"""What is wanted and commanded: name, unit, columns done, wanted and commanded, and which part of the target's twist."""
+ERRORS = (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad"))
+
+
+def write_track_rerun(results: Sequence[TrackResult], path: Path) -> None:
+    """Write robots that followed one reference as a rerun recording, whole or not at all.
+
+    Args:
+        results: up to five, of different plants, on the same reference; the first one's robot is solid.
+        path: the file, `.rrd`; one that is there already is replaced.
+
+    Raises:
+        ValueError: robots that cannot be shown beside one another.
+        OSError: the file cannot be written.
+        RuntimeError: rerun is switched off by `RERUN=off`.
+    """
+    require_comparable(results)
+    first = results[0]
+    ground = next((r.terrain for r in results if r.terrain != FLAT), FLAT)  # planar models stand on none
+    reference = Track(REFERENCE, (max(results, key=lambda r: len(r.target)).target,), None, terrain=ground)
+    robots = [Track(r.plant, (r.run.motion,), None, terrain=ground) for r in results]
+
+    def fill(recording: rr.RecordingStream) -> None:
+        plots = _plots(results, reference)
+        recording.send_blueprint(_layout([reference, *robots], plots), make_active=False, make_default=True)
+        _write_properties(recording, first)
+        report = rr.TextDocument(track_markdown(results), media_type=rr.MediaType.MARKDOWN)
+        recording.log("report", report, static=True)
+        _write_scene(recording, reference, robots)
+        for entity, series in plots.items():
+            write_series(recording, f"plots/{entity}", series, np.empty(0))
+
+    asked = (first.controller, sorted(first.gains.items()), first.reference, first.speed, first.profile, first.seed)
+    data = encode(identify((*asked, sorted(map(repr, first.options.items()))), [reference, *robots]), fill)
+    write_atomic(path, lambda temporary: temporary.write_bytes(data))
+
+
+def _write_properties(recording: rr.RecordingStream, result: TrackResult) -> None:
+    recording.send_recording_name(f"{headline(result)}, profile {result.profile}")
+    about = rr.AnyValues(
+        controller=result.controller,
+        gains=f"{result.gains_name}: {gains_text(result.gains)}",
+        reference=result.reference,
+        speed_m_s=result.speed,
+        profile=result.profile,
+        seed=result.seed,
+    )
+    recording.send_property("tracking", about)
+    write_circumstances(recording, result.options, result.versions)
+
+
+# --- the scene ---
+
+
+def _write_scene(recording: rr.RecordingStream, reference: Track, robots: Sequence[Track]) -> None:
+    """Log ground, reference, target, robots and their trails."""
+    robot, extent, solid = robot_mesh(), Extent([reference, *robots]), robots[0]
+    margin = 0.5 * extent.reach + 5.0
+    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    write_ground(recording, "world/ground", reference.terrain, extent.middle - margin, extent.middle + margin)
+    write_path(recording, reference, round_interval((reference.t[-1] - reference.t[0]) / 8.0))
+    _write_target(recording, reference)
+    for rank, track in enumerate(robots):
+        entity, n = f"world/{track.name}/robot", min(len(track.t), len(solid.t))
+        apart = None if rank == 0 else np.hypot(*(track.pose[:n, :2] - solid.pose[:n, :2]).T)
+        write_robot(recording, entity, robot, track, opacity_of(robot, apart))
+        write_motion(recording, entity, robot, track, track.pose, track.raised)
+        recording.log(f"{entity}/outline", outline(robot, robot.box[1, 2], track.colour), static=True)
+        _write_trail(recording, track)
+        write_signpost(recording, track, extent, rank)
+
+
+def _write_target(recording: rr.RecordingStream, reference: Track) -> None:
+    """Log a post with an arrow along the reference's heading, and where it is over time."""
+    pose = reference.pose[reference.shown]
+    looks = rr.Arrows3D(origins=[[0.0, 0.0, 0.5]], vectors=[[0.45, 0.0, 0.0]], colors=[TARGET_INK], radii=[0.025])
+    recording.log(f"world/{TARGET}", looks, static=True)
+    post = lines([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]], TARGET_INK, 2.5)
+    recording.log(f"world/{TARGET}/post", post, static=True)
+    time = rr.TimeColumn(TIMELINE, duration=reference.t[reference.shown])
+    translation = np.column_stack([pose[:, :2], reference.terrain.height_at(pose[:, :2])])
+    quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
+    recording.send_columns(f"world/{TARGET}", [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
+
+
+def _write_trail(recording: rr.RecordingStream, track: Track) -> None:
+    """Log where a robot has been, as it grows."""
+    every = max(1, math.ceil(len(track.t) / TRAIL_POINTS))
+    points = np.column_stack([track.pose[:, :2], TRAIL_HEIGHT + track.terrain.height_at(track.pose[:, :2])])
+    ends = np.unique(np.linspace(0, len(track.t) - 1, TRAIL_UPDATES).astype(np.intp))
+    trails = [[np.vstack([points[: end + 1 : every], points[end]])] for end in ends]
+    time = rr.TimeColumn(TIMELINE, duration=track.t[ends])
+    strips = rr.LineStrips3D.columns(strips=[strip for trail in trails for strip in trail])
+    recording.send_columns(f"world/{track.name}/trail", [time], strips)
+    style = rr.LineStrips3D.from_fields(colors=[track.colour], radii=rr.Radius.ui_points(2.2))
+    recording.log(f"world/{track.name}/trail", style, static=True)
+
+
+# --- the plots ---
+
+
+def _plots(results: Sequence[TrackResult], reference: Track) -> dict[str, Series]:
+    """All series by entity below `plots`."""
+    plots = dict[str, Series]()
+    grey = mix(BLACK, WHITE, 0.6)
+    (target,) = reference.pieces
+    for quantity, unit, *_, column in QUANTITIES:
+        plots[f"{quantity}/{REFERENCE}"] = Series([f"reference [{unit}]"], [grey], target.t[:-1], target.twist[:-1, column])
+    for r in results:
+        plots.update(_plots_of(r))
+    return plots
+
+
+def _plots_of(result: TrackResult) -> dict[str, Series]:
+    """The series of one robot by entity."""
+    name, run, plots = result.plant, result.run, dict[str, Series]()
+    ink = Track(name, (), None).bright
+    pale, dark = mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)
+    for quantity, unit, done, wanted, commanded, _ in QUANTITIES:
+        plots[f"{quantity}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(done))
+        plots[f"{quantity}/{name}_wanted"] = Series([f"{name} wanted [{unit}]"], [pale], run.t, run.column(wanted))
+        command = Series([f"{name} command [{unit}]"], [dark], run.t, run.column(commanded), held=True)
+        plots[f"{quantity}/{name}_command"] = command
+    for error, unit in ERRORS:
+        plots[f"{error}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(error))
+    names = [f"{name} {side} [N m]" for side in ("left", "right")]
+    shades = [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
+    plots[f"torque/{name}"] = Series(names, shades, run.t, run.columns("torque_left", "torque_right"))
+    return plots
+
+
+def _layout(tracks: Sequence[Track], plots: Mapping[str, Series]) -> rrb.Blueprint:
+    """Looks at the robots and the report on the left, plots on the right."""
+    first = tracks[1]
+    names = [f"- /world/{track.name}/end/**" for track in tracks]
+    scene, above = overviews(Extent(tracks), names)
+    bodies = [f"- /world/{track.name}/robot/**" for track in tracks[2:]]
+    close = follower(first, [*names, f"- /world/{REFERENCE}/ticks/time", *bodies])
+    report = rrb.TextDocumentView(origin="/report", name="Report")
+    left = rrb.Vertical(rrb.Tabs(scene, above, report), close, row_shares=[6, 5])
+    span = (0.0, max(float(track.t[-1]) for track in tracks[1:]))
+    titles = {
+        "speed": "Speed, wanted and commanded [m/s]",
+        "yaw_rate": "Yaw rate, wanted and commanded [rad/s]",
+        "e_rho": "e_rho: distance to the target [m]",
+        "e_y": "e_y: its offset to the left [m]",
+        "e_alpha": "e_alpha: error of heading [rad]",
+        "torque": "Torques of the sides [N m]",
+    }
+    views = {entity: plot_view(plots, entity, title, span) for entity, title in titles.items()}
+    errors = [view for error, _ in ERRORS for view in views[error]]
+    return blueprint(left, [views["speed"], views["yaw_rate"], errors, views["torque"]])

@@ -1,0 +1,172 @@
+"""Waypoints from CSV and xlsx files, and by the name of a reference trajectory.
+
+A file has a header that names x and y [m] and, where it brings its times, t [s]; other columns are ignored. In an xlsx file
+that is the first sheet.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ssmr.control import references
+from ssmr.control.waypoints import Waypoints, find_fault
+from ssmr.types import FloatArray
+from validation.logs.recording import DAMAGE, TableError, read_bytes, read_column, read_table, shown
+
+
+class WaypointError(TableError):
+    """A file has no waypoints that a robot could follow."""
+
+    wanted = "waypoints (.csv or .xlsx)"
+    header = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
+
+
+class _SheetError(WaypointError):
+    """The same of a spreadsheet."""
+
+    counted = "row"
+
+
+def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
+    """Read waypoints (Alg. 5, lines 1-7).
+
+    In a CSV file, a UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a column's
+    name mean the same.
+
+    Args:
+        path: a CSV or xlsx file.
+        speed: reference speed [m/s]: it gives the times, and replaces those of the file. None: the file's own.
+
+    Raises:
+        WaypointError: the file cannot be read, has no waypoints, or no times while there is no speed.
+        ValueError: the speed is not positive and finite.
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    error: type[WaypointError] = _SheetError if ending == ".xlsx" else WaypointError
+    if ending not in (".csv", ".xlsx") and not path.is_dir():
+        raise error(path, f"files ending in '{path.suffix}' are not read; wanted {error.wanted}")
+    (header, *rows), (line, *lines) = _read_sheet(path) if ending == ".xlsx" else read_table(path, error)
+    places = _places_of_columns(path, header, line, error, timed=speed is None)
+    columns = {}
+    for name, k in places.items():
+        values = read_column(path, name, [row[k] for row in rows], lines, error)
+        assert values is not None  # x, y and t are numbers, or an error
+        columns[name] = values
+    if len(rows) < 2:
+        some = "is one waypoint" if rows else "are no waypoints"
+        raise error(path, f"there {some} after the header; a trajectory needs at least two")
+    xy = np.column_stack([columns["x"], columns["y"]])
+    _check(path, columns.get("t", np.arange(len(xy), dtype=np.float64)), xy, lines, error)
+    return Waypoints(columns["t"], xy) if speed is None else Waypoints.from_path(xy, speed)
+
+
+def generic(speed: float) -> Waypoints:
+    """The generic trajectory: a lab's tight corners, practicable at 0.25 m/s and hardly at 0.5 (docs/references.md).
+
+    The thesis' own (Fig. 4.5) is lost.
+
+    Args:
+        speed: reference speed [m/s].
+
+    Raises:
+        ValueError: the speed is not positive and finite.
+    """
+    with resources.as_file(resources.files("validation.track").joinpath("references", "generic.csv")) as path:
+        return read_waypoints(path, speed)
+
+
+REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({**references.REFERENCES, "generic": generic})
+"""The four sample trajectories of Sec. 4.1.3 by name, each a function of the reference speed [m/s]."""
+
+
+def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, Waypoints]:
+    """What to follow: a sample trajectory by name, or a file's waypoints.
+
+    Args:
+        name_or_path: a name of `REFERENCES`, or the path of a CSV or xlsx file.
+        speed: reference speed [m/s]; only a file with times can do without.
+
+    Returns:
+        What tables and pictures call it, and the waypoints.
+
+    Raises:
+        ValueError: an unknown name, no speed where one is needed, or a file that cannot be read.
+    """
+    if name_or_path in REFERENCES:
+        if speed is None:
+            raise ValueError(f"{name_or_path} is a path without times: give the reference speed, such as 0.25 m/s")
+        return name_or_path, REFERENCES[name_or_path](speed)
+    path = Path(name_or_path)
+    if not path.suffix and not path.exists():
+        raise ValueError(
+            f"no reference '{name_or_path}'; there are: {', '.join(REFERENCES)}, and paths of .csv and .xlsx files"
+        )
+    return path.stem, read_waypoints(path, speed)
+
+
+def _places_of_columns(
+    path: Path, header: Sequence[str], line: int, error: type[WaypointError], *, timed: bool
+) -> dict[str, int]:
+    """Which column is x, which y, and, if `timed`, which t."""
+    names = [cell.strip().lower() for cell in header]
+    for name in ("x", "y"):
+        if name not in names:
+            raise error(path, f"there is no column {name} among {shown(map(str.strip, header))}; {error.header}", line)
+    if timed and "t" not in names:
+        raise error(path, "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s", line)
+    wanted = ("x", "y", "t") if timed else ("x", "y")
+    for name in wanted:
+        if names.count(name) > 1:
+            raise error(path, "the header names this column twice; each needs a name of its own", line, name)
+    return {name: names.index(name) for name in wanted}
+
+
+def _check(path: Path, t: FloatArray, xy: FloatArray, lines: Sequence[int], error: type[WaypointError]) -> None:
+    fault = find_fault(t, xy)
+    if fault is not None:
+        raise error(path, fault.what, lines[fault.row], fault.column)
+
+
+def _read_sheet(path: Path) -> tuple[list[list[str]], list[int]]:
+    """Rows of the first sheet as text, the header first, all as wide as it, and each one's number; blank rows left out."""
+    try:
+        import openpyxl
+    except ImportError:
+        raise _SheetError(
+            path, "reading xlsx files needs openpyxl: pip install 'ssmr-testbed[xlsx]', or save it as .csv"
+        ) from None
+    data = read_bytes(path, _SheetError)
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of styles, pictures and other things that are no numbers
+            book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
+            table = [(k, _texts(cells)) for k, cells in _filled(book.worksheets)]
+    except (zipfile.BadZipFile, *DAMAGE) as cause:
+        raise _SheetError(path, f"this is no xlsx file, or a damaged one ({shown([str(cause)])})") from cause
+    if not table:
+        raise _SheetError(path, f"the first sheet is empty; {_SheetError.header}")
+    width = len(table[0][1])
+    return [(cells + [""] * width)[:width] for _, cells in table], [k for k, _ in table]
+
+
+def _filled(sheets: Sequence[Any]) -> Iterator[tuple[int, Sequence[object]]]:
+    """Number and values of each row of the first sheet that holds something."""
+    for sheet in sheets[:1]:
+        sheet.reset_dimensions()  # what a file claims of its size may be wrong
+        for k, values in enumerate(sheet.iter_rows(values_only=True), start=1):
+            if any(v is not None and str(v).strip() for v in values):
+                yield k, values
+
+
+def _texts(values: Iterable[object]) -> list[str]:
+    """Cells as a CSV file would have them; `repr` of a number reads back to the same bits."""
+    return ["" if v is None else v if isinstance(v, str) else repr(v) if isinstance(v, float) else str(v) for v in values]

@@ -1,0 +1,169 @@
+"""A tuning as one picture: how the search went, the gains that it found, and what they do against the baseline's."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ssmr.control.loop import ClosedRun
+from validation.compare.table import length_unit, shortened
+from validation.fit.figure import SearchLooks, footer_text, search_rows
+from validation.fit.report import effort, ending
+from validation.show.drawing import (
+    ALARM,
+    BESIDE_INK,
+    NARROW,
+    QUIET,
+    REFERENCE_DASHES,
+    REFERENCE_INK,
+    Ink,
+    Panel,
+    Row,
+    corner_note,
+    draw_dart,
+    draw_footer,
+    draw_loss,
+    draw_reference,
+    draw_section,
+    equal_scales,
+    ink_of,
+    inset,
+    line_legend,
+    narrow,
+    note_rows,
+    put_together,
+    text_row,
+)
+from validation.track.report import gains_text
+from validation.tune.report import against, cost_text, held_gains, label_text, source, tune_notes
+from validation.tune.result import Followed, TuneResult
+
+MAX_TRAIN, MAX_HELD_OUT, MAX_ABREAST = 8, 4, 4
+"""How many references have a panel of their path, and how many panels stand in a row."""
+
+_HEADER_IN, _GAP_IN, _SECTION_IN, _FOOTER_IN = 0.84, 0.1, 0.3, 0.26
+_PATHS_IN = {1: 3.4, 2: 3.3, 3: 3.1, 4: 2.75}  # height of a row of paths by how many stand in it
+_HEADING_IN = 9.3  # width of the heading at most
+
+
+def _plants(result: TuneResult) -> list[str]:
+    return list(dict.fromkeys(f.plant for f in (*result.train, *result.held_out)))
+
+
+def _draw_header(result: TuneResult, ax: Axes) -> None:
+    """Title, what it took, how it ended, and the legend of paths."""
+    ax.set_axis_off()
+    names = [Path(name).name for name in source(result).split(",")]
+    lead = f"{result.controller} tuned on "
+    heading = ax.text(0.0, 1.0, f"{lead}{shortened(', '.join(names), 90)}", transform=ax.transAxes, fontsize=14.0,
+                      fontweight="bold", va="top")  # fmt: skip
+    narrow(heading, _HEADING_IN, lead)
+    finished = result.status == "finished"
+    ax.text(1.0, 1.0, ending(result), transform=ax.transAxes, ha="right", va="top", fontsize=10.5,
+            fontweight="normal" if finished else "bold", color=QUIET if finished else ALARM)  # fmt: skip
+    about = f"{effort(result)} · against {against(result)}"
+    ax.text(0.0, 0.64, shortened(about, 150), transform=ax.transAxes, va="top", color="0.25")
+    handles: list[Artist] = [
+        Line2D([], [], color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES),
+        Line2D([], [], color=BESIDE_INK, linewidth=1.3),
+    ]
+    labels = ["reference", shortened(result.baseline_name, 40)]
+    for plant in _plants(result):
+        handles.append(Line2D([], [], color=ink_of(plant), linewidth=NARROW))
+        labels.append(f"tuned, {plant}")
+    line_legend(ax, handles, labels)
+
+
+def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, ax: Axes) -> None:
+    """A path, and a cross where the robot was lost."""
+    x, y = run.columns("x", "y").T
+    ax.plot(x, y, color=ink, linewidth=width, zorder=zorder, gid=gid)
+    if run.lost and len(x):
+        draw_loss(ax, x[-1], y[-1], f"{gid} lost")
+
+
+def _quality(followed: Followed) -> tuple[str, str]:
+    """Cost and d_rms of the tuned gains and of the baseline, a line each."""
+    f = followed
+    unit = length_unit([f.tuned_metrics.path.d_rms_m, f.baseline_metrics.path.d_rms_m])
+
+    def text(name: str, cost: float, lost: bool, d_rms: float) -> str:
+        return f"{name}: {'' if lost else 'cost '}{cost_text(cost, lost)}, d_rms {unit.text(d_rms)} {unit.symbol}"
+
+    return (
+        text("tuned", f.tuned_cost, f.tuned.lost, f.tuned_metrics.path.d_rms_m),
+        text("baseline", f.baseline_cost, f.baseline.lost, f.baseline_metrics.path.d_rms_m),
+    )
+
+
+def _draw_path(followed: Followed, held_out: bool, ax: Axes) -> None:
+    """The reference, the robot with the tuned gains, and with the baseline's."""
+    f = followed
+    inset(ax, above=0.36)
+    draw_reference(ax, f.target.xy)
+    _draw_run(f.baseline, BESIDE_INK, 1.3, 2.2, "baseline", ax)
+    _draw_run(f.tuned, ink_of(f.plant), NARROW, 2.5, "tuned", ax)
+    if len(f.tuned.t):
+        draw_dart(ax, f.tuned.columns("x", "y", "yaw")[-1], f.plant, 11.0)
+    equal_scales(ax, 0.6)
+    ax.locator_params(nbins=5)
+    ax.set(xlabel="x [m]", ylabel="y [m]", label="held out" if held_out else "train")
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    box = ax.get_window_extent()
+    title = ax.set_title(label_text(f, 80), pad=31.0, fontsize=10.0)
+    narrow(title, (min(box.x1 + 0.3 * figure.dpi, figure.bbox.x1 - 0.1 * figure.dpi) - box.x0) / figure.dpi)
+    for k, (text, lost) in enumerate(zip(_quality(f), (f.tuned.lost, f.baseline.lost), strict=True)):
+        ax.annotate(text, (0.0, 1.0), (0.0, 17.0 - 12.0 * k), xycoords="axes fraction", textcoords="offset points",
+                    va="bottom", fontsize=8.5, color=ALARM if lost else "0.15" if k == 0 else "0.45")  # fmt: skip
+    if held_out:
+        corner_note(ax, "held out")
+
+
+def _path_rows(result: TuneResult) -> tuple[list[Row], list[str]]:
+    """Rows of paths, and in words what found no room."""
+    panels: list[Panel] = [partial(_draw_path, f, False) for f in result.train[:MAX_TRAIN]]
+    panels += [partial(_draw_path, f, True) for f in result.held_out[:MAX_HELD_OUT]]
+    if not panels:
+        return [], []
+    abreast = math.ceil(len(panels) / math.ceil(len(panels) / MAX_ABREAST))
+    heading = "Paths [m]: from the ring to the square"
+    rows = [text_row(_SECTION_IN, partial(draw_section, heading))]
+    for k in range(0, len(panels), abreast):
+        part = panels[k : k + abreast]
+        share = 1.0 / abreast
+        rows.append(Row(_PATHS_IN[abreast], tuple((share, panel) for panel in part)))
+    without = [label_text(f) for f in (*result.train[MAX_TRAIN:], *result.held_out[MAX_HELD_OUT:])]
+    return rows, [f"Without a picture of their own: {', '.join(without)}."] if without else []
+
+
+def draw_tune(result: TuneResult) -> Figure:
+    """Everything about a tuning that can be seen in one look, 1600 px wide.
+
+    Args:
+        result: what was found.
+
+    Returns:
+        A figure with its layout done: convergence, gains within their bounds, and on each reference, trained on and held
+        out, the paths that the tuned gains and the baseline's lead to; and notes.
+    """
+    paths, left_out = _path_rows(result)
+    ink: Ink = ink_of(result.train[0].plant) if result.train else "0.1"
+    looks = SearchLooks(result, ink, "Gains", "baseline", before_cost=result.baseline_cost)
+    held = held_gains(result)
+    notes = [*tune_notes(result), *left_out, *([f"Gains that were held: {gains_text(held)}."] if held else [])]
+    rows = [
+        text_row(_HEADER_IN, partial(_draw_header, result)),
+        Row(_GAP_IN, ()),
+        *search_rows(looks),
+        *paths,
+        *note_rows(notes),
+        text_row(_FOOTER_IN, partial(draw_footer, footer_text(result))),
+    ]
+    return put_together(rows)

@@ -18,10 +18,10 @@ from ssmr.types import FloatArray
 from tests.test_fit_figure import CASES, DRIVE, interrupted, many, parameter, recorded, result, scored
 from tests.test_rerun_log import run_rerun
 from tests.test_tables import TERMINAL, in_si, markdown_tables, rendered, rich_rows
-from validation.compare.table import NOTHING
 from validation.fit.report import cube_share, fit_markdown, fit_notes, fit_tables, is_vague, number_text, value_text
 from validation.fit.rerun import as_comparison, write_fit_recording
 from validation.fit.result import FitResult, FittedParameter
+from validation.show.tables import NOTHING
 
 ONE = FittedParameter("friction", "1", 0.5, 0.1, 1.2, "linear", 0.4, at_bound=False)
 

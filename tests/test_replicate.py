@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROUNDOFF
-from validation.compare.table import Cell
 from validation.fit.objective import Problem
 from validation.logs.recording import Recording, write_csv
 from validation.replicate import __main__ as replicate
@@ -41,6 +40,7 @@ from validation.replicate.evidence import (
 from validation.replicate.html_page import prose, render, status_class
 from validation.replicate.report import as_json, document_of, linked, markdown, order_of, unexplained
 from validation.replicate.residual_figure import draw_residuals
+from validation.show.tables import Cell
 from validation.study.tables.run import TABLES, Entry
 from validation.thesis import published
 from validation.thesis.verdicts import STATUSES, Pair

@@ -19,17 +19,9 @@ from ssmr.metrics.paths import HorizonErrors, PathMetrics
 from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF
 from validation.compare.result import Comparison, PlantResult
-from validation.compare.table import (
-    BEST_STYLE,
-    COLUMNS,
-    NOTHING,
-    comparison_table,
-    headline,
-    horizon_table,
-    length_unit,
-    report_markdown,
-)
+from validation.compare.table import COLUMNS, comparison_table, headline, horizon_table, report_markdown
 from validation.robots.plant import Health
+from validation.show.tables import BEST_STYLE, NOTHING, length_unit
 
 TERMINAL = 110  # columns: what the tables must fit
 HEALTHY, UNHEALTHY = Health(0.9, 0.03), Health(0.0, 0.3)

@@ -7,6 +7,7 @@ import logging
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -15,15 +16,20 @@ from typing import Any
 import tyro
 from rich.console import Console
 from rich.logging import RichHandler
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
 
 from ssmr.errors import SsmrError
+from validation.progress import Progress, Report
 
 EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130
 
+LOG_EVERY_S = 5.0
+"""How often progress is told where standard error is no terminal [s]."""
 REPORT_WIDTH = 110
 """Columns of a table where standard output is no terminal."""
 
@@ -132,10 +138,10 @@ def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
     return out
 
 
-def progress() -> Progress:
+def progress() -> Bar:
     """A progress bar on standard error, gone when done; silent where standard error is no terminal."""
     console = Console(stderr=True)
-    return Progress(
+    return Bar(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -145,6 +151,29 @@ def progress() -> Progress:
         transient=True,
         disable=not console.is_terminal,
     )
+
+
+@contextlib.contextmanager
+def shown(title: str) -> Iterator[Report]:
+    """Within, a progress bar on standard error; yield the callback that moves it.
+
+    Where standard error is no terminal, a line every few seconds says the same: how much is done, what, and the time left.
+    """
+    began = last = time.perf_counter()
+    bar = progress()
+
+    def show(now: Progress) -> None:
+        nonlocal last
+        bar.update(task, completed=now.done, total=now.total, description=escape(f"{title}: {now.text}"))
+        clock = time.perf_counter()
+        if bar.disable and clock - last > LOG_EVERY_S and now.done > 0.0:
+            last = clock
+            left = (now.total - now.done) / now.done * (clock - began)
+            print(f"{title}: {now.done:.0f} of {now.total:.0f}, {now.text}; {left:.0f} s left", file=sys.stderr, flush=True)
+
+    with bar:
+        task = bar.add_task(escape(title), total=None)
+        yield show
 
 
 def report_console() -> Console:

@@ -1,1 +1,1 @@
-"""The trajectory trackers, one law a file: pure functions with explicit memory, compiled with the plant they drive."""
+"""Trajectory tracking: references, control laws, and the closed loop around a planar model."""

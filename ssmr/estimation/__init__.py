@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""State estimation from wheel encoders and a gyro."""

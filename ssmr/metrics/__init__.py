@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Measures of how far one motion lies from another."""

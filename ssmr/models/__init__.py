@@ -1,1 +1,1 @@
-"""The planar models of the robot, one a file."""
+"""The planar models of the robot, one file each, and the friction laws that they use."""

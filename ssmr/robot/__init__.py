@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""The robot as numbers: geometry, drive, sensors, wheel loads, ground."""

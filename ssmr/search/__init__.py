@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Parameter spaces and the optimisers that search them."""

@@ -24,7 +24,7 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.paths import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.compare.result import Comparison
-from validation.compare.table import HEADLINE_HORIZON, headline, length_unit, shortened
+from validation.compare.table import HEADLINE_HORIZON, headline
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT
 from validation.robots.wheel_loads import QUASI_STATIC
@@ -57,6 +57,7 @@ from validation.show.drawing import (
     yaw_degrees,
 )
 from validation.show.drawing import save_figure as save_figure
+from validation.show.tables import length_unit, shortened
 
 LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by then."""

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Find a plant's parameters from a motion."""

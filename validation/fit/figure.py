@@ -22,7 +22,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from ssmr.geometry import relative
 from ssmr.metrics.paths import HorizonErrors, compare_pieces, horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
-from validation.compare.table import HEADLINE_HORIZON, length_unit, option_text, shortened
+from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.report import (
     STOPPED,
     Search,
@@ -67,6 +67,7 @@ from validation.show.drawing import (
     text_row,
     yaw_degrees,
 )
+from validation.show.tables import length_unit, option_text, shortened
 
 LONGEST_PATH = 30.0
 """Longer motions, and ones in pieces, are shown over a stretch of this length [s]."""

@@ -9,8 +9,9 @@ from pathlib import Path
 from rich.table import Table
 
 from ssmr.metrics.paths import HorizonErrors, PathMetrics
-from validation.compare.table import (
-    COLUMNS,
+from validation.compare.table import COLUMNS
+from validation.fit.result import FitResult, FittedParameter, Scored
+from validation.show.tables import (
     DEGREES,
     METRES,
     NOTHING,
@@ -26,7 +27,6 @@ from validation.compare.table import (
     shortened,
     unit_of,
 )
-from validation.fit.result import FitResult, FittedParameter, Scored
 from validation.tune.result import TuneResult
 
 Search = FitResult | TuneResult

@@ -12,10 +12,10 @@ from ssmr.metrics.paths import compare_pieces
 from ssmr.types import Trajectory
 from validation.compare.rerun import History, write_recording
 from validation.compare.result import Comparison, PlantResult
-from validation.compare.table import option_text
 from validation.fit.report import fit_markdown
 from validation.fit.result import FitResult, FittedParameter
 from validation.show.palette import colour
+from validation.show.tables import option_text
 
 BEFORE = "before"
 """What the plant before the fit is called."""

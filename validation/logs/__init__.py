@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Logs of robots: files in, columns on one clock, files out."""

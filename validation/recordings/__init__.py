@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Look into a log, and convert it."""

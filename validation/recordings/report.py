@@ -9,10 +9,10 @@ import numpy as np
 from rich.table import Table
 
 from ssmr.types import FloatArray
-from validation.compare.table import DEGREES, NOTHING, Cell, Grid, Unit, rich_table
 from validation.logs.bags import Bag, Stream
 from validation.logs.dead_reckoning import Reckoning
 from validation.logs.signals import REST_LEAST, Groups, Offset, Rest
+from validation.show.tables import DEGREES, NOTHING, Cell, Grid, Unit, rich_table
 
 SHOWN = 5
 """Of gaps and jumps, so many are named."""

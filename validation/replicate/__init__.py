@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Every table of the thesis beside what this project gets."""

@@ -10,7 +10,6 @@ from typing import Annotated
 import tyro
 
 from validation import cli
-from validation.compare.table import rich_table
 from validation.motion.sources import read_recording
 from validation.replicate import real as evidence_real
 from validation.replicate.evidence import (
@@ -22,6 +21,7 @@ from validation.replicate.evidence import (
 )
 from validation.replicate.report import document_of
 from validation.replicate.run import ALL, publish, run_all, write
+from validation.show.tables import rich_table
 
 
 def main(

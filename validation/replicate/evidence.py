@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from validation import cli, store
-from validation.compare.table import Cell, Grid
 from validation.fit.search import CheckpointError, Evaluate, Search, begin, shown
 from validation.robots.husky import xml_path
 from validation.show.drawing import save_figure
+from validation.show.tables import Cell, Grid
 from validation.thesis.verdicts import Pair
 
 SCHEMA = "ssmr.evidence/1"

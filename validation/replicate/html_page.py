@@ -8,8 +8,8 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from validation.compare.table import Cell
 from validation.replicate.report import Document
+from validation.show.tables import Cell
 from validation.thesis.verdicts import STATUSES
 
 

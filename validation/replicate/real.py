@@ -14,12 +14,12 @@ from validation.compare.figure import comparison_figure
 from validation.compare.result import Comparison
 from validation.compare.run import Settings as CompareSettings
 from validation.compare.run import compare
-from validation.compare.table import Cell, Grid
 from validation.logs.recording import Recording
 from validation.motion.sources import Source, read_recording, source_of
 from validation.plants.profile import PLANTS, Profile, load
 from validation.replicate.evidence import Context, Findings, Picture, Section
 from validation.replicate.residual_figure import Residuals, draw_residuals
+from validation.show.tables import Cell, Grid
 
 PROFILE = "husky-tile"
 INPUTS: tuple[tuple[Literal["wheels", "commands"], CommandKind, str], ...] = (

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from validation import store
-from validation.compare.table import Cell, Grid, markdown_table
 from validation.plants.profile import PLANTS
 from validation.replicate.evidence import Effort, Findings, Picture, Section, Settings
 from validation.replicate.tables import REMARKS, Part, is_printed, parts_of, row_verdict, verdicts_of
+from validation.show.tables import Cell, Grid, markdown_table
 from validation.thesis.verdicts import RULES, STATUSES, UNEXPLAINED, Pair, RowVerdict, Verdict, short
 
 SCHEMA = "ssmr.replicate/1"

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""The MuJoCo robot: from its description to a compiled model that moves."""

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""The MuJoCo Husky and the controllers on a ROS graph."""

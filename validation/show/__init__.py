@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""What tables, pictures and rerun recordings are put together from."""

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Questions that take many runs, one folder each."""

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from ssmr.control.laws import CONTROLLERS
 from ssmr.control.loop import Feedback
 from validation import cli, store
-from validation.compare.table import Grid, rich_table
 from validation.plants.profile import PLANTS, load
+from validation.show.tables import Grid, rich_table
 from validation.track.waypoint_files import open_reference
 
 

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""The thesis' printed numbers, and how ours are judged against them."""

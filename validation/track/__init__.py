@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Follow a reference with a controller around any plant."""

@@ -17,7 +17,6 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from ssmr.control.waypoints import ALPHA_SWITCH
-from validation.compare.table import DEGREES, Unit, length_unit, shortened
 from validation.robots.terrain import FLAT
 from validation.show.drawing import (
     ALARM,
@@ -45,6 +44,7 @@ from validation.show.drawing import (
     stacked,
     text_row,
 )
+from validation.show.tables import DEGREES, Unit, length_unit, shortened
 from validation.track.report import MEASURES, gains_text, headline, lost_text, require_comparable, units_of
 from validation.track.result import TrackResult
 

@@ -14,18 +14,8 @@ from rich.table import Table
 from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH
 from validation import store
-from validation.compare.table import (
-    COLUMNS,
-    Cell,
-    Grid,
-    Unit,
-    code_span,
-    markdown_table,
-    one_line,
-    option_text,
-    rich_table,
-    unit_of,
-)
+from validation.compare.table import COLUMNS
+from validation.show.tables import Cell, Grid, Unit, code_span, markdown_table, one_line, option_text, rich_table, unit_of
 from validation.track.result import TrackMetrics, TrackResult
 
 SCHEMA = "ssmr.track/1"

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Tune a controller's gains."""

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.control.loop import ClosedRun
-from validation.compare.table import length_unit, shortened
 from validation.fit.figure import SearchLooks, footer_text, search_rows
 from validation.fit.report import effort, ending
 from validation.show.drawing import (
@@ -40,6 +39,7 @@ from validation.show.drawing import (
     put_together,
     text_row,
 )
+from validation.show.tables import length_unit, shortened
 from validation.track.report import gains_text
 from validation.tune.report import against, cost_text, held_gains, label_text, source, tune_notes
 from validation.tune.result import Followed, TuneResult

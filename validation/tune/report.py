@@ -11,8 +11,8 @@ import numpy as np
 from rich.table import Table
 
 from validation import store
-from validation.compare.table import NOTHING, Cell, Grid, best_of, one_line, rich_table, shortened
 from validation.fit.report import effort, ending, parameter_grid
+from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, rich_table, shortened
 from validation.track.report import MEASURES, gains_text, lost_text, metrics_document, units_of
 from validation.track.result import TrackMetrics
 from validation.tune.result import Followed, TuneResult

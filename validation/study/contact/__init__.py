@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""How contact and solver settings change the MuJoCo Husky."""

@@ -18,8 +18,8 @@ import numpy as np
 
 from ssmr.metrics.paths import horizon_windows
 from validation import cli, store
-from validation.compare.table import DEGREES, NOTHING, Cell, Grid, Unit, markdown_table
 from validation.robots.physics import PhysicsSettings
+from validation.show.tables import DEGREES, NOTHING, Cell, Grid, Unit, markdown_table
 from validation.study.contact.bench import (
     HORIZON,
     MODELS,

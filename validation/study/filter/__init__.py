@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""How fast dead reckoning drifts."""

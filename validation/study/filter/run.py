@@ -25,9 +25,9 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.robot.vehicle import require_in_range
 from ssmr.types import FloatArray, State, Trajectory
 from validation import cli, store
-from validation.compare.table import NOTHING, Cell, Grid, markdown_table
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
+from validation.show.tables import NOTHING, Cell, Grid, markdown_table
 from validation.track.gains import DEFAULT, load_gains
 from validation.track.tracking import Robot, make_controller, odometry_of, require_practicable, run_robots
 

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Every shipped set of gains on every reference."""

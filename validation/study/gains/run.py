@@ -13,9 +13,9 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from ssmr.control.loop import LoopSettings
 from validation import store
-from validation.compare.table import NOTHING, Cell, Grid, markdown_table
 from validation.plants.profile import Profile
 from validation.show.drawing import draw_footer, inset, line_legend, put_together, side_by_side, text_row
+from validation.show.tables import NOTHING, Cell, Grid, markdown_table
 from validation.study.robustness.figure import ink_of
 from validation.track.gains import load_gains, names
 from validation.track.tracking import make_controller, make_robot, rate, run_robots

@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""Controllers on robots that differ from the one they were tuned for."""

@@ -30,9 +30,9 @@ from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, require_in_range
 from ssmr.types import Commands, Trajectory
 from validation import cli, store
-from validation.compare.table import Cell, Grid, Unit, markdown_table
 from validation.plants.profile import Profile
 from validation.robots.plant import Health, MujocoPlant, check_health
+from validation.show.tables import Cell, Grid, Unit, markdown_table
 from validation.track import gains as gain_sets
 from validation.track.gains import DEFAULT, GainSet, load_gains
 from validation.track.tracking import Robot, make_controller, odometry_of, rate, require_practicable, run_robots

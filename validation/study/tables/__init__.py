@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""The thesis' tables of tracked references beside this project's."""

@@ -18,9 +18,9 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.metrics.paths import PathMetrics, compare_paths
 from validation import store
-from validation.compare.table import NOTHING, Cell, Grid, markdown_table
 from validation.plants.profile import Profile
 from validation.show.drawing import draw_footer, inset, put_together, side_by_side, text_row
+from validation.show.tables import NOTHING, Cell, Grid, markdown_table
 from validation.thesis import published
 from validation.thesis.verdicts import FACTOR
 from validation.track.gains import load_gains

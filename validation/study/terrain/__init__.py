@@ -1,1 +1,1 @@
-"""TODO-room."""
+"""How far planar models hold on slopes and rough ground."""

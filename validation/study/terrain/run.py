@@ -25,11 +25,11 @@ from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation import store
-from validation.compare.table import NOTHING, Cell, Grid, markdown_table
 from validation.plants.profile import PLANTS, Profile, make_plant
 from validation.robots.plant import MujocoPlant
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import MEASURED, QUASI_STATIC, with_quasi_static
+from validation.show.tables import NOTHING, Cell, Grid, markdown_table
 from validation.track.gains import load_gains
 from validation.track.tracking import make_controller, make_robot, odometry_of, rate, run_robots
 from validation.track.waypoint_files import open_reference

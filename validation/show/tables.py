@@ -1,0 +1,179 @@
+"""Tables before they are drawn, and the two ways of drawing them: for the terminal (rich) and as markdown."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+Quantity = Literal["length", "ratio", "angle", "speed-up"]
+Wanted = Literal["low", "one", "high"]
+
+NOTHING = "–"
+"""What a number that is not finite is written as."""
+BEST_STYLE = "bold green"
+"""How the terminal emphasises the best value."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """How the numbers of one quantity are written in one table."""
+
+    symbol: str
+    """What stands in brackets."""
+    scale: float
+    """How many of it make up one SI unit."""
+    decimals: int
+    """Digits after the point."""
+    significant: int = 0
+    """Where positive: digits kept before that, for numbers that are not known better."""
+
+    def text(self, value: float) -> str:
+        """A number in SI as it is written, without its unit."""
+        if not math.isfinite(value):
+            return NOTHING
+        scaled = value * self.scale
+        if self.significant > 0:
+            scaled = float(f"{scaled:.{self.significant}g}")
+        text = f"{scaled:.{self.decimals}f}"
+        return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+METRES = Unit("m", 1.0, 3)
+DEGREES = Unit("deg", 180.0 / math.pi, 2)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry as it is written, and whether it is the best of its kind."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table before it is drawn: everything that the terminal and the report have in common."""
+
+    header: tuple[tuple[str, str], ...]
+    """Name and unit of each column; the unit may be empty."""
+    groups: tuple[tuple[tuple[Cell, ...], ...], ...]
+    """Rows, in groups that a line separates."""
+    left: int
+    """How many of the columns hold words."""
+    title: str = ""
+    """What stands above it."""
+    caption: str = ""
+    """What stands below it."""
+
+
+def length_unit(values: Iterable[float]) -> Unit:
+    """Millimetres for lengths [m] that all stay below a metre, else metres."""
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
+    if largest >= 1.0:
+        return METRES
+    return Unit("mm", 1e3, 3 if 1e-6 <= largest < 0.01 else 1)
+
+
+def unit_of(quantity: Quantity, values: Sequence[float]) -> Unit:
+    """How to write all values of a quantity in one table."""
+    if quantity == "length":
+        return length_unit(values)
+    if quantity == "angle":
+        return DEGREES
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
+    if quantity == "ratio":
+        return Unit("1", 1.0, 4 if largest < 100.0 else 2)
+    return Unit("×", 1.0, 0 if largest >= 100.0 else 2, significant=3)
+
+
+def best_of(texts: Mapping[str, str], values: Mapping[str, float], wanted: Wanted) -> set[str]:
+    """Names of the best of what is comparable, ties as written included; nobody where there is nobody to beat."""
+
+    def badness(value: float) -> float:
+        if wanted == "one":
+            return abs(math.log(value)) if value > 0.0 else math.inf
+        return value if wanted == "low" else -value
+
+    finite = {name: badness(value) for name, value in values.items() if math.isfinite(value)}
+    if len(finite) < 2:
+        return set()
+    winner = min(finite, key=lambda name: finite[name])
+    return {name for name in finite if texts[name] == texts[winner]}
+
+
+NEWTONS = Unit("N", 1.0, 0)
+PERCENT = Unit("%", 100.0, 1)
+
+
+def text_tables(grids: Iterable[Grid], notes: Iterable[str] = (), width: int = 110) -> str:
+    """Return grids, and sentences below them, as plain text of at most `width` columns."""
+    out = io.StringIO()
+    console = Console(file=out, width=width, color_system=None)
+    for grid in grids:
+        console.print(rich_table(grid))
+    for note in notes:
+        console.print(Text(note))
+    return out.getvalue()
+
+
+def rich_table(grid: Grid, title: str = "", caption: str = "") -> Table:
+    """Draw a grid for the terminal. Foreign texts go in as they are, never as markup."""
+    title, caption = title or grid.title, caption or grid.caption
+    table = Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold"), caption=Text(caption))
+    table.title_justify = table.caption_justify = "left"
+    for k, (name, unit) in enumerate(grid.header):
+        words = name.replace(" ", "\n") if k >= grid.left else name
+        heading = Text(f"{words}\n[{unit}]" if unit else words)
+        table.add_column(heading, justify="left" if k < grid.left else "right", no_wrap=True, vertical="bottom")
+    for group in grid.groups:
+        for k, row in enumerate(group):
+            cells = [Text(cell.text, style=BEST_STYLE if cell.best else "") for cell in row]
+            table.add_row(*cells, end_section=k + 1 == len(group))
+    return table
+
+
+def one_line(text: object) -> str:
+    """Foreign text without line breaks."""
+    return " ".join(str(text).split())
+
+
+def shortened(text: str, most: int) -> str:
+    """A text in one line of at most `most` characters: its end says more than its beginning."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else f"…{line[1 - most :]}"
+
+
+def code_span(text: object) -> str:
+    """Foreign text as a code span."""
+    return "`" + one_line(text).replace("`", "'") + "`"
+
+
+def markdown_table(grid: Grid) -> list[str]:
+    """Draw a grid as the lines of a table of GitHub-flavoured markdown."""
+
+    def line(cells: Iterable[str]) -> str:
+        return "| " + " | ".join(one_line(cell).replace("|", "\\|") for cell in cells) + " |"
+
+    rows = [row for group in grid.groups for row in group]
+    return [
+        line(f"{name} [{unit}]" if unit else name for name, unit in grid.header),
+        line(":---" if k < grid.left else "---:" for k in range(len(grid.header))),
+        *(line(f"**{cell.text}**" if cell.best else cell.text for cell in row) for row in rows),
+    ]
+
+
+def option_text(value: object) -> str:
+    """How an option is written; several values, such as horizons, are joined by commas."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ",".join(map(option_text, value))
+    return f"{value:g}" if isinstance(value, float) else one_line(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -27,10 +28,9 @@ from validation.show.tables import (
     shortened,
     unit_of,
 )
-from validation.tune.result import TuneResult
 
-Search = FitResult | TuneResult
-"""What a search found."""
+Search = Any
+"""The result of a fit or of a tuning."""
 
 VAGUE_SHARE = 0.5
 """An interval wider than this share of the bounds, as they were searched, says little."""

@@ -1,0 +1,111 @@
+"""The README's two commands, and `.ci/run`, which runs them as they are printed before it installs anything else."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import runpy
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+READER = runpy.run_path(str(ROOT / ".ci" / "readme.py"))
+BROUGHT = {"dm-env": "dm-control"}
+"""A package that tests import, and the one that cannot do without it."""
+
+PYTHON = """#!/usr/bin/env bash
+# Stands for python3.11: reads the README's commands, makes environments whose programs only say that they were called.
+case "$*" in
+    *readme.py*) exec {python} "$@" ;;
+    "-m venv"*) mkdir -p "$3/bin"; for name in pip python ruff mypy; do ln -s {here}/program "$3/bin/$name"; done ;;
+esac
+"""
+PROGRAM = """#!/usr/bin/env bash
+echo "$(basename "$0") $*" >> {here}/calls
+"""
+README = """
+```bash
+git clone <this repository> husky && cd husky && {main} && python3.11 -m venv .venv && .venv/bin/pip install compare traj4
+```
+
+```bash
+python3.11 -m venv .venv && .venv/bin/pip install ".[test]" && .venv/bin/python -m pytest && echo "== 3 passed in 0.10s =="
+```
+"""
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Path:
+    """A repository with this `.ci/run` and a README of its own, and programs that do nothing but write down their calls."""
+    ci = tmp_path / "house" / ".ci"
+    ci.mkdir(parents=True)
+    for name in ("run", "readme.py"):
+        (ci / name).write_bytes((ROOT / ".ci" / name).read_bytes())
+    for name, text in (("python3.11", PYTHON), ("program", PROGRAM), ("roscore", PROGRAM)):  # no ROS is installed
+        path = tmp_path / name
+        path.write_text(text.format(python=sys.executable, here=tmp_path))
+        path.chmod(0o755)
+    return tmp_path / "house"
+
+
+def ci(house: Path, main: str) -> tuple[int, list[str], list[str]]:
+    """Commit the README with `main` in its main job and run; exit status, lines of output, calls."""
+    (house / "README.md").write_text(README.format(main=main))
+    who = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    for command in (["init", "-q"], ["add", "-A"], [*who, "commit", "-qm", "house"]):
+        subprocess.run(["git", *command], cwd=house, check=True)
+    environment = {**os.environ, "PATH": f"{house.parent}{os.pathsep}/usr/bin{os.pathsep}/bin"}
+    done = subprocess.run(["bash", ".ci/run"], cwd=house, env=environment, capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stdout.splitlines(), (house.parent / "calls").read_text().splitlines()
+
+
+def test_the_readme_s_commands_run_first_and_pytest_has_the_last_word(house: Path) -> None:
+    status, output, calls = ci(house, "true")
+    assert calls[:3] == ["pip install compare traj4", "pip install .[test]", "python -m pytest"]
+    assert calls[3:7] == ["pip install -e .[dev]", "ruff check .", "ruff format --check .", "mypy "]
+    assert output[-2:] == ["everything passed", "== 3 passed in 0.10s =="]
+    assert status == 0
+
+
+def test_a_main_job_that_fails_is_told_and_hides_nothing_else(house: Path) -> None:
+    status, output, calls = ci(house, "false")
+    assert status == 1
+    assert "pip install compare traj4" not in calls
+    assert "mypy " in calls
+    assert output[-2:] == ["FAILED: the README's main job", "== 3 passed in 0.10s =="]
+
+
+def test_the_readme_has_both_commands() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    main, tests = (READER["runnable"](READER["printed"](name, text), "SOURCE") for name in ("main", "tests"))
+    assert main.startswith("git clone -q SOURCE ")
+    assert re.search(r"pip install -e \.(?!\[)", main), "the main job needs no extra"
+    assert re.search(r"""pip install -e ["']?\.\[test\]""", tests)
+    assert tests.startswith("git clone -q SOURCE here && cd here\n")
+
+
+def test_a_readme_without_the_command_is_refused() -> None:
+    with pytest.raises(ValueError, match="compare traj4"):
+        READER["printed"]("main", "```bash\npip install ssmr-testbed\n```")
+
+
+def test_the_extra_test_has_what_the_tests_import() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["test"]]
+    installed = {re.split(r"[^\w-]", requirement)[0].lower() for requirement in wanted}
+    owners = packages_distributions()
+    for path in sorted((ROOT / "tests").glob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            for name in (
+                {n.split(".")[0] for n in names} - sys.stdlib_module_names - {"ssmr", "validation", "benchmarks", "tests"}
+            ):
+                distributions = {d.lower().replace("_", "-") for d in owners.get(name, [name])}
+                assert {BROUGHT.get(d, d) for d in distributions} & installed, f"{path.name} imports {name}"

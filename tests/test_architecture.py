@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 ROOMS = (
-    {"ssmr.errors", "ssmr._jit", "ssmr.types"},
+    {"ssmr.errors", "ssmr._jit", "ssmr.types", "ssmr.parameters"},
     {"ssmr.geometry", "ssmr.scenarios"},
     {"ssmr.robot", "ssmr.search", "ssmr.metrics"},
     {"ssmr.models", "ssmr.estimation"},

@@ -21,9 +21,9 @@ from ssmr.control.laws import MEMORY, Controller, position_step, velocity_step
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints, position_errors, target
 from ssmr.errors import SsmrError
 from ssmr.estimation import ekf
+from ssmr.parameters import require_in_range
 from ssmr.robot.drive import body_rates, follow, packed, whole_steps
 from ssmr.robot.sensors import SensorNoise, yaw_disturbance
-from ssmr.robot.vehicle import require_in_range
 from ssmr.simulate import KINEMATIC, PLANAR_DT, PlanarModel, move, pack_parameters, rotation_centre
 from ssmr.types import FloatArray, Plant, State, Trajectory
 

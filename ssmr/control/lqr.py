@@ -12,7 +12,7 @@ import control
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 
 V_LIMIT = 1.0

@@ -12,7 +12,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 
 U_REF_LIMIT = 1.0

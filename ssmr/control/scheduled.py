@@ -20,7 +20,7 @@ import numpy as np
 
 from ssmr._jit import jit
 from ssmr.control.lqr import V_LIMIT, W_LIMIT, clamp_integral
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 
 SPEEDS = tuple(float(v) for v in np.linspace(0.1, 1.0, 10))

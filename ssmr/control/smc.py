@@ -19,7 +19,7 @@ import numpy as np
 
 from ssmr._jit import jit
 from ssmr.control.pid import U_REF_LIMIT
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 
 VELOCITY_LOOP = 7

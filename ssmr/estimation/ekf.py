@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr._jit import jit
+from ssmr.parameters import require_in_range
 from ssmr.robot.drive import body_rates
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
-from ssmr.robot.vehicle import require_in_range
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
 
 MEMORY = 30

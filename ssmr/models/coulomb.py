@@ -10,26 +10,24 @@ from dataclasses import dataclass
 
 from ssmr._jit import jit
 from ssmr.models.friction import coulomb
+from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import wheel_torques
-from ssmr.robot.vehicle import require_in_range
 
 
 @dataclass(frozen=True)
 class CoulombParameters:
     """What is unknown in the model, with the published fit as default (Tab. 3.8)."""
 
-    u_x: float = 0.0727
+    u_x: float = parameter(0.0727, unit="1", low=0.0, high=5.0, search=(0.0, 0.2))
     """Rolling resistance coefficient [1] (printed in m)."""
-    mu_c: float = 0.0254
+    mu_c: float = parameter(0.0254, unit="1", low=0.0, high=5.0, search=(0.0, 0.2))
     """Lateral Coulomb friction coefficient [1]."""
-    gain: float = 56.75
+    gain: float = parameter(56.75, unit="N m s/rad", low=0.0, high=1e6, search=(10.0, 500.0), scale="log")
     """K_P of the wheel torque loop, a side [N m s/rad]."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        require_in_range(self, "u_x", 0.0, 5.0)
-        require_in_range(self, "mu_c", 0.0, 5.0)
-        require_in_range(self, "gain", 0.0, 1e6)
+        check_parameters(self)
 
 
 @jit

@@ -11,28 +11,32 @@ from dataclasses import dataclass
 
 from ssmr._jit import jit
 from ssmr.models.friction import improved, stop_at_zero_crossing
+from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import wheel_torques
-from ssmr.robot.vehicle import require_in_range
 
 
 @dataclass(frozen=True)
 class ImprovedParameters:
     """What is unknown in the model, with the published fit as default (Tab. 3.11)."""
 
-    u_x: float = 0.1282
+    u_x: float = parameter(0.1282, unit="1", low=0.0, high=5.0, search=(0.0, 0.2))
     """Rolling resistance coefficient, at rest and in motion [1] (printed in m)."""
-    mu_s: float = 0.0972
+    mu_s: float = parameter(0.0972, unit="1", low=0.0, high=5.0, search=(0.0, 0.15))
     """Static lateral friction coefficient [1]."""
-    mu_d: float = 0.0409
+    mu_d: float = parameter(0.0409, unit="1", low=0.0, high=5.0, search=(0.0, 0.15))
     """Dynamic lateral friction coefficient [1]."""
-    gain: float = 118.04
+    gain: float = parameter(118.04, unit="N m s/rad", low=0.0, high=1e6, search=(10.0, 500.0), scale="log")
     """K_P of the wheel torque loop, a side [N m s/rad]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
-        for name in ("u_x", "mu_s", "mu_d"):
-            require_in_range(self, name, 0.0, 5.0)
-        require_in_range(self, "gain", 0.0, 1e6)
+        """Check the ranges.
+
+        Raises:
+            ValueError: a number lies outside its range, or sliding would grip more than standing.
+        """
+        check_parameters(self)
+        if self.mu_d > self.mu_s:
+            raise ValueError(f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing")
 
 
 @jit

@@ -10,31 +10,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssmr._jit import jit
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import check_parameters, parameter
 
 
 @dataclass(frozen=True)
 class KinematicParameters:
     """Five constants of a robot on one ground. The defaults say: no slip, the thesis' half-track, centre at the origin."""
 
-    alpha_l: float = 1.0
+    alpha_l: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
     """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius, less slip."""
-    alpha_r: float = 1.0
+    alpha_r: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
     """The same on the right [1]."""
-    x_icr: float = 0.0
+    x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.25, 0.25))
     """Longitudinal coordinate of the centres of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)."""
-    y_l: float = 0.275
+    y_l: float = parameter(0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.2, 0.9))
     """Lateral coordinate of the left side's centre of rotation [m], positive to the left."""
-    y_r: float = -0.275
+    y_r: float = parameter(-0.275, unit="m", low=-50.0, high=0.0, search=(-0.9, -0.2))
     """The same of the right side [m], negative."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name in ("alpha_l", "alpha_r"):
-            require_in_range(self, name, 0.0, 2.0, open_low=True)
-        require_in_range(self, "x_icr", -5.0, 5.0)
-        require_in_range(self, "y_l", 0.0, 50.0, open_low=True)
-        require_in_range(self, "y_r", -50.0, 0.0)
+        check_parameters(self)
 
 
 @jit

@@ -17,8 +17,9 @@ import control
 import numpy as np
 
 from ssmr._jit import jit
+from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import wheel_torques
-from ssmr.robot.vehicle import Drive, Vehicle, require_in_range
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 
 Form = Literal["used", "single", "printed"]
@@ -28,18 +29,16 @@ Form = Literal["used", "single", "printed"]
 class LinearParameters:
     """What is unknown in the model, with the published fit as default (Tab. 3.14)."""
 
-    k_u: float = 0.0277
+    k_u: float = parameter(0.0277, unit="s/m", low=0.0, high=1e3, search=(0.0, 0.05))
     """K_u, longitudinal viscous coefficient [s/m]."""
-    k_y: float = 0.0298
+    k_y: float = parameter(0.0298, unit="s", low=0.0, high=1e3, search=(0.0, 0.1))
     """K_y, lateral viscous coefficient, with the printed lever [s] (by Eq. 2.40 it would be s/m)."""
-    gain: float = 229.58
+    gain: float = parameter(229.58, unit="N m s/m", low=0.0, high=1e6, open_low=True, search=(50.0, 500.0), scale="log")
     """K_P of the wheel torque loop, a side, per wheel speed in m/s [N m s/m]."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        require_in_range(self, "k_u", 0.0, 1e3)
-        require_in_range(self, "k_y", 0.0, 1e3)
-        require_in_range(self, "gain", 0.0, 1e6, open_low=True)
+        check_parameters(self)
 
 
 LOAD_SUM = 4.0

@@ -10,7 +10,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ssmr.robot.vehicle import Vehicle, require_in_range
+from ssmr.parameters import require_in_range
+from ssmr.robot.vehicle import Vehicle
 from ssmr.types import FloatArray, Trajectory
 
 DIFFERENTIATED_OVER = 0.1

@@ -7,50 +7,32 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ssmr.parameters import check_parameters, parameter, require_in_range
 from ssmr.types import FloatArray
-
-
-def require_in_range(owner: object, name: str, low: float, high: float = math.inf, *, open_low: bool = False) -> None:
-    """Check one number of a parameter set.
-
-    Args:
-        owner: the dataclass instance that holds it.
-        name: the field.
-        low: least value allowed.
-        high: greatest value allowed; infinity itself is allowed where `high` is infinite.
-        open_low: `low` itself is not allowed.
-
-    Raises:
-        ValueError: it is outside, or not a number; the message names the parameter and the range.
-    """
-    value = getattr(owner, name)
-    if math.isnan(value) or value > high or value < low or (open_low and value <= low):
-        bracket = "(" if open_low else "["
-        raise ValueError(f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]")
 
 
 @dataclass(frozen=True)
 class Vehicle:
     """Mass and geometry of a four-wheel skid-steering robot (Fig. 2.3, Tab. 3.1)."""
 
-    mass: float = 73.30
+    mass: float = parameter(73.30, unit="kg", low=0.0, high=1e6, open_low=True, search=(40.0, 150.0))
     """Total mass m [kg]; Tab. 3.1, weighed with battery."""
-    yaw_inertia: float = 2.16
+    yaw_inertia: float = parameter(2.16, unit="kg m2", low=0.0, high=1e6, open_low=True, search=(1.0, 10.0))
     """Moment of inertia I about the vertical through the centre of gravity [kg m2]; Tab. 3.1."""
-    wheel_radius: float = 0.1651
+    wheel_radius: float = parameter(0.1651, unit="m", low=0.0, high=1e6, open_low=True, search=(0.14, 0.18))
     """Effective rolling radius r [m]; the maker's robot description."""
-    half_track: float = 0.275
+    half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True)
     """c, lever of the longitudinal wheel forces [m]; half of the 0.55 m of Tab. 3.1 (the maker has 0.2854)."""
-    effective_half_track: float = 0.275
+    effective_half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True, search=(0.2, 0.8))
     """Half-track that links yaw rate to wheel rates [m]: wheels of a skidding robot slip, so v_R - v_L = 2 c_eff omega
     with c_eff larger than c. The thesis sets both to c (Eq. 2.9)."""
-    a: float = 0.256
+    a: float = parameter(0.256, unit="m", low=0.0, high=1e6, open_low=True)
     """Distance of the rear axle from the centre of gravity [m]; half of the maker's wheelbase, not in the thesis."""
-    b: float = 0.256
+    b: float = parameter(0.256, unit="m", low=0.0, high=1e6, open_low=True)
     """Distance of the front axle from the centre of gravity [m]; the same."""
-    x_icr: float = 0.0
+    x_icr: float = parameter(0.0, unit="m", low=-1e6, high=1e6, search=(-0.25, 0.25))
     """Longitudinal coordinate of the instantaneous centre of rotation [m] (Eq. 2.4, 2.10); 0 by Sec. 2.2.3."""
-    gravity: float = 9.81
+    gravity: float = parameter(9.81, unit="m/s2", low=0.0, high=1e6, open_low=True)
     """g [m/s2]; list of symbols."""
 
     def __post_init__(self) -> None:
@@ -59,9 +41,7 @@ class Vehicle:
         Raises:
             ValueError: a length, mass or inertia that is not positive, or an ICR outside (-a, b), see Sec. 2.2.1.
         """
-        for f in fields(self):
-            if f.name != "x_icr":
-                require_in_range(self, f.name, 0.0, 1e6, open_low=True)
+        check_parameters(self)
         require_in_range(self, "x_icr", -self.a, self.b)
 
     @property
@@ -78,30 +58,30 @@ class Vehicle:
 class Drive:
     """From a command (v, omega) to wheel torques: the part of the robot in front of every plant (Fig. 3.10, 3.11)."""
 
-    v_max: float = 1.0
+    v_max: float = parameter(1.0, unit="m/s", low=0.0, open_low=True)
     """Saturation of the linear velocity command [m/s]; Sec. 3.4."""
-    w_max: float = 2.0
+    w_max: float = parameter(2.0, unit="rad/s", low=0.0, open_low=True)
     """Saturation of the yaw-rate command [rad/s]; Sec. 3.4."""
-    delay_v: float = 0.22
+    delay_v: float = parameter(0.22, unit="s", low=0.0, high=10.0, search=(0.0, 0.6))
     """Dead time of the linear velocity command [s]; Tab. 3.8."""
-    delay_w: float = 0.22
+    delay_w: float = parameter(0.22, unit="s", low=0.0, high=10.0, search=(0.0, 0.6))
     """Dead time of the yaw-rate command [s]; Tab. 3.8."""
-    hold: float = 0.05
+    hold: float = parameter(0.05, unit="s", low=0.0, open_low=True)
     """The robot reads its command every `hold` seconds and keeps it [s]; Tab. 3.5, 20 Hz."""
-    command_half_track: float = 0.275
+    command_half_track: float = parameter(0.275, unit="m", low=0.0, open_low=True, search=(0.2, 0.8))
     """Half-track that the driver uses to turn omega into wheel rates [m]: half of (separation x multiplier). The thesis:
     c."""
-    command_radius: float = 0.1651
+    command_radius: float = parameter(0.1651, unit="m", low=0.0, open_low=True, search=(0.14, 0.19))
     """Wheel radius that the driver uses to turn v into wheel rates [m]."""
-    acceleration_v: float = math.inf
+    acceleration_v: float = parameter(math.inf, unit="m/s2", low=0.0, open_low=True, search=(0.3, 60.0), scale="log")
     """Greatest rate of change of the linear velocity that the driver asks of its wheels [m/s2]; off (infinite) by default.
     ROS' diff_drive_controller, which drives a Husky, limits v and omega one by one."""
-    acceleration_w: float = math.inf
+    acceleration_w: float = parameter(math.inf, unit="rad/s2", low=0.0, open_low=True, search=(0.5, 60.0), scale="log")
     """The same of the yaw rate [rad/s2]."""
-    wheel_lag: float = 0.0
+    wheel_lag: float = parameter(0.0, unit="s", low=0.0, high=10.0, search=(0.0, 0.5))
     """Time constant with which the motor controllers follow a wheel-rate reference [s], where the wheel torque loop does
     not describe it; 0: at once."""
-    torque_limit: float = 7.0
+    torque_limit: float = parameter(7.0, unit="N m", low=0.0, open_low=True, search=(2.0, 100.0), scale="log")
     """Greatest torque of one wheel [N m]; a side has twice that. Tab. 3.8, whose value only works per wheel
     (docs/errata.md)."""
 
@@ -111,9 +91,4 @@ class Drive:
         Raises:
             ValueError: a limit, a period or a length that is not positive, or a negative delay.
         """
-        for name in ("v_max", "w_max", "hold", "command_half_track", "command_radius", "torque_limit"):
-            require_in_range(self, name, 0.0, open_low=True)
-        for name in ("acceleration_v", "acceleration_w"):
-            require_in_range(self, name, 0.0, open_low=True)
-        for name in ("delay_v", "delay_w", "wheel_lag"):
-            require_in_range(self, name, 0.0, 10.0)
+        check_parameters(self)

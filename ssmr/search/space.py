@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ssmr.parameters import Scale
 from ssmr.types import FloatArray
-
-Scale = Literal["linear", "log"]
 
 BOUND_SHARE = 1e-3
 """A value within this share of the width of its bounds from one of them lies at the bound [1]."""

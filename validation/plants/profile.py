@@ -28,8 +28,9 @@ from validation.robots.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
 
-_PARAMETERS: dict[str, type] = {"mujoco": HuskyCalibration, **MODELS}
-PLANTS = tuple(_PARAMETERS)
+PARAMETERS: dict[str, type] = {"mujoco": HuskyCalibration, **MODELS}
+"""The parameter set of every plant, by name."""
+PLANTS = tuple(PARAMETERS)
 """Every plant, in the order of tables."""
 
 T = TypeVar("T")
@@ -120,7 +121,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         if len(point) != 2 or not np.all(np.isfinite(point)):
             raise ValueError(f"{where}.tracked_point is {point!r}, wanted two numbers [m]")
         plants[name] = PlantProfile(
-            _fill(_PARAMETERS[name](), section.get("parameters", {}), f"{where}.parameters"),
+            _fill(PARAMETERS[name](), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             (float(point[0]), float(point[1])),
@@ -172,7 +173,7 @@ def dump(profile: Profile) -> str:
     plants: dict[str, Any] = {}
     for name, plant in profile.plants.items():
         section: dict[str, Any] = {"tracked_point": list(plant.tracked_point)} if any(plant.tracked_point) else {}
-        for part, default in (("parameters", _PARAMETERS[name]()), ("vehicle", Vehicle()), ("drive", Drive())):
+        for part, default in (("parameters", PARAMETERS[name]()), ("vehicle", Vehicle()), ("drive", Drive())):
             values = {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
             if values:
                 section[part] = values

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ssmr.search.space import Parameter, ParameterSpace, Scale
-from validation.plants.profile import PlantProfile
+from ssmr.parameters import Scale, described
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.search.space import Parameter, ParameterSpace
+from validation.plants.profile import PARAMETERS, PlantProfile
 
 Occasion = Literal["scenario", "recording"]
 
@@ -45,62 +47,35 @@ class Searchable:
         return float(owner[int(field)] if section == "tracked_point" else getattr(owner, field))
 
 
-def _s(name: str, section: str, unit: str, lower: float, upper: float, scale: Scale = "linear") -> Searchable:
-    return Searchable(name, (f"{section}.{name}",), unit, lower, upper, scale)
+def _declared(section: str, kind: type, allowed: Container[str]) -> tuple[Searchable, ...]:
+    """Return the numbers of one section of a plant's profile that have declared search bounds and are allowed."""
+    return tuple(
+        Searchable(name, (f"{section}.{name}",), d.unit, *d.search, d.scale)
+        for name, d in described(kind).items()
+        if d.search is not None and name in allowed
+    )
 
 
-_DRIVE = (
-    Searchable("delay", ("drive.delay_v", "drive.delay_w"), "s", 0.0, 0.6),
-    _s("delay_v", "drive", "s", 0.0, 0.6),
-    _s("delay_w", "drive", "s", 0.0, 0.6),
-    _s("command_half_track", "drive", "m", 0.2, 0.8),
-    _s("command_radius", "drive", "m", 0.14, 0.19),
-    _s("acceleration_v", "drive", "m/s2", 0.3, 60.0, "log"),
-    _s("acceleration_w", "drive", "rad/s2", 0.5, 60.0, "log"),
-    _s("wheel_lag", "drive", "s", 0.0, 0.5),
-    _s("torque_limit", "drive", "N m", 2.0, 100.0, "log"),
-)
-_POINT = (
+_DYNAMICS = ("mass", "yaw_inertia", "wheel_radius", "effective_half_track")
+_VEHICLE = {"coulomb": (*_DYNAMICS, "x_icr"), "improved": _DYNAMICS, "linear": _DYNAMICS, "kinematic": ("wheel_radius",)}
+"""What each planar model uses of the vehicle."""
+_DELAY = described(Drive)["delay_v"]
+_ANYWHERE = (
+    Searchable("delay", ("drive.delay_v", "drive.delay_w"), _DELAY.unit, *(_DELAY.search or (0.0, 0.0))),
     Searchable("tracked_x", ("tracked_point.0",), "m", -0.4, 0.4),
     Searchable("tracked_y", ("tracked_point.1",), "m", -0.2, 0.2),
 )
-_VEHICLE = (
-    _s("mass", "vehicle", "kg", 40.0, 150.0),
-    _s("yaw_inertia", "vehicle", "kg m2", 1.0, 10.0),
-    _s("wheel_radius", "vehicle", "m", 0.14, 0.18),
-    _s("effective_half_track", "vehicle", "m", 0.2, 0.8),
-    _s("x_icr", "vehicle", "m", -0.25, 0.25),
-)
-_GAIN = _s("gain", "parameters", "N m s/rad", 10.0, 500.0, "log")
 
 SEARCHABLE: Mapping[str, tuple[Searchable, ...]] = {
-    "coulomb": (
-        _s("u_x", "parameters", "1", 0.0, 0.2), _s("mu_c", "parameters", "1", 0.0, 0.2), _GAIN, *_VEHICLE, *_DRIVE, *_POINT,
-    ),
-    "improved": (
-        _s("u_x", "parameters", "1", 0.0, 0.2), _s("mu_s", "parameters", "1", 0.0, 0.15),
-        _s("mu_d", "parameters", "1", 0.0, 0.15), _GAIN, *_VEHICLE[:-1], *_DRIVE, *_POINT,
-    ),
-    "linear": (
-        _s("k_u", "parameters", "s/m", 0.0, 0.05), _s("k_y", "parameters", "s", 0.0, 0.1),
-        _s("gain", "parameters", "N m s/m", 50.0, 500.0, "log"), *_VEHICLE[:-1], *_DRIVE, *_POINT,
-    ),
-    "kinematic": (
-        _s("alpha_l", "parameters", "1", 0.8, 1.1), _s("alpha_r", "parameters", "1", 0.8, 1.1),
-        _s("y_l", "parameters", "m", 0.2, 0.9), _s("y_r", "parameters", "m", -0.9, -0.2),
-        _s("x_icr", "parameters", "m", -0.25, 0.25), *_VEHICLE[2:3], *_DRIVE[:-1], *_POINT,
-    ),
-    "mujoco": (
-        _s("friction", "parameters", "1", 0.1, 1.2), _s("rolling_resistance", "parameters", "1", 0.0, 0.3),
-        _s("wheel_radius", "parameters", "m", 0.14, 0.18), _s("radius_difference", "parameters", "m", -0.012, 0.012),
-        _s("gain", "parameters", "N m s/rad", 30.0, 3000.0, "log"), _s("armature", "parameters", "kg m2", 0.05, 2.0, "log"),
-        _s("mass", "parameters", "kg", 50.0, 120.0), _s("com_x", "parameters", "m", -0.15, 0.15),
-        _s("com_y", "parameters", "m", -0.15, 0.15), _s("com_z", "parameters", "m", 0.0, 0.3),
-        _s("yaw_inertia", "parameters", "kg m2", 3.2, 5.3), *_DRIVE, *_POINT,
-    ),
-}  # fmt: skip
-"""By plant. Default bounds are wide: what is known of the field, not of one robot. Those of the dynamic models hold Tab.
-3.8, 3.11 and 3.13. Larger viscous coefficients would eat up the torque, and a fit mistakes that for the start."""
+    name: (
+        *_declared("parameters", kind, described(kind)),
+        *_declared("vehicle", Vehicle, _VEHICLE.get(name, ())),
+        *_declared("drive", Drive, set(described(Drive)) - ({"torque_limit"} if name == "kinematic" else set())),
+        *_ANYWHERE,
+    )
+    for name, kind in PARAMETERS.items()
+}
+"""By plant, every number that a fit may move."""
 
 _THESIS = {
     "coulomb": ("u_x", "mu_c", "gain"),
@@ -180,8 +155,4 @@ def with_values(model: str, plant: PlantProfile, names: Sequence[str], values: I
     for axis, value in sections["tracked_point"].items():
         point[int(axis)] = value
     changed = {s: replace(getattr(plant, s), **given) for s, given in sections.items() if given and s != "tracked_point"}
-    made = replace(plant, tracked_point=(point[0], point[1]), **changed)
-    if model == "improved" and made.parameters.mu_d > made.parameters.mu_s:
-        mu_d, mu_s = made.parameters.mu_d, made.parameters.mu_s
-        raise ValueError(f"mu_d {mu_d:g} exceeds mu_s {mu_s:g}: sliding would grip more than standing")
-    return made
+    return replace(plant, tracked_point=(point[0], point[1]), **changed)

@@ -17,8 +17,8 @@ import numpy as np
 from scipy import ndimage
 
 from ssmr.geometry import rotate_world_to_body, shift_reference
+from ssmr.parameters import require_in_range
 from ssmr.robot.surface import Surface
-from ssmr.robot.vehicle import require_in_range
 from ssmr.types import FloatArray
 
 Kind = Literal["flat", "ramp", "rough", "split"]

@@ -18,7 +18,7 @@ from ssmr.control.loop import COLUMNS, LOST, ClosedRun, is_lost, position_tick, 
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 from validation.ros.commands import STILL, Twist
 from validation.ros.messages import Seen

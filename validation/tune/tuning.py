@@ -17,7 +17,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, one_sided_kernel
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import require_in_range
 from ssmr.search.jde import JdeSettings
 from ssmr.search.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray, Trajectory

@@ -22,7 +22,7 @@ from ssmr.control.loop import LoopSettings, make_clock
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings, SensorModel, run_ekf, simulate_sensors
 from ssmr.geometry import relative, wrap_angle
-from ssmr.robot.vehicle import require_in_range
+from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray, State, Trajectory
 from validation import cli, store
 from validation.plants.profile import Profile

@@ -25,9 +25,10 @@ from ssmr.control.loop import LOST, POSITION_PERIOD, ClosedRun, Feedback, LoopSe
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.estimation.ekf import SensorModel
+from ssmr.parameters import require_in_range
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.sensors import SensorNoise
-from ssmr.robot.vehicle import Drive, require_in_range
+from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, Trajectory
 from validation import cli, store
 from validation.plants.profile import Profile

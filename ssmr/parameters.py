@@ -1,0 +1,99 @@
+"""Numbers of a model, declared once: default, unit, allowed range and search bounds stand at the dataclass field.
+
+@dataclass(frozen=True)
+class Tyre:
+friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, search=(0.1, 1.2))
+
+def __post_init__(self) -> None:
+check_parameters(self)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+Scale = Literal["linear", "log"]
+"""Spacing of a search: `log` where only the order of magnitude is known."""
+
+_KEY = "parameter"
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """Everything that was declared about one number."""
+
+    name: str
+    """Name of the field."""
+    default: float
+    """Value of a parameter set that does not set it."""
+    unit: str
+    """Unit of the value; `1` for a pure number."""
+    low: float
+    """Least value allowed."""
+    high: float
+    """Greatest value allowed; infinity itself is allowed where `high` is infinite."""
+    open_low: bool
+    """Whether `low` itself is forbidden."""
+    search: tuple[float, float] | None
+    """Default bounds of a search, wide enough for any robot of the kind; None if no search may move the number."""
+    scale: Scale
+    """Spacing of the search between its bounds."""
+
+
+def parameter(
+    default: float,
+    *,
+    unit: str,
+    low: float,
+    high: float = math.inf,
+    open_low: bool = False,
+    search: tuple[float, float] | None = None,
+    scale: Scale = "linear",
+) -> Any:
+    """Return a dataclass field that holds a number; see `Declaration` for the arguments."""
+    return field(default=default, metadata={_KEY: Declaration("", default, unit, low, high, open_low, search, scale)})
+
+
+def described(kind: type) -> Mapping[str, Declaration]:
+    """Return the declarations of a dataclass by name, in the order of its fields; undeclared fields are left out."""
+    if kind not in _known:
+        _known[kind] = MappingProxyType(
+            {f.name: replace(f.metadata[_KEY], name=f.name) for f in fields(kind) if _KEY in f.metadata}
+        )
+    return _known[kind]
+
+
+_known: dict[type, Mapping[str, Declaration]] = {}
+
+
+def check_parameters(owner: object) -> None:
+    """Check all declared numbers of a dataclass instance against their ranges.
+
+    Raises:
+        ValueError: a number lies outside its range, or is not a number; the message names the parameter and the range.
+    """
+    for name, d in described(type(owner)).items():
+        require_in_range(owner, name, d.low, d.high, open_low=d.open_low)
+
+
+def require_in_range(owner: object, name: str, low: float, high: float = math.inf, *, open_low: bool = False) -> None:
+    """Check one number of a parameter set, where its range depends on other numbers or is not declared at the field.
+
+    Args:
+        owner: the dataclass instance that holds the number.
+        name: the field.
+        low: least value allowed.
+        high: greatest value allowed; infinity itself is allowed where `high` is infinite.
+        open_low: whether `low` itself is forbidden.
+
+    Raises:
+        ValueError: the number lies outside the range, or is not a number; the message names the parameter and the range.
+    """
+    value = getattr(owner, name)
+    if math.isnan(value) or value > high or value < low or (open_low and value <= low):
+        bracket = "(" if open_low else "["
+        raise ValueError(f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]")

@@ -29,6 +29,13 @@ settings.register_profile("local", deadline=None)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """The whole suite takes all cores, at most four; files that are named run in this process and start at once."""
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    return min(4, os.cpu_count() or 1) if whole else 0
+
+
 def data_folder() -> Path:
     """Where the real recordings lie: SSMR_DATA, or `shared/data` beside the source tree."""
     return Path(os.environ.get("SSMR_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))

@@ -245,7 +245,7 @@ def number_constructors() -> Iterator[tuple[str, type]]:
     from tests.test_architecture import modules
 
     for name in sorted(modules()):
-        if name == "validation.ros_port":
+        if name == "validation.ros.port":
             continue
         module = importlib.import_module(name)
         for _, kind in inspect.getmembers(module, inspect.isclass):

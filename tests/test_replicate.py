@@ -485,9 +485,10 @@ def test_an_interrupt_leaves_with_130_and_keeps_the_search(tmp_path: Path) -> No
     program = (
         "import os, signal, sys; sys.argv = ['replicate', '--quick', '--only', '3.15', '--out', 'out'];"
         "signal.signal(signal.SIGINT, signal.default_int_handler);"  # who runs the tests may ignore interrupts
-        "from validation import cli, replicate; from validation.objective import Problem; real, calls = Problem.costs, [];"
+        "from validation import cli; from validation.replicate.__main__ import main;"
+        "from validation.fit.objective import Problem; real, calls = Problem.costs, [];"
         "Problem.costs = lambda *a: (calls.append(1), len(calls) == 3 and os.kill(os.getpid(), signal.SIGINT), real(*a))[2];"
-        "cli.run(replicate.main, 'replicate')"
+        "cli.run(main, 'replicate')"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])}
     command = [sys.executable, "-c", program]

@@ -32,7 +32,7 @@ def why_no_ros() -> str:
     """Why there is no ROS here; empty where there is."""
     if shutil.which("roscore") is None:
         return f"there is no roscore; on Debian 12: apt-get install --no-install-recommends {APT_PACKAGES}"
-    loaded = python("-c", "from validation.ros_port import load_rospy; load_rospy()")
+    loaded = python("-c", "from validation.ros.port import load_rospy; load_rospy()")
     return loaded.stderr.strip().splitlines()[-1] if loaded.returncode else ""
 
 
@@ -87,7 +87,7 @@ def test_without_a_master_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> N
 def test_the_services_checksum_is_genmsgs() -> None:
     """What genmsg makes of `geometry_msgs/PoseWithCovarianceStamped pose`: the type's checksum in the place of its name."""
     code = (
-        "from validation.ros_port import load_rospy, message_class, set_pose_service; load_rospy();"
+        "from validation.ros.port import load_rospy, message_class, set_pose_service; load_rospy();"
         "import io; m = message_class('geometry_msgs/PoseWithCovarianceStamped'); r = set_pose_service()._request_class();"
         "r.pose.pose.pose.position.x = 1.5; b = io.BytesIO(); r.serialize(b);"
         "s = set_pose_service()._request_class().deserialize(b.getvalue());"

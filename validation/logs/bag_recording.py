@@ -1,7 +1,11 @@
-"""Streams of a bag -> groups of columns, and a recording on one clock.
+"""The bag format of logs: streams of a bag become groups of columns.
 
-The yaw rate is the gyro's about the vertical that its accelerometer shows, however it is mounted. Positions of a satellite
-receiver become metres east and north of the first fix.
+The columns are cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z from `imu`; and x, y, yaw from
+`pose` or, without one, from `odom`. Channels are odom_v [m/s], odom_w [rad/s] from `odom` (and odom_x, odom_y, odom_yaw where
+there is a `pose`), and gps_east, gps_north [m] from `gps`. Times are counted from the bag's epoch.
+
+The yaw rate is taken about the vertical that the IMU's accelerometer shows, however the IMU is mounted. Positions of a
+satellite receiver become metres east and north of the first fix.
 """
 
 from __future__ import annotations
@@ -15,46 +19,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray
-from validation.logs.bags import ROLES, UNITS, Bag, Stamps, Stream, choose_topics, fits, read_bag
-from validation.logs.recording import Recording, RecordingError
-from validation.logs.signals import Group, merge
+from validation.logs.bag_topics import ROLES, choose_topics, fits
+from validation.logs.bag_writer import write_bag
+from validation.logs.bags import UNITS, Bag, Stream, read_bag
+from validation.logs.groups import Group
+from validation.logs.log import Log, LogFormat, ReadOptions, Topic
+from validation.logs.recording import RecordingError
 
 GRAVITY_SPAN = (8.8, 10.8)
-"""A mean acceleration of such size [m/s2] is gravity, and shows the vertical; another one says nothing, and z is taken."""
+"""Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it, z is the vertical."""
 
 EQUATOR, FLATTENING = 6378137.0, 1.0 / 298.257223563
-"""Of the WGS 84 ellipsoid: semi-major axis [m], and flattening."""
-
-
-def read_bag_recording(
-    path: str | Path,
-    topics: Mapping[str, str] = MappingProxyType({}),
-    stamps: Stamps = "header",
-) -> Recording:
-    """A bag as a recording.
-
-    Args:
-        path: a `.bag` or `.mcap` file, or the folder of a ROS 2 bag.
-        topics: topics by role, see `choose_topics`; what is not named is guessed.
-        stamps: which clock counts, see `read_bag`.
-
-    Returns:
-        Columns cmd_v, cmd_w of `cmd`, enc_left, enc_right of `wheels`, gyro_z of `imu`, and x, y, yaw of `pose` or, where
-        there is none, of `odom`. Channels odom_v [m/s], odom_w [rad/s] of `odom` (and odom_x, odom_y, odom_yaw where there
-        is a `pose`), gps_east, gps_north [m] of `gps`. Times count from the bag's epoch.
-
-    Raises:
-        RecordingError: the bag cannot be read, or its streams make no recording.
-    """
-    bag = read_bag(path, stamps)
-    return merge(bag.path, groups_of_bag(bag, choose_topics(bag, topics)))
+"""Semi-major axis [m] and flattening [1] of the WGS 84 ellipsoid."""
 
 
 def groups_of_bag(bag: Bag, chosen: Mapping[str, Stream]) -> dict[str, Group]:
-    """Streams, by role, as groups of columns.
+    """Return the streams, by role, as groups of columns.
 
     Raises:
-        RecordingError: nothing was chosen, numbers that are not finite, clocks that jumped, fewer than two samples.
+        RecordingError: no stream was chosen, a number is not finite, a clock jumped, or a stream has fewer than two samples.
     """
     if not chosen:
         there = ", ".join(f"{s.topic} ({s.type})" for s in bag.streams) or "no topic of a type that can be read"
@@ -63,18 +46,18 @@ def groups_of_bag(bag: Bag, chosen: Mapping[str, Stream]) -> dict[str, Group]:
 
 
 def as_group(bag: Bag, role: str, stream: Stream, has_pose: bool) -> Group:
-    """What one stream gives to a recording, checked; a pose of odometry is called so where the bag has another.
+    """Return one stream as a group of checked columns; `has_pose` says whether the bag has another pose than odometry's.
 
     Raises:
-        RecordingError: as `groups_of_bag`.
+        RecordingError: a number is not finite, the clock jumped, or there are fewer than two samples.
     """
-    leave = f"--topics {role}=none leaves it out"
+    leave = f"topics {role}=none leaves it out"
     if stream.jumps:
         when, size = stream.jumps[0]
         many = f", and {len(stream.jumps) - 1} times more" if len(stream.jumps) > 1 else ""
         what = f"the clock of topic {stream.topic} jumps by {size:+.3f} s after {when:.3f} s{many}"
-        raise RecordingError(bag.path, f"{what}; --stamps bag takes the times of writing, {leave}")
-    first = np.concatenate([[True], np.diff(stream.t) > 0.0])  # of equal stamps
+        raise RecordingError(bag.path, f"{what}; stamps bag takes the times of writing, {leave}")
+    first = np.concatenate([[True], np.diff(stream.t) > 0.0])  # the first sample of each stamp
     if np.count_nonzero(first) < 2:
         raise RecordingError(bag.path, f"topic {stream.topic} has fewer than two samples; {leave}")
     t, columns = stream.t[first], {name: values[first] for name, values in stream.columns.items()}
@@ -91,7 +74,7 @@ def as_group(bag: Bag, role: str, stream: Stream, has_pose: bool) -> Group:
 
 
 def _used(role: str, stream: Stream) -> tuple[str, ...]:
-    """The columns of a stream that a recording is made of."""
+    """Return the names of the columns that a recording is made of."""
     if role == "wheels":
         return _wheel_columns(stream.columns)
     pose = ROLES["pose"] if role == "odom" and fits(stream, "pose") else ()
@@ -140,7 +123,7 @@ _CONVERTERS: Mapping[str, Callable[[FloatArray, _Columns], dict[str, FloatArray]
 
 
 def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
-    """(3,) unit vector that points up, in an IMU's own axes: where its mean acceleration shows, or z."""
+    """Return the (3,) unit vector that points up in an IMU's own axes: along its mean acceleration, or z."""
     up = np.array([0.0, 0.0, 1.0])
     if all(f"acc_{axis}" in columns for axis in "xyz"):
         mean = np.array([np.mean(columns[f"acc_{axis}"]) for axis in "xyz"])
@@ -151,9 +134,10 @@ def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Metres east and north of the first of (M,) positions [deg], on the plane that touches the ellipsoid there.
+    """Return (M,) metres east and north of the first of (M,) positions [deg].
 
-    Good to some centimetres within a kilometre: it leaves out what is of second order in the distance over the radius.
+    The plane touches the ellipsoid there. The result is good to some centimetres within a kilometre: terms of second order in
+    the distance over the radius are left out.
     """
     lat, lon = np.radians(np.asarray(latitude, dtype=np.float64)), np.asarray(longitude, dtype=np.float64)
     eccentricity2 = FLATTENING * (2.0 - FLATTENING)
@@ -161,3 +145,32 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
     meridian, transverse = EQUATOR * (1.0 - eccentricity2) / root**3, EQUATOR / root  # radii of curvature
     turned = np.radians(np.mod(lon - lon[0] + 180.0, 360.0) - 180.0)  # also across the date line
     return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
+
+
+def _read(path: Path, options: ReadOptions) -> Log:
+    bag = read_bag(path, options.stamps)
+    chosen = choose_topics(bag, options.topics)
+    groups: dict[str, Group] = {}
+    faults = []
+    if options.lenient:
+        for role, stream in chosen.items():
+            try:
+                groups[role] = as_group(bag, role, stream, "pose" in chosen)
+            except RecordingError as error:
+                faults.append(str(error))
+    else:
+        groups = groups_of_bag(bag, chosen)
+    roles = {id(stream): role for role, stream in chosen.items()}
+    topics = [Topic(s.topic, s.type, s.t, tuple(s.columns), roles.get(id(s), "")) for s in bag.streams]
+    topics += [Topic(name, kind, np.zeros(count), None) for name, (kind, count) in bag.others.items()]
+    return Log(path, groups, None, topics, [remark for s in bag.streams for remark in s.remarks()], faults)
+
+
+BAG = LogFormat(
+    "bag",
+    (".bag", ".mcap"),
+    read=_read,
+    write=lambda log, path: write_bag(log.groups, path),
+    recognises=lambda log_format, path: path.is_dir() or path.suffix.lower() in log_format.endings,
+    folder="the folder of a ROS 2 bag",
+)

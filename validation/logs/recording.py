@@ -1,6 +1,6 @@
 """Recordings of a robot: what was commanded, what the wheels did and where the robot went, read from and written to CSV.
 
-A recording file has a header line, a column `t` [s] that increases and any of the columns of `COLUMNS`; all other numeric
+A recording file has a header line, a column `t` [s] that increases and any of the columns of `RECORDING_COLUMNS`; all other numeric
 columns are kept as channels. A long step of time is a gap, and nothing here bridges one: `Recording.segments` hands out
 the stretches between gaps. The pose is that of the point which the localiser tracked.
 """
@@ -29,19 +29,19 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import CommandKind, Commands, FloatArray, State, frozen_array
 
-logger = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
-COLUMNS: Mapping[str, str] = MappingProxyType(
+RECORDING_COLUMNS: Mapping[str, str] = MappingProxyType(
     {"cmd_v": "m/s"}
     | dict.fromkeys(("cmd_w", "enc_left", "enc_right", "gyro_z"), "rad/s")
     | {"x": "m", "y": "m", "yaw": "rad"}
 )
 """The columns whose meaning is known, each with its unit."""
-INPUTS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
+COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
     {"twist": ("cmd_v", "cmd_w"), "wheels": ("enc_left", "enc_right")}
 )
 """The two columns that drive a plant, by kind of command."""
-POSE = ("x", "y", "yaw")
+POSE_COLUMNS = ("x", "y", "yaw")
 
 TIME_ROUNDOFF = 1e-6
 """Instants closer than this are the same one: well over rounding, well under any sample step [s]."""
@@ -49,51 +49,11 @@ STILL_AFTER = 1.0
 """A pose that repeats for longer is a robot standing still, not a localiser slower than the log [s]."""
 
 
-DAMAGE = (
-    OSError,
-    EOFError,
-    struct.error,
-    zlib.error,
-    SyntaxError,  # what Python's XML parser raises
-    LookupError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    AssertionError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-)
-"""What readers of foreign formats raise on damaged files, besides their own errors; they promise nothing narrower."""
-
-
-class TableError(ValueError):
-    """A file is not the table it should be: what was wrong, where, and what would be right, in one line."""
-
-    wanted: ClassVar[str]
-    """What the file should have been, with its ending."""
-    header: ClassVar[str]
-    """What its first line should have said."""
-    counted: ClassVar[str] = "line"
-    """What an editor calls the lines of such a file."""
-
-    def __init__(self, path: Path, what: str, line: int | None = None, column: str | None = None) -> None:
-        """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""
-        super().__init__(path, what, line, column)
-        self.path, self.what, self.line, self.column = path, what, line, column
-
-    def __str__(self) -> str:
-        line = "" if self.line is None else f", {self.counted} {self.line}"
-        column = "" if self.column is None else f", column {self.column}"
-        return f"{self.path}{line}{column}: {self.what}"
-
-
 class RecordingError(TableError):
     """A file is no recording."""
 
     wanted = "a recording (.csv, .bag, .mcap, or a ROS 2 bag's folder)"
-    header = f"a recording begins with a header line, separated by commas, that names t and any of {', '.join(COLUMNS)}"
+    header = f"a recording begins with a header line, separated by commas, that names t and any of {', '.join(RECORDING_COLUMNS)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +65,7 @@ class Recording:
     t: FloatArray
     """(M,) strictly increasing [s], M at least 2."""
     columns: Mapping[str, FloatArray]
-    """Columns of `COLUMNS` that were recorded, at least one, each (M,) as recorded: yaw may be wrapped."""
+    """Columns of `RECORDING_COLUMNS` that were recorded, at least one, each (M,) as recorded: yaw may be wrapped."""
     channels: Mapping[str, FloatArray] = field(default_factory=dict)
     """What else was recorded, by name, each (M,)."""
     gap_factor: float = 2.5
@@ -127,10 +87,10 @@ class Recording:
             raise ValueError(f"t must increase; it does not after sample {int(np.argmax(t[1:] <= t[:-1]))}")
         if not self.gap_factor >= 1.0:
             raise ValueError(f"the gap factor must be at least 1, got {self.gap_factor}")
-        unknown = [n for n in self.columns if n not in COLUMNS]
+        unknown = [n for n in self.columns if n not in RECORDING_COLUMNS]
         if unknown or not self.columns:
-            raise ValueError(f"unknown columns: {', '.join(unknown) or 'none at all'}; wanted any of {', '.join(COLUMNS)}")
-        misplaced = [n for n in self.channels if n == "t" or n in COLUMNS or not _is_name(n)]
+            raise ValueError(f"unknown columns: {', '.join(unknown) or 'none at all'}; wanted any of {', '.join(RECORDING_COLUMNS)}")
+        misplaced = [n for n in self.channels if n == "t" or n in RECORDING_COLUMNS or not is_channel_name(n)]
         if misplaced:
             raise ValueError(f"no name for a channel: {misplaced[0]!r}")
         object.__setattr__(self, "t", t)
@@ -152,8 +112,8 @@ class Recording:
         if "t" not in columns:
             raise ValueError(f"{name} has no column t")
         arrays = {n: np.asarray(values, dtype=np.float64) for n, values in columns.items()}
-        known = {n: a for n, a in arrays.items() if n in COLUMNS}
-        channels = {n: a for n, a in arrays.items() if n != "t" and n not in COLUMNS}
+        known = {n: a for n, a in arrays.items() if n in RECORDING_COLUMNS}
+        channels = {n: a for n, a in arrays.items() if n != "t" and n not in RECORDING_COLUMNS}
         return cls(name, arrays["t"], known, channels, gap_factor)
 
     def __len__(self) -> int:
@@ -163,17 +123,17 @@ class Recording:
     @property
     def has_commands(self) -> bool:
         """Whether body velocities were commanded: cmd_v and cmd_w."""
-        return all(n in self.columns for n in INPUTS["twist"])
+        return all(n in self.columns for n in COMMAND_COLUMNS["twist"])
 
     @property
     def has_wheels(self) -> bool:
         """Whether wheel rates were measured: enc_left and enc_right."""
-        return all(n in self.columns for n in INPUTS["wheels"])
+        return all(n in self.columns for n in COMMAND_COLUMNS["wheels"])
 
     @property
     def has_pose(self) -> bool:
         """Whether x, y and yaw were recorded."""
-        return all(n in self.columns for n in POSE)
+        return all(n in self.columns for n in POSE_COLUMNS)
 
     def table(self, names: Sequence[str]) -> FloatArray:
         """(M, len(names)) known columns side by side.
@@ -189,7 +149,7 @@ class Recording:
     @cached_property
     def pose(self) -> FloatArray:
         """(M, 3): x [m], y [m], yaw [rad, unwrapped] of the tracked point; ValueError where a column is missing."""
-        pose = self.table(POSE).copy()
+        pose = self.table(POSE_COLUMNS).copy()
         pose[:, 2] = np.unwrap(pose[:, 2])
         pose.setflags(write=False)
         return pose
@@ -205,7 +165,7 @@ class Recording:
         segments = tuple(Segment(self, a, b) for a, b in pairwise(edges) if b - a >= 2)
         alone = len(self) - sum(map(len, segments))
         if alone:
-            logger.info("%s: %d samples stand alone between gaps and are left out", self.name, alone)
+            _logger.info("%s: %d samples stand alone between gaps and are left out", self.name, alone)
         if not segments:
             raise ValueError(f"recording {self.name} is nothing but gaps between {self.t[0]:g} and {self.t[-1]:g} s")
         return segments
@@ -260,9 +220,9 @@ class Segment:
         Raises:
             ValueError: the kind is unknown, or its columns were not recorded.
         """
-        if kind not in INPUTS:
-            raise ValueError(f"unknown kind of command '{kind}'; there are: {', '.join(INPUTS)}")
-        return self.recording.table(INPUTS[kind])[self.start : self.stop]
+        if kind not in COMMAND_COLUMNS:
+            raise ValueError(f"unknown kind of command '{kind}'; there are: {', '.join(COMMAND_COLUMNS)}")
+        return self.recording.table(COMMAND_COLUMNS[kind])[self.start : self.stop]
 
     def commands(self, kind: CommandKind, dt: float) -> Commands:
         """The inputs on a uniform grid that begins with the first sample.
@@ -353,162 +313,6 @@ def _refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
     return changed | (t - last >= usual - TIME_ROUNDOFF)
 
 
-def read_csv(path: str | Path, gap_factor: float = 2.5) -> Recording:
-    """Read a recording.
-
-    A UTF-8 byte order mark, any line ending and blank lines are fine. A channel without any number in it, or with numbers
-    missing or not finite, is left out with a warning.
-
-    Args:
-        path: a CSV file.
-        gap_factor: a step longer than this many periods is a gap.
-
-    Raises:
-        RecordingError: the file cannot be read or is no valid recording.
-    """
-    path = Path(path)
-    (first, *rows), (line, *lines) = read_table(path, RecordingError)
-    header = _read_header(path, first, line)
-    cells = list(zip(*rows, strict=True)) or [()] * len(header)
-    columns: dict[str, FloatArray] = {}
-    for name, column in zip(header, cells, strict=True):
-        values = read_column(path, name, column, lines, RecordingError)
-        if values is not None:
-            columns[name] = values
-    if len(rows) < 2:
-        some = "is one sample" if rows else "are no samples"
-        raise RecordingError(path, f"there {some} after the header; a recording needs at least two")
-    t = columns["t"]
-    back = np.flatnonzero(t[1:] <= t[:-1])
-    if len(back):
-        k = int(back[0])
-        raise RecordingError(path, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s", lines[k + 1], "t")
-    return Recording.from_columns(path.stem, columns, gap_factor)
-
-
-def write_csv(recording: Recording | Mapping[str, ArrayLike], path: str | Path) -> None:
-    """Write a recording, or (M,) columns by name with `t` among them, whole or not at all; `read_csv` gets equal bits back.
-
-    Raises:
-        ValueError: the columns are no valid recording.
-        OSError: the file cannot be written.
-    """
-    path = Path(path)
-    if not isinstance(recording, Recording):
-        recording = Recording.from_columns(path.stem, recording)
-    columns = {"t": recording.t, **recording.columns, **recording.channels}
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with beside.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*(a.tolist() for a in columns.values()), strict=True))
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def _is_name(name: str) -> bool:
-    """Whether a header can hold this name and give it back."""
+def is_channel_name(name: str) -> bool:
+    """Return whether a file's header can hold this name and give it back."""
     return bool(name) and name.isprintable() and name == name.strip()
-
-
-def shown(texts: Iterable[str]) -> str:
-    """Foreign text for a message: quoted, shortened, on one line."""
-    quoted = [repr(s if len(s) <= 30 else s[:27] + "...") for s in texts]
-    return ", ".join(quoted if len(quoted) <= 12 else [*quoted[:12], "..."])
-
-
-def read_bytes(path: Path, error: type[TableError]) -> bytes:
-    """What the file holds; an `error` where it cannot be read."""
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise error(path, f"there is no such file; wanted {error.wanted}") from None
-    except IsADirectoryError:
-        raise error(path, f"this is a folder; wanted {error.wanted}") from None
-    except OSError as cause:
-        raise error(path, f"the file cannot be read: {cause.strerror or cause}") from cause
-
-
-def _read_text(path: Path, error: type[TableError]) -> str:
-    """The file's text without its byte order mark; an `error` where there is none."""
-    data = read_bytes(path, error).removeprefix(codecs.BOM_UTF8)
-    try:
-        text = data.decode("utf-8")
-        bad, what = data.find(b"\0"), "a NUL byte"
-    except UnicodeDecodeError as cause:
-        text, bad, what = "", cause.start, "a byte that is not UTF-8"
-    if bad >= 0:
-        line = data.count(b"\n", 0, bad) + 1
-        raise error(path, f"there is {what}; wanted a CSV file, which is plain UTF-8 text", line)
-    return text
-
-
-def read_table(path: Path, error: type[TableError]) -> tuple[list[list[str]], list[int]]:
-    """Rows of cells, the header first, all of one length, and the line on which each begins; blank lines are left out.
-
-    A UTF-8 byte order mark and any line ending are fine; whatever is no CSV file is an `error`.
-    """
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    reader = csv.reader(io.StringIO(_read_text(path, error), newline=""), strict=True)
-    line = 1
-    try:
-        for row in reader:
-            if len(row) > 1 or any(map(str.strip, row)):
-                if rows and len(row) != len(rows[0]):
-                    raise error(path, f"there are {len(row)} fields, wanted {len(rows[0])} as in the header", line)
-                rows.append(row)
-                lines.append(line)
-            line = reader.line_num + 1
-    except csv.Error as cause:
-        raise error(path, f"this is no CSV: {cause}", line) from cause
-    if not rows:
-        raise error(path, f"the file is empty; {error.header}")
-    return rows, lines
-
-
-def _read_header(path: Path, cells: Sequence[str], line: int) -> list[str]:
-    """Names of the columns: `t`, at least one that is known, none twice."""
-    names = [cell.strip() for cell in cells]
-    for wanted, some in (("column t", ("t",)), ("known column", COLUMNS)):
-        if not any(n in some for n in names):
-            raise RecordingError(path, f"there is no {wanted} among {shown(names)}; {RecordingError.header}", line)
-    for k, name in enumerate(names):
-        if not _is_name(name):
-            raise RecordingError(path, f"{shown([name])} names no column; wanted printable text", line, f"number {k + 1}")
-        if name in names[:k]:
-            raise RecordingError(path, "the header names this column twice; each needs a name of its own", line, name)
-    return names
-
-
-def _number(cell: str) -> float | None:
-    """The number a cell holds, None where it holds none."""
-    try:
-        return None if "_" in cell else float(cell)  # Python reads 1_0 as 10, which no logger writes
-    except ValueError:
-        return None
-
-
-def read_column(
-    path: Path, name: str, cells: Sequence[str], lines: Sequence[int], error: type[TableError]
-) -> FloatArray | None:
-    """Numbers of a column, (M,); None, with a warning, for a channel that is text throughout or has holes.
-
-    In `t` and the columns of `COLUMNS` whatever is no finite number is an `error`.
-    """
-    values = [_number(cell) for cell in cells]
-    bad = [k for k, v in enumerate(values) if v is None or not math.isfinite(v)]
-    if not bad:
-        return np.array(values, dtype=np.float64)
-    known = name == "t" or name in COLUMNS
-    text = [k for k in bad if values[k] is None and cells[k].strip()]
-    if known or (text and len(bad) < len(cells)):
-        k = bad[0] if known else text[0]
-        what = "nothing" if not cells[k].strip() else shown([cells[k].strip()])
-        unit = f" [{COLUMNS.get(name, 's')}]" if known else ""
-        raise error(path, f"there is {what}, wanted a finite number{unit}", lines[k], name)
-    why = "text" if text else "no finite number"
-    logger.warning("%s, line %d, column %s: there is %s; the channel is left out", path, lines[bad[0]], name, why)
-    return None

@@ -1,8 +1,7 @@
-"""A log -> files that other tools open: TUM (evo), MCAP with ROS 2 messages (PlotJuggler, rerun, Foxglove), ROS 1 bags.
+"""Bags that other tools open: MCAP files with ROS 2 messages (PlotJuggler, rerun, Foxglove) and ROS 1 bags.
 
-In bags every group is a topic at its own stamps: /cmd_vel (TwistStamped), /joint_states (JointState), /odom (Odometry),
-/imu/data (Imu), /pose (PoseStamped); columns that make up no such message are a topic of Float64 each. Reading such a bag
-gives the messages back, but not the Float64s.
+Every group becomes a topic with its own stamps: /cmd_vel (TwistStamped), /joint_states (JointState), /odom (Odometry),
+/imu/data (Imu), /pose (PoseStamped). Columns that fit no such message become a topic of Float64 each; these are not read back.
 """
 
 from __future__ import annotations
@@ -17,60 +16,45 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
+from ssmr.geometry import yaw_to_quat_wxyz
 from ssmr.types import FloatArray
-from validation.logs.recording import Recording
-from validation.logs.signals import GROUPS, POSES, Groups
+from validation.logs.groups import GROUPS, POSES, Groups
 from validation.store import write_atomic
 
 EPOCH_NS = 1_000_000_000 * 10**9
 """Unix time that stands for t = 0 in bags [ns], 2001-09-09: a stamp of zero would mean that there is none."""
-WORLD, BASE = "map", "base_link"
-"""Frames of poses."""
-FLOAT = "std_msgs/msg/Float64"
-"""Of columns that make up no other message."""
-UNKNOWN = -1.0
-"""First element of a covariance of what was not measured (sensor_msgs/Imu)."""
-
-
-def write_tum(recording: Recording, path: Path) -> None:
-    """Poses as a TUM trajectory, `t x y z qx qy qz qw` a line, whole or not at all.
-
-    Raises:
-        ValueError: there is no pose.
-        OSError: the file cannot be written.
-    """
-    quat = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(recording.pose[:, 2]))
-    table = np.column_stack([recording.t, recording.pose[:, :2], np.zeros(len(recording)), quat])
-    write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
+_WORLD, _BASE = "map", "base_link"
+_FLOAT = "std_msgs/msg/Float64"
+_UNKNOWN = -1.0
+"""First element of the covariance of something that was not measured (sensor_msgs/Imu)."""
 
 
 @dataclass(frozen=True)
 class _Store:
-    """Message classes of one generation of ROS."""
+    """Makes messages of one generation of ROS."""
 
     types: Any
     ros1: bool
 
     def make(self, kind: str, **fields: Any) -> Any:
-        """A message; what is not given is zero or empty, which is right where it has a sense and else unused."""
+        """Return a message with these fields."""
         return self.types.types[kind](**fields)
 
     def header(self, t: int, frame: str) -> Any:
-        """A header, stamped at `t` [ns]."""
+        """Return a header, stamped at `t` [ns]."""
         stamp = self.make("builtin_interfaces/msg/Time", sec=t // 10**9, nanosec=t % 10**9)
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **({"seq": 0} if self.ros1 else {}))
 
     def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
-        """A Vector3."""
+        """Return a Vector3."""
         return self.make("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
 
     def twist(self, v: float, w: float) -> Any:
-        """A planar twist."""
+        """Return a planar twist."""
         return self.make("geometry_msgs/msg/Twist", linear=self.vector(v), angular=self.vector(z=w))
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
-        """A planar pose."""
+        """Return a planar pose."""
         point = self.make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0)
         w, i, j, k = map(float, yaw_to_quat_wxyz(yaw))
         turned = self.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w)
@@ -78,7 +62,7 @@ class _Store:
 
 
 def _cmd(s: _Store, t: int, row: FloatArray) -> Any:
-    return s.make("geometry_msgs/msg/TwistStamped", header=s.header(t, BASE), twist=s.twist(row[0], row[1]))
+    return s.make("geometry_msgs/msg/TwistStamped", header=s.header(t, _BASE), twist=s.twist(row[0], row[1]))
 
 
 def _joints(s: _Store, t: int, row: FloatArray) -> Any:
@@ -98,14 +82,14 @@ def _odometry(s: _Store, t: int, row: FloatArray) -> Any:
     nothing = np.zeros(36)
     pose = s.make("geometry_msgs/msg/PoseWithCovariance", pose=s.pose(*row[2:5]), covariance=nothing)
     twist = s.make("geometry_msgs/msg/TwistWithCovariance", twist=s.twist(row[0], row[1]), covariance=nothing)
-    return s.make("nav_msgs/msg/Odometry", header=s.header(t, "odom"), child_frame_id=BASE, pose=pose, twist=twist)
+    return s.make("nav_msgs/msg/Odometry", header=s.header(t, "odom"), child_frame_id=_BASE, pose=pose, twist=twist)
 
 
 def _imu(s: _Store, t: int, row: FloatArray) -> Any:
-    unknown = np.array([UNKNOWN, *[0.0] * 8])
+    unknown = np.array([_UNKNOWN, *[0.0] * 8])
     return s.make(
         "sensor_msgs/msg/Imu",
-        header=s.header(t, BASE),
+        header=s.header(t, _BASE),
         orientation=s.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=unknown,
         angular_velocity=s.vector(z=row[0]),
@@ -116,7 +100,7 @@ def _imu(s: _Store, t: int, row: FloatArray) -> Any:
 
 
 def _pose(s: _Store, t: int, row: FloatArray) -> Any:
-    return s.make("geometry_msgs/msg/PoseStamped", header=s.header(t, WORLD), pose=s.pose(*row))
+    return s.make("geometry_msgs/msg/PoseStamped", header=s.header(t, _WORLD), pose=s.pose(*row))
 
 
 _TOPICS: Mapping[str, tuple[str, str, Callable[[_Store, int, FloatArray], Any]]] = {
@@ -126,11 +110,11 @@ _TOPICS: Mapping[str, tuple[str, str, Callable[[_Store, int, FloatArray], Any]]]
     "imu": ("/imu/data", "sensor_msgs/msg/Imu", _imu),
     "pose": ("/pose", "geometry_msgs/msg/PoseStamped", _pose),
 }
-"""By group: topic, type, and who makes a message of the store, the stamp [ns] and the group's columns in their order."""
+"""Topic, message type and maker of each group; a maker gets the store, the stamp [ns] and the group's columns in order."""
 
 
 def write_bag(groups: Groups, path: Path) -> None:
-    """A log as a bag, whole or not at all: ROS 1 for a path that ends in .bag, ROS 2 for .mcap.
+    """Write a log as a bag, whole or not at all: ROS 1 for a path that ends in .bag, ROS 2 for .mcap.
 
     Raises:
         OSError: the file cannot be written.
@@ -162,13 +146,13 @@ def write_bag(groups: Groups, path: Path) -> None:
 
 
 _ODOMETRY = dict(zip(*POSES, strict=True))
-"""What the columns of a pose are called where they are odometry's; in a log without another pose they are x, y, yaw."""
+"""Names of odometry's pose by those of a pose: in a log without another pose, odometry's columns are x, y, yaw."""
 _Message = tuple[int, str, str, Callable[[], Any]]
-"""Stamp [ns], topic, type, and who makes it."""
+"""Stamp [ns], topic, type, and the function that makes the message."""
 
 
 def _fill(writer: Any, store: _Store, groups: Groups, serialize: Callable[[Any, str], Any]) -> None:
-    """All messages, in the order of time, as a recorder writes them."""
+    """Write all messages in the order of time, as a recorder does."""
     messages = sorted(_messages(store, groups), key=lambda m: m[0])
     connections = {topic: kind for _, topic, kind, _ in messages}
     connected = {topic: writer.add_connection(topic, kind, typestore=store.types) for topic, kind in connections.items()}
@@ -188,4 +172,4 @@ def _messages(store: _Store, groups: Groups) -> Iterator[_Message]:
         for column, values in loose.items():
             topic = "/" + "".join(c if c.isascii() and c.isalnum() else "_" for c in column)
             for ns, value in zip(stamps, values.tolist(), strict=True):
-                yield ns, topic, FLOAT, partial(store.make, FLOAT, data=value)
+                yield ns, topic, _FLOAT, partial(store.make, _FLOAT, data=value)

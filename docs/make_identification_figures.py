@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ssmr.metrics.paths import horizon_windows, relative_pose_error
 from ssmr.robot.skid_turn import TRACK, WHEEL_X, WHEEL_Y, WHEELBASE, turn_on_the_spot
 from ssmr.types import CommandKind, FloatArray
-from validation.logs.recording import read_csv
+from validation.logs.recording_csv import read_csv
 from validation.motion.driving import drive
 from validation.motion.sources import open_source
 from validation.plants.profile import PLANTS, load, make_plant

@@ -143,9 +143,10 @@ def try_once(tally: Tally, what: str, call: Callable[[], Any]) -> None:
 def good_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any], float]]:
     """A valid file of each kind, what reads it, and which share of the inputs it gets."""
     from validation.fit import search
-    from validation.logs import export as recording_export
-    from validation.logs import signals
-    from validation.logs.recording import Recording, write_csv
+    from validation.logs.bag_writer import write_bag
+    from validation.logs.groups import groups_of
+    from validation.logs.recording import Recording
+    from validation.logs.recording_csv import write_csv
     from validation.motion import sources
     from validation.plants import profile as profiles
     from validation.track import gains, waypoint_files
@@ -167,9 +168,9 @@ def good_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any], flo
 
     drive = lambda p: sources.open_source(str(p))  # noqa: E731 - what a user's command does with the path
     add("recording", ".csv", lambda p: write_csv(recording, p), drive, 0.25)
-    groups = signals.groups_of(recording, "good")
+    groups = groups_of(recording, "good")
     for suffix in (".bag", ".mcap"):
-        add(f"bag{suffix}", suffix, lambda p: recording_export.write_bag(groups, p), drive, 0.10)
+        add(f"bag{suffix}", suffix, lambda p: write_bag(groups, p), drive, 0.10)
     rows = "x,y,t\n" + "".join(f"{0.1 * i},{0.02 * i * i},{0.4 * i}\n" for i in range(20))
     add("waypoints", ".csv", lambda p: p.write_text(rows), lambda p: waypoint_files.read_waypoints(p), 0.15)
     add("sheet", ".xlsx", _write_sheet, lambda p: waypoint_files.read_waypoints(p, 0.25), 0.05)

@@ -20,7 +20,7 @@ from tests.conftest import data_folder
 from validation import cli
 from validation.compare import __main__ as compare
 from validation.compare.run import Settings, as_document
-from validation.logs.recording import write_csv
+from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, resample, score_horizons
 from validation.motion.sources import move_reference, open_source
 from validation.plants.profile import Profile, load, make_plant

@@ -22,7 +22,7 @@ from validation.fit.fitting import identity
 from validation.fit.objective import CostSettings, Problem
 from validation.fit.search import CheckpointError, Search
 from validation.fit.uncertainty import VAGUE, estimate
-from validation.logs.recording import write_csv
+from validation.logs.recording_csv import write_csv
 from validation.plants.profile import Profile, load
 from validation.plants.searchable import make_space
 

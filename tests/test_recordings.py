@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import FloatArray
-from validation.logs import recording as recordings
-from validation.logs.recording import COLUMNS, Recording, RecordingError, Segment, read_csv, write_csv
+from validation.logs.recording import RECORDING_COLUMNS, TIME_ROUNDOFF, Recording, RecordingError, Segment, is_channel_name
+from validation.logs.recording_csv import read_csv, write_csv
 
 EXACT_FIT = 1e-9
 """A least-squares fit of noise-free poses: rounding of 1e-16 over a span of half a second, with room to spare."""
@@ -187,7 +187,7 @@ def test_unusable_channels_are_left_out_with_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, cells: tuple[str, ...], line: int, what: str
 ) -> None:
     path = on_file(tmp_path, "t,x,note,acc_x\n" + "".join(f"{k},0,{cell},{k}\n" for k, cell in enumerate(cells)))
-    with caplog.at_level(logging.WARNING, logger=recordings.__name__):
+    with caplog.at_level(logging.WARNING, logger="validation.logs"):
         r = read_csv(path)
     assert list(r.channels) == ["acc_x"]
     assert [m.getMessage() for m in caplog.records] == [
@@ -210,10 +210,12 @@ def test_recording_is_frozen() -> None:
 def test_round_trip_is_bit_identical(data: st.DataObject, n: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     finite = st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=n, max_size=n)
     moment = st.floats(-1e9, 1e9).map(lambda v: v + 0.0)  # 0.0 and -0.0 are one instant
-    names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(recordings._is_name)
+    names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(is_channel_name)
     t = sorted(data.draw(st.lists(moment, min_size=n, max_size=n, unique=True)))
-    columns = data.draw(st.dictionaries(st.sampled_from(list(COLUMNS)), finite, min_size=1))
-    channels = data.draw(st.dictionaries(names.filter(lambda s: s != "t" and s not in COLUMNS), finite, max_size=3))
+    columns = data.draw(st.dictionaries(st.sampled_from(list(RECORDING_COLUMNS)), finite, min_size=1))
+    channels = data.draw(
+        st.dictionaries(names.filter(lambda s: s != "t" and s not in RECORDING_COLUMNS), finite, max_size=3)
+    )
     path = tmp_path_factory.mktemp("round") / "drive.csv"
     written = Recording.from_columns("drive", {"t": t, **columns, **channels})
     write_csv(written, path)
@@ -262,7 +264,7 @@ def test_one_dropped_sample_is_tolerated_two_are_a_gap() -> None:
 def test_segments_span_no_gap_and_lose_only_lone_samples(steps: list[float], factor: float) -> None:
     t = np.cumsum([0.0, *steps])
     r = Recording("drive", t, {"x": t}, gap_factor=factor)
-    limit = factor * r.period + recordings.TIME_ROUNDOFF
+    limit = factor * r.period + TIME_ROUNDOFF
     inside = np.zeros(len(t), dtype=bool)
     for s in r.segments():
         assert len(s) == len(s.t) >= 2
@@ -446,7 +448,7 @@ def test_tile_has_a_segment_more_than_it_has_gaps(tile: Recording) -> None:
     segments = tile.segments()
     assert len(segments) == 15
     assert sum(map(len, segments)) == len(tile)
-    assert max(float(np.diff(s.t).max()) for s in segments) < 0.1 + recordings.TIME_ROUNDOFF
+    assert max(float(np.diff(s.t).max()) for s in segments) < 0.1 + TIME_ROUNDOFF
 
 
 def test_tile_poses_are_refreshed_at_10_hz(tile: Recording) -> None:

@@ -21,11 +21,14 @@ from tests.bag_factory import circle, poses_at, write
 from tests.conftest import data_folder
 from validation import cli
 from validation.logs.dead_reckoning import integrated, reckon
-from validation.logs.recording import Recording, read_csv, write_csv
-from validation.logs.signals import estimate_offsets, find_rest, unbiased
+from validation.logs.log import ReadOptions
+from validation.logs.offsets import estimate_offsets
+from validation.logs.recording import Recording
+from validation.logs.recording_csv import read_csv, write_csv
+from validation.logs.rest import find_rest, unbiased
 from validation.plants.profile import load
-from validation.recordings import run as recordings
-from validation.recordings.run import open_log
+from validation.recordings import ConvertSettings, convert, info, open_log
+from validation.recordings.__main__ import program
 from validation.recordings.simulated_log import LogSettings, simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,8 +85,8 @@ def test_a_csv_comes_back_through_a_bag_but_for_its_channels(tmp_path: Path) -> 
     before = columns_of(read_csv(source))
     for name in ("drive.mcap", "drive.bag"):
         bag, back = tmp_path / name, tmp_path / f"back {name}.csv"
-        recordings.convert(str(source), out=bag)
-        recordings.convert(str(bag), out=back)
+        convert(source).save(bag)
+        convert(bag).save(back)
         after = columns_of(read_csv(back))
         assert set(after) == set(before) - {"battery"}
         for column, values in after.items():
@@ -101,14 +104,14 @@ def test_convert_is_idempotent(
 ) -> None:
     folder = tmp_path_factory.mktemp("twice")
     source, once, twice = drive_csv(folder), folder / "once.csv", folder / "twice.csv"
-    recordings.convert(str(source), out=once, rate=rate, align=align, until=until)
-    recordings.convert(str(once), out=twice, align=align, until=until)
+    convert(source, ConvertSettings(rate, align=align, stop=until)).save(once)
+    convert(once, ConvertSettings(align=align, stop=until)).save(twice)
     assert twice.read_bytes() == once.read_bytes()
 
 
 def test_evo_reads_the_trajectory(tmp_path: Path) -> None:
     source, out = drive_csv(tmp_path), tmp_path / "drive.tum"
-    recordings.convert(str(source), out=out)
+    convert(source).save(out)
     recording, trajectory = read_csv(source), file_interface.read_tum_trajectory_file(str(out))
     assert trajectory.check()[0]
     np.testing.assert_allclose(trajectory.timestamps, recording.t, atol=1e-9)
@@ -119,7 +122,7 @@ def test_evo_reads_the_trajectory(tmp_path: Path) -> None:
 
 def test_any_reader_of_ros_2_reads_the_mcap(tmp_path: Path) -> None:
     source, out = drive_csv(tmp_path), tmp_path / "drive.mcap"
-    recordings.convert(str(source), out=out)
+    convert(source).save(out)
     recording = read_csv(source)
     with AnyReader([out]) as reader:
         kinds = {c.topic: c.msgtype for c in reader.connections}
@@ -142,8 +145,9 @@ def test_any_reader_of_ros_2_reads_the_mcap(tmp_path: Path) -> None:
 
 def test_odometry_without_another_pose_comes_back_as_the_pose(tmp_path: Path) -> None:
     bag, mcap = write(tmp_path, "ros1", circle), tmp_path / "again.mcap"
-    recordings.convert(str(bag), out=mcap, topics="pose=none")
-    first, again = (open_log(str(p), "pose=none", "header", "husky-tile", 0).groups for p in (bag, mcap))
+    options = ReadOptions({"pose": "none"})
+    convert(bag, options=options).save(mcap)
+    first, again = (open_log(p, options).groups for p in (bag, mcap))
     assert set(again) == set(first) - {"gps"}
     for name, group in again.items():
         assert set(group.columns) == set(first[name].columns)
@@ -173,17 +177,17 @@ def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
     [
         (("info", "nowhere.bag"), "nowhere.bag: there is no such file"),
         (("info", "."), "no ROS 2 bag: there is no metadata.yaml"),
-        (("convert", "{csv}", "--out", "x.xls"), "no format has the ending '.xls'; there are: .csv, .tum, .mcap, .bag"),
+        (("convert", "{csv}", "--out", "x.xls"), "no format has the ending '.xls'; there are: .csv, .tum, .bag, .mcap"),
         (("convert", "{csv}", "--out", "{csv}"), "is the log itself; name another file"),
-        (("convert", "{csv}", "--rate", "-3"), "--rate -3.0 must be positive [Hz]"),
+        (("convert", "{csv}", "--rate", "-3"), "rate -3.0 must be positive [Hz]"),
         (("convert", "{csv}", "--from", "99"), "nothing was logged in 99 to inf s"),
-        (("convert", "{csv}", "--topics", "odom=/odom"), "--topics names topics of bags"),
+        (("convert", "{csv}", "--topics", "odom=/odom"), "topics names the topics of a bag"),
         (("convert", "{bag}", "--topics", "odom"), "is no ROLE=TOPIC of its own"),
         (("convert", "{bag}", "--topics", "odom=/nowhere"), "there is no topic /nowhere; there are: /pose"),
-        (("convert", "{bag}", "--ekf"), "--ekf needs wheels or odometry"),
-        (("convert", "{bag}", "--unbias"), "--unbias needs a gyro"),
+        (("convert", "{bag}", "--ekf"), "ekf needs wheels or odometry"),
+        (("convert", "{bag}", "--unbias"), "unbias needs a gyro"),
         (("convert", "{cut}"), "no bag that can be read, or a damaged one"),
-        (("convert", "{readme}"), "recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag"),
+        (("convert", "{readme}"), "recordings are .csv, .bag, .mcap or the folder of a ROS 2 bag"),
     ],
 )
 def test_mistakes_end_in_one_line_and_write_nothing(
@@ -197,7 +201,7 @@ def test_mistakes_end_in_one_line_and_write_nothing(
     before = paths["csv"].read_bytes()
     monkeypatch.setattr(sys, "argv", ["recordings", *(a.format(**paths) for a in args)])
     with pytest.raises(SystemExit) as ended:
-        cli.run(recordings.program(), "recordings")
+        cli.run(program(), "recordings")
     assert ended.value.code == cli.EXIT_USER_ERROR
     said = capsys.readouterr()
     assert message in said.err
@@ -213,31 +217,30 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypat
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("validation.logs.export._fill", full)
-    with pytest.raises(cli.UserError, match=r"cannot be written \(No space left on device\)"):
-        recordings.convert(str(source), out=out)
+    monkeypatch.setattr("validation.logs.bag_writer._fill", full)
+    with pytest.raises(OSError, match="No space left on device"):
+        convert(source).save(out)
     assert out.read_bytes() == b"precious"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.csv", "out.mcap"]
 
 
-def test_info_tells_of_a_clock_that_jumps_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_tells_of_a_clock_that_jumps_and_goes_on(tmp_path: Path) -> None:
     bag = write(tmp_path, "mcap", lambda make: poses_at(make, jump=30.0))
-    recordings.info(str(bag))
-    said = capsys.readouterr()
-    assert "/pose: the clock jumps once: +30.000 s after 1.000 s" in said.out
-    assert "--stamps bag takes the times of writing" in said.err
+    found = info(bag)
+    assert "/pose: the clock jumps once: +30.000 s after 1.000 s" in found.table()
+    assert "stamps bag takes the times of writing" in found.log.faults[0]
 
 
 # ------------------------------------------------------------------------------------------- a real Husky
 @pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")
 def test_on_the_parking_lot_the_filter_is_nearer_the_gps_than_gyro_heading_alone() -> None:
-    groups = open_log(str(PARKING_LOT), "", "header", "husky-tile", 0).groups
+    groups = open_log(PARKING_LOT).groups
     found = reckon(groups)
     assert found is not None
     rms = {row.name: row.rms for row in found.rows}
     assert rms["odometry's own pose"] == pytest.approx(7.0, abs=0.05)  # as published beside the recording
-    assert rms["the same, bias learned at rest"] < rms["filter of wheels and gyro"] < rms["wheels' speed, gyro's heading"]
-    assert rms["the same, bias learned at rest"] < 3.0
+    assert rms["filter, bias learned at rest"] < rms["filter of wheels and gyro"] < rms["wheels' speed, gyro's heading"]
+    assert rms["filter, bias learned at rest"] < 3.0
     assert found.rows[0].length == pytest.approx(359.0, abs=1.0)
     rest = find_rest(groups)
     assert rest is not None
@@ -250,7 +253,7 @@ def test_on_the_parking_lot_the_filter_is_nearer_the_gps_than_gyro_heading_alone
 @pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")
 def test_no_constant_bias_and_scale_bring_the_parking_lot_near_its_gps() -> None:
     """Fitted to the GPS itself they leave 2.4 m: the receiver's own error, which no dead reckoning gets below."""
-    groups = open_log(str(PARKING_LOT), "", "header", "husky-tile", 0).groups
+    groups = open_log(PARKING_LOT).groups
     gps = np.column_stack([groups["gps"].columns[name] for name in ("gps_east", "gps_north")])
 
     def away(corrections: np.ndarray) -> np.ndarray:

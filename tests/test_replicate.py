@@ -19,7 +19,8 @@ import pytest
 
 from tests.conftest import ROUNDOFF
 from validation.fit.objective import Problem
-from validation.logs.recording import Recording, write_csv
+from validation.logs.recording import Recording
+from validation.logs.recording_csv import write_csv
 from validation.replicate import __main__ as replicate
 from validation.replicate import control as evidence_control
 from validation.replicate import models as evidence_models

@@ -14,20 +14,11 @@ from hypothesis import strategies as st
 from ssmr.geometry import align_rigidly, compose, relative, rotate_body_to_world
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
-from validation.logs.dead_reckoning import reckon, run_filter, with_filter
-from validation.logs.recording import POSE, Recording, RecordingError
-from validation.logs.signals import (
-    Group,
-    aligned,
-    cut_groups,
-    estimate_offsets,
-    find_rest,
-    groups_of,
-    merge,
-    smoothed,
-    synchronised,
-    unbiased,
-)
+from validation.logs.dead_reckoning import filtered_motion, reckon, with_filter
+from validation.logs.groups import Group, aligned, cut_groups, groups_of, merge, smoothed
+from validation.logs.offsets import estimate_offsets, synchronised
+from validation.logs.recording import POSE_COLUMNS, Recording, RecordingError
+from validation.logs.rest import find_rest, unbiased
 
 LOG = Path("drive.bag")
 KNOWN_SHIFT = 2e-3
@@ -87,7 +78,7 @@ def test_what_is_not_alike_has_no_offset() -> None:
     groups = log()
     rng = np.random.default_rng(1)
     noise = replace(groups["odom"], columns={"odom_v": np.zeros(800), "odom_w": rng.standard_normal(800)})
-    still = replace(groups["pose"], columns={name: np.zeros(len(groups["pose"].t)) for name in POSE})
+    still = replace(groups["pose"], columns={name: np.zeros(len(groups["pose"].t)) for name in POSE_COLUMNS})
     assert estimate_offsets({"imu": groups["imu"], "odom": noise, "pose": still}) == []
     assert estimate_offsets({"odom": groups["odom"]}) == []
 
@@ -173,7 +164,7 @@ def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> Non
     np.testing.assert_allclose(merged.channels["gps_east"], 2.0 * merged.t, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("rate", "message"), [(1e9, "too many samples; ask for a lower --rate"), (1e-3, "do not overlap")])
+@pytest.mark.parametrize(("rate", "message"), [(1e9, "too many samples; ask for a lower rate"), (1e-3, "do not overlap")])
 def test_rates_that_make_no_recording_are_refused(rate: float, message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         merge(LOG, log(), rate)
@@ -192,13 +183,13 @@ poses = st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-3.0
 @given(poses)
 def test_aligned_poses_do_not_depend_on_the_frame(moved: tuple[float, float, float]) -> None:
     columns = log()["pose"].columns
-    there = compose(np.array(moved), np.column_stack([columns[n] for n in POSE]))
-    one, other = aligned(columns), aligned(dict(zip(POSE, there.T, strict=True)))
-    for name in POSE:
+    there = compose(np.array(moved), np.column_stack([columns[n] for n in POSE_COLUMNS]))
+    one, other = aligned(columns), aligned(dict(zip(POSE_COLUMNS, there.T, strict=True)))
+    for name in POSE_COLUMNS:
         np.testing.assert_allclose(one[name], other[name], atol=1e-12 * 100.0)  # of 50 m
         assert one[name][0] == EXACT
     twice = aligned(one)
-    for name in POSE:
+    for name in POSE_COLUMNS:
         np.testing.assert_array_equal(twice[name], one[name])
 
 
@@ -226,8 +217,8 @@ def test_the_filter_with_the_bias_learned_is_nearest() -> None:
     assert found is not None
     rms = {row.name: row.rms for row in found.rows}
     assert found.truth == "/pose (pose)"
-    assert rms["the same, bias learned at rest"] < 0.05 < rms["wheels' speed, gyro's heading"]
-    assert rms["the same, bias learned at rest"] < rms["filter of wheels"]
+    assert rms["filter, bias learned at rest"] < 0.05 < rms["wheels' speed, gyro's heading"]
+    assert rms["filter, bias learned at rest"] < rms["filter of wheels"]
     assert found.rows[0].length == pytest.approx(17.5, rel=0.01)
 
 
@@ -236,9 +227,9 @@ def test_the_filter_replaces_the_pose_and_keeps_the_old_one() -> None:
     assert found is not None
     merged = merge(LOG, found)
     assert {"pose_x", "pose_y", "pose_yaw", "odom_v"} <= set(merged.channels)
-    motion = run_filter(log())
+    motion = filtered_motion(log())
     assert motion is not None
-    away = relative(motion.pose[-1], np.array([merged.columns[n][-1] for n in POSE]))
+    away = relative(motion.pose[-1], np.array([merged.columns[n][-1] for n in POSE_COLUMNS]))
     assert np.all(np.abs(away) < 0.05)  # the merged one ends up to two periods earlier: 1 cm, and as much a turn
     assert with_filter({"imu": log()["imu"]}) is None
     assert reckon({"imu": log()["imu"]}) is None

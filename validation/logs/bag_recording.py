@@ -1,8 +1,8 @@
 """The bag format of logs: streams of a bag become groups of columns.
 
 The columns are cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z from `imu`; and x, y, yaw from
-`pose` or, without one, from `odom`. Channels are odom_v [m/s], odom_w [rad/s] from `odom` (and odom_x, odom_y, odom_yaw where
-there is a `pose`), and gps_east, gps_north [m] from `gps`. Times are counted from the bag's epoch.
+`pose` or, without one, from `odom`. Channels are odom_v [m/s], odom_w [rad/s] from `odom` (and odom_x, odom_y, odom_yaw
+where there is a `pose`), and gps_east, gps_north [m] from `gps`. Times are counted from the bag's epoch.
 
 The yaw rate is taken about the vertical that the IMU's accelerometer shows, however the IMU is mounted. Positions of a
 satellite receiver become metres east and north of the first fix.
@@ -136,8 +136,8 @@ def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
 def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return (M,) metres east and north of the first of (M,) positions [deg].
 
-    The plane touches the ellipsoid there. The result is good to some centimetres within a kilometre: terms of second order in
-    the distance over the radius are left out.
+    The plane touches the ellipsoid there. The result is good to some centimetres within a kilometre: terms of second order
+    in the distance over the radius are left out.
     """
     lat, lon = np.radians(np.asarray(latitude, dtype=np.float64)), np.asarray(longitude, dtype=np.float64)
     eccentricity2 = FLATTENING * (2.0 - FLATTENING)

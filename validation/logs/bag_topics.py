@@ -35,7 +35,8 @@ GUESSED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyTyp
 
 TF_PARENTS = ("map", "world", "mocap", "vicon", "optitrack")
 TF_CHILDREN = ("base_link", "base_footprint")
-"""A transform is taken for the pose only from one of these parents to one of these children: odom to base_link is odometry."""
+"""A transform is taken for the pose only from one of these parents to one of these children: odom to base_link is
+odometry."""
 
 
 def fits(stream: Stream, role: str) -> bool:

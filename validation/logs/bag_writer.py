@@ -1,7 +1,8 @@
 """Bags that other tools open: MCAP files with ROS 2 messages (PlotJuggler, rerun, Foxglove) and ROS 1 bags.
 
 Every group becomes a topic with its own stamps: /cmd_vel (TwistStamped), /joint_states (JointState), /odom (Odometry),
-/imu/data (Imu), /pose (PoseStamped). Columns that fit no such message become a topic of Float64 each; these are not read back.
+/imu/data (Imu), /pose (PoseStamped). Columns that fit no such message become a topic of Float64 each; these are not read
+back.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where a log's wheels and gyro say that the robot went, by odometry and by the state filter, beside what knew better."""
+"""Dead reckoning on a log: the path by its wheels and gyro, compared with the positions of a better sensor."""
 
 from __future__ import annotations
 
@@ -12,45 +12,49 @@ from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
-from validation.logs.signals import POSES, Group, Groups, selected, standing, wheel_twist
+from validation.logs.groups import POSES, Group, Groups, side_by_side
+from validation.logs.rest import standing, wheel_twist
 
 TRUTHS = (("gps", ("gps_east", "gps_north")), ("pose", ("x", "y")))
-"""What dead reckoning is held against: the first that there is."""
+"""Groups and columns whose positions dead reckoning is compared with: the first that a log has."""
 
 
 @dataclass(frozen=True)
-class Reckoned:
-    """One way of dead reckoning."""
+class ReckonedPath:
+    """Result of one way of dead reckoning."""
 
     name: str
-    """What tables call it."""
+    """Name in tables."""
     rms: float
-    """Root mean square distance from the truth after rigid alignment [m]."""
+    """Root mean square distance from the better positions, after rigid alignment [m]."""
     length: float
-    """Of its path over the truth's duration [m]."""
+    """Length of its path over the same time [m]."""
 
 
 @dataclass(frozen=True)
 class Reckoning:
-    """Ways of dead reckoning beside each other."""
+    """Results of several ways of dead reckoning."""
 
     truth: str
-    """The topic or file, and the group, that they are held against."""
+    """Topic or file, and group, of the positions that they are compared with."""
     samples: int
-    """How many positions of it there are."""
-    rows: tuple[Reckoned, ...]
+    """Number of these positions."""
+    rows: tuple[ReckonedPath, ...]
     """At least one."""
 
 
-def run_filter(groups: Groups, *, gyro: bool = True, bias: bool = True) -> Trajectory | None:
-    """The state filter over a log, from pose 0 on; None without wheels or, if wanted, without a gyro.
+def filtered_motion(groups: Groups, *, gyro: bool = True, bias: bool = True) -> Trajectory | None:
+    """Run the state filter over a log, from pose 0 on.
 
-    It runs at the gyro's stamps, where there is one, and takes the wheels' rates linearly between theirs.
+    It runs at the gyro's stamps, where there is one, and interpolates the wheels' rates linearly between theirs.
 
     Args:
         groups: the log.
-        gyro: whether it listens to the gyro.
-        bias: whether the gyro's bias is learned whenever the robot stands, see `learn_bias`, and taken off from then on.
+        gyro: True if the filter takes in the gyro.
+        bias: True if the gyro's bias is learned whenever the robot stands, see `learn_bias`, and subtracted from then on.
+
+    Returns:
+        The filter's motion; None without wheels or, if `gyro`, without a gyro.
     """
     wheels, imu = wheel_twist(groups), groups.get("imu")
     if wheels is None or (gyro and imu is None):
@@ -71,7 +75,7 @@ def run_filter(groups: Groups, *, gyro: bool = True, bias: bool = True) -> Traje
 
 
 def integrated(groups: Groups) -> Group | None:
-    """Positions from the wheels' speed along the gyro's plain integral, midpoint rule; None without either."""
+    """Integrate the wheels' speed along the integral of the gyro, with the midpoint rule; None without wheels or gyro."""
     wheels, imu = wheel_twist(groups), groups.get("imu")
     if wheels is None or imu is None:
         return None
@@ -91,17 +95,19 @@ def _summed(steps: FloatArray) -> FloatArray:
 
 
 def reckon(groups: Groups) -> Reckoning | None:
-    """All ways of dead reckoning that a log allows, held against its satellite or localiser's positions.
+    """Compare all ways of dead reckoning that a log allows with its positions by satellite or by a localiser.
 
     Returns:
-        None where there is no truth, or no wheels.
+        None where the log has no such positions, or no wheels.
     """
-    found = next(((n, names) for n, names in TRUTHS if n in groups and selected(groups[n].columns, names) is not None), None)
+    found = next(
+        ((n, names) for n, names in TRUTHS if n in groups and side_by_side(groups[n].columns, names) is not None), None
+    )
     tracks = list(_tracks(groups, found[0])) if found is not None else []
     if found is None or not tracks:
         return None
     truth = groups[found[0]]
-    points = selected(truth.columns, found[1])
+    points = side_by_side(truth.columns, found[1])
     start, stop = max(t[0] for _, t, _ in tracks), min(t[-1] for _, t, _ in tracks)
     within = (truth.t >= start) & (truth.t <= stop)
     if points is None or np.count_nonzero(within) < 3:
@@ -112,37 +118,37 @@ def reckon(groups: Groups) -> Reckoning | None:
         there = np.column_stack([np.interp(at, t, column) for column in xy.T])
         away = align_rigidly(there, points) - points
         driven = xy[(t >= at[0]) & (t <= at[-1])]
-        rows.append(Reckoned(name, float(np.sqrt(np.mean(np.sum(away**2, axis=1)))), path_length(driven)))
+        rows.append(ReckonedPath(name, float(np.sqrt(np.mean(np.sum(away**2, axis=1)))), path_length(driven)))
     return Reckoning(f"{truth.source} ({found[0]})", len(at), tuple(rows))
 
 
 def _tracks(groups: Groups, truth: str) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Name, stamps [s] and positions [m] of each way; the odometry's own pose first."""
+    """Yield name, stamps [s] and positions [m] of each way; the odometry's own pose comes first."""
     odom = groups.get("odom")
     for names in POSES if odom is not None else ():
-        xy = selected(odom.columns, names[:2]) if odom is not None else None
+        xy = side_by_side(odom.columns, names[:2]) if odom is not None else None
         if odom is not None and xy is not None:
             yield "odometry's own pose", odom.t, xy
     filters: tuple[tuple[str, dict[str, bool]], ...] = (
         ("filter of wheels", {"gyro": False}),
         ("filter of wheels and gyro", {"bias": False}),
-        ("the same, bias learned at rest", {}),
+        ("filter, bias learned at rest", {}),
     )
     plain = integrated(groups)
     if plain is not None:
         yield "wheels' speed, gyro's heading", plain.t, np.column_stack(list(plain.columns.values()))
     for name, options in filters:
-        motion = run_filter(groups, **options)
+        motion = filtered_motion(groups, **options)
         if motion is not None:
             yield name, motion.t, motion.pose[:, :2]
 
 
 def with_filter(groups: Groups) -> dict[str, Group] | None:
-    """The log with the filter's pose as its x, y, yaw; what it had as these is called odom_x ... or pose_x ...
+    """Return the log with the filter's pose as its x, y, yaw; None without wheels.
 
-    None without wheels.
+    Columns that had these names before are called odom_x ... or pose_x ... in the result.
     """
-    motion = run_filter(groups) or run_filter(groups, gyro=False)
+    motion = filtered_motion(groups) or filtered_motion(groups, gyro=False)
     if motion is None:
         return None
     renamed = {

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from validation.logs.bag_recording import BAG
 from validation.logs.log import Log, LogFormat, ReadOptions
-from validation.logs.recording import RecordingError
+from validation.logs.recording import Recording, RecordingError
 from validation.logs.recording_csv import CSV
 from validation.logs.tum import TUM
 
@@ -51,6 +51,11 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     if found is None or found.read is None:
         raise RecordingError(path, f"this is no recording by its ending; recordings are {readable()}")
     return found.read(path, options or ReadOptions())
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read a log of any format in `FORMATS` and bring it onto one clock; see `read_log`."""
+    return read_log(path).recording()
 
 
 def write_log(log: Log, path: str | Path) -> None:

@@ -57,8 +57,9 @@ def yaw_rate(groups: Groups, name: str) -> FloatArray | None:
 def estimate_offsets(groups: Groups) -> list[Offset]:
     """Estimate the delay of each group behind the first group of `CLOCK_ORDER`.
 
-    The delay is the lag at which the correlation of the yaw rates is greatest, refined by a parabola. The delay of commands is
-    negative, because a robot follows them. Groups whose yaw rate does not resemble the first one's, or is zero, are left out.
+    The delay is the lag at which the correlation of the yaw rates is greatest, refined by a parabola. The delay of commands
+    is negative, because a robot follows them. Groups whose yaw rate does not resemble the first one's, or is zero, are left
+    out.
     """
     rates = {name: rate for name in (*CLOCK_ORDER, "cmd") if (rate := yaw_rate(groups, name)) is not None}
     reference = next((name for name in CLOCK_ORDER if name in rates), None)

@@ -1,33 +1,26 @@
-"""Recordings of a robot: what was commanded, what the wheels did and where the robot went, read from and written to CSV.
+"""Recordings of a robot on one clock: its commands, its wheels and its pose.
 
-A recording file has a header line, a column `t` [s] that increases and any of the columns of `RECORDING_COLUMNS`; all other numeric
-columns are kept as channels. A long step of time is a gap, and nothing here bridges one: `Recording.segments` hands out
-the stretches between gaps. The pose is that of the point which the localiser tracked.
+A recording has a time `t` [s] that increases and any of the columns of `RECORDING_COLUMNS`; other columns are kept as
+channels. A long step of time is a gap, and nothing here bridges one: `Recording.segments` returns the stretches between
+gaps. The pose is that of the point which the localiser tracked.
 """
 
 from __future__ import annotations
 
-import codecs
-import csv
-import io
 import logging
 import math
-import os
-import struct
-import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import CommandKind, Commands, FloatArray, State, frozen_array
+from validation.logs.csv_table import TableError
 
 _logger = logging.getLogger(__name__)
 
@@ -36,7 +29,8 @@ RECORDING_COLUMNS: Mapping[str, str] = MappingProxyType(
     | dict.fromkeys(("cmd_w", "enc_left", "enc_right", "gyro_z"), "rad/s")
     | {"x": "m", "y": "m", "yaw": "rad"}
 )
-"""The columns whose meaning is known, each with its unit."""
+"""Units of the columns whose meaning is known."""
+_KNOWN = ", ".join(RECORDING_COLUMNS)
 COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
     {"twist": ("cmd_v", "cmd_w"), "wheels": ("enc_left", "enc_right")}
 )
@@ -46,35 +40,35 @@ POSE_COLUMNS = ("x", "y", "yaw")
 TIME_ROUNDOFF = 1e-6
 """Instants closer than this are the same one: well over rounding, well under any sample step [s]."""
 STILL_AFTER = 1.0
-"""A pose that repeats for longer is a robot standing still, not a localiser slower than the log [s]."""
+"""A pose that repeats for longer means that the robot stands, not that the localiser is slower than the log [s]."""
 
 
 class RecordingError(TableError):
-    """A file is no recording."""
+    """A file is no recording that can be used."""
 
-    wanted = "a recording (.csv, .bag, .mcap, or a ROS 2 bag's folder)"
-    header = f"a recording begins with a header line, separated by commas, that names t and any of {', '.join(RECORDING_COLUMNS)}"
+    wanted = "a CSV recording (.csv)"
+    header = f"a recording begins with a header line, separated by commas, that names t and any of {_KNOWN}"
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was recorded of one robot, M samples of it; checked, copied and read-only."""
+    """A recording of one robot, M samples; checked, copied and read-only."""
 
     name: str
-    """What tables and pictures call it; a file's name without its ending."""
+    """Name in tables and pictures: the file's name without its ending."""
     t: FloatArray
     """(M,) strictly increasing [s], M at least 2."""
     columns: Mapping[str, FloatArray]
-    """Columns of `RECORDING_COLUMNS` that were recorded, at least one, each (M,) as recorded: yaw may be wrapped."""
+    """Known columns by name, at least one, each (M,) as recorded: yaw may be wrapped."""
     channels: Mapping[str, FloatArray] = field(default_factory=dict)
-    """What else was recorded, by name, each (M,)."""
+    """Other columns by name, each (M,)."""
     gap_factor: float = 2.5
     """A step longer than this many periods is a gap: at 2.5 one dropped sample is tolerated, two are not."""
     period: float = math.nan
-    """Median sample step [s]; taken from `t` unless given. `cut` hands it on, so that cutting moves no gap."""
+    """Median sample step [s]; taken from `t` unless given. `cut` keeps it, so that cutting moves no gap."""
 
     def __post_init__(self) -> None:
-        """Check and freeze.
+        """Check the columns and make them read-only.
 
         Raises:
             ValueError: fewer than two samples, time that does not increase, lengths that differ, numbers not finite,
@@ -89,7 +83,7 @@ class Recording:
             raise ValueError(f"the gap factor must be at least 1, got {self.gap_factor}")
         unknown = [n for n in self.columns if n not in RECORDING_COLUMNS]
         if unknown or not self.columns:
-            raise ValueError(f"unknown columns: {', '.join(unknown) or 'none at all'}; wanted any of {', '.join(RECORDING_COLUMNS)}")
+            raise ValueError(f"unknown columns: {', '.join(unknown) or 'none at all'}; wanted any of {_KNOWN}")
         misplaced = [n for n in self.channels if n == "t" or n in RECORDING_COLUMNS or not is_channel_name(n)]
         if misplaced:
             raise ValueError(f"no name for a channel: {misplaced[0]!r}")
@@ -104,7 +98,7 @@ class Recording:
 
     @classmethod
     def from_columns(cls, name: str, columns: Mapping[str, ArrayLike], gap_factor: float = 2.5) -> Recording:
-        """Sort (M,) columns, `t` among them, into time, known columns and channels.
+        """Return a recording of (M,) columns by name, `t` among them: known columns, and channels for the others.
 
         Raises:
             ValueError: there is no `t`, or the recording would not be valid.
@@ -117,29 +111,33 @@ class Recording:
         return cls(name, arrays["t"], known, channels, gap_factor)
 
     def __len__(self) -> int:
-        """How many samples there are, M."""
+        """Return the number of samples, M."""
         return len(self.t)
+
+    def all_columns(self) -> dict[str, FloatArray]:
+        """Return t, the known columns and the channels by name, each (M,)."""
+        return {"t": self.t, **self.columns, **self.channels}
 
     @property
     def has_commands(self) -> bool:
-        """Whether body velocities were commanded: cmd_v and cmd_w."""
+        """True if body velocities were recorded as commands: cmd_v and cmd_w."""
         return all(n in self.columns for n in COMMAND_COLUMNS["twist"])
 
     @property
     def has_wheels(self) -> bool:
-        """Whether wheel rates were measured: enc_left and enc_right."""
+        """True if wheel rates were recorded: enc_left and enc_right."""
         return all(n in self.columns for n in COMMAND_COLUMNS["wheels"])
 
     @property
     def has_pose(self) -> bool:
-        """Whether x, y and yaw were recorded."""
+        """True if x, y and yaw were recorded."""
         return all(n in self.columns for n in POSE_COLUMNS)
 
     def table(self, names: Sequence[str]) -> FloatArray:
-        """(M, len(names)) known columns side by side.
+        """Return (M, len(names)) known columns side by side.
 
         Raises:
-            ValueError: some were not recorded; the message names them.
+            ValueError: a column was not recorded; the message names it.
         """
         missing = [n for n in names if n not in self.columns]
         if missing:
@@ -155,7 +153,7 @@ class Recording:
         return pose
 
     def segments(self) -> tuple[Segment, ...]:
-        """The stretches between gaps, in order; a sample alone between two gaps belongs to none.
+        """Return the stretches between gaps, in order; a sample alone between two gaps belongs to none.
 
         Raises:
             ValueError: every step is a gap, as a cut around one may leave it.
@@ -171,7 +169,7 @@ class Recording:
         return segments
 
     def cut(self, start_s: float | None = None, stop_s: float | None = None) -> Recording:
-        """The samples with `start_s` <= t <= `stop_s` [s]; None leaves that end as it is.
+        """Return the samples with `start_s` <= t <= `stop_s` [s]; None leaves that end as it is.
 
         Raises:
             ValueError: fewer than two samples lie there.
@@ -201,7 +199,7 @@ class Segment:
             raise ValueError(f"no segment of {len(self.recording)} samples: {self.start} to {self.stop}")
 
     def __len__(self) -> int:
-        """How many samples there are, M."""
+        """Return the number of samples, M."""
         return self.stop - self.start
 
     @property
@@ -215,7 +213,7 @@ class Segment:
         return self.recording.pose[self.start : self.stop]
 
     def inputs(self, kind: CommandKind) -> FloatArray:
-        """(M, 2) what can drive a plant, as sampled: cmd_v, cmd_w for `twist`; enc_left, enc_right for `wheels`.
+        """Return the (M, 2) samples that can drive a plant: cmd_v, cmd_w for `twist`; enc_left, enc_right for `wheels`.
 
         Raises:
             ValueError: the kind is unknown, or its columns were not recorded.
@@ -225,14 +223,14 @@ class Segment:
         return self.recording.table(COMMAND_COLUMNS[kind])[self.start : self.stop]
 
     def commands(self, kind: CommandKind, dt: float) -> Commands:
-        """The inputs on a uniform grid that begins with the first sample.
+        """Return the inputs on a uniform grid that begins with the first sample.
 
-        What was commanded is held until the next sample (zero-order hold): each grid time takes the last sample at or before
-        it; one that comes up to `TIME_ROUNDOFF` later counts as at it. What was measured, the wheel rates, goes on between
-        samples: it is interpolated linearly from one fresh sample to the next, and taken in the middle of each period;
-        holding it would make the wheels late by half a sample.
+        Commands are held until the next sample (zero-order hold): each grid time takes the last sample at or before it,
+        where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are measurements of something that goes on
+        between samples: they are interpolated linearly from one fresh sample to the next and taken in the middle of each
+        period. Holding them would make the wheels late by half a sample.
 
-        There are just as many commands as reach the last sample: ceil(duration / dt), so only the last may end after it.
+        There are ceil(duration / dt) commands, so that only the last may end after the last sample.
 
         Args:
             kind: `twist` or `wheels`.
@@ -258,26 +256,26 @@ class Segment:
 
     @property
     def fresh(self) -> NDArray[np.bool_]:
-        """(M,) bool: where the localiser gave a new pose.
+        """(M,) bool, True where the localiser gave a new pose.
 
-        A pose equal to the one before, bit for bit, was only logged again, unless that goes on for more than `STILL_AFTER`:
-        then the robot stands still, and the samples after that time count. The first sample always does.
+        A pose equal to the one before, bit for bit, was only logged again. If that goes on for more than `STILL_AFTER`, the
+        robot stands, and the samples after that time are new. The first sample is always new.
         """
         changed = np.concatenate([[True], np.any(self.pose[1:] != self.pose[:-1], axis=1)])
         since = self.t[np.maximum.accumulate(np.where(changed, np.arange(len(self)), 0))]
         return changed | (self.t - since > STILL_AFTER + TIME_ROUNDOFF)
 
     def initial_state(self, span: float = 0.5) -> State:
-        """Pose and wheel rates of the first sample, and the constant twist that fits the first poses best.
+        """Return pose and wheel rates of the first sample, and the constant twist that fits the first poses best.
 
         A straight line is fitted to yaw; then, along that yaw, the arc p(t) = p_0 + t sinc(w t / 2) R(yaw_0 + w t / 2) v to
         the positions. Both are linear least squares, and exact for a constant twist. Only fresh samples are used.
 
         Args:
-            span: how much of the beginning to use [s]; three fresh samples are used even if they take longer.
+            span: length of the beginning that is used [s]; three fresh samples are used even if they take longer.
 
         Returns:
-            The state at the first sample; wheel rates are zero where none were recorded, the twist where no pose is new.
+            The state at the first sample. Wheel rates are zero where none were recorded, the twist where no pose is new.
 
         Raises:
             ValueError: there is no pose.
@@ -301,10 +299,10 @@ class Segment:
 
 
 def _refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
-    """(M,) bool: which rows of (M, k) measured values were measured anew, and not only logged again.
+    """Return (M,) bool, True for rows of (M, k) values that were measured anew and not only logged again.
 
-    A row equal to the one before counts if nothing new came for longer than a usual refresh takes, or than `STILL_AFTER`:
-    then the value held.
+    A row equal to the one before counts as new if nothing new came for longer than a usual refresh takes, or for longer than
+    `STILL_AFTER`: then the value stayed the same.
     """
     changed = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
     times = t[changed]

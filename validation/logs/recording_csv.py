@@ -19,8 +19,8 @@ from validation.store import write_atomic
 def read_csv(path: str | Path, gap_factor: float = 2.5) -> Recording:
     """Read a recording.
 
-    A UTF-8 byte order mark, any line ending and blank lines are accepted. A channel that holds no number, or that has missing
-    or infinite numbers, is left out with a warning.
+    A UTF-8 byte order mark, any line ending and blank lines are accepted. A channel that holds no number, or that has
+    missing or infinite numbers, is left out with a warning.
 
     Args:
         path: a CSV file.

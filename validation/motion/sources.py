@@ -12,9 +12,8 @@ from ssmr.geometry import rotate_world_to_body, shift_reference
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
-from validation.logs.bag_recording import read_bag_recording
-from validation.logs.bags import ENDINGS
-from validation.logs.recording import Recording, Segment, read_csv
+from validation.logs.formats import is_log, read_recording, readable
+from validation.logs.recording import Recording, Segment
 from validation.plants.profile import PLANTS
 
 RECORDING_GRID = 0.01
@@ -75,24 +74,10 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
         piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
         return Source(name, (piece,), plant or "mujoco", SAMPLE_DT)
     path = Path(name)
-    if path.exists() or path.suffix.lower() in (".csv", *ENDINGS):
+    if path.exists() or is_log(path):
         return source_of(read_recording(path).cut(start, stop), name, kind)
-    paths = "paths of recordings (.csv, .bag, .mcap, a ROS 2 bag's folder)"
+    paths = f"paths of recordings ({readable()})"
     raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")
-
-
-def read_recording(path: str | Path) -> Recording:
-    """A recording from a CSV file or a bag.
-
-    Raises:
-        ValueError: neither by its name, or it cannot be read.
-    """
-    path = Path(path)
-    if path.suffix.lower() == ".csv":
-        return read_csv(path)
-    if path.is_dir() or path.suffix.lower() in ENDINGS:
-        return read_bag_recording(path)
-    raise ValueError(f"{path}: recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag, see README")
 
 
 def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:

@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import tyro
 
 from validation import cli
-from validation.logs.bags import Stamps
-from validation.logs.dead_reckoning import reckon
-from validation.logs.recording import Recording
-from validation.logs.signals import (
-    aligned,
-    cut_groups,
-    estimate_offsets,
-    find_rest,
-    groups_of,
-    merge,
-    smoothed_groups,
-    synchronised,
-    unbiased,
-)
-from validation.recordings.report import group_table, log_notes, offset_table, reckoning_table, stream_table
-from validation.recordings.run import _check, _columns, _filtered, _summary, _write, open_log
+from validation.logs.formats import writable
+from validation.logs.log import ReadOptions, Stamps
+from validation.recordings.run import ConvertSettings
+from validation.recordings.run import convert as convert_log
+from validation.recordings.run import info as look_into
+from validation.show.tables import rich_table
 
 
 def info(
@@ -49,16 +38,13 @@ def info(
         seed: Of its sensors' noise.
     """
     with cli.mistakes_are_users():
-        log = open_log(source, topics, stamps, profile, seed, lenient=True)
-    name = log.path.name
-    tables = [stream_table(log.bag, log.chosen or {}) if log.bag is not None else group_table(name, log.groups)]
-    tables += [t for t in (offset_table(estimate_offsets(log.groups)), reckoning_table(reckon(log.groups))) if t is not None]
-    for fault in log.faults:
+        found = look_into(source, ReadOptions(parse_topics(topics), stamps), profile, seed)
+    for fault in found.log.faults:
         cli.warn(fault)
     console = cli.report_console()
-    for table in tables:
-        console.print(table)
-    for note in log_notes(log.bag, log.groups, find_rest(log.groups)):
+    for grid in found.grids():
+        console.print(rich_table(grid))
+    for note in found.notes():
         console.print(note, highlight=False, markup=False)
 
 
@@ -102,33 +88,35 @@ def convert(
         profile: Of the plant, where SOURCE is a drive to be simulated.
         seed: Of its sensors' noise.
     """
+    target = out or Path("runs") / "recordings" / f"{Path(source).stem}.csv"
     with cli.mistakes_are_users():
-        target = out or Path("runs") / "recordings" / f"{Path(source).stem}.csv"
-        _check(target, rate, smooth, seed)
-        log = open_log(source, topics, stamps, profile, seed)
-        if target.exists() and log.path.exists() and target.samefile(log.path):
-            raise cli.UserError(f"--out {target} is the log itself; name another file")
-        offsets = estimate_offsets(log.groups)
-        groups = synchronised(log.groups, offsets) if sync else log.groups
-        if unbias:
-            groups = unbiased(log.path, groups)
-        if ekf:
-            groups = _filtered(log.path, groups)
-        groups = cut_groups(log.path, smoothed_groups(groups, smooth), start, until)
-        recording = merge(log.path, groups, rate)
-        if align:
-            recording = Recording.from_columns(recording.name, aligned(_columns(recording)), recording.gap_factor)
-            groups = {name: replace(g, columns=aligned(g.columns)) for name, g in groups.items()}
-        if target.suffix.lower() == ".tum" and not recording.has_pose:
-            raise cli.UserError(f"{source} has no pose for {target.name}; --ekf makes one of wheels and gyro")
-        cli.output_folder(target.parent)
+        if target.suffix.lower() not in writable():
+            known = ", ".join(writable())
+            raise cli.UserError(f"--out {target}: no format has the ending '{target.suffix}'; there are: {known}")
+        settings = ConvertSettings(rate, smooth, align, unbias, sync, ekf, start, until)
+        converted = convert_log(source, settings, ReadOptions(parse_topics(topics), stamps), profile, seed)
         try:
-            _write(recording, groups if rate is None else groups_of(recording, source), target)
+            converted.save(target)
         except OSError as error:
             raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
-    table = offset_table(offsets)
-    taken = ["offsets of time were taken out, but for the commands'"] if sync and offsets else []
-    cli.report([table] if table is not None else [], [_summary(recording), *taken], [target])
+    cli.report(map(rich_table, converted.grids()), converted.notes(), [target])
+
+
+def parse_topics(text: str) -> dict[str, str]:
+    """Return `role=/topic,role=/topic` as a mapping.
+
+    Raises:
+        UserError: something else.
+    """
+    found: dict[str, str] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        role, equals, topic = (s.strip() for s in part.partition("="))
+        if not equals or not topic or role in found:
+            raise cli.UserError(
+                f"--topics '{part}' is no ROLE=TOPIC of its own, such as odom=/husky_velocity_controller/odom"
+            )
+        found[role] = topic
+    return found
 
 
 def program() -> Callable[..., Any]:

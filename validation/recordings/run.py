@@ -1,134 +1,140 @@
-"""`python -m validation.recordings info|convert SOURCE`: what a log holds; a log as a recording, a trajectory or a bag."""
+"""Say what a log holds, and convert it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from validation import cli
-from validation.logs.bag_recording import as_group, groups_of_bag
-from validation.logs.bags import ENDINGS, Bag, Stamps, Stream, choose_topics, is_bag, read_bag
-from validation.logs.dead_reckoning import with_filter
-from validation.logs.export import write_bag, write_tum
-from validation.logs.recording import Recording, RecordingError, read_csv, write_csv
-from validation.logs.signals import (
-    Group,
-    groups_of,
-)
-from validation.plants.profile import load
+from validation.logs.dead_reckoning import reckon, with_filter
+from validation.logs.formats import read_log
+from validation.logs.groups import Groups, aligned, cut_groups, merge, smoothed_groups
+from validation.logs.log import Log, ReadOptions
+from validation.logs.offsets import estimate_offsets, synchronised
+from validation.logs.recording import Recording, RecordingError
+from validation.logs.rest import find_rest, unbiased
+from validation.plants.profile import Profile, load
+from validation.recordings.result import ConvertedLog, LogInfo
 from validation.recordings.simulated_log import is_simulated, simulated_log
 
-FORMATS = (".csv", ".tum", ".mcap", ".bag")
-"""What can be written, by ending."""
+
+@dataclass(frozen=True)
+class ConvertSettings:
+    """Changes that a conversion makes to a log."""
+
+    rate: float | None = None
+    """Samples a second [Hz]; None: the log's own."""
+    smooth: float = 0.0
+    """Standard deviation of the Gaussian that smooths measurements [s]; 0 smooths nothing."""
+    align: bool = False
+    """Place the origin of the world at the first pose."""
+    unbias: bool = False
+    """Take out the gyro's mean at rest."""
+    sync: bool = False
+    """Take estimated offsets of time out of the measurements; commands stay."""
+    ekf: bool = False
+    """Let the state filter of wheels and gyro fill x, y and yaw."""
+    start: float | None = None
+    """Leave out what was logged before this time [s]."""
+    stop: float | None = None
+    """Leave out what was logged after this time [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ValueError: a rate that is not positive, or a negative width of smoothing.
+        """
+        if self.rate is not None and not 0.0 < self.rate < math.inf:
+            raise ValueError(f"rate {self.rate} must be positive [Hz]")
+        if not 0.0 <= self.smooth < math.inf:
+            raise ValueError(f"smooth {self.smooth} must not be negative [s]")
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
-    """A log that was opened."""
-
-    path: Path
-    """What the user named."""
-    groups: Mapping[str, Group]
-    """What it holds."""
-    bag: Bag | None = None
-    """Where it is a bag."""
-    chosen: Mapping[str, Stream] | None = None
-    """Which topics were taken for what."""
-    faults: Sequence[str] = ()
-    """Of topics that were left out for it."""
-
-
-def open_log(source: str, topics: str, stamps: Stamps, profile: str, seed: int, *, lenient: bool = False) -> Log:
-    """What SOURCE means.
+def open_log(
+    source: str | Path, options: ReadOptions | None = None, profile: str | Profile = "thesis-lab", seed: int = 0
+) -> Log:
+    """Read a log, or drive a plant and log it.
 
     Args:
-        source: path of a recording, or a drive to be simulated, such as traj4@mujoco.
-        topics: ROLE=TOPIC, comma-separated.
-        stamps: which clock of a bag counts.
-        profile: of the plant that is driven.
-        seed: of its sensors' noise.
-        lenient: leave out topics that make no group, and say so in `faults`.
+        source: path of a log, or a drive to be simulated, such as traj4@mujoco.
+        options: choices for logs with topics; all guessed if not given.
+        profile: profile of the plant that is driven.
+        seed: seed of its sensors' noise.
 
     Raises:
-        ValueError: it cannot be opened.
+        ValueError: the log cannot be opened, or the seed is negative.
         SsmrError: the plant diverged.
     """
-    path, named = Path(source), parse_topics(topics)
-    if is_simulated(source):
-        return Log(path, simulated_log(source, load(profile), seed))
-    if path.suffix.lower() == ".csv" and not path.is_dir():
-        if named:
-            raise cli.UserError(f"--topics names topics of bags; {source} is a CSV file, whose columns have names")
-        return Log(path, groups_of(read_csv(path), path.name))
-    if not path.exists() or path.is_dir() or is_bag(path):
-        bag = read_bag(path, stamps)
-        chosen = choose_topics(bag, named)
-        if not lenient:
-            return Log(path, groups_of_bag(bag, chosen), bag, chosen)
-        groups, faults = {}, []
-        for role, stream in chosen.items():
-            try:
-                groups[role] = as_group(bag, role, stream, "pose" in chosen)
-            except RecordingError as error:
-                faults.append(str(error))
-        return Log(path, groups, bag, chosen, faults)
-    raise cli.UserError(f"{source}: recordings are .csv, .bag, .mcap, or the folder of a ROS 2 bag")
+    if seed < 0:
+        raise ValueError(f"seed {seed} must not be negative")
+    if is_simulated(str(source)):
+        chosen = load(profile) if isinstance(profile, str) else profile
+        return Log(Path(source), simulated_log(str(source), chosen, seed))
+    return read_log(source, options)
 
 
-def parse_topics(text: str) -> dict[str, str]:
-    """`role=/topic,role=/topic` as a mapping.
+def info(
+    source: str | Path, options: ReadOptions | None = None, profile: str | Profile = "thesis-lab", seed: int = 0
+) -> LogInfo:
+    """Say what a log holds: topics or columns, rates, gaps, offsets of time, the gyro's bias, and dead reckoning.
+
+    Args:
+        source: path of a log, or a drive to be simulated, see `open_log`.
+        options: choices for logs with topics. Topics that cannot be used are left out and become `LogInfo.log.faults`.
+        profile: profile of the plant that is driven.
+        seed: seed of its sensors' noise.
 
     Raises:
-        UserError: something else.
+        ValueError: the log cannot be opened.
+        SsmrError: the plant diverged.
     """
-    found: dict[str, str] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        role, equals, topic = (s.strip() for s in part.partition("="))
-        if not equals or not topic or role in found:
-            raise cli.UserError(
-                f"--topics '{part}' is no ROLE=TOPIC of its own, such as odom=/husky_velocity_controller/odom"
-            )
-        found[role] = topic
-    return found
+    log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed)
+    return LogInfo(log, tuple(estimate_offsets(log.groups)), find_rest(log.groups), reckon(log.groups))
 
 
-def _check(target: Path, rate: float | None, smooth: float, seed: int) -> None:
-    if target.suffix.lower() not in FORMATS:
-        raise cli.UserError(f"--out {target}: no format has the ending '{target.suffix}'; there are: {', '.join(FORMATS)}")
-    if target.is_dir():
-        raise cli.UserError(f"--out {target} is a folder; name a file")
-    if rate is not None and not 0.0 < rate < float("inf"):
-        raise cli.UserError(f"--rate {rate} must be positive [Hz]")
-    if not 0.0 <= smooth < float("inf"):
-        raise cli.UserError(f"--smooth {smooth} must not be negative [s]")
-    if seed < 0:
-        raise cli.UserError(f"--seed {seed} must not be negative")
+def convert(
+    source: str | Path,
+    settings: ConvertSettings | None = None,
+    options: ReadOptions | None = None,
+    profile: str | Profile = "thesis-lab",
+    seed: int = 0,
+) -> ConvertedLog:
+    """Bring a log onto one clock, and change it as asked; `ConvertedLog.save(path)` writes it in the format of `path`.
+
+    The order is: offsets of time, bias, filter, smoothing, cutting, one clock, alignment.
+
+    Args:
+        source: path of a log, or a drive to be simulated, see `open_log`.
+        settings: changes to make; none if not given.
+        options: choices for logs with topics; all guessed if not given.
+        profile: profile of the plant that is driven.
+        seed: seed of its sensors' noise.
+
+    Raises:
+        ValueError: the log cannot be opened, or does not hold what a change needs.
+        SsmrError: the plant diverged.
+    """
+    wanted = settings or ConvertSettings()
+    log = open_log(source, options, profile, seed)
+    offsets = tuple(estimate_offsets(log.groups))
+    groups = synchronised(log.groups, offsets) if wanted.sync else log.groups
+    if wanted.unbias:
+        groups = unbiased(log.path, groups)
+    if wanted.ekf:
+        groups = _filtered(log.path, groups)
+    groups = cut_groups(log.path, smoothed_groups(groups, wanted.smooth), wanted.start, wanted.stop)
+    recording = merge(log.path, groups, wanted.rate)
+    if wanted.align:
+        recording = Recording.from_columns(recording.name, aligned(recording.all_columns()), recording.gap_factor)
+        groups = {name: replace(g, columns=aligned(g.columns)) for name, g in groups.items()}
+    on_one_clock = Log.of_recording(log.path, recording)
+    own_stamps = on_one_clock if wanted.rate is not None else replace(on_one_clock, groups=groups)
+    return ConvertedLog(own_stamps, recording, offsets, wanted.sync)
 
 
-def _filtered(path: Path, groups: Mapping[str, Group]) -> Mapping[str, Group]:
+def _filtered(path: Path, groups: Groups) -> Groups:
     found = with_filter(groups)
     if found is None:
-        raise RecordingError(path, "--ekf needs wheels or odometry, and with an IMU samples of both at the same time")
+        raise RecordingError(path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
     return found
-
-
-def _columns(recording: Recording) -> dict[str, Any]:
-    return {"t": recording.t, **recording.columns, **recording.channels}
-
-
-def _write(recording: Recording, groups: Mapping[str, Group], target: Path) -> None:
-    ending = target.suffix.lower()
-    if ending in ENDINGS:
-        write_bag(groups, target)
-    elif ending == ".tum":
-        write_tum(recording, target)
-    else:
-        write_csv(recording, target)
-
-
-def _summary(recording: Recording) -> str:
-    names = ", ".join((*recording.columns, *recording.channels))
-    span = f"{recording.t[0]:.3f} to {recording.t[-1]:.3f} s"
-    return f"{len(recording)} samples, {span}, {1.0 / recording.period:.2f} Hz: {names}"

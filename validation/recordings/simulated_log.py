@@ -13,8 +13,8 @@ from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State
-from validation.logs.recording import POSE
-from validation.logs.signals import Group
+from validation.logs.groups import Group
+from validation.logs.recording import POSE_COLUMNS
 from validation.motion.driving import drive
 from validation.motion.sources import Piece
 from validation.plants.profile import PLANTS, Profile, make_plant
@@ -88,7 +88,7 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
         "cmd": Group("commands", stamps, _named(("cmd_v", "cmd_w"), commands.values)),
         "wheels": Group("encoders", shown.t, {"enc_left": shown.left, "enc_right": shown.right}),
         "imu": Group("gyro", shown.t, {"gyro_z": shown.gyro}),
-        "pose": Group("localiser", motion.t + faults.pose_late, _named(POSE, pose)),
+        "pose": Group("localiser", motion.t + faults.pose_late, _named(POSE_COLUMNS, pose)),
     }
 
 

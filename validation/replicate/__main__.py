@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from validation import cli
-from validation.motion.sources import read_recording
+from validation.logs.formats import read_recording
 from validation.replicate import real as evidence_real
 from validation.replicate.evidence import (
     FIGURES,

@@ -14,8 +14,9 @@ from validation.compare.figure import comparison_figure
 from validation.compare.result import Comparison
 from validation.compare.run import Settings as CompareSettings
 from validation.compare.run import compare
+from validation.logs.formats import read_recording
 from validation.logs.recording import Recording
-from validation.motion.sources import Source, read_recording, source_of
+from validation.motion.sources import Source, source_of
 from validation.plants.profile import PLANTS, Profile, load
 from validation.replicate.evidence import Context, Findings, Picture, Section
 from validation.replicate.residual_figure import Residuals, draw_residuals

@@ -72,6 +72,8 @@ class Grid:
     """What stands above it."""
     caption: str = ""
     """What stands below it."""
+    trailing: int = 0
+    """How many of the last columns hold words as well; the very last one may be wrapped."""
 
 
 def length_unit(values: Iterable[float]) -> Unit:
@@ -132,7 +134,9 @@ def rich_table(grid: Grid, title: str = "", caption: str = "") -> Table:
     for k, (name, unit) in enumerate(grid.header):
         words = name.replace(" ", "\n") if k >= grid.left else name
         heading = Text(f"{words}\n[{unit}]" if unit else words)
-        table.add_column(heading, justify="left" if k < grid.left else "right", no_wrap=True, vertical="bottom")
+        is_text = k < grid.left or k >= len(grid.header) - grid.trailing
+        wraps = grid.trailing > 0 and k == len(grid.header) - 1
+        table.add_column(heading, justify="left" if is_text else "right", no_wrap=not wraps, vertical="bottom")
     for group in grid.groups:
         for k, row in enumerate(group):
             cells = [Text(cell.text, style=BEST_STYLE if cell.best else "") for cell in row]

@@ -20,7 +20,9 @@ import numpy as np
 from ssmr.control import references
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
-from validation.logs.recording import DAMAGE, TableError, read_bytes, read_column, read_table, shown
+from validation.logs.csv_table import DAMAGE, CellTable, TableError, quoted, read_bytes, read_csv_table
+
+_UNITS = {"x": "m", "y": "m", "t": "s"}
 
 
 class WaypointError(TableError):
@@ -55,18 +57,17 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
     error: type[WaypointError] = _SheetError if ending == ".xlsx" else WaypointError
     if ending not in (".csv", ".xlsx") and not path.is_dir():
         raise error(path, f"files ending in '{path.suffix}' are not read; wanted {error.wanted}")
-    (header, *rows), (line, *lines) = _read_sheet(path) if ending == ".xlsx" else read_table(path, error)
-    places = _places_of_columns(path, header, line, error, timed=speed is None)
+    table = _read_sheet(path) if ending == ".xlsx" else read_csv_table(path, error)
     columns = {}
-    for name, k in places.items():
-        values = read_column(path, name, [row[k] for row in rows], lines, error)
+    for name, place in _places_of_columns(table, timed=speed is None).items():
+        values = table.numbers(place, name, _UNITS)
         assert values is not None  # x, y and t are numbers, or an error
         columns[name] = values
-    if len(rows) < 2:
-        some = "is one waypoint" if rows else "are no waypoints"
+    if len(table.rows) < 2:
+        some = "is one waypoint" if table.rows else "are no waypoints"
         raise error(path, f"there {some} after the header; a trajectory needs at least two")
     xy = np.column_stack([columns["x"], columns["y"]])
-    _check(path, columns.get("t", np.arange(len(xy), dtype=np.float64)), xy, lines, error)
+    _check(path, columns.get("t", np.arange(len(xy), dtype=np.float64)), xy, table.lines, error)
     return Waypoints(columns["t"], xy) if speed is None else Waypoints.from_path(xy, speed)
 
 
@@ -114,14 +115,15 @@ def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, 
     return path.stem, read_waypoints(path, speed)
 
 
-def _places_of_columns(
-    path: Path, header: Sequence[str], line: int, error: type[WaypointError], *, timed: bool
-) -> dict[str, int]:
-    """Which column is x, which y, and, if `timed`, which t."""
-    names = [cell.strip().lower() for cell in header]
+def _places_of_columns(table: CellTable, *, timed: bool) -> dict[str, int]:
+    """Return the index of the columns x, y and, if `timed`, t."""
+    path, line, error = table.path, table.header_line, table.error
+    names = [cell.strip().lower() for cell in table.header]
     for name in ("x", "y"):
         if name not in names:
-            raise error(path, f"there is no column {name} among {shown(map(str.strip, header))}; {error.header}", line)
+            raise error(
+                path, f"there is no column {name} among {quoted(map(str.strip, table.header))}; {error.header}", line
+            )
     if timed and "t" not in names:
         raise error(path, "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s", line)
     wanted = ("x", "y", "t") if timed else ("x", "y")
@@ -137,8 +139,8 @@ def _check(path: Path, t: FloatArray, xy: FloatArray, lines: Sequence[int], erro
         raise error(path, fault.what, lines[fault.row], fault.column)
 
 
-def _read_sheet(path: Path) -> tuple[list[list[str]], list[int]]:
-    """Rows of the first sheet as text, the header first, all as wide as it, and each one's number; blank rows left out."""
+def _read_sheet(path: Path) -> CellTable:
+    """Return the first sheet as text, all rows as wide as the header; blank rows are left out."""
     try:
         import openpyxl
     except ImportError:
@@ -151,11 +153,12 @@ def _read_sheet(path: Path) -> tuple[list[list[str]], list[int]]:
             book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
             table = [(k, _texts(cells)) for k, cells in _filled(book.worksheets)]
     except (zipfile.BadZipFile, *DAMAGE) as cause:
-        raise _SheetError(path, f"this is no xlsx file, or a damaged one ({shown([str(cause)])})") from cause
+        raise _SheetError(path, f"this is no xlsx file, or a damaged one ({quoted([str(cause)])})") from cause
     if not table:
         raise _SheetError(path, f"the first sheet is empty; {_SheetError.header}")
-    width = len(table[0][1])
-    return [(cells + [""] * width)[:width] for _, cells in table], [k for k, _ in table]
+    (line, header), *others = table
+    rows = [(cells + [""] * len(header))[: len(header)] for _, cells in others]
+    return CellTable(path, header, line, rows, [k for k, _ in others], _SheetError)
 
 
 def _filled(sheets: Sequence[Any]) -> Iterator[tuple[int, Sequence[object]]]:

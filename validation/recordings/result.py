@@ -1,0 +1,91 @@
+"""The findings of `info` and `convert`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from validation.logs.dead_reckoning import Reckoning
+from validation.logs.formats import write_log
+from validation.logs.log import Log
+from validation.logs.offsets import Offset
+from validation.logs.recording import Recording
+from validation.logs.rest import Rest
+from validation.recordings.table import group_grid, log_notes, offset_grid, reckoning_grid, topic_grid
+from validation.show.tables import Grid, text_tables
+
+
+@dataclass(frozen=True, eq=False)
+class LogInfo:
+    """Contents of a log."""
+
+    log: Log
+    offsets: tuple[Offset, ...]
+    """Delays between its groups."""
+    rest: Rest | None
+    """Readings of its gyro at rest; None where they are unknown."""
+    reckoning: Reckoning | None
+    """Ways of dead reckoning; None where the log allows none."""
+
+    def grids(self) -> Sequence[Grid]:
+        """Return its tables: topics or groups, offsets of time, dead reckoning."""
+        log = self.log
+        first = topic_grid(log.path.name, log.topics) if log.topics else group_grid(log.path.name, log.groups)
+        others = (offset_grid(self.offsets), reckoning_grid(self.reckoning))
+        return [first, *(grid for grid in others if grid is not None)]
+
+    def notes(self) -> Sequence[str]:
+        """Return sentences about clocks, gaps and the gyro at rest."""
+        return log_notes(self.log, self.rest)
+
+    def table(self, width: int = 110) -> str:
+        """Return its tables and notes as text of at most `width` columns."""
+        return text_tables(self.grids(), [*self.log.faults, *self.notes()], width)
+
+
+@dataclass(frozen=True, eq=False)
+class ConvertedLog:
+    """A log after a conversion."""
+
+    log: Log
+    """Groups with their own stamps, or on one clock where a rate was asked for."""
+    recording: Recording
+    """The log on one clock."""
+    offsets: tuple[Offset, ...]
+    """Delays between the groups of the log before the conversion."""
+    synchronised: bool
+    """True if these delays were taken out."""
+
+    def grids(self) -> Sequence[Grid]:
+        """Return the table of offsets, where there are any."""
+        grid = offset_grid(self.offsets)
+        return [] if grid is None else [grid]
+
+    def notes(self) -> Sequence[str]:
+        """Return a sentence about the recording, and one about offsets that were taken out."""
+        r = self.recording
+        names = ", ".join((*r.columns, *r.channels))
+        summary = f"{len(r)} samples, {r.t[0]:.3f} to {r.t[-1]:.3f} s, {1.0 / r.period:.2f} Hz: {names}"
+        taken = "the offsets of time were taken out of the measurements; commands stay as they were"
+        return [summary, *([taken] if self.synchronised and self.offsets else [])]
+
+    def table(self, width: int = 110) -> str:
+        """Return its tables and notes as text of at most `width` columns."""
+        return text_tables(self.grids(), self.notes(), width)
+
+    def save(self, path: str | Path) -> Path:
+        """Write a recording (.csv), a TUM trajectory (.tum), a ROS 2 bag (.mcap) or a ROS 1 bag (.bag); return its path.
+
+        Raises:
+            ValueError: no format has that ending, `path` is a folder or the log itself, or the log lacks what a format
+                needs. OSError: the file cannot be written.
+        """
+        target = Path(path)
+        if target.is_dir():
+            raise ValueError(f"{target} is a folder; name a file")
+        if target.exists() and self.log.path.exists() and target.samefile(self.log.path):
+            raise ValueError(f"{target} is the log itself; name another file")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_log(self.log, target)
+        return target

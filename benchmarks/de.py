@@ -28,6 +28,7 @@ for peers alike. Ackley's values themselves are rounded at 4e-15; no floor is ap
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -87,7 +88,7 @@ def rastrigin(x: FloatArray) -> FloatArray:
 def ackley(x: FloatArray) -> FloatArray:
     """20 (1 - exp(-0.2 rms x)) + e - exp(mean cos 2 pi x)."""
     root, wave = np.sqrt(np.mean(x * x, axis=-1)), np.mean(np.cos(2.0 * np.pi * x), axis=-1)
-    return 20.0 + np.e - 20.0 * np.exp(-0.2 * root) - np.exp(wave)
+    return 20.0 + math.e - 20.0 * np.exp(-0.2 * root) - np.exp(wave)
 
 
 FUNCTIONS = (

@@ -13,8 +13,7 @@ import pytest
 
 from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import data_folder
-from validation.compare.result import PlantResult
-from validation.compare.run import Settings, compare
+from validation.compare import CompareSettings, PlantResult, compare
 from validation.fit.objective import CostSettings, Problem
 from validation.fit.search import Search
 from validation.fit.targets import train_targets
@@ -91,7 +90,7 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
     profile = load("husky-tile")
     kinds = {"wheels": "wheels", "commands": "twist"}
     return {
-        name: compare(open_source(str(TILE), kind, HELD_OUT_FROM), profile, settings=Settings(horizons=(6.0,))).plants  # type: ignore[arg-type]
+        name: compare(open_source(str(TILE), kind, HELD_OUT_FROM), profile, settings=CompareSettings(horizons=(6.0,))).plants  # type: ignore[arg-type]
         for name, kind in kinds.items()
     }
 

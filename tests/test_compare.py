@@ -18,8 +18,8 @@ from ssmr.metrics.paths import PathMetrics
 from ssmr.types import State
 from tests.conftest import data_folder
 from validation import cli
-from validation.compare import __main__ as compare
-from validation.compare.run import Settings, as_document
+from validation.compare import CompareSettings, compare
+from validation.compare.__main__ import main
 from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, resample, score_horizons
 from validation.motion.sources import move_reference, open_source
@@ -68,7 +68,7 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
 
 # ------------------------------------------------------------------------------- as a library
 def test_every_plant_is_held_against_the_reference(lab: Profile) -> None:
-    found = compare.compare(open_source("traj4"), lab)
+    found = compare("traj4", lab)
     assert list(found.plants) == ["mujoco", "improved", "coulomb", "linear", "kinematic"]
     assert found.reference_name == "mujoco"
     own = found.plants["mujoco"].metrics
@@ -79,26 +79,28 @@ def test_every_plant_is_held_against_the_reference(lab: Profile) -> None:
 
 
 def test_the_lab_husky_is_near_the_published_model_on_trajectory_4(lab: Profile) -> None:
-    found = compare.compare(open_source("traj4@improved"), lab, ("mujoco",))
+    found = compare("traj4@improved", lab, ("mujoco",))
     assert found.reference_name == "improved"
     assert found.plants["mujoco"].metrics.d_rms_m <= 0.03
 
 
-@pytest.mark.parametrize("settings", [Settings(), Settings(noise=True, disturbance=True, seed=5)])
-def test_equal_seed_equal_result_whatever_the_workers(lab: Profile, settings: Settings) -> None:
-    one, many = (compare.compare(open_source("traj2"), lab, settings=settings, workers=w) for w in (1, 4))
+@pytest.mark.parametrize("settings", [CompareSettings(), CompareSettings(noise=True, disturbance=True, seed=5)])
+def test_equal_seed_equal_result_whatever_the_workers(lab: Profile, settings: CompareSettings) -> None:
+    one, many = (compare("traj2", lab, settings=settings, workers=w) for w in (1, 4))
     for name, result in one.plants.items():
         assert result.metrics == many.plants[name].metrics
         assert np.array_equal(result.pieces[0].pose, many.plants[name].pieces[0].pose)
 
 
 def test_noise_and_disturbance_change_the_result_and_so_does_the_seed(lab: Profile) -> None:
-    kinds = [Settings(), Settings(noise=True), Settings(disturbance=True), Settings(disturbance=True, seed=1)]
+    kinds = [
+        CompareSettings(),
+        CompareSettings(noise=True),
+        CompareSettings(disturbance=True),
+        CompareSettings(disturbance=True, seed=1),
+    ]
     found = {
-        compare.compare(open_source("traj2"), lab, ("improved", "coulomb"), "improved", s)
-        .plants["coulomb"]
-        .metrics.sync_rms_m
-        for s in kinds
+        compare("traj2", lab, ("improved", "coulomb"), "improved", s).plants["coulomb"].metrics.sync_rms_m for s in kinds
     }
     assert len(found) == len(kinds)
 
@@ -107,7 +109,7 @@ def test_noise_and_disturbance_change_the_result_and_so_does_the_seed(lab: Profi
 def test_a_plant_is_found_again_in_its_own_recording(lab: Profile, plant: str, tmp_path: Path) -> None:
     """Through CSV and back: what is left is the estimated speed of the start, and interpolation."""
     source = open_source(str(recorded(lab, plant, tmp_path)))
-    found = compare.compare(source, lab, (plant,), settings=Settings(horizons=(2.0, 6.0)))
+    found = compare(source, lab, (plant,), settings=CompareSettings(horizons=(2.0, 6.0)))
     assert found.plants[plant].metrics.sync_rms_m < 0.01
     assert found.plants[plant].horizons[6.0].position_median_m < 0.01
     assert found.plants[plant].horizons[2.0].n == 8
@@ -119,7 +121,7 @@ def test_wheel_rates_leave_less_to_guess_than_commands(lab: Profile, tmp_path: P
     (tmp_path / "p.toml").write_text('schema = "ssmr.profile/1"\n[drive]\ndelay_v = 0.5\ndelay_w = 0.5\n')
     late = load(str(tmp_path / "p.toml"))
     by_commands, by_wheels = (
-        compare.compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics.sync_rms_m
+        compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics.sync_rms_m
         for kind in ("twist", "wheels")
     )
     assert by_wheels < 0.02 < 0.05 < by_commands  # wheel rates are held for a sample, 15 mm of travel
@@ -128,7 +130,7 @@ def test_wheel_rates_leave_less_to_guess_than_commands(lab: Profile, tmp_path: P
 def test_gaps_are_not_bridged(lab: Profile, tmp_path: Path) -> None:
     source = open_source(str(recorded(lab, "improved", tmp_path, gap=True)))
     assert len(source.pieces) == 2
-    found = compare.compare(source, lab, ("improved",), settings=Settings(horizons=(2.0, 6.0, 7.5, 60.0)))
+    found = compare(source, lab, ("improved",), settings=CompareSettings(horizons=(2.0, 6.0, 7.5, 60.0)))
     windows = found.plants["improved"].horizons
     assert windows[2.0].n == 3 + 3
     assert windows[6.0].n == 2
@@ -165,7 +167,7 @@ def test_resampling_keeps_what_is_on_the_grid(lab: Profile) -> None:
 
 
 def test_the_document_is_the_contracts(lab: Profile) -> None:
-    document = as_document(compare.compare(open_source("traj3"), lab, ("improved",)), lab)
+    document = compare("traj3", lab, ("improved",)).as_dict()
     assert document["schema"] == "ssmr.compare/1"
     assert {"source", "profile", "reference", "seed", "versions", "plants"} <= set(document)
     wanted = {
@@ -225,7 +227,7 @@ def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
         "unknown scenario": (["traj9"], "traj1, traj2, traj3, traj4"),
         "unknown plant after @": (["traj4@gazebo"], "there are: mujoco"),
         "unknown plant": (["traj4", "--plants", "mujoco,gazebo"], "unknown plant 'gazebo'; there are: mujoco, improved"),
-        "plant twice": (["traj4", "--plants", "mujoco,mujoco"], "named twice"),
+        "plant twice": (["traj4", "--plants", "mujoco,mujoco"], "--plants: a name stands twice"),
         "unknown reference": (["traj4", "--reference", "recording"], "there are: mujoco"),
         "unknown profile": (["traj4", "--profile", "nosuch"], "thesis-lab"),
         "no such recording": ([str(tmp_path / "missing.csv")], "missing.csv"),
@@ -238,7 +240,11 @@ def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
         "cut to nothing": ([str(tmp_path / "no_wheels.csv"), "--from", "99"], "0 to 0.2 s"),
         "horizons": (["traj4", "--horizons", "6,2"], "increase"),
         "no number": (["traj4", "--horizons", "six"], "2,6,30,60"),
-        "negative seed": (["traj4", "--seed", "-1"], "negative"),
+        "negative seed": (["traj4", "--seed", "-1"], "--seed: '-1' must be a whole number from 0 on"),
+        "seed no number": (["traj4", "--seed", "one"], "--seed: 'one' must be a whole number"),
+        "no workers": (["traj4", "--workers", "0"], "--workers: '0' must be a whole number from 1 on"),
+        "unknown option": (["traj4", "--plant", "mujoco"], "--plant"),
+        "no source": ([], "SOURCE"),
         "out is a file": (
             ["traj4", "--plants", "improved", "--reference", "improved", "--out", str(tmp_path / "file")],
             "cannot be made",
@@ -251,7 +257,8 @@ MISTAKES = (
     "unknown scenario", "unknown plant after @", "unknown plant", "plant twice", "unknown reference", "unknown profile",
     "no such recording", "other format", "no bag", "no pose", "no wheel rates", "wheels of a scenario", "cut scenario",
     "cut to nothing",
-    "horizons", "no number", "negative seed", "out is a file", "view without recording",
+    "horizons", "no number", "negative seed", "seed no number", "no workers", "unknown option", "no source",
+    "out is a file", "view without recording",
 )  # fmt: skip
 
 
@@ -267,9 +274,8 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
     args, said = mistakes(tmp_path)[mistake]
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["compare", *args])
     with pytest.raises(SystemExit) as left:
-        cli.run(compare.main, "compare")
+        cli.run(main, "compare", args)
     assert left.value.code == cli.EXIT_USER_ERROR
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1, lines
@@ -288,15 +294,14 @@ def test_exit_status_of_the_program(tmp_path: Path) -> None:
     ("error", "status"), [(DivergedError("it diverged"), cli.EXIT_FAILED_RUN), (KeyboardInterrupt(), cli.EXIT_INTERRUPTED)]
 )
 def test_a_failed_run_exits_1_and_an_interrupt_130(
-    error: BaseException, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: BaseException, status: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail() -> None:
+    def fail(options: cli.Run) -> None:
         """Fail."""
         raise error
 
-    monkeypatch.setattr(sys, "argv", ["x"])
     with pytest.raises(SystemExit) as left:
-        cli.run(fail, "x")
+        cli.run(fail, "x", [])
     assert left.value.code == status
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
@@ -324,7 +329,7 @@ def test_help_says_what_there_is() -> None:
 def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> None:
     """The last 150 s, which no parameter has seen: median error after 6 s [m]."""
     source = open_source(str(TILE), kind, 500.0)  # type: ignore[arg-type]
-    found = compare.compare(source, load("husky-tile"), ("mujoco", "kinematic"), settings=Settings(horizons=(6.0,)))
+    found = compare(source, load("husky-tile"), ("mujoco", "kinematic"), settings=CompareSettings(horizons=(6.0,)))
     assert found.plants["mujoco"].horizons[6.0].position_median_m <= position
     assert found.plants["mujoco"].horizons[6.0].n >= 20
 
@@ -332,12 +337,10 @@ def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> N
 @pytest.mark.skipif(sys.platform == "win32", reason="interrupts are sent otherwise there")
 def test_an_interrupt_in_mid_run_leaves_nothing(lab: Profile, tmp_path: Path) -> None:
     recorded(lab, "improved", tmp_path)
-    program = "import os, signal, threading; from validation import cli, compare; import sys; "
+    program = "import os, signal; from validation import cli; from validation.compare import run, __main__ as program; "
     program += "signal.signal(signal.SIGINT, signal.default_int_handler); "  # who runs the tests may ignore interrupts
-    program += "sys.argv = ['compare', 'drive.csv', '--out', 'out']; real = compare.drive; "
-    program += (
-        "compare.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; cli.run(compare.main, 'compare')"
-    )
+    program += "real = run.drive; run.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; "
+    program += "cli.run(program.main, 'compare', ['drive.csv', '--out', 'out'])"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)

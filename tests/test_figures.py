@@ -23,9 +23,9 @@ from matplotlib.text import Text
 from ssmr.geometry import compose, relative
 from ssmr.metrics.paths import HorizonErrors, PathMetrics
 from ssmr.types import CommandKind, Commands, FloatArray, Trajectory
+from validation.compare import Comparison, PlantResult
 from validation.compare import figure as figures
 from validation.compare.figure import MAX_WINDOWS, comparison_figure, save_figure
-from validation.compare.result import Comparison, PlantResult
 from validation.robots.plant import Health
 
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")

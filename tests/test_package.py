@@ -31,7 +31,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     assert not any(name.startswith(("tests/", "benchmarks/", "docs/")) or ".nbi" in name for name in names)
     program = f"import sys; sys.path.insert(0, {str(site)!r}); import validation; print(validation.__file__)"
     program += "; from validation import cli; from validation.compare.__main__ import main"
-    program += "; sys.argv = ['compare', 'traj2', '--plants', 'mujoco,improved', '--no-rerun']; cli.run(main, 'compare')"
+    program += "; cli.run(main, 'compare', ['traj2', '--plants', 'mujoco,improved', '--no-rerun'])"
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=300

@@ -24,9 +24,9 @@ from scipy.spatial.transform import Rotation
 from ssmr.metrics.paths import PathMetrics
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import ROUNDOFF
+from validation.compare import Comparison, PlantResult
 from validation.compare import rerun as rerun_log
 from validation.compare.rerun import open_viewer, write_recording
-from validation.compare.result import Comparison, PlantResult
 from validation.robots.husky import WHEELS, xml_path
 from validation.show.palette import PALETTE, colour, mix
 from validation.show.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns

@@ -18,10 +18,10 @@ from rich.text import Text
 from ssmr.metrics.paths import HorizonErrors, PathMetrics
 from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF
-from validation.compare.result import Comparison, PlantResult
-from validation.compare.table import COLUMNS, comparison_table, headline, horizon_table, report_markdown
+from validation.compare import Comparison, PlantResult
+from validation.compare.table import COLUMNS, headline, report_markdown
 from validation.robots.plant import Health
-from validation.show.tables import BEST_STYLE, NOTHING, length_unit
+from validation.show.tables import BEST_STYLE, NOTHING, length_unit, rich_table
 
 TERMINAL = 110  # columns: what the tables must fit
 HEALTHY, UNHEALTHY = Health(0.9, 0.03), Health(0.0, 0.3)
@@ -47,6 +47,18 @@ def comparison(*plants: PlantResult, reference: str = "recording", source: str =
         source, "thesis-lab", reference, (STANDSTILL,), (Commands(1.0, np.zeros((1, 2))),), {p.name: p for p in plants}, 7,
         {"input": "commands", "noise": True, "from_s": 12.5}, {"ssmr-testbed": "0.1.0", "mujoco": "3.17.0"},
     )  # fmt: skip
+
+
+def comparison_table(c: Comparison) -> Table:
+    """Its table of metrics, for a terminal."""
+    (grid,) = [grid for grid in c.grids() if grid.header[0] == ("plant", "") and not grid.title.startswith("Wheel")]
+    return rich_table(grid)
+
+
+def horizon_table(c: Comparison) -> Table | None:
+    """Its table of horizons, for a terminal."""
+    first = c.grids()[0]
+    return rich_table(first) if first.header[0][0] == "horizon" else None
 
 
 def rendered(table: Table, width: int = TERMINAL) -> str:
@@ -129,7 +141,7 @@ def test_every_horizon_of_every_plant_is_there(by_horizon: dict[float, tuple[Hor
     table = horizon_table(c)
     assert table is not None
     header, rows, best = rich_rows(table)
-    assert (header, rows, best) == markdown_tables(report_markdown(c))[1]
+    assert (header, rows, best) == markdown_tables(report_markdown(c))[0]
     assert all(len(line) <= TERMINAL and "…" not in line for line in rendered(table).splitlines())
     assert [(float(row[0]), row[1]) for row in rows] == [(h, n) for h in sorted(by_horizon) for n in c.plants]
     for row in rows:
@@ -206,7 +218,7 @@ def test_lengths_are_in_the_unit_that_reads_best(values: list[float], symbol: st
 def test_the_reference_is_marked() -> None:
     c = comparison(plant("improved"), plant("mujoco"), reference="improved")
     assert [row[0] for row in rich_rows(comparison_table(c))[1]] == ["improved (ref)", "mujoco"]
-    assert "against improved" in rendered(comparison_table(c))
+    assert "compared with improved" in rendered(comparison_table(c))
 
 
 def test_the_report_says_how_it_was_run_and_what_each_metric_means() -> None:

@@ -1,43 +1,219 @@
-"""What every program's command line has in common: exit status, one-line errors, progress on standard error."""
+"""Everything that the command lines of the programs share: options, exit status, one-line errors, progress, tables.
+
+A program's `__main__` declares its options as a frozen dataclass, in groups that are dataclasses too (a group's field name
+is its heading in the help text), and hands the function that takes them to `run`.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import inspect
+import io
+import itertools
 import logging
 import math
 import os
+import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+import typing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import tyro
 from rich.console import Console
-from rich.logging import RichHandler
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
 from rich.table import Table
+from rich.text import Text
+from tyro.constructors import PrimitiveConstructorSpec
 
 from ssmr.errors import SsmrError
 from validation.progress import Progress, Report
+from validation.show.tables import rich_table
+from validation.words import one_line
+
+if typing.TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+    from validation.show.result import Result
 
 EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130
 
 LOG_EVERY_S = 5.0
-"""How often progress is told where standard error is no terminal [s]."""
+"""Time between two lines of progress where standard error is no terminal [s]."""
 REPORT_WIDTH = 110
 """Columns of a table where standard output is no terminal."""
 
+T = TypeVar("T")
+
 
 class UserError(ValueError):
-    """What the user asked for cannot be; the message is one line that says what was wrong and what would be right."""
+    """The user asked for something that cannot be; the message is one line that says what was wrong and what is right."""
 
 
+# ------------------------------------------------------------------------------------------- options
+def option(
+    name: str | None = None, *, metavar: str | None = None, default: str | None = None, help: str | None = None
+) -> object:
+    """Return what to annotate an option with.
+
+    Args:
+        name: the option's name where the field cannot have it, such as `from`.
+        metavar: what stands for its value in the help text.
+        default: the default in words, where the value itself does not say it.
+        help: the help text; else the docstring below the field.
+    """
+    hint = None if default is None else f"(default: {default})"
+    return tyro.conf.arg(name=name, metavar=metavar, help=help, help_behavior_hint=hint, prefix_name=False)
+
+
+def one_of(names: Iterable[str]) -> Any:
+    """Return what to annotate an argument with that is one of these names: the help lists them, others are refused."""
+    return tyro.conf.arg(constructor=tyro.extras.literal_type_from_choices(names), prefix_name=False)
+
+
+def parsed(parse: Callable[[str], T], metavar: str, write: Callable[[T], str] = str) -> object:
+    """Return what to annotate an option with whose text `parse` reads; a `ValueError` of it is the user's mistake."""
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=lambda texts: parse(texts[0]),
+        is_instance=lambda value: True,
+        str_from_instance=lambda value: [write(value)],
+    )
+
+
+def _parts(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _comma_names(text: str) -> tuple[str, ...]:
+    found = tuple(_parts(text))
+    if len(set(found)) != len(found):
+        raise UserError(f"a name stands twice in '{text}'")
+    return found
+
+
+def _comma_numbers(text: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(map(float, _parts(text)))
+    except ValueError as error:
+        raise UserError(f"'{text}' is no list of numbers such as 2,6,30,60") from error
+    if any(not 0.0 < n < math.inf for n in numbers) or any(b <= a for a, b in pairwise(numbers)):
+        raise UserError(f"'{text}' must be positive numbers that increase, such as 2,6,30,60")
+    return numbers
+
+
+def _comma_pairs(text: str, read: Callable[[str], T], form: str) -> dict[str, T]:
+    """Return NAME=SOMETHING,... as a dictionary.
+
+    Raises:
+        UserError: a part has another form, or a name stands twice.
+    """
+    found: dict[str, T] = {}
+    for part in _parts(text):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        try:
+            if not equals or not name or name in found:
+                raise ValueError
+            found[name] = read(value)
+        except ValueError as error:
+            raise UserError(f"'{part}' must be {form}, each name once") from error
+    return found
+
+
+def _finite(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise UserError(f"'{text}' must be a number")
+    return number
+
+
+def _span(text: str) -> tuple[float, float]:
+    low, high = text.split(":")
+    return float(low), float(high)
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = least - 1
+        if number < least:
+            raise UserError(f"'{text}' must be a whole number from {least} on")
+        return number
+
+    return parse
+
+
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(prefix_name=False, help_behavior_hint="")]
+"""An option without a value, off unless given."""
+Names = Annotated[tuple[str, ...], parsed(_comma_names, "A,B,...", ",".join)]
+"""Comma-separated names, none twice. The function that gets them knows which there are."""
+Numbers = Annotated[tuple[float, ...], parsed(_comma_numbers, "X,Y,...", lambda v: ",".join(f"{x:g}" for x in v))]
+"""Comma-separated positive numbers that increase."""
+Values = Annotated[
+    Mapping[str, float],
+    parsed(
+        lambda text: _comma_pairs(text, _finite, "NAME=NUMBER such as friction=0.4"),
+        "NAME=X,...",
+        lambda v: ",".join(f"{k}={x:g}" for k, x in v.items()),
+    ),
+]
+"""NAME=NUMBER,... as a mapping."""
+Bounds = Annotated[
+    Mapping[str, tuple[float, float]],
+    parsed(
+        lambda text: _comma_pairs(text, _span, "NAME=LOW:HIGH such as friction=0.2:0.8"),
+        "NAME=LOW:HIGH,...",
+        lambda v: ",".join(f"{k}={a:g}:{b:g}" for k, (a, b) in v.items()),
+    ),
+]
+"""NAME=LOW:HIGH,... as a mapping to pairs."""
+Number = Annotated[float | None, parsed(_finite, "X", lambda v: "" if v is None else f"{v:g}")]
+"""A finite number, or None where the option is not given."""
+Count = Annotated[int | None, parsed(_whole(1), "N", lambda v: "" if v is None else str(v))]
+"""A whole number from 1 on, or None where the option is not given."""
+Seed = Annotated[int, parsed(_whole(0), "N"), option(help="Seed of everything random. Equal seeds give equal results.")]
+"""The seed of a program, not negative."""
+Workers = Annotated[
+    int | None,
+    parsed(_whole(1), "N", lambda v: "" if v is None else str(v)),
+    option(default="all processors", help="Threads that compute. The result does not depend on how many there are."),
+]
+"""The number of threads; None for as many as there are processors."""
+View = Annotated[Flag, option(help="Open the recording in the rerun viewer afterwards.", default="off")]
+NoRerun = Annotated[Flag, option(help="Do not write the rerun recording (.rrd).", default="off")]
+
+
+def profile_option(default: str | None = None) -> object:
+    """Return the annotation of `--profile`; `default` says in words which profile is taken without it."""
+    return option(metavar="PROFILE", default=default, help="Name of a shipped profile, or path of a profile (.toml).")
+
+
+def out_option(default: str) -> object:
+    """Return the annotation of `--out`; `default` is the folder without it, such as runs/compare/SOURCE."""
+    return option(metavar="DIR", default=f"the folder {default}", help="Folder that the files are written to.")
+
+
+@dataclass(frozen=True)
+class Run:
+    """Options of every program that computes with random numbers."""
+
+    seed: Seed = 0
+    workers: Workers = None
+
+
+# ------------------------------------------------------------------------------------------- mistakes
 @contextlib.contextmanager
 def mistakes_are_users() -> Iterator[None]:
     """Within, a `ValueError` is the user's mistake: names, numbers and files are being read, nothing is computed yet."""
@@ -46,7 +222,7 @@ def mistakes_are_users() -> Iterator[None]:
     except UserError:
         raise
     except ValueError as error:
-        raise UserError(" ".join(str(error).split())) from error
+        raise UserError(one_line(error)) from error
 
 
 def output_folder(path: Path) -> Path:
@@ -64,23 +240,16 @@ def output_folder(path: Path) -> Path:
     return path
 
 
-def one_of(names: Iterable[str]) -> Any:
-    """What to annotate an argument with that is one of these names: the help text lists them, others are refused."""
-    return tyro.conf.arg(constructor=tyro.extras.literal_type_from_choices(names))
-
-
 def parse_names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
     """Comma-separated names, each known, none twice.
 
     Raises:
         UserError: an unknown or repeated name, or none at all.
     """
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    names = _comma_names(text)
     unknown = [name for name in names if name not in known]
     if unknown or not names:
         raise UserError(f"unknown {what} '{', '.join(unknown)}'; there are: {', '.join(known)}")
-    if len(set(names)) != len(names):
-        raise UserError(f"a {what} is named twice in '{text}'")
     return names
 
 
@@ -91,11 +260,11 @@ def parse_numbers(text: str, what: str) -> tuple[float, ...]:
         UserError: one is no positive number, or they do not increase.
     """
     try:
-        numbers = tuple(float(part) for part in text.split(",") if part.strip())
-    except ValueError as error:
-        raise UserError(f"{what} '{text}' is no list of numbers such as 2,6,30,60") from error
-    if not numbers or any(not 0.0 < n < float("inf") for n in numbers) or any(b <= a for a, b in pairwise(numbers)):
-        raise UserError(f"{what} '{text}' must be positive numbers that increase, such as 2,6,30,60")
+        numbers = _comma_numbers(text)
+    except UserError as error:
+        raise UserError(f"{what} {error}") from error
+    if not numbers:
+        raise UserError(f"{what} '{text}' is no list of numbers such as 2,6,30,60")
     return numbers
 
 
@@ -105,17 +274,10 @@ def parse_values(text: str, what: str) -> dict[str, float]:
     Raises:
         UserError: something else.
     """
-    out: dict[str, float] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        name, equals, value = part.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not equals or not math.isfinite(number) or name.strip() in out:
-            raise UserError(f"{what} '{part}' is no NAME=NUMBER of its own, such as friction=0.4")
-        out[name.strip()] = number
-    return out
+    try:
+        return _comma_pairs(text, _finite, "NAME=NUMBER such as friction=0.4")
+    except UserError as error:
+        raise UserError(f"{what} {error}") from error
 
 
 def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
@@ -124,25 +286,21 @@ def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
     Raises:
         UserError: something else.
     """
-    out: dict[str, tuple[float, float]] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        name, equals, span = part.partition("=")
-        low, colon, high = span.partition(":")
-        try:
-            pair = (float(low), float(high))
-        except ValueError:
-            colon = ""
-        if not equals or not colon or name.strip() in out:
-            raise UserError(f"--bounds '{part}' is no NAME=LOW:HIGH of its own, such as friction=0.2:0.8")
-        out[name.strip()] = pair
-    return out
+    try:
+        return _comma_pairs(text, _span, "NAME=LOW:HIGH such as friction=0.2:0.8")
+    except UserError as error:
+        raise UserError(f"--bounds {error}") from error
 
 
+# ------------------------------------------------------------------------------------------- progress and reports
 def progress() -> Bar:
-    """A progress bar on standard error, gone when done; silent where standard error is no terminal."""
+    """Return a progress bar on standard error, gone when done; it is silent where standard error is no terminal."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
     console = Console(stderr=True)
     return Bar(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -164,51 +322,68 @@ def shown(title: str) -> Iterator[Report]:
 
     def show(now: Progress) -> None:
         nonlocal last
-        bar.update(task, completed=now.done, total=now.total, description=escape(f"{title}: {now.text}"))
+        bar.update(task, completed=now.done, total=now.total, description=one_line(f"{title}: {now.text}"))
         clock = time.perf_counter()
         if bar.disable and clock - last > LOG_EVERY_S and now.done > 0.0:
             last = clock
             left = (now.total - now.done) / now.done * (clock - began)
-            print(f"{title}: {now.done:.0f} of {now.total:.0f}, {now.text}; {left:.0f} s left", file=sys.stderr, flush=True)
+            _say(f"{title}: {now.done:.0f} of {now.total:.0f}, {now.text}; {left:.0f} s left")
 
     with bar:
-        task = bar.add_task(escape(title), total=None)
+        task = bar.add_task(one_line(title), total=None)
         yield show
 
 
 def report_console() -> Console:
-    """Standard output for tables, wide enough for them where it is no terminal."""
+    """Return standard output for tables, wide enough for them where it is no terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=REPORT_WIDTH)
 
 
 def report(tables: Iterable[Table], notes: Iterable[str], written: Iterable[Path]) -> None:
-    """What a program has found, on standard output: tables, sentences, and where its files are."""
+    """Print tables, sentences and the paths of what was written on standard output."""
     console = report_console()
     for table in tables:
         console.print(table)
     for note in notes:
-        console.print(note, highlight=False)
-    console.print("written: " + ", ".join(map(str, written)), highlight=False, soft_wrap=True)
+        console.print(Text("\n".join(map(one_line, note.splitlines()))))
+    console.print(Text("written: " + ", ".join(map(one_line, written))), soft_wrap=True)
+
+
+def report_result(result: Result, written: Iterable[Path]) -> None:
+    """Print a result's tables and notes, and the paths of what was written, on standard output."""
+    report(map(rich_table, result.grids()), result.notes(), written)
 
 
 def warn(text: str) -> None:
-    """One line on standard error."""
-    print(f"warning: {text}", file=sys.stderr)
+    """Print one line on standard error."""
+    _say(f"warning: {text}")
 
 
-def run(main: Callable[..., Any], program: str) -> None:
-    """Parse the command line into `main`'s arguments, run it, and leave with the exit status that says how it went.
+def _say(text: str) -> None:
+    print(one_line(text), file=sys.stderr, flush=True)
+
+
+# ------------------------------------------------------------------------------------------- running a program
+Main = Callable[[Any], Any]
+"""A function that takes an options dataclass; its docstring is the program's description."""
+
+
+def run(
+    main: Callable[..., Any] | Mapping[str, Callable[..., Any]], program: str, arguments: Sequence[str] | None = None
+) -> None:
+    """Parse a command line, call the program, and leave with the exit status that says how it went.
 
     Args:
-        main: a typed function whose docstring documents its arguments.
-        program: what usage texts call the program.
+        main: a function that takes one dataclass of options, or such functions by the name of their subcommand. The
+            function's docstring is the description in the help text.
+        program: how usage texts call the program, such as `python -m validation.compare`.
+        arguments: the command line; by default that of this process.
     """
-    console = Console(stderr=True)
-    logging.basicConfig(format="%(message)s", handlers=[RichHandler(console=console, show_path=False, show_time=False)])
-    logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
+    _log_to_standard_error()
     try:
-        tyro.cli(main, prog=program)
+        called, options = _parse(main, program, arguments)
+        called(options)
     except UserError as error:
         sys.exit(_complain(f"error: {error}", EXIT_USER_ERROR))
     except SsmrError as error:
@@ -219,8 +394,67 @@ def run(main: Callable[..., Any], program: str) -> None:
         sys.exit(_complain("interrupted", EXIT_INTERRUPTED))
 
 
+def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Main, Any]:
+    """Return the function to call and the options to call it with.
+
+    Raises:
+        UserError: the command line says something that cannot be.
+        SystemExit: it asked for help.
+    """
+    said = io.StringIO()
+    read = functools.partial(tyro.cli, prog=program, args=arguments, config=(tyro.conf.DisallowNone,))
+    try:
+        with contextlib.redirect_stderr(said):
+            if isinstance(main, Mapping):
+                mains = {_options_of(function): (name, function) for name, function in main.items()}
+                options = read(_subcommands(mains))
+                return mains[type(options)][1], options
+            if (kind := _options_of(main)) is not None:
+                return main, read(kind, description=inspect.getdoc(main))
+    except SystemExit as left:
+        if left.code:
+            raise UserError(_mistake_in(said.getvalue())) from None
+        raise
+    return lambda _: tyro.cli(main, prog=program, args=arguments), None
+
+
+def _subcommands(mains: Mapping[Any, tuple[str, Callable[..., Any]]]) -> Any:
+    """Return the type that tyro reads as one subcommand for each of these dataclasses."""
+    kinds = [
+        Annotated[kind, tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
+        for kind, (name, function) in mains.items()
+    ]
+    return typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
+
+
+def _mistake_in(box: str) -> str:
+    """Return the message in the box that tyro draws around it, in one line."""
+    lines = [line.strip("│|+ ") for line in box.strip().splitlines()[1:]]
+    rule = [set(line) <= {"─", "-"} for line in lines]
+    start = rule.index(False) if False in rule else 0
+    said = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])
+    text = one_line(" ".join(said))
+    return re.sub(r"^Error parsing ([^ :]+):", r"\1:", text) or "the command line cannot be read; see --help"
+
+
+def _options_of(main: Callable[..., Any]) -> Any:
+    """Return the dataclass that a program takes; None where its arguments are the options themselves."""
+    names = list(inspect.signature(main).parameters) if inspect.isfunction(main) else []
+    kind = typing.get_type_hints(main).get(names[0]) if len(names) == 1 else None
+    return kind if is_dataclass(kind) else None
+
+
+def _log_to_standard_error() -> None:
+    """Let the project's own log say everything from `info` on, and that of other packages only warnings."""
+    from rich.logging import RichHandler
+
+    handler = RichHandler(console=Console(stderr=True), show_path=False, show_time=False)
+    logging.basicConfig(format="%(message)s", handlers=[handler])
+    logging.getLogger("validation").setLevel(logging.INFO)
+
+
 def _circumstance(error: OSError | MemoryError) -> str:
-    """What the machine refused, in one line."""
+    """Return what the machine refused, in one line."""
     if isinstance(error, MemoryError):
         return "there is not enough memory"
     where = f" ({error.filename})" if error.filename else ""
@@ -228,5 +462,5 @@ def _circumstance(error: OSError | MemoryError) -> str:
 
 
 def _complain(text: str, status: int) -> int:
-    print(text, file=sys.stderr)
+    _say(text)
     return status

@@ -1,102 +1,113 @@
-"""`python -m validation.compare SOURCE`: every plant, the same commands, one reference."""
+"""The command line `python -m validation.compare SOURCE`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from ssmr.types import CommandKind
 from validation import cli
-from validation.compare.result import Comparison
-from validation.compare.run import Settings, compare, write
-from validation.motion.sources import open_source
-from validation.plants.profile import PLANTS, load, make_plant
+from validation.compare.run import CompareSettings, prepare
+from validation.plants.profile import PLANTS
 from validation.robots.terrain import parse_terrain
 
 
-def main(
-    source: Annotated[str, tyro.conf.Positional],
-    /,
-    *,
-    profile: str | None = None,
-    plants: str = ",".join(PLANTS),
-    reference: str | None = None,
-    input: Literal["commands", "wheels"] = "commands",
-    horizons: str = "2,6,30,60",
-    start: Annotated[float | None, tyro.conf.arg(name="from")] = None,
-    until: float | None = None,
-    noise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    disturbance: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    terrain: str = "flat",
-    seed: int = 0,
-    workers: int | None = None,
-    out: Path | None = None,
-    view: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    no_rerun: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-) -> None:
+@dataclass(frozen=True)
+class RecordingOptions:
+    """Options that matter only where SOURCE is a recording."""
+
+    input: Annotated[Literal["commands", "wheels"], cli.option()] = "commands"
+    """Signal of the recording that drives the plants: its commands, or its measured wheel rates."""
+    horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0, 30.0, 60.0)
+    """Times after which the poses of plant and recording are compared [s]."""
+    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    """Leave out what was recorded before this time [s]."""
+    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
+    """Leave out what was recorded after this time [s]."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Options that make the simulated world less perfect."""
+
+    noise: cli.Flag = False
+    """See the plants through the lab's state filter: at 50 Hz, with its noise."""
+    disturbance: cli.Flag = False
+    """Push all plants with the same random yaw acceleration."""
+    terrain: Annotated[str, cli.option(metavar="GROUND")] = "flat"
+    """Ground that the MuJoCo Husky stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM or split:FRICTION_RATIO. There are more
+    keys: ramp:slope_deg=5,toward_deg=90 or rough:height_mm=5,length_mm=300,seed=1 or
+    split:friction_ratio=0.5,edge_deg=0,edge_m=0. The planar models know only level ground of one friction."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """Options for what is written and shown."""
+
+    out: Annotated[Path | None, cli.out_option("runs/compare/SOURCE; on a terrain SOURCE-TERRAIN")] = None
+    view: cli.View = False
+    no_rerun: cli.NoRerun = False
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of `python -m validation.compare`."""
+
+    source: Annotated[str, tyro.conf.Positional, cli.option(metavar="SOURCE")]
+    """Motion to drive: traj1, traj2, traj3 or traj4; traj4@improved to compare with that plant; or the path of a recording
+    (.csv, .bag, .mcap, or the folder of a ROS 2 bag)."""
+    profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default=f"all: {','.join(PLANTS)}")] = PLANTS
+    """Plants to drive, separated by commas."""
+    reference: Annotated[
+        str | None, cli.option(metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording")
+    ] = None
+    """Plant to compare the others with."""
+    recording: RecordingOptions = RecordingOptions()
+    environment: Environment = Environment()
+    run: cli.Run = field(default_factory=cli.Run)
+    output: Output = Output()
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        ground = "" if self.environment.terrain == "flat" else "-" + self.environment.terrain.replace(":", "-")
+        return self.output.out or Path("runs") / "compare" / (Path(self.source).stem + ground)
+
+
+def main(options: Options) -> None:
     """Drive every plant with the same commands and compare each with the reference.
 
-    Prints a table and writes compare.json, compare.png and compare.rrd.
-
-    Args:
-        source: traj1 ... traj4 (traj4@improved: held against that plant), or the path of a recording (.csv, .bag, .mcap,
-            or a ROS 2 bag's folder).
-        profile: Name of a shipped profile or path of a TOML file; thesis-lab for scenarios, husky-tile for recordings.
-        plants: Which plants, comma-separated.
-        reference: Plant to compare with; by default mujoco for a scenario, the recording itself for a recording.
-        input: What of a recording drives the plants: its commands, or its measured wheel rates.
-        horizons: Seconds after which relative poses are compared on a recording.
-        start: Leave out what was recorded before this time [s].
-        until: Leave out what was recorded after this time [s].
-        noise: See the plants through the lab's state filter: 50 Hz, with its noise.
-        disturbance: Push all plants with the same random yaw acceleration.
-        terrain: What the MuJoCo Husky stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM, split:FRICTION_RATIO; with more keys
-            ramp:slope_deg=5,toward_deg=90, rough:height_mm=5,length_mm=300,seed=1 or
-            split:friction_ratio=0.5,edge_deg=0,edge_m=0. The planar models know only level ground of one friction.
-        seed: Seed of noise and disturbance.
-        workers: Threads; the result does not depend on it.
-        out: Folder for the results; runs/compare/SOURCE if not given.
-        view: Open the recording in the rerun viewer.
-        no_rerun: Do not write compare.rrd.
+    Prints tables and writes compare.json, compare.png and compare.rrd.
     """
-    kind: CommandKind = "wheels" if input == "wheels" else "twist"
+    log, environment, output = options.recording, options.environment, options.output
     with cli.mistakes_are_users():
-        wanted = cli.parse_names(plants, PLANTS, "plant")
-        if reference is not None:
-            cli.parse_names(reference, PLANTS, "plant")
-        if seed < 0 or (workers is not None and workers < 1):
-            raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
-        if view and no_rerun:
+        if output.view and output.no_rerun:
             raise cli.UserError("--view shows the rerun recording; leave out --no-rerun")
-        settings = Settings(
-            input, cli.parse_numbers(horizons, "--horizons"), noise, disturbance, seed, parse_terrain(terrain)
+        settings = CompareSettings(
+            log.input,
+            log.horizons,
+            log.start,
+            log.until,
+            environment.noise,
+            environment.disturbance,
+            options.run.seed,
+            parse_terrain(environment.terrain),
         )
-        opened = open_source(source, kind, start, until)
-        chosen = load(profile or ("husky-tile" if opened.reference == "recording" else "thesis-lab"))
-        for name in dict.fromkeys((*wanted, reference or opened.reference)):
-            if name != "recording":
-                make_plant(chosen, name, settings.terrain)
-    comparison = compare(opened, chosen, wanted, reference, settings, workers)
-    folder = cli.output_folder(out or Path("runs") / "compare" / Path(source).stem)
-    written = write(comparison, chosen, folder, recording=not no_rerun)
-    _report(comparison, written)
-    if view:
-        from validation.compare.rerun import open_viewer
-
-        open_viewer(folder / "compare.rrd")
-
-
-def _report(comparison: Comparison, written: Sequence[Path]) -> None:
-    from validation.compare.table import comparison_table, horizon_table, load_table
-
-    tables = [comparison_table(comparison), horizon_table(comparison), load_table(comparison)]
+        prepared = prepare(options.source, options.profile, options.plants, options.reference, settings)
+    with cli.shown("comparing") as progress:
+        comparison = prepared.run(options.run.workers, progress)
+    folder = cli.output_folder(options.folder())
+    written = comparison.save(folder, recording=not output.no_rerun)
     for result in comparison.plants.values():
         if result.health is not None and not result.health.ok:
             cli.warn(f"{result.name}: {result.health.advice}")
-    cli.report([table for table in tables if table is not None], (), written)
+    cli.report_result(comparison, written)
+    if output.view:
+        from validation.compare.rerun import open_viewer
+
+        open_viewer(folder / "compare.rrd")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from matplotlib.patches import Rectangle
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.paths import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
-from validation.compare.result import Comparison
+from validation.compare.data import ComparisonData
 from validation.compare.table import HEADLINE_HORIZON, headline
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT
@@ -123,7 +123,7 @@ class _Motion:
         )
 
 
-def _motions(comparison: Comparison) -> list[_Motion]:
+def _motions(comparison: ComparisonData) -> list[_Motion]:
     """The reference, then the other plants in their order."""
     others = [_Motion(n, r.pieces, False) for n, r in comparison.plants.items() if n != comparison.reference_name]
     return [_Motion(comparison.reference_name, comparison.reference, True), *others]
@@ -144,12 +144,12 @@ def _has(motion: _Motion, channel: str) -> bool:
     return all(channel in piece.channels for piece in motion.pieces)
 
 
-def _whole(comparison: Comparison) -> Span:
+def _whole(comparison: ComparisonData) -> Span:
     """First and last stamp [s]."""
     return float(comparison.reference[0].t[0]), float(comparison.reference[-1].t[-1])
 
 
-def _stretch(comparison: Comparison) -> Span:
+def _stretch(comparison: ComparisonData) -> Span:
     """What the velocities are shown over [s]: all of a run, or the middle of the longest piece of a long one."""
     start, stop = _whole(comparison)
     if stop - start <= LONGEST_SHOWN:
@@ -160,13 +160,13 @@ def _stretch(comparison: Comparison) -> Span:
     return begin, begin + STRETCH
 
 
-def _in_windows(comparison: Comparison) -> bool:
+def _in_windows(comparison: ComparisonData) -> bool:
     """Whether the paths are shown in windows."""
     start, stop = _whole(comparison)
     return stop - start > LONGEST_PATH or len(comparison.reference) > 1
 
 
-def _draw_paths(comparison: Comparison, ax: Axes) -> None:
+def _draw_paths(comparison: ComparisonData, ax: Axes) -> None:
     """The paths as they were driven."""
     for motion in _motions(comparison):
         motion.draw(ax, *joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
@@ -190,7 +190,7 @@ class _Zoom:
     """Extent of those positions [m]."""
 
 
-def _find_zoom(comparison: Comparison) -> _Zoom | None:
+def _find_zoom(comparison: ComparisonData) -> _Zoom | None:
     """Where to look closer; None where that shows no more than the whole does."""
     worst, i, k = 0.0, 0, 0
     reference, *others = _motions(comparison)
@@ -208,7 +208,7 @@ def _find_zoom(comparison: Comparison) -> _Zoom | None:
     return _Zoom(i, k, (x, y), size)
 
 
-def _draw_zoom(comparison: Comparison, zoom: _Zoom, ax: Axes) -> None:
+def _draw_zoom(comparison: ComparisonData, zoom: _Zoom, ax: Axes) -> None:
     """The paths around one instant, and everybody's pose then."""
     for motion in _motions(comparison):
         motion.draw(ax, *joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
@@ -221,7 +221,7 @@ def _draw_zoom(comparison: Comparison, zoom: _Zoom, ax: Axes) -> None:
     ax.set_title(f"Farthest apart: all at t = {comparison.reference[zoom.piece].t[zoom.sample]:.2f} s [m]")
 
 
-def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
+def _windows(comparison: ComparisonData) -> tuple[str, list[tuple[int, int, int]]]:
     """Which windows to show: what they are, in words, and (piece, first, last sample) of each, in the order of their errors.
 
     All windows of the horizon closest to `HEADLINE_HORIZON` are put in the order of the plants' mean error and split into
@@ -246,7 +246,7 @@ def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
     return f"{n} of {len(windows)} {words}" if n < len(windows) else f"all {words}", shown
 
 
-def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes) -> None:
+def _draw_window(comparison: ComparisonData, window: tuple[int, int, int], ax: Axes) -> None:
     """The paths over one window, each seen from its own pose at the window's start."""
     i, a, b = window
     for motion in _motions(comparison):
@@ -261,7 +261,7 @@ def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes)
     ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
 
 
-def _draw_position_error(comparison: Comparison, ax: Axes) -> None:
+def _draw_position_error(comparison: ComparisonData, ax: Axes) -> None:
     reference, *others = _motions(comparison)
     errors = [
         joined([(r.t, np.hypot(*(p.xy - r.xy).T)) for p, r in zip(motion.pieces, reference.pieces, strict=True)])
@@ -274,7 +274,7 @@ def _draw_position_error(comparison: Comparison, ax: Axes) -> None:
     ax.set_ylim(0.0, max(ax.get_ylim()[1], 1e-3 * unit.scale))
 
 
-def _draw_yaw_error(comparison: Comparison, ax: Axes) -> None:
+def _draw_yaw_error(comparison: ComparisonData, ax: Axes) -> None:
     reference, *others = _motions(comparison)
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=1.5)
     for motion in others:
@@ -286,7 +286,7 @@ def _draw_yaw_error(comparison: Comparison, ax: Axes) -> None:
     at_least(ax, 0.5)
 
 
-def _horizon_marks(comparison: Comparison) -> list[HorizonMarks]:
+def _horizon_marks(comparison: ComparisonData) -> list[HorizonMarks]:
     return [
         HorizonMarks(name, ink_of(name), _MARKERS.get(name, "o"), result.horizons)
         for name, result in comparison.plants.items()
@@ -294,7 +294,7 @@ def _horizon_marks(comparison: Comparison) -> list[HorizonMarks]:
     ]
 
 
-def _time_axis(comparison: Comparison, ax: Axes, remark: str = "") -> None:
+def _time_axis(comparison: ComparisonData, ax: Axes, remark: str = "") -> None:
     """The same stretch of time in all panels, said where it is not all."""
     span, (start, stop) = _stretch(comparison), _whole(comparison)
     ax.set_xlim(*span)
@@ -302,7 +302,7 @@ def _time_axis(comparison: Comparison, ax: Axes, remark: str = "") -> None:
     ax.set_xlabel(f"time [s]{part}{remark}")
 
 
-def _draw_velocity(comparison: Comparison, title: str, column: int, command: int, ax: Axes) -> None:
+def _draw_velocity(comparison: ComparisonData, title: str, column: int, command: int, ax: Axes) -> None:
     """One component of everybody's twist, and of the command where twists were commanded."""
     span = _stretch(comparison)
     for motion in _motions(comparison):
@@ -322,16 +322,16 @@ def _draw_velocity(comparison: Comparison, title: str, column: int, command: int
     _time_axis(comparison, ax)
 
 
-def _commanded(comparison: Comparison) -> bool:
+def _commanded(comparison: ComparisonData) -> bool:
     return all(commands.kind == "twist" for commands in comparison.commands)
 
 
-def _impulsive(comparison: Comparison, name: str) -> bool:
+def _impulsive(comparison: ComparisonData, name: str) -> bool:
     """Whether a plant's yaw rate steps: without inertia, or, but for the simulator, with wheels that do as they are told."""
     return name in IMPULSIVE or (not _commanded(comparison) and name not in ("mujoco", comparison.reference_name))
 
 
-def _draw_acceleration(comparison: Comparison, motions: Sequence[_Motion], ax: Axes) -> None:
+def _draw_acceleration(comparison: ComparisonData, motions: Sequence[_Motion], ax: Axes) -> None:
     """Yaw accelerations around the swiftest reversal of the turn, where friction changes its sign."""
     leader = next((motion for motion in motions if motion.name == CHATTERING), motions[0])
     reverses, i, t = _swiftest_turn(leader)
@@ -415,7 +415,7 @@ def _running_mean(t: FloatArray, values: FloatArray) -> FloatArray:
     return (total[high] - total[low]) / (high - low)[:, None]
 
 
-def _draw_loads(comparison: Comparison, motion: _Motion, ax: Axes) -> None:
+def _draw_loads(comparison: ComparisonData, motion: _Motion, ax: Axes) -> None:
     """The loads of the four wheels, and what they say about the run."""
     span = _stretch(comparison)
     t, loads = _over_time(motion.pieces, lambda piece: piece.channels["wheel_load_N"], span)
@@ -444,7 +444,7 @@ def _draw_loads(comparison: Comparison, motion: _Motion, ax: Axes) -> None:
         corner_note(ax, f"{motion.name} {verdict}: {shares}, over all the run", QUIET if health.ok else ALARM)
 
 
-def _panels(comparison: Comparison) -> list[list[Panel]]:
+def _panels(comparison: ComparisonData) -> list[list[Panel]]:
     """What is drawn below the paths, row by row; panels for which there is nothing are left out."""
     motions = _motions(comparison)
     with_acceleration = [m for m in motions if not _impulsive(comparison, m.name) and _has(m, "yaw_acceleration_rad_s2")]
@@ -477,7 +477,7 @@ def _panels(comparison: Comparison) -> list[list[Panel]]:
     return [row for row in (errors, turn, ride) if row]
 
 
-def _draw_header(comparison: Comparison, ax: Axes) -> None:
+def _draw_header(comparison: ComparisonData, ax: Axes) -> None:
     """Title, and the only legend of plants."""
     ax.set_axis_off()
     kind = "commands" if _commanded(comparison) else "measured wheel rates"
@@ -506,7 +506,7 @@ def _draw_header(comparison: Comparison, ax: Axes) -> None:
     line_legend(ax, handles, labels)
 
 
-def _draw_footer(comparison: Comparison, ax: Axes) -> None:
+def _draw_footer(comparison: ComparisonData, ax: Axes) -> None:
     """How it was made."""
     ax.set_axis_off()
     parts = [
@@ -521,7 +521,7 @@ def _draw_footer(comparison: Comparison, ax: Axes) -> None:
     ax.text(0.0, 0.0, " · ".join(parts), transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
 
 
-def _paths_size(comparison: Comparison) -> Span:
+def _paths_size(comparison: ComparisonData) -> Span:
     """Width [in] and height [in] of the panel of paths, near their own proportions."""
     width, height = np.ptp(np.concatenate([piece.xy for piece in comparison.reference]), axis=0) + 0.5
     wide = WIDTH_IN - _ZOOM_IN
@@ -529,7 +529,7 @@ def _paths_size(comparison: Comparison) -> Span:
     return min(wide, max(tall * float(width / height), 0.5 * WIDTH_IN)), tall
 
 
-def _rows(comparison: Comparison) -> list[Row]:
+def _rows(comparison: ComparisonData) -> list[Row]:
     """Everything, from top to bottom."""
     rows = [text_row(_HEADER_IN, partial(_draw_header, comparison))]
     zoom = _find_zoom(comparison)
@@ -549,7 +549,7 @@ def _rows(comparison: Comparison) -> list[Row]:
     return rows
 
 
-def comparison_figure(comparison: Comparison) -> Figure:
+def comparison_figure(comparison: ComparisonData) -> Figure:
     """Everything about a comparison that can be seen in one look, 1600 px wide.
 
     Args:

@@ -39,7 +39,7 @@ from ssmr.geometry import (
     wrap_angle,
 )
 from ssmr.types import FloatArray, Trajectory
-from validation.compare.result import Comparison
+from validation.compare.data import ComparisonData
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import QUASI_STATIC
@@ -175,7 +175,7 @@ class History:
     """(G, k), of the steps 0 to G - 1; where one is not finite, the line is interrupted."""
 
 
-def write_recording(comparison: Comparison, path: Path, report_markdown: str, histories: Sequence[History] = ()) -> None:
+def write_recording(comparison: ComparisonData, path: Path, report_markdown: str, histories: Sequence[History] = ()) -> None:
     """Write a comparison as a rerun recording, whole or not at all.
 
     The recording's id is a digest of what was asked for and of the motions that came out: a run that is repeated compares
@@ -223,7 +223,7 @@ def open_viewer(path: Path) -> bool:
     return False
 
 
-def _encoded(comparison: Comparison, report_markdown: str, histories: Sequence[History]) -> bytes:
+def _encoded(comparison: ComparisonData, report_markdown: str, histories: Sequence[History]) -> bytes:
     """The whole recording as the bytes of a file."""
     c, tracks = comparison, _tracks(comparison)
 
@@ -272,7 +272,7 @@ def _strict() -> Iterator[None]:
         rr.set_strict_mode(before)
 
 
-def _tracks(comparison: Comparison) -> list[Track]:
+def _tracks(comparison: ComparisonData) -> list[Track]:
     """All robots, the reference first."""
     plants = comparison.plants
     known = plants.get(comparison.reference_name) or next(
@@ -292,7 +292,7 @@ def identify(asked: object, tracks: Sequence[Track]) -> uuid.UUID:
     return uuid.UUID(bytes=digest.digest()[:16], version=4)
 
 
-def _write_properties(recording: rr.RecordingStream, comparison: Comparison) -> None:
+def _write_properties(recording: rr.RecordingStream, comparison: ComparisonData) -> None:
     recording.send_recording_name(f"{comparison.source}, profile {comparison.profile}")
     about = rr.AnyValues(
         source=comparison.source,
@@ -499,7 +499,7 @@ def _write_history(recording: rr.RecordingStream, history: History) -> None:
     recording.send_columns(entity, [steps], rr.Scalars.columns(scalars=values))
 
 
-def _plots(comparison: Comparison, tracks: Sequence[Track]) -> dict[str, Series]:
+def _plots(comparison: ComparisonData, tracks: Sequence[Track]) -> dict[str, Series]:
     """All series by entity below `plots`."""
     plots = _command_plots(comparison)
     for track in tracks:
@@ -539,7 +539,7 @@ def _plots_of(track: Track) -> dict[str, Series]:
     return plots
 
 
-def _command_plots(comparison: Comparison) -> dict[str, Series]:
+def _command_plots(comparison: ComparisonData) -> dict[str, Series]:
     """What was commanded by entity: each command at its instant, and the last again where its time ends; if it was kept."""
     if not comparison.commands:
         return {}

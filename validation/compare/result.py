@@ -1,62 +1,69 @@
-"""What a comparison, a fit, a tracked reference or a tuning found: frozen values that programs make and sinks take."""
+"""A comparison that prints, draws and saves itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from ssmr.metrics.paths import HorizonErrors, PathMetrics
-from ssmr.types import Commands, Trajectory
-from validation.robots.plant import Health
-from validation.robots.terrain import FLAT, Terrain
-from validation.robots.wheel_loads import WheelLoads
+from validation.compare.data import ComparisonData, PlantResult
+from validation.compare.table import comparison_grids
+from validation.robots.husky import WHEELS
+from validation.show.result import Result
+from validation.show.tables import Grid
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-@dataclass(frozen=True, eq=False)
-class PlantResult:
-    """One plant's answer to the commands."""
-
-    name: str
-    """`coulomb`, `improved`, `linear`, `kinematic` or `mujoco`."""
-    pieces: tuple[Trajectory, ...]
-    """Its motion, one piece for each gap-free stretch of the source, at the same stamps as the reference's piece."""
-    metrics: PathMetrics
-    """Distances from the reference, over all pieces."""
-    horizons: Mapping[float, HorizonErrors]
-    """Errors of the relative pose, by horizon [s]; empty where the reference is a plant."""
-    wall_s: float
-    """Time that simulating took [s]."""
-    real_time_factor: float
-    """Simulated over wall time [1]."""
-    health: Health | None = None
-    """Whether the wheel loads can be believed; only the MuJoCo Husky has them, and on uneven ground they have no verdict."""
-    tracked_point: tuple[float, float] = (0.0, 0.0)
-    """The point (x, y) of the plant's body whose motion `pieces` is [m]."""
-    loads: WheelLoads | None = None
-    """What its wheels carried; only the MuJoCo Husky knows."""
+SCHEMA = "ssmr.compare/1"
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """Every plant against the reference on one source."""
+class Comparison(ComparisonData, Result):
+    """Every plant against the reference on one source, ready to be shown and saved as compare.json, .png and .rrd."""
 
-    source: str
-    """As the user named it: `traj4`, or the file of a recording."""
-    profile: str
-    """Name of the profile that gave the parameters."""
-    reference_name: str
-    """Name of the reference plant, or `recording`."""
-    reference: tuple[Trajectory, ...]
-    """The reference's motion, piece by piece."""
-    commands: tuple[Commands, ...]
-    """What drove the plants, piece by piece; each begins at the first stamp of its piece."""
-    plants: Mapping[str, PlantResult]
-    """By name, in the order asked for; the reference plant is among them."""
-    seed: int
-    """Seed of noise and disturbance."""
-    options: Mapping[str, str | float | bool]
-    """How it was run: input, noise, disturbance, horizons, time span."""
-    versions: Mapping[str, str]
-    """Of this project, Python and the packages that decide numbers."""
-    terrain: Terrain = FLAT
-    """What the MuJoCo Husky stood on."""
+    program: ClassVar[str] = "compare"
+
+    def grids(self) -> Sequence[Grid]:
+        """Return the tables: on a recording the errors after each horizon first; then the metrics; then wheel loads."""
+        return comparison_grids(self)
+
+    def figure(self) -> Figure:
+        """Return the picture: paths, errors, velocities and wheel loads."""
+        from validation.compare.figure import comparison_figure
+
+        return comparison_figure(self)
+
+    def write_recording(self, path: Path) -> bool:
+        """Write compare.rrd to `path`: the robots in 3-D, their paths and time series."""
+        from validation.compare.rerun import write_recording
+        from validation.compare.table import report_markdown
+
+        write_recording(self, path, report_markdown(self))
+        return True
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what compare.json holds."""
+        return {
+            "schema": SCHEMA,
+            "source": self.source,
+            "profile": self.profile,
+            "reference": self.reference_name,
+            "seed": self.seed,
+            "options": dict(self.options),
+            "versions": dict(self.versions),
+            "plants": {name: _plant_entry(result) for name, result in self.plants.items()},
+            "parameters": {name: dict(result.parameters) for name, result in self.plants.items()},
+        }
+
+
+def _plant_entry(result: PlantResult) -> dict[str, Any]:
+    entry = {**asdict(result.metrics), "wall_s": result.wall_s, "real_time_factor": result.real_time_factor}
+    if result.horizons:
+        entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in result.horizons.items()}
+    if result.health is not None:
+        entry["health"] = {**asdict(result.health), "ok": result.health.ok, "advice": result.health.advice}
+    if result.loads is not None:
+        entry["wheel_loads"] = {"wheels": WHEELS, **asdict(result.loads)}
+    return entry

@@ -1,4 +1,4 @@
-"""`python -m validation.compare SOURCE`: every plant, the same commands, one reference."""
+"""Drive every plant with the same commands and compare each with one reference."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,132 +17,214 @@ from ssmr.metrics.paths import compare_pieces
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.robot.vehicle import Vehicle
 from ssmr.types import Commands, Plant, State, Trajectory
-from validation import cli, store
-from validation.compare.result import Comparison, PlantResult
+from validation import store
+from validation.compare.data import PlantResult
+from validation.compare.result import Comparison
 from validation.motion.driving import drive, score_horizons
-from validation.motion.sources import Source
-from validation.plants.profile import PLANTS, Profile, make_plant
-from validation.robots.husky import WHEELS, HuskyCalibration
+from validation.motion.sources import RECORDING, Source, open_source
+from validation.plants.profile import PLANTS, Profile, load, make_plant
+from validation.progress import Progress, Report, silent
+from validation.robots.husky import HuskyCalibration
 from validation.robots.plant import Health, MujocoPlant, check_health
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import WheelLoads, summarise, with_quasi_static
 
-SCHEMA = "ssmr.compare/1"
 WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
-"""Driven once before the clock runs, so that wall times do not hold compilation."""
+"""Commands driven once before the clock runs, so that wall times do not hold compilation."""
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What a comparison can be asked for besides source, profile and plants."""
+class CompareSettings:
+    """The options of a comparison besides source, profile and plants.
+
+    Raises:
+        ValueError: a negative seed, or horizons that are not positive and increasing.
+    """
 
     input: Literal["commands", "wheels"] = "commands"
-    """What drives the plants on a recording."""
+    """Signal of a recording that drives the plants: its commands or its measured wheel rates."""
     horizons: tuple[float, ...] = (2.0, 6.0, 30.0, 60.0)
-    """Of the relative pose error [s]."""
+    """Times after which relative poses are compared on a recording [s]."""
+    start: float | None = None
+    """Leave out what was recorded before this time [s]."""
+    until: float | None = None
+    """Leave out what was recorded after this time [s]."""
     noise: bool = False
-    """Look at the plants through the lab's state filter (Tab. 3.4, 3.5)."""
+    """See the plants through the lab's state filter, with its noise (Tab. 3.4, 3.5)."""
     disturbance: bool = False
     """Push the plants' yaw at random (Sec. 3.4.5)."""
     seed: int = 0
-    """Seed of both."""
+    """Seed of noise and disturbance."""
     terrain: Terrain = FLAT
-    """What the MuJoCo Husky stands on; the planar models know only level ground of one friction."""
+    """Ground of the MuJoCo Husky; the planar models know only level ground of one friction."""
+
+    def __post_init__(self) -> None:
+        h = self.horizons
+        if any(not 0.0 < s < np.inf for s in h) or any(b <= a for a, b in pairwise(h)):
+            raise ValueError(f"horizons {h} must be positive numbers that increase, such as (2, 6, 30, 60)")
+        if self.seed < 0:
+            raise ValueError(f"seed {self.seed} must not be negative")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the options as compare.json has them; the seed stands beside them."""
+        span = {"from": self.start, "until": self.until}
+        return {
+            "input": self.input,
+            "horizons": self.horizons,
+            "noise": self.noise,
+            "disturbance": self.disturbance,
+            "terrain": self.terrain.spec,
+            **{name: value for name, value in span.items() if value is not None},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedComparison:
+    """A comparison that is checked and has its plants, but has not been run."""
+
+    source: Source
+    profile: Profile
+    reference: str
+    plants: Mapping[str, Plant]
+    settings: CompareSettings
+
+    def run(self, workers: int | None = None, progress: Report = silent) -> Comparison:
+        """Drive the plants and compare them.
+
+        Args:
+            workers: threads, None for all processors; the result does not depend on it.
+            progress: told after each piece of the source that a plant has driven.
+
+        Raises:
+            SsmrError: a plant diverged.
+        """
+        source, settings = self.source, self.settings
+        motions, wall = self._drive_all(workers, progress)
+        if settings.noise:
+            for index, name in enumerate(self.plants):
+                if name != self.reference:
+                    rng = np.random.default_rng([settings.seed, index])
+                    motions[name] = [measure(m, SensorNoise(), rng) for m in motions[name]]
+        recorded = self.reference == RECORDING
+        against = [piece.reference for piece in source.pieces] if recorded else motions[self.reference]
+        truth = tuple(m for m in against if m is not None)
+        simulated = sum(piece.commands.duration for piece in source.pieces)
+        every = self.profile.as_dict()
+        results = {}
+        for name in self.plants:
+            section = self.profile.plants[name]
+            results[name] = PlantResult(
+                name,
+                tuple(motions[name]),
+                compare_pieces(motions[name], truth),
+                score_horizons(motions[name], source, settings.horizons) if recorded else {},
+                wall[name],
+                simulated / wall[name],
+                _health(motions[name]) if settings.terrain.even else None,
+                section.tracked_point,
+                _loads(motions[name], section.parameters),
+                every[name],
+            )
+        commands = tuple(piece.commands for piece in source.pieces)
+        return Comparison(
+            source.name, self.profile.name, self.reference, truth, commands, results, settings.seed,
+            settings.as_dict(), store.versions(), settings.terrain,
+        )  # fmt: skip
+
+    def _drive_all(self, workers: int | None, progress: Report) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
+        """Return all motions and each plant's wall time; plants run side by side, the pieces of one after another."""
+        stop, told = threading.Event(), threading.Lock()
+        done, total = 0, len(self.plants) * len(self.source.pieces)
+
+        def one_plant(name: str) -> tuple[list[Trajectory], float]:
+            nonlocal done
+            plant, tracked = self.plants[name], self.profile.plants[name].tracked_point
+            plant.run(WARM_UP, State(), 0.05)
+            began = time.perf_counter()
+            motions = []
+            for piece in self.source.pieces:
+                if not stop.is_set():
+                    push = None
+                    if self.settings.disturbance:
+                        rng = np.random.default_rng(self.settings.seed)
+                        push = yaw_disturbance(piece.commands.duration, plant.dt, rng)
+                    motions.append(drive(plant, piece, tracked, self.source.sample_dt, push))
+                    with told:
+                        done += 1
+                        progress(Progress(done, total, f"{name} has driven"))
+            wall = time.perf_counter() - began
+            if isinstance(plant, MujocoPlant):
+                motions = [with_quasi_static(motion, plant, tracked) for motion in motions]
+            return motions, wall
+
+        with ThreadPoolExecutor(workers) as pool:
+            try:
+                driven = dict(zip(self.plants, pool.map(one_plant, self.plants), strict=True))
+            except BaseException:
+                stop.set()  # an interrupt or a failed plant ends the others at their next piece
+                raise
+        return {name: d[0] for name, d in driven.items()}, {name: d[1] for name, d in driven.items()}
 
 
 def compare(
-    source: Source,
-    profile: Profile,
+    source: str | Path | Source,
+    profile: str | Path | Profile | None = None,
     plants: Sequence[str] = PLANTS,
     reference: str | None = None,
-    settings: Settings | None = None,
+    settings: CompareSettings | None = None,
     workers: int | None = None,
+    progress: Report = silent,
 ) -> Comparison:
-    """Drive every plant with the same commands and hold each against the reference.
+    """Drive every plant with the same commands and compare each with the reference.
 
     Args:
-        source: what drives the plants.
-        profile: their parameters.
-        plants: which ones.
-        reference: a plant, added to `plants` if need be; None for the source's own.
-        settings: horizons, noise, disturbance, seed.
-        workers: threads; the result does not depend on it.
+        source: `traj1` ... `traj4`, one of them with `@PLANT`, the path of a recording, or an opened source.
+        profile: the plants' parameters: a profile, its name or its path; None for `thesis-lab` on a scenario and
+            `husky-tile` on a recording.
+        plants: names of the plants to drive.
+        reference: name of the plant to compare with, added to `plants` if need be; None for the source's own reference.
+        settings: horizons, noise, disturbance, seed, terrain.
+        workers: threads, None for all processors; the result does not depend on it.
+        progress: told how far the work is.
+
+    Returns:
+        The comparison, which prints (`table()`), draws (`figure()`) and saves (`save(folder)`) itself.
 
     Raises:
         SsmrError: a plant diverged.
-        ValueError: names or numbers that do not go together.
+        ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
     """
-    settings = settings or Settings()
+    return prepare(source, profile, plants, reference, settings).run(workers, progress)
+
+
+def prepare(
+    source: str | Path | Source,
+    profile: str | Path | Profile | None = None,
+    plants: Sequence[str] = PLANTS,
+    reference: str | None = None,
+    settings: CompareSettings | None = None,
+) -> PreparedComparison:
+    """Check everything that a comparison is asked for, and build its plants; the arguments are those of `compare`.
+
+    Raises:
+        ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
+    """
+    settings = settings or CompareSettings()
+    if not isinstance(source, Source):
+        kind: Literal["twist", "wheels"] = "wheels" if settings.input == "wheels" else "twist"
+        source = open_source(str(source), kind, settings.start, settings.until)
+    elif settings.start is not None or settings.until is not None:
+        raise ValueError("settings.start and settings.until cut a recording that is given by its path; cut yours before")
     reference = reference or source.reference
-    names = [name for name in PLANTS if name in plants or name == reference]
-    made = {name: make_plant(profile, name, settings.terrain) for name in names}
-    motions, wall = _drive_all(made, profile, source, settings, workers)
-    if settings.noise:
-        for index, name in enumerate(names):
-            if name != reference:
-                rng = np.random.default_rng([settings.seed, index])
-                motions[name] = [measure(m, SensorNoise(), rng) for m in motions[name]]
-    against = [p.reference for p in source.pieces] if reference == "recording" else motions[reference]
-    truth = tuple(m for m in against if m is not None)
-    simulated = sum(piece.commands.duration for piece in source.pieces)
-    results = {}
-    for name in names:
-        results[name] = PlantResult(
-            name,
-            tuple(motions[name]),
-            compare_pieces(motions[name], truth),
-            score_horizons(motions[name], source, settings.horizons) if reference == "recording" else {},
-            wall[name],
-            simulated / wall[name],
-            _health(motions[name]) if settings.terrain.even else None,
-            profile.plants[name].tracked_point,
-            _loads(motions[name], profile.plants[name].parameters),
-        )
-    return Comparison(
-        source.name,
-        profile.name,
-        reference,
-        truth,
-        tuple(piece.commands for piece in source.pieces),
-        results,
-        settings.seed,
-        {**{k: v for k, v in asdict(settings).items() if k != "seed"}, "terrain": settings.terrain.spec},
-        store.versions(),
-        settings.terrain,
-    )
-
-
-def _drive_all(
-    made: Mapping[str, Plant], profile: Profile, source: Source, settings: Settings, workers: int | None
-) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
-    """All motions and each plant's wall time; plants run side by side, the pieces of one after another."""
-    stop = threading.Event()
-
-    def one_plant(name: str) -> tuple[list[Trajectory], float]:
-        plant, tracked = made[name], profile.plants[name].tracked_point
-        plant.run(WARM_UP, State(), 0.05)
-        began = time.perf_counter()
-        motions = []
-        for piece in source.pieces:
-            if not stop.is_set():
-                push = None
-                if settings.disturbance:
-                    push = yaw_disturbance(piece.commands.duration, plant.dt, np.random.default_rng(settings.seed))
-                motions.append(drive(plant, piece, tracked, source.sample_dt, push))
-                bar.advance(task)
-        wall = time.perf_counter() - began
-        if isinstance(plant, MujocoPlant):
-            motions = [with_quasi_static(motion, plant, tracked) for motion in motions]
-        return motions, wall
-
-    with cli.progress() as bar, ThreadPoolExecutor(workers) as pool:
-        task = bar.add_task(f"driving {len(made)} plants", total=len(made) * len(source.pieces))
-        try:
-            done = dict(zip(made, pool.map(one_plant, made), strict=True))
-        except BaseException:
-            stop.set()  # an interrupt or a failed plant ends the others at their next piece
-            raise
-    return {name: d[0] for name, d in done.items()}, {name: d[1] for name, d in done.items()}
+    if not isinstance(profile, Profile):
+        profile = load(str(profile or ("husky-tile" if source.reference == RECORDING else "thesis-lab")))
+    asked = {*plants, reference} - ({RECORDING} if source.reference == RECORDING else set())
+    if unknown := sorted(asked - set(PLANTS)):
+        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(PLANTS)}")
+    if not asked:
+        raise ValueError(f"plants is empty; there are: {', '.join(PLANTS)}")
+    made = {name: make_plant(profile, name, settings.terrain) for name in PLANTS if name in asked}
+    return PreparedComparison(source, profile, reference, made, settings)
 
 
 def _health(motions: Sequence[Trajectory]) -> Health | None:
@@ -157,44 +240,3 @@ def _loads(motions: Sequence[Trajectory], parameters: object) -> WheelLoads | No
     if not isinstance(parameters, HuskyCalibration):
         return None
     return summarise(tuple(motions), Vehicle(mass=parameters.mass))
-
-
-def as_document(comparison: Comparison, profile: Profile) -> dict[str, Any]:
-    """compare.json."""
-    plants = {}
-    for name, result in comparison.plants.items():
-        plants[name] = {**asdict(result.metrics), "wall_s": result.wall_s, "real_time_factor": result.real_time_factor}
-        if result.horizons:
-            plants[name]["horizons"] = {f"{h:g}": asdict(errors) for h, errors in result.horizons.items()}
-        if result.health is not None:
-            plants[name]["health"] = {**asdict(result.health), "ok": result.health.ok, "advice": result.health.advice}
-        if result.loads is not None:
-            plants[name]["wheel_loads"] = {"wheels": WHEELS, **asdict(result.loads)}
-    return {
-        "schema": SCHEMA,
-        "source": comparison.source,
-        "profile": comparison.profile,
-        "reference": comparison.reference_name,
-        "seed": comparison.seed,
-        "options": dict(comparison.options),
-        "versions": dict(comparison.versions),
-        "plants": plants,
-        "parameters": {name: profile.as_dict()[name] for name in comparison.plants},
-    }
-
-
-def write(comparison: Comparison, profile: Profile, out: Path, *, recording: bool = True) -> list[Path]:
-    """Write compare.png, compare.rrd (if wanted) and, last, compare.json into `out`; return what was written."""
-    from validation.compare.figure import comparison_figure, save_figure
-    from validation.compare.table import report_markdown
-
-    written = [out / "compare.png"]
-    save_figure(comparison_figure(comparison), written[0])
-    if recording:
-        from validation.compare.rerun import write_recording
-
-        written.append(out / "compare.rrd")
-        write_recording(comparison, written[1], report_markdown(comparison))
-    written.append(out / "compare.json")
-    store.write_json(written[-1], as_document(comparison, profile))
-    return written

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from rich.table import Table
-
 from ssmr.metrics.paths import HorizonErrors
-from validation.compare.result import Comparison, PlantResult
+from validation.compare.data import ComparisonData, PlantResult
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT
 from validation.show.tables import (
@@ -27,7 +25,6 @@ from validation.show.tables import (
     markdown_table,
     one_line,
     option_text,
-    rich_table,
     unit_of,
 )
 
@@ -96,7 +93,16 @@ HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] =
 )
 
 
-def _plant_grid(comparison: Comparison) -> Grid:
+HORIZON_CAPTION = (
+    "Each plant's motion over a window as long as the horizon is compared with the reference's motion over that window, both"
+    " seen from the pose at the window's start: the error is what dead reckoning loses in that time, however far the plant"
+    " has drifted before. Windows follow one another and span no gap. The table gives their number, and the median and the"
+    " 95th percentile (p95) of their errors. Bold: the best of each horizon."
+)
+METRIC_CAPTION = "Bold: the best of each column; the reference, at no distance from itself, competes only in real time."
+
+
+def _plant_grid(comparison: ComparisonData) -> Grid:
     """Plants as rows, metrics as columns; the reference, at no distance from itself, is judged by its speed only."""
     plants = comparison.plants
     columns: list[dict[str, Cell]] = []
@@ -114,10 +120,16 @@ def _plant_grid(comparison: Comparison) -> Grid:
     for name in plants:
         label = f"{name} (ref)" if name == comparison.reference_name else name
         rows.append((Cell(label), *(column[name] for column in columns)))
-    return Grid(tuple(header), (tuple(rows),), left=1)
+    title = f"{one_line(comparison.source)} · profile {one_line(comparison.profile)}"
+    if comparison.terrain != FLAT:
+        title += f" · mujoco on {comparison.terrain.words}"
+    caption = f"compared with {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
+    for name, _ in _unhealthy(comparison):
+        caption += f"\n{name} is unhealthy: its wheel loads show a contact that cannot be trusted"
+    return Grid(tuple(header), (tuple(rows),), 1, title, caption)
 
 
-def _horizon_grid(comparison: Comparison) -> Grid | None:
+def _horizon_grid(comparison: ComparisonData) -> Grid | None:
     """Horizons as groups, plants as rows; None where there is no horizon."""
     plants = comparison.plants
     horizons = sorted({h for result in plants.values() for h in result.horizons})
@@ -140,10 +152,11 @@ def _horizon_grid(comparison: Comparison) -> Grid | None:
                 for name, e in errors.items()
             )
         )
-    return Grid(tuple(header), tuple(groups), left=2)
+    caption = f"compared with {comparison.reference_name} · emphasised: the best"
+    return Grid(tuple(header), tuple(groups), 2, "Error of the relative pose after a horizon", caption)
 
 
-def _load_grid(comparison: Comparison) -> Grid | None:
+def _load_grid(comparison: ComparisonData) -> Grid | None:
     """What the wheels of the plants that know carried."""
     groups = []
     for name, result in comparison.plants.items():
@@ -169,10 +182,10 @@ def _load_grid(comparison: Comparison) -> Grid | None:
         *((n, "N") for n in ("static", "mean", "least", "greatest")),
         ("off ground", "%"),
     ]
-    return Grid(tuple(header), tuple(groups), left=2) if groups else None
+    return Grid(tuple(header), tuple(groups), 2, "Wheel loads", _load_caption(comparison)) if groups else None
 
 
-def _load_caption(comparison: Comparison) -> str:
+def _load_caption(comparison: ComparisonData) -> str:
     """How much of the loads each formula explains."""
     return "; ".join(
         f"{name} on {comparison.terrain.words}: rms {r.loads.static_rms_N:.1f} N from the static share (Eq. 2.17), "
@@ -182,52 +195,28 @@ def _load_caption(comparison: Comparison) -> str:
     )
 
 
-def load_table(comparison: Comparison) -> Table | None:
-    """What each wheel carried, for a terminal; None where no plant knows."""
-    grid = _load_grid(comparison)
-    return None if grid is None else rich_table(grid, "Wheel loads", _load_caption(comparison))
-
-
-def _unhealthy(comparison: Comparison) -> list[tuple[str, str]]:
+def _unhealthy(comparison: ComparisonData) -> list[tuple[str, str]]:
     """Plants whose wheel loads say that their contact cannot be believed, each with what to do about it."""
     return [(n, r.health.advice) for n, r in comparison.plants.items() if r.health is not None and not r.health.ok]
 
 
-def comparison_table(comparison: Comparison) -> Table:
-    """Every plant against the reference, for a terminal of 110 columns or more.
+def comparison_grids(comparison: ComparisonData) -> list[Grid]:
+    """Return a comparison's tables, the most telling one first.
 
     Args:
         comparison: what was found.
 
     Returns:
-        Plants as rows, the reference marked, metrics as columns; the best value of each column is emphasised, the reference
-        itself, being at no distance from itself, left out.
+        On a recording first the errors of the relative pose by horizon and plant: number of windows, median and 95th
+        percentile (p95) of the position error [m] and the yaw error [deg]. Then, with plants as rows and the reference
+        marked, the metrics. Then, for plants that know them, the wheel loads [N]. The best value of each column is
+        emphasised; the reference, at no distance from itself, competes only in speed.
     """
-    title = f"{one_line(comparison.source)} · profile {one_line(comparison.profile)}"
-    if comparison.terrain != FLAT:
-        title += f" · mujoco on {comparison.terrain.words}"
-    caption = f"against {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
-    for name, _ in _unhealthy(comparison):
-        caption += f"\n{name} is unhealthy: by its wheel loads its contact is not to be believed"
-    return rich_table(_plant_grid(comparison), title, caption)
+    grids = (_horizon_grid(comparison), _plant_grid(comparison), _load_grid(comparison))
+    return [grid for grid in grids if grid is not None]
 
 
-def horizon_table(comparison: Comparison) -> Table | None:
-    """Errors of the relative pose by horizon, for a terminal.
-
-    Args:
-        comparison: what was found.
-
-    Returns:
-        Per horizon and plant the number of windows, and median and 95th percentile (p95) of the position error [m] and the
-        yaw error [deg]; None where the comparison has no horizons.
-    """
-    grid = _horizon_grid(comparison)
-    title = "Error of the relative pose after a horizon"
-    return None if grid is None else rich_table(grid, title, f"against {comparison.reference_name} · emphasised: the best")
-
-
-def headline(comparison: Comparison, name: str) -> str:
+def headline(comparison: ComparisonData, name: str) -> str:
     """The one number by which a plant is known where there is no room for more.
 
     Args:
@@ -249,15 +238,15 @@ def headline(comparison: Comparison, name: str) -> str:
     return f"d_rms {length.text(result.metrics.d_rms_m)} {length.symbol}"
 
 
-def report_markdown(comparison: Comparison) -> str:
+def report_markdown(comparison: ComparisonData) -> str:
     """The whole comparison as GitHub-flavoured markdown.
 
     Args:
         comparison: what was found.
 
     Returns:
-        How it was run, the tables of `comparison_table` and `horizon_table`, what each metric means, and what to change
-        where a plant is unhealthy.
+        The options of the run, the tables of `comparison_grids`, the meaning of each metric, and advice where a plant is
+        unhealthy.
     """
     options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in comparison.options.items())
     versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in comparison.versions.items())
@@ -270,31 +259,16 @@ def report_markdown(comparison: Comparison) -> str:
         f"- seed: {comparison.seed}",
         f"- options: {code_span(options) if options else 'none'}",
         f"- versions: {code_span(versions) if versions else 'unknown'}",
-        "",
-        "## Plants against the reference",
-        "",
-        *markdown_table(_plant_grid(comparison)),
-        "",
-        "Bold: the best of each column; the reference, at no distance from itself, competes only in real time.",
     ]
     for name, advice in _unhealthy(comparison):
         lines += ["", f"> **{name} is unhealthy:** {one_line(advice)}."]
-    horizons = _horizon_grid(comparison)
-    if horizons is not None:
-        lines += [
-            "",
-            "## Error of the relative pose after a horizon",
-            "",
-            *markdown_table(horizons),
-            "",
-            "The motion over each window of a horizon's length, as the plant has it against as the reference has it: what"
-            " dead reckoning loses in that time, whatever the drift before. Windows follow one another and span no gap;"
-            " given are how many there are, and the median and the 95th percentile (p95) over them. Bold: the best of each"
-            " horizon.",
-        ]
-    loads = _load_grid(comparison)
-    if loads is not None:
-        lines += ["", "## Wheel loads", "", *markdown_table(loads), "", f"{_load_caption(comparison)}."]
+    for grid, title, caption in (
+        (_horizon_grid(comparison), "Error of the relative pose after a horizon", HORIZON_CAPTION),
+        (_plant_grid(comparison), "Plants compared with the reference", METRIC_CAPTION),
+        (_load_grid(comparison), "Wheel loads", f"{_load_caption(comparison)}."),
+    ):
+        if grid is not None:
+            lines += ["", f"## {title}", "", *markdown_table(grid), "", caption]
     lines += ["", "## What the metrics mean", ""]
     lines += [f"- **{column.name}**: {column.meaning}." for column in COLUMNS]
     return "\n".join(lines) + "\n"

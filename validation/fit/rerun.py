@@ -10,8 +10,8 @@ import numpy as np
 
 from ssmr.metrics.paths import compare_pieces
 from ssmr.types import Trajectory
+from validation.compare.data import ComparisonData, PlantResult
 from validation.compare.rerun import History, write_recording
-from validation.compare.result import Comparison, PlantResult
 from validation.fit.report import fit_markdown
 from validation.fit.result import FitResult, FittedParameter
 from validation.show.palette import colour
@@ -44,7 +44,7 @@ def write_fit_recording(result: FitResult, path: Path) -> None:
     write_recording(as_comparison(result), path, fit_markdown(result), [history])
 
 
-def as_comparison(result: FitResult) -> Comparison:
+def as_comparison(result: FitResult) -> ComparisonData:
     """The first source that was fitted to, as a comparison: the truth is the reference, what was commanded is not kept.
 
     Bodies are drawn by the tracked point as far as that was fitted, else as if it were the plants' own reference point.
@@ -65,7 +65,7 @@ def as_comparison(result: FitResult) -> Comparison:
         plants.append(plant(BEFORE, first.before, tracked(lambda p: p.before)))
     if reference != "recording":
         plants.append(plant(reference, first.truth, (0.0, 0.0)))
-    return Comparison(
+    return ComparisonData(
         first.label,
         result.profile,
         reference,

@@ -21,6 +21,10 @@ RECORDING_GRID = 0.01
 log of ours."""
 
 
+RECORDING = "recording"
+"""The name of the reference where plants are compared with a recorded motion."""
+
+
 @dataclass(frozen=True, eq=False)
 class Piece:
     """One gap-free stretch of a source."""
@@ -68,9 +72,9 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
         if plant and plant not in PLANTS:
             raise ValueError(f"unknown plant '{plant}' in '{name}'; there are: {', '.join(PLANTS)}")
         if kind == "wheels":
-            raise ValueError(f"{name} has no measured wheel rates; --input wheels needs a recording")
+            raise ValueError(f"{name} is a scenario and has no measured wheel rates; input by wheels needs a recording")
         if start is not None or stop is not None:
-            raise ValueError(f"--from and --until cut recordings; {name} is a scenario")
+            raise ValueError(f"a time span cuts recordings; {name} is a scenario")
         piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
         return Source(name, (piece,), plant or "mujoco", SAMPLE_DT)
     path = Path(name)
@@ -86,7 +90,7 @@ def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> S
     Raises:
         ValueError: it lacks the inputs or the pose.
     """
-    return Source(name, tuple(_piece(s, kind) for s in recording.segments()), "recording", RECORDING_GRID)
+    return Source(name, tuple(_piece(s, kind) for s in recording.segments()), RECORDING, RECORDING_GRID)
 
 
 def _piece(segment: Segment, kind: CommandKind) -> Piece:

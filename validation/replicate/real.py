@@ -12,8 +12,7 @@ from ssmr.metrics.paths import horizon_windows, path_length, relative_pose_error
 from ssmr.types import CommandKind
 from validation.compare.figure import comparison_figure
 from validation.compare.result import Comparison
-from validation.compare.run import Settings as CompareSettings
-from validation.compare.run import compare
+from validation.compare.run import CompareSettings, compare
 from validation.logs.formats import read_recording
 from validation.logs.recording import Recording
 from validation.motion.sources import Source, source_of

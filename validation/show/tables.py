@@ -13,6 +13,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from validation.words import code_span as code_span
+from validation.words import one_line as one_line
+from validation.words import shortened as shortened
+
 Quantity = Literal["length", "ratio", "angle", "speed-up"]
 Wanted = Literal["low", "one", "high"]
 
@@ -139,25 +143,9 @@ def rich_table(grid: Grid, title: str = "", caption: str = "") -> Table:
         table.add_column(heading, justify="left" if is_text else "right", no_wrap=not wraps, vertical="bottom")
     for group in grid.groups:
         for k, row in enumerate(group):
-            cells = [Text(cell.text, style=BEST_STYLE if cell.best else "") for cell in row]
+            cells = [Text(one_line(cell.text), style=BEST_STYLE if cell.best else "") for cell in row]
             table.add_row(*cells, end_section=k + 1 == len(group))
     return table
-
-
-def one_line(text: object) -> str:
-    """Foreign text without line breaks."""
-    return " ".join(str(text).split())
-
-
-def shortened(text: str, most: int) -> str:
-    """A text in one line of at most `most` characters: its end says more than its beginning."""
-    line = " ".join(text.split())
-    return line if len(line) <= most else f"…{line[1 - most :]}"
-
-
-def code_span(text: object) -> str:
-    """Foreign text as a code span."""
-    return "`" + one_line(text).replace("`", "'") + "`"
 
 
 def markdown_table(grid: Grid) -> list[str]:

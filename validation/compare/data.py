@@ -1,0 +1,65 @@
+"""The values that a comparison finds. Tables, pictures and recordings are made from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ssmr.metrics.paths import HorizonErrors, PathMetrics
+from ssmr.types import Commands, Trajectory
+from validation.robots.plant import Health
+from validation.robots.terrain import FLAT, Terrain
+from validation.robots.wheel_loads import WheelLoads
+
+
+@dataclass(frozen=True, eq=False)
+class PlantResult:
+    """One plant's answer to the commands."""
+
+    name: str
+    """Name of the plant, such as `improved`."""
+    pieces: tuple[Trajectory, ...]
+    """Its motion, one piece for each gap-free stretch of the source, at the same stamps as the reference's piece."""
+    metrics: PathMetrics
+    """Distances from the reference, over all pieces."""
+    horizons: Mapping[float, HorizonErrors]
+    """Errors of the relative pose, by horizon [s]; empty where the reference is a plant."""
+    wall_s: float
+    """Time that simulating took [s]."""
+    real_time_factor: float
+    """Simulated over wall time [1]."""
+    health: Health | None = None
+    """Whether the wheel loads can be believed; only the MuJoCo Husky has them, and on uneven ground they have no verdict."""
+    tracked_point: tuple[float, float] = (0.0, 0.0)
+    """The point (x, y) of the plant's body whose motion `pieces` is [m]."""
+    loads: WheelLoads | None = None
+    """The loads that its wheels carried; only the MuJoCo Husky knows them."""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """Its profile's section: all numbers that define it, as plain values."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonData:
+    """Every plant against the reference on one source."""
+
+    source: str
+    """The source as the user named it: `traj4`, or the file of a recording."""
+    profile: str
+    """Name of the profile that gave the parameters."""
+    reference_name: str
+    """Name of the reference plant, or `recording`."""
+    reference: tuple[Trajectory, ...]
+    """The reference's motion, piece by piece."""
+    commands: tuple[Commands, ...]
+    """The commands that drove the plants, piece by piece; each begins at the first stamp of its piece."""
+    plants: Mapping[str, PlantResult]
+    """Results by plant, in the order of all tables; the reference plant is among them."""
+    seed: int
+    """Seed of noise and disturbance."""
+    options: Mapping[str, Any]
+    """Options of the run: input, noise, disturbance, horizons, terrain, time span."""
+    versions: Mapping[str, str]
+    """Versions of this project, Python and the packages that decide numbers."""
+    terrain: Terrain = FLAT
+    """The ground that the MuJoCo Husky stood on."""

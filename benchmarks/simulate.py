@@ -27,15 +27,15 @@ from scipy.integrate import solve_ivp
 from benchmarks.rows import Row, alternate, report
 from ssmr.metrics.paths import compare_paths
 from ssmr.models import improved, linear
-from ssmr.robot.drive import wheel_references
+from ssmr.models.table import PLANAR_MODELS
+from ssmr.robot.drive import Sides, wheel_references
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import (
     PLANAR_DT,
-    PLANAR_MODELS,
     SAMPLE_DT,
     PlanarModel,
+    PlanarMotion,
     PlanarPlant,
-    pack_parameters,
     run_planar,
     run_population,
 )
@@ -73,8 +73,10 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
         for name in PLANAR_MODELS:
             section = profile.plants[name]
             references = wheel_references(commands, section.drive, PLANAR_DT, State())
-            kind, parameters = pack_parameters(section.parameters)
-            vehicle, limit = section.vehicle.packed(), 2.0 * section.drive.torque_limit
+            kind, robot = PLANAR_MODELS.index(name), PlanarModel(section.parameters, section.vehicle, section.drive).packed()
+            vehicle, limit = np.array(robot.vehicle), robot.side_limit
+            parameters = np.zeros(5)
+            parameters[: len(robot.parameters)] = robot.parameters
             mine, theirs = np.empty((1 + len(references), 13)), np.empty((len(references), 13))
 
             def in_c(
@@ -85,15 +87,8 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
                     vehicle.ctypes, parameters.ctypes, ctypes.c_double(limit), theirs.ctypes,
                 )  # fmt: skip
 
-            def in_numba(
-                kind=kind,
-                references=references,
-                vehicle=tuple(vehicle),
-                parameters=tuple(parameters),
-                limit=limit,
-                mine=mine,
-            ) -> None:
-                run_planar(kind, references, np.zeros(1), PLANAR_DT, vehicle, parameters, limit, 1, np.zeros(5), mine)
+            def in_numba(references=references, robot=robot, mine=mine) -> None:
+                run_planar(references, np.zeros(1), PLANAR_DT, 1, robot, PlanarMotion(0.0, 0.0, 0.0, 0.0, 0.0), mine)
 
             ours, peer = alternate(in_numba, in_c, repeats=repeats)
             difference = float(np.abs(mine[1:] - theirs).max())
@@ -114,13 +109,11 @@ def peer_rows(commands: Commands, repeats: int) -> list[Row]:
     }
     section = profile.plants["improved"]
     references = wheel_references(commands, section.drive, PLANAR_DT, State())
-    vehicle, (_, parameters) = tuple(section.vehicle.packed()), pack_parameters(section.parameters)
+    robot = PlanarModel(section.parameters, section.vehicle, section.drive).packed()
 
     def rates(t: float, s: np.ndarray) -> np.ndarray:
         reference = references[min(int(t / PLANAR_DT), len(references) - 1)]
-        v, w, _, _ = improved.advance(
-            s[3], s[4], (reference[0], reference[1]), 0.0, PLANAR_DT, vehicle, tuple(parameters), 14.0
-        )
+        v, w, _, _ = improved.advance(s[3], s[4], Sides(*reference), 0.0, PLANAR_DT, robot)
         return np.array([s[3] * np.cos(s[2]), s[3] * np.sin(s[2]), s[4], (v - s[3]) / PLANAR_DT, (w - s[4]) / PLANAR_DT])
 
     system = linear.state_space(section.vehicle, profile.plants["linear"].parameters, section.drive)

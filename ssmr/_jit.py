@@ -2,7 +2,7 @@
 
 numba notices edits to the file of the compiled function alone, not to what that function calls from other files. Here the
 cache folder is named after a digest of all of this package's sources, so any edit to any of them compiles afresh. The
-compiled functions keep their Python source as `.py_func`, which is what the reference loop in `simulate.py` calls.
+compiled functions keep their Python source, see `source`.
 """
 
 from __future__ import annotations
@@ -14,16 +14,20 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 from numba.core import config as numba_config
+from numba.core import types
+from numba.extending import overload
+
+from ssmr.types import FloatArray
 
 config: Any = numba_config
-"""numba fills this module from the environment when it is imported; no stub knows what is in it."""
+"""Settings of numba, which it reads from the environment when it is imported; no stub declares them."""
 
 CACHE_LIFETIME = 7 * 24 * 3600.0
-"""How long a cache that no source asks for any more is kept [s]."""
+"""Time for which the cache of older sources is kept [s]."""
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -52,7 +56,7 @@ def _cache_folder() -> str:
 
 
 def _forget_old(root: Path) -> None:
-    """Remove the caches of sources that have changed since, once they are a week old."""
+    """Remove the caches of older sources after `CACHE_LIFETIME`."""
     for folder in root.glob("numba-*"):
         if time.time() - folder.stat().st_mtime > CACHE_LIFETIME:
             shutil.rmtree(folder, ignore_errors=True)
@@ -61,19 +65,52 @@ def _forget_old(root: Path) -> None:
 _FOLDER = _cache_folder()
 
 
-def jit(function: Callable[..., Any] | None = None, *, parallel: bool = False) -> Any:
+F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T", bound=tuple[Any, ...])
+
+
+def jit(function: F) -> F:
     """Compile a numeric function without the interpreter lock, cached on disk; IEEE arithmetic is kept (no fast-math).
 
-    Serial functions are inlined where they are called: the laws are a few lines each, and a call costs as much as they do.
+    The function is inlined where it is called: the laws are a few lines each, and a call costs as much as they do.
     """
-    if function is None:
-        return lambda f: jit(f, parallel=parallel)
+    return _compile(function, forceinline=True)
+
+
+def jit_parallel(function: F) -> F:
+    """Compile like `jit`, and spread every `numba.prange` over the threads of `numba.set_num_threads`."""
+    return _compile(function, parallel=True)
+
+
+def source(function: F) -> F:
+    """Return the Python source of a compiled function: it works on whole arrays, without being compiled for them."""
+    python: F = function.py_func  # type: ignore[attr-defined]  # numba's
+    return python
+
+
+def _compile(function: F, **options: Any) -> F:
     before = config.CACHE_DIR
     try:
         config.CACHE_DIR = _FOLDER
-        compiled = numba.njit(
-            cache=bool(_FOLDER), nogil=True, parallel=parallel, error_model="numpy", forceinline=not parallel
-        )
-        return compiled(function)
+        compiled: F = numba.njit(cache=bool(_FOLDER), nogil=True, error_model="numpy", **options)(function)
+        return compiled
     finally:
         config.CACHE_DIR = before
+
+
+def named_like(template: T, row: FloatArray) -> T:
+    """Return a named tuple of the template's kind with the numbers of `row`; for compiled functions only.
+
+    Loops over threads cannot pass tuples of tuples on to their body, so the numbers of a population travel as rows.
+    """
+    raise NotImplementedError("named_like works in compiled functions only")
+
+
+@overload(named_like, strict=False)
+def _named_like(template: Any, row: Any) -> Any:
+    kind = template.instance_class
+    convert: dict[type, str] = {types.Integer: "int(row[{}])", types.Boolean: "row[{}] != 0.0"}
+    numbers = [convert.get(type(t), "row[{}]").format(i) for i, t in enumerate(template.types)]
+    names: dict[str, Any] = {"kind": kind}
+    exec(f"def read(template, row):\n    return kind({', '.join(numbers)})", names)  # numba types no loop over mixed fields
+    return names["read"]

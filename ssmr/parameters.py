@@ -11,6 +11,7 @@ check_parameters(self)
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
@@ -97,3 +98,20 @@ def require_in_range(owner: object, name: str, low: float, high: float = math.in
     if math.isnan(value) or value > high or value < low or (open_low and value <= low):
         bracket = "(" if open_low else "["
         raise ValueError(f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]")
+
+
+def numbers_of(kind: type) -> Any:
+    """Return the named tuple type that carries a dataclass's numbers into compiled functions.
+
+    It is kept as `kind.Numbers`, where the compiler's cache on disk finds it again; call this when the module is imported.
+    """
+    if "Numbers" not in vars(kind):
+        numbers = namedtuple("Numbers", [f.name for f in fields(kind)], module=kind.__module__)  # type: ignore[misc]
+        numbers.__qualname__ = f"{kind.__qualname__}.Numbers"
+        kind.Numbers = numbers  # type: ignore[attr-defined]
+    return vars(kind)["Numbers"]
+
+
+def packed(owner: Any) -> Any:
+    """Return the numbers of a dataclass instance as a named tuple for compiled functions: `packed(vehicle).mass`."""
+    return numbers_of(type(owner))(*(float(getattr(owner, f.name)) for f in fields(owner)))

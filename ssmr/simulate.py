@@ -7,35 +7,32 @@ its pose follows by the midpoint rule with v_y = -x_ICR omega (Eq. 2.2, 2.10, 2.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_parallel, named_like
 from ssmr.errors import DivergedError
-from ssmr.models import coulomb, improved, kinematic, linear
-from ssmr.robot.drive import Driver, fill_references, wheel_references, whole_steps
-from ssmr.robot.drive import packed as packed_drive
+from ssmr.models.kinematic import KinematicParameters
+from ssmr.models.law import PlanarRobot, advance
+from ssmr.models.table import MODELS, name_of
+from ssmr.parameters import packed
+from ssmr.robot.drive import (
+    DRIVE_TEMPLATE,
+    Driver,
+    Sides,
+    drive_numbers,
+    fill_references,
+    wheel_rates,
+    wheel_references,
+    whole_steps,
+)  # fmt: skip
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 
-Parameters = (
-    coulomb.CoulombParameters | improved.ImprovedParameters | linear.LinearParameters | kinematic.KinematicParameters
-)
-
-MODELS: Mapping[str, type[Parameters]] = {
-    "improved": improved.ImprovedParameters,
-    "coulomb": coulomb.CoulombParameters,
-    "linear": linear.LinearParameters,
-    "kinematic": kinematic.KinematicParameters,
-}
-"""By planar model, in the order of tables. The order is the number by which the compiled loops know a model."""
-PLANAR_MODELS = tuple(MODELS)
-"""Names of the planar models."""
-IMPROVED, COULOMB, LINEAR, KINEMATIC = range(4)
-_WIDTH = 5  # numbers in a packed parameter set, the longest model's
 _COLUMNS = 13
 """x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration, its least and its
 greatest value since the last sample: a model that chatters from step to step hides between samples otherwise."""
@@ -45,147 +42,174 @@ PLANAR_DT = 0.001
 SAMPLE_DT = 0.008
 """Default sample period of trajectories [s]: the lab's tracking system (Tab. 3.5)."""
 
+_VEHICLE = packed(Vehicle())
+"""Template for `named_like`."""
+
+
+class PlanarMotion(NamedTuple):
+    """A planar robot at one physics step, for compiled functions."""
+
+    x: float
+    """World x [m]."""
+    y: float
+    """World y [m]."""
+    yaw: float
+    """Heading, unwrapped [rad]."""
+    v: float
+    """Forward speed [m/s]."""
+    w: float
+    """Yaw rate [rad/s]."""
+    torque_left: float = 0.0
+    """Torque of the left side in the last step [N m]."""
+    torque_right: float = 0.0
+    """Torque of the right side in the last step [N m]."""
+
 
 @jit
-def advance(model, v, w, reference, disturbance, dt, vehicle, parameters, side_limit):
-    """One step of a model's velocities; returns v, omega, left torque, right torque."""
-    if model == IMPROVED:
-        return improved.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
-    if model == COULOMB:
-        return coulomb.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
-    if model == LINEAR:
-        return linear.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
-    return kinematic.advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit)
+def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> PlanarMotion:
+    """Advance pose and velocities by one step.
 
-
-@jit
-def rotation_centre(model, vehicle, parameters):
-    """x_ICR of a model [m]; zero in the improved and the linear one (Sec. 2.2.3)."""
-    if model == COULOMB:
-        return vehicle[7]
-    if model == KINEMATIC:
-        return parameters[2]
-    return 0.0
-
-
-@jit
-def move(model, x, y, yaw, v, w, reference, disturbance, dt, vehicle, parameters, side_limit, x_icr):
-    """One step of pose and velocities; returns x, y, yaw, v, omega, left torque, right torque."""
-    v_next, w_next, torque_left, torque_right = advance(
-        model, v, w, reference, disturbance, dt, vehicle, parameters, side_limit
-    )
-    v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
-    heading = yaw + 0.5 * dt * w_mid
+    Args:
+        now: where the robot is.
+        wheels: wheel-rate references [rad/s].
+        disturbance: disturbing yaw acceleration [rad/s2].
+        dt: step [s].
+        robot: numbers of the robot.
+    """
+    v, w, torque_left, torque_right = advance(now.v, now.w, wheels, disturbance, dt, robot)
+    v_mid, w_mid = 0.5 * (now.v + v), 0.5 * (now.w + w)
+    heading = now.yaw + 0.5 * dt * w_mid
     c, s = math.cos(heading), math.sin(heading)
-    x += dt * (v_mid * c + x_icr * w_mid * s)  # Eq. 2.13
-    y += dt * (v_mid * s - x_icr * w_mid * c)
-    return x, y, yaw + dt * w_mid, v_next, w_next, torque_left, torque_right
+    x = now.x + dt * (v_mid * c + robot.x_icr * w_mid * s)  # Eq. 2.13
+    y = now.y + dt * (v_mid * s - robot.x_icr * w_mid * c)
+    return PlanarMotion(x, y, now.yaw + dt * w_mid, v, w, torque_left, torque_right)
 
 
 @jit
-def run_planar(model, references, disturbance, dt, vehicle, parameters, side_limit, stride, row, out):
+def turning_wheels(now: PlanarMotion, wheels: Sides, robot: PlanarRobot) -> Sides:
+    """Return the wheel rates [rad/s]: the references `wheels` of a robot that obeys them, or of its motion (Eq. 2.9)."""
+    if robot.obeys:
+        return Sides(wheels.left, wheels.right)
+    return wheel_rates(now.v, now.w, robot.vehicle.effective_half_track, robot.vehicle.wheel_radius)
+
+
+@jit
+def run_planar(
+    references: FloatArray,
+    disturbance: FloatArray,
+    dt: float,
+    stride: int,
+    robot: PlanarRobot,
+    start: PlanarMotion,
+    out: FloatArray,
+) -> tuple[int, PlanarMotion]:
     """Advance a planar model over all references, writing every `stride`-th state.
 
     Args:
-        model: which one, by its place in `MODELS`.
         references: (n, 2) wheel-rate references [rad/s].
         disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
         dt: step [s].
-        vehicle: `Vehicle.packed()` as a tuple.
-        parameters: the model's numbers as a tuple, padded to five.
-        side_limit: torque limit of a side [N m].
         stride: steps between samples.
-        row: (5,) start: x, y, yaw, v, omega; holds the end afterwards.
+        robot: numbers of the robot; the type of its parameters chooses the model.
+        start: where the robot starts.
         out: (1 + n // stride, 13) samples, see `_COLUMNS`; row 0 is the start.
 
     Returns:
-        The first step after which a number is not finite, or -1.
+        The first step after which a number is not finite, or -1; and where the robot is at the end.
     """
-    x, y, yaw, v, w = row[0], row[1], row[2], row[3], row[4]
-    r, c_eff = vehicle[2], vehicle[4]
-    x_icr = rotation_centre(model, vehicle, parameters)
-    n = len(references)
-    torque_left, torque_right, sample, due = 0.0, 0.0, 0, 0
+    now, n = start, len(references)
+    wheels = wheel_rates(now.v, now.w, robot.vehicle.effective_half_track, robot.vehicle.wheel_radius)
+    sample, due = 0, 0
     turn, least, most = 0.0, 0.0, 0.0  # yaw acceleration
     for k in range(n + 1):
         if k == due:
-            out[sample, 0], out[sample, 1], out[sample, 2] = x, y, yaw
-            out[sample, 3], out[sample, 4], out[sample, 5] = v, -x_icr * w, w
-            if model == KINEMATIC and k > 0:
-                out[sample, 6], out[sample, 7] = references[k - 1, 0], references[k - 1, 1]
-            else:
-                out[sample, 6], out[sample, 7] = (v - c_eff * w) / r, (v + c_eff * w) / r
-            out[sample, 8], out[sample, 9] = torque_left, torque_right
-            out[sample, 10], out[sample, 11], out[sample, 12] = turn, least, most
+            rates = turning_wheels(now, wheels, robot)
+            row = out[sample]
+            row[0], row[1], row[2] = now.x, now.y, now.yaw
+            row[3], row[4], row[5] = now.v, -robot.x_icr * now.w, now.w
+            row[6], row[7], row[8], row[9] = rates.left, rates.right, now.torque_left, now.torque_right
+            row[10], row[11], row[12] = turn, least, most
             sample += 1
             due += stride
             least, most = math.inf, -math.inf
         if k == n:
             break
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
-        w_before = w
-        x, y, yaw, v, w, torque_left, torque_right = move(
-            model, x, y, yaw, v, w, (references[k, 0], references[k, 1]), push, dt, vehicle, parameters, side_limit, x_icr
-        )
-        if not math.isfinite(v + w):
-            return k
-        turn = (w - w_before) / dt
-        if turn < least:
-            least = turn
-        if turn > most:
-            most = turn
-    row[0], row[1], row[2], row[3], row[4] = x, y, yaw, v, w
-    return -1
+        w_before, wheels = now.w, Sides(references[k, 0], references[k, 1])
+        now = move(now, wheels, push, dt, robot)
+        if not math.isfinite(now.v + now.w):
+            return k, now
+        turn = (now.w - w_before) / dt
+        least, most = min(least, turn), max(most, turn)
+    return -1, now
 
 
-@jit(parallel=True)
-def run_planar_population(
-    model, prescribed, values, limits, steps, before, dt, vehicles, parameters, side_limits, stride, starts, poses
-):
-    """The same inputs for many candidates at once, one a thread; writes (S, M, 3) poses and NaN where one diverges.
+class _Inputs(NamedTuple):
+    """What drives a whole population."""
 
-    `prescribed`: the values are the wheel rates themselves.
+    values: FloatArray
+    """(N, 2) commands."""
+    before: FloatArray
+    """(2,) twist commanded before the first command."""
+    prescribed: bool
+    """Whether the values are the wheel rates themselves."""
+    dt: float
+    """Physics step [s]."""
+    stride: int
+    """Steps between samples."""
+
+
+@jit_parallel
+def _run_population(
+    kind: Any, inputs: _Inputs, drives: FloatArray, robots: FloatArray, starts: FloatArray, poses: FloatArray
+) -> None:
+    """Drive S candidates at once, one a thread; write (S, M, 3) poses, NaN where a candidate diverges.
+
+    Args:
+        kind: template of the model's parameters.
+        inputs: what drives all of them.
+        drives: (S, 11) `DriveNumbers`.
+        robots: (S, k) rows of `_robot_row`.
+        starts: (S, 7) x, y, yaw, v, omega, left and right wheel rate.
+        poses: space for the result.
     """
-    for i in numba.prange(len(vehicles)):
-        period = steps[i, 3]
-        n = len(values) * period
-        references = np.empty((n, 2))
-        if prescribed:
-            for k in range(n):
-                references[k, 0], references[k, 1] = values[k // period, 0], values[k // period, 1]
+    for i in numba.prange(len(robots)):
+        drive, robot = named_like(DRIVE_TEMPLATE, drives[i]), robot_from_row(kind, robots[i])
+        x, y, yaw, v, w, left, right = starts[i]
+        references = np.empty((len(inputs.values) * drive.period, 2))
+        if inputs.prescribed:
+            for k in range(len(references)):
+                references[k] = inputs.values[k // drive.period]
         else:
-            u = limits[i]
-            limit = (u[0], u[1], u[2], u[3], u[4], u[5], u[6])
-            whole = (steps[i, 0], steps[i, 1], steps[i, 2], period)
-            fill_references(values, limit, whole, before, starts[i, 5], starts[i, 6], references)
-        u = vehicles[i]
-        vehicle = (u[0], u[1], u[2], u[3], u[4], u[5], u[6], u[7], u[8])
-        p = parameters[i]
-        row = starts[i, :5].copy()
-        out = np.empty((1 + n // stride, 13))
-        failed = run_planar(
-            model, references, np.zeros(1), dt, vehicle, (p[0], p[1], p[2], p[3], p[4]), side_limits[i], stride, row, out
-        )
+            fill_references(inputs.values, drive, (inputs.before[0], inputs.before[1]), Sides(left, right), references)
+        out = np.empty((1 + len(references) // inputs.stride, _COLUMNS))
+        start = PlanarMotion(x, y, yaw, v, w, 0.0, 0.0)
+        failed, _ = run_planar(references, np.zeros(1), inputs.dt, inputs.stride, robot, start, out)
         if failed >= 0:
             poses[i] = np.nan
         else:
             poses[i] = out[:, :3]
 
 
-def pack_parameters(parameters: Parameters) -> tuple[int, FloatArray]:
-    """The model's number and its parameters, padded to five."""
-    out = np.zeros(_WIDTH)
-    values = astuple(parameters)
-    out[: len(values)] = values
-    return list(MODELS.values()).index(type(parameters)), out
+def robot_row(robot: PlanarRobot) -> list[float]:
+    """Return a robot's numbers one after the other: a population passes one such row a robot into compiled functions."""
+    return [*robot.vehicle, *robot.parameters, robot.side_limit, robot.x_icr, float(robot.obeys)]
+
+
+@jit
+def robot_from_row(kind: Any, row: FloatArray) -> PlanarRobot:
+    """Return the robot of a row of `robot_row`; `kind` is a template of the model's parameters."""
+    vehicle, n = named_like(_VEHICLE, row), len(_VEHICLE)
+    parameters = named_like(kind, row[n:])
+    return PlanarRobot(vehicle, parameters, row[-3], row[-2], row[-1] != 0.0)
 
 
 @dataclass(frozen=True)
 class PlanarModel:
     """A planar model with all its numbers: everything that defines the plant, and no state."""
 
-    parameters: Parameters
-    """Which model, and its unknowns."""
+    parameters: Any
+    """Parameter set of one of `MODELS`, which says which model it is."""
     vehicle: Vehicle
     """Mass and geometry."""
     drive: Drive
@@ -193,20 +217,25 @@ class PlanarModel:
 
     @property
     def name(self) -> str:
-        """One of `PLANAR_MODELS`."""
-        return PLANAR_MODELS[pack_parameters(self.parameters)[0]]
+        """Name of the model in `MODELS`."""
+        return name_of(self.parameters)
+
+    def packed(self) -> PlanarRobot:
+        """Return the numbers for compiled functions."""
+        law = MODELS[self.name]
+        x_icr = float(law.rotation_centre(self.vehicle, self.parameters))
+        return PlanarRobot(packed(self.vehicle), packed(self.parameters), 2.0 * self.drive.torque_limit, x_icr, law.obeys)
 
     def prescribed(self) -> PlanarModel:
-        """What is left of the model where the wheel rates are given, whatever torque that takes.
+        """Return the model for given wheel rates, which the wheels keep whatever torque that takes.
 
-        No planar model knows longitudinal slip, so of each dynamic one its kinematics remain, Eq. 2.9 and 2.10.
+        No planar model knows longitudinal slip, so only the kinematics of a dynamic model remain, Eq. 2.9 and 2.10.
         """
-        if isinstance(self.parameters, kinematic.KinematicParameters):
+        law = MODELS[self.name]
+        if law.obeys:
             return self
-        c_eff = self.vehicle.effective_half_track
-        model, packed = pack_parameters(self.parameters)
-        x_icr = rotation_centre(model, tuple(self.vehicle.packed()), tuple(packed))
-        return replace(self, parameters=kinematic.KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
+        c_eff, x_icr = self.vehicle.effective_half_track, law.rotation_centre(self.vehicle, self.parameters)
+        return replace(self, parameters=KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
 
 
 class PlanarPlant:
@@ -223,16 +252,12 @@ class PlanarPlant:
             ValueError: the drive's hold is no whole number of steps.
         """
         whole_steps(model.drive.hold, dt, "the drive's hold")
-        self._model, self._dt = model, dt
-        self._kind, packed = pack_parameters(model.parameters)
-        self._parameters = tuple(packed)
-        self._vehicle = tuple(model.vehicle.packed())
-        self._side_limit = 2.0 * model.drive.torque_limit
+        self._model, self._dt, self._robot = model, dt, model.packed()
         self.reset(State())
 
     @property
     def name(self) -> str:
-        """One of `PLANAR_MODELS`."""
+        """Name of the model in `MODELS`."""
         return self._model.name
 
     @property
@@ -241,27 +266,21 @@ class PlanarPlant:
         return self._dt
 
     def _advance(
-        self, references: FloatArray, disturbance: FloatArray, stride: int, row: FloatArray, *, prescribed: bool = False
-    ) -> FloatArray:
-        """Run the fused loop; `prescribed`: the references are what the wheels do, see `PlanarModel.prescribed`."""
-        kind, parameters = self._kind, self._parameters
-        if prescribed:
-            kind, packed = pack_parameters(self._model.prescribed().parameters)
-            parameters = tuple(packed)
+        self, references: FloatArray, disturbance: FloatArray, stride: int, start: PlanarMotion, robot: PlanarRobot
+    ) -> tuple[FloatArray, PlanarMotion]:
+        """Run the fused loop; return its samples and the end."""
         out = np.empty((1 + len(references) // stride, _COLUMNS))
-        failed = run_planar(
-            kind, references, disturbance, self._dt, self._vehicle, parameters, self._side_limit, stride, row, out
-        )
+        failed, end = run_planar(references, disturbance, self._dt, stride, robot, start, out)
         if failed >= 0:
             t = failed * self._dt
             raise DivergedError(f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)", step=failed, t=t)
-        return out
+        return out, PlanarMotion(*end)
 
     def reset(self, state: State) -> State:
         """Start from `state` with empty delay lines; v_y and wheel rates follow from v_x and yaw rate."""
-        self._row = np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate])
-        out = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._row)[0]
-        began = State(*map(float, out[:8]))
+        self._now = _motion(state)
+        out, _ = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._now, self._robot)
+        began = State(*map(float, out[0, :8]))
         self._driver = Driver(self._model.drive, self._dt, state)
         return began
 
@@ -269,7 +288,8 @@ class PlanarPlant:
         """Hold a twist command for `dt` [s]."""
         n = whole_steps(dt, self._dt, "the step")
         references = self._driver.references(command, n)
-        return State(*map(float, self._advance(references, np.array([yaw_acceleration]), n, self._row)[-1, :8]))
+        out, self._now = self._advance(references, np.array([float(yaw_acceleration)]), n, self._now, self._robot)
+        return State(*map(float, out[-1, :8]))
 
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
         """Drive `commands` at once; channels are the sides' torques, the yaw acceleration and its range between samples."""
@@ -278,14 +298,18 @@ class PlanarPlant:
         push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
         if disturbance is not None and len(push) != len(references):
             raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
-        row = np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate])
-        out = self._advance(references, push, stride, row, prescribed=commands.kind == "wheels")
+        robot = self._model.prescribed().packed() if commands.kind == "wheels" else self._robot
+        out, _ = self._advance(references, push, stride, _motion(state), robot)
         channels = {
             "torque_N_m": out[:, 8:10],
             "yaw_acceleration_rad_s2": out[:, 10],
             "yaw_acceleration_range_rad_s2": out[:, 11:13],
         }
         return Trajectory(sample_dt * np.arange(len(out), dtype=np.float64), out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+
+
+def _motion(state: State) -> PlanarMotion:
+    return PlanarMotion(*map(float, (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)))
 
 
 def simulate(
@@ -342,22 +366,15 @@ def run_population(
         raise ValueError("a population is one kind of model")
     prescribed = commands.kind == "wheels"
     stride = whole_steps(sample_dt, dt, "the sample period")
-    packed = [pack_parameters((m.prescribed() if prescribed else m).parameters) for m in models]
-    drives = [packed_drive(m.drive, commands.dt, dt) for m in models]
-    poses = np.empty((len(models), 1 + commands.n * drives[0][1][3] // stride, 3))
-    run_planar_population(
-        packed[0][0],
-        prescribed,
-        commands.values,
-        np.array([d[0] for d in drives]),
-        np.array([d[1] for d in drives]),
-        commands.before,
-        dt,
-        np.array([m.vehicle.packed() for m in models]),
-        np.array([p for _, p in packed]),
-        np.array([2.0 * m.drive.torque_limit for m in models]),
-        stride,
-        np.array([(s.x, s.y, s.yaw, s.v_x, s.yaw_rate, s.wheel_left, s.wheel_right) for s in starts]),
+    robots = [(m.prescribed() if prescribed else m).packed() for m in models]
+    drives = np.array([drive_numbers(m.drive, commands.dt, dt) for m in models], dtype=np.float64)
+    poses = np.empty((len(models), 1 + commands.n * whole_steps(commands.dt, dt, "the command period") // stride, 3))
+    _run_population(
+        robots[0].parameters,
+        _Inputs(commands.values, np.array(commands.before, dtype=np.float64), prescribed, dt, stride),
+        drives,
+        np.array([robot_row(r) for r in robots]),
+        np.array([(s.x, s.y, s.yaw, s.v_x, s.yaw_rate, s.wheel_left, s.wheel_right) for s in starts], dtype=np.float64),
         poses,
     )
     return poses

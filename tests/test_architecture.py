@@ -10,8 +10,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 ROOMS = (
-    {"ssmr.errors", "ssmr._jit", "ssmr.types", "ssmr.parameters"},
-    {"ssmr.geometry", "ssmr.scenarios"},
+    {"ssmr.errors", "ssmr.types", "ssmr.parameters"},
+    {"ssmr._jit", "ssmr.geometry", "ssmr.scenarios"},
     {"ssmr.robot", "ssmr.search", "ssmr.metrics"},
     {"ssmr.models", "ssmr.estimation"},
     {"ssmr.simulate"},

@@ -40,10 +40,11 @@ from ssmr.geometry import wrap_angle
 from ssmr.metrics.paths import compare_paths
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters, matrices
+from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulate import PLANAR_DT, PLANAR_MODELS, PlanarModel, PlanarPlant
+from ssmr.simulate import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.plants.profile import Profile, load, make_plant

@@ -18,10 +18,10 @@ import pytest
 
 from ssmr.control.laws import GAINS
 from ssmr.estimation.ekf import BiasSettings, EkfSettings, SensorModel
+from ssmr.models.table import MODELS
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
-from ssmr.simulate import MODELS
 from validation.recordings.simulated_log import LogSettings
 from validation.robots.husky import WHEELS, HuskyCalibration, xml_path
 
@@ -31,7 +31,7 @@ PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md"] if p.is_f
 DOCUMENTED = (
     Vehicle,
     Drive,
-    *MODELS.values(),
+    *(law.parameters for law in MODELS.values()),
     HuskyCalibration,
     SineScenario,
     SensorNoise,

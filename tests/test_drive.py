@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.drive import Driver, body_rates, wheel_rates, wheel_references, wheel_torques, whole_steps
+from ssmr.robot.drive import Driver, Sides, body_rates, wheel_rates, wheel_references, wheel_torques, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
 from tests.conftest import EXACT
@@ -87,9 +87,10 @@ def test_measured_wheel_rates_pass_as_they_are() -> None:
 
 
 def test_torque_is_proportional_and_limited() -> None:
-    assert wheel_torques(3.0, -3.0, 2.9, -2.9, 100.0, 14.0) == pytest.approx((10.0, -10.0))
-    assert wheel_torques(3.0, -3.0, 0.0, 0.0, 100.0, 14.0) == (14.0, -14.0)
-    assert wheel_torques(3.0, 0.0, 0.0, 0.0, 100.0, math.inf)[0] == pytest.approx(300.0)
+    still = Sides(0.0, 0.0)
+    assert wheel_torques(Sides(3.0, -3.0), Sides(2.9, -2.9), 100.0, 14.0) == pytest.approx((10.0, -10.0))
+    assert wheel_torques(Sides(3.0, -3.0), still, 100.0, 14.0) == (14.0, -14.0)
+    assert wheel_torques(Sides(3.0, 0.0), still, 100.0, math.inf).left == pytest.approx(300.0)
 
 
 @pytest.mark.parametrize("chunk", [0.001, 0.01, 0.05, 0.2])

@@ -20,7 +20,7 @@ from ssmr.models.linear import LOAD_SUM, LinearParameters
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT, Parameters, PlanarModel, PlanarPlant
+from ssmr.simulate import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from validation.thesis.published import table, value
 
@@ -28,16 +28,14 @@ AGREEMENT = 0.03
 """The published models lie within 0.0145 to 0.0150 m (d_rms, trajectory 4) of the same robot, so within twice that of
 each other [m]."""
 
-PUBLISHED: dict[str, Parameters] = {
+PUBLISHED: dict[str, object] = {
     "coulomb": CoulombParameters(),
     "improved": ImprovedParameters(),
     "linear": LinearParameters(),
 }
 
 
-def lab_run(
-    parameters: Parameters, scenario: str = "traj4", drive: Drive | None = None, duration: float = 20.0
-) -> Trajectory:
+def lab_run(parameters: object, scenario: str = "traj4", drive: Drive | None = None, duration: float = 20.0) -> Trajectory:
     commands = replace(TRAJECTORIES[scenario], duration=duration).commands()
     return PlanarPlant(PlanarModel(parameters, Vehicle(), drive or Drive())).run(commands, State(), SAMPLE_DT)
 

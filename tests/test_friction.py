@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.models.friction import (
-    coulomb,
-    hyperviscous,
-    hyperviscous_coefficient,
-    improved,
-    sign,
-    smoothed_sign,
-    stop_at_zero_crossing,
-)
-from tests.conftest import DERIVATIVE
+from ssmr.models.friction import coulomb_friction, improved_friction, sign, stop_at_zero_crossing
 
 loads = st.floats(0.0, 1e3)
 coefficients = st.floats(0.0, 2.0)
@@ -27,8 +16,8 @@ speeds = st.floats(-5.0, 5.0)
 
 @given(mu=coefficients, load=loads, v=speeds)
 def test_coulomb_is_odd_bounded_and_dissipates(mu: float, load: float, v: float) -> None:
-    force = coulomb(mu, load, v)
-    assert force == -coulomb(mu, load, -v)
+    force = coulomb_friction(mu, load, v)
+    assert force == -coulomb_friction(mu, load, -v)
     assert abs(force) <= mu * load
     assert force * v >= 0.0  # it is subtracted
 
@@ -36,15 +25,15 @@ def test_coulomb_is_odd_bounded_and_dissipates(mu: float, load: float, v: float)
 @given(active=st.floats(-500, 500), static=st.floats(0.0, 200), share=st.floats(0.0, 1.0), v=speeds)
 def test_improved_is_odd_bounded_and_dissipates(active: float, static: float, share: float, v: float) -> None:
     dynamic = share * static
-    force = improved(active, static, dynamic, v)
-    assert force == -improved(-active, static, dynamic, -v)
+    force = improved_friction(active, static, dynamic, v)
+    assert force == -improved_friction(-active, static, dynamic, -v)
     assert abs(force) <= static
     assert force * v <= 0.0  # it is added
 
 
 @given(active=st.floats(-500, 500), static=st.floats(0.0, 200))
 def test_at_rest_it_holds_up_to_stiction_and_resists_with_it_beyond(active: float, static: float) -> None:
-    net = active + improved(active, static, 0.5 * static, 0.0)
+    net = active + improved_friction(active, static, 0.5 * static, 0.0)
     if abs(active) <= static:
         assert net == 0.0
     else:
@@ -60,18 +49,3 @@ def test_a_velocity_stops_where_its_sign_changes_and_nowhere_else(before: float,
 
 def test_sign_at_zero_is_zero() -> None:
     assert (sign(-2.0), sign(0.0), sign(3.0)) == (-1.0, 0.0, 1.0)
-
-
-@given(k=st.floats(0.1, 50.0), mu=coefficients, load=loads)
-def test_hyperviscous_is_the_slope_at_rest_of_the_smoothed_law(k: float, mu: float, load: float) -> None:
-    """Eq. 2.36-2.40, by a central difference."""
-    h = 1e-5 / k
-    slope = mu * load * (smoothed_sign(h, k) - smoothed_sign(-h, k)) / (2.0 * h)
-    assert hyperviscous(hyperviscous_coefficient(k, mu), load, 1.0) == pytest.approx(slope, rel=DERIVATIVE, abs=1e-9)
-
-
-def test_the_smoothed_sign_becomes_the_sign() -> None:
-    """Eq. 2.34."""
-    errors = [abs(smoothed_sign(0.1, k) - 1.0) for k in (1e2, 1e3, 1e4)]
-    assert errors[0] > errors[1] > errors[2]
-    assert errors[2] < 2.0 / math.pi / (0.1 * 1e4) * 1.01

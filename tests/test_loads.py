@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.loads import LoadModel, slope, static_loads, turning_drift
+from ssmr.robot.loads import LoadModel, slope, static_loads
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
@@ -121,6 +121,22 @@ def test_a_shifted_tracked_point_changes_nothing() -> None:
         motion.channels,
     )
     np.testing.assert_allclose(with_quasi_static(seen, plant, point).channels[QUASI_STATIC], here, rtol=1e-9)
+
+
+def turning_drift(slope_angle: float, yaw_rate: float, friction: float, wheelbase: float, track: float) -> float:
+    """Mean speed [m/s] at which a robot that turns on the spot on a slope slides down it.
+
+    A turning skid-steering robot skids on all four wheels with slip S = |omega| L D / (2 B), D^2 = L^2 + B^2, along and
+    across its wheels as L : B (docs/physics.md). A further small slip d changes the four Coulomb forces together by
+    -(mu m g / S) (I - s s') d, averaged over the unit vectors s along the slip: by -(mu m g / S) (B^2, L^2) / D^2 along and
+    across the body. Friction, which holds a resting robot on any slope under mu, gives way to the least push like a fluid.
+    Balance with m g sin(slope) gives v = sin(slope) S D^2 / (mu B^2) where downhill is ahead and sin(slope) S D^2 / (mu L^2)
+    where it is aside; turning goes through both, and their mean is
+
+        v = sin(slope) |omega| D^5 / (4 mu L B^3)
+    """
+    diagonal = math.hypot(wheelbase, track)
+    return math.sin(slope_angle) * abs(yaw_rate) * diagonal**5 / (4.0 * friction * wheelbase * track**3)
 
 
 @pytest.mark.parametrize(("friction", "degrees", "rate"), [(0.3, 1.0, 0.4), (0.6, 2.0, 0.4), (0.6, 2.0, 0.8)])

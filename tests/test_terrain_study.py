@@ -41,7 +41,7 @@ def test_every_axis_begins_where_the_thesis_is(small: TerrainStudy) -> None:
 
 
 def test_errors_grow_with_the_slope_as_the_drift_does(small: TerrainStudy) -> None:
-    """A robot that turns on a slope slides in proportion to the slope (ssmr.loads.turning_drift); roughness only adds."""
+    """A robot that turns on a slope slides in proportion to the slope; roughness only adds."""
     level, low, high = (p.position_m for p in small.line("slope", "improved"))
     assert level is not None
     assert low is not None

@@ -16,15 +16,15 @@ from typing import Literal
 import numba
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_parallel, named_like
 from ssmr.control.laws import MEMORY, Controller, position_step, velocity_step
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints, position_errors, target
 from ssmr.errors import SsmrError
 from ssmr.estimation import ekf
 from ssmr.parameters import require_in_range
-from ssmr.robot.drive import body_rates, follow, packed, whole_steps
+from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, Sides, drive_numbers, follow, rolling, whole_steps
 from ssmr.robot.sensors import SensorNoise, yaw_disturbance
-from ssmr.simulate import KINEMATIC, PLANAR_DT, PlanarModel, move, pack_parameters, rotation_centre
+from ssmr.simulate import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_from_row, robot_row, turning_wheels
 from ssmr.types import FloatArray, Plant, State, Trajectory
 
 Feedback = Literal["truth", "noisy", "ekf"]
@@ -154,13 +154,12 @@ def is_lost(x, y, yaw_rate, aim):
 
 @jit
 def run_closed_planar(
-    model, law, gains, table, rates, lookahead, by_filter, belief, numbers, deviations, draws, disturbance, dt,
-    limits, steps, vehicle, parameters, side_limit, start, commands, out,
+    law, gains, table, rates, lookahead, by_filter, belief, numbers, deviations, draws, disturbance, dt,
+    drive, robot, start, commands, out,
 ):  # fmt: skip
     """A planar model in closed loop; writes (1 + n // rates[0], 25) `out`.
 
     Args:
-        model: which model, as in `ssmr.simulate`.
         law: which law, and `gains`, `table`, `lookahead` as in `position_tick`.
         gains: of the law.
         table: of the reference.
@@ -173,11 +172,8 @@ def run_closed_planar(
         draws: (at least as many as `out`, 8) standard normal numbers.
         disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
         dt: physics step [s].
-        limits: of the drive, and `steps`, as in `ssmr.drive.follow`; the command period is the velocity loop's.
-        steps: of the drive.
-        vehicle: packed.
-        parameters: of the model, packed.
-        side_limit: [N m].
+        drive: `DriveNumbers`; the command period is the velocity loop's.
+        robot: `PlanarRobot`; the type of its parameters chooses the model.
         start: (7,) x, y, yaw, v, omega, left and right wheel rate.
         commands: (1 + n // rates[1], 2) space for what is commanded.
         out: space for what is recorded.
@@ -185,25 +181,19 @@ def run_closed_planar(
     Returns:
         How many ticks were recorded: fewer than `out` has where the robot was lost after the last of them.
     """
-    x, y, yaw, v, w = start[0], start[1], start[2], start[3], start[4]
-    r, c_eff = vehicle[2], vehicle[4]
-    x_icr = rotation_centre(model, vehicle, parameters)
-    v_asked, w_asked = body_rates(start[5], start[6], limits[2], limits[3])
-    asked = (v_asked, w_asked, start[5], start[6])
+    now = PlanarMotion(start[0], start[1], start[2], start[3], start[4], 0.0, 0.0)
+    asked = rolling(Sides(start[5], start[6]), drive)
     memory = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    seen = (x, y, yaw, v, w)
-    torque_left, torque_right, index, tick = 0.0, 0.0, 0, 0
+    seen = (now.x, now.y, now.yaw, now.v, now.w)
+    index, tick = 0, 0
     command = (0.0, 0.0)
     for k in range(rates[2] + 1):
-        if model == KINEMATIC:
-            left, right = asked[2], asked[3]
-        else:
-            left, right = (v - c_eff * w) / r, (v + c_eff * w) / r
+        left, right = turning_wheels(now, Sides(asked.left, asked.right), robot)
         due = k % rates[0] == 0
         if due:
             seen = observe(
-                by_filter, belief, numbers, deviations, draws[tick], x, y, yaw, v, w, left, right,
-                rates[0] * dt if k else 0.0,
+                by_filter, belief, numbers, deviations, draws[tick], now.x, now.y, now.yaw, now.v, now.w,
+                left, right, rates[0] * dt if k else 0.0,
             )  # fmt: skip
             memory, index, aim = position_tick(law, gains, memory, table, index, k * dt, seen, lookahead, rates[0] * dt)
         if k % rates[1] == 0:
@@ -212,45 +202,42 @@ def run_closed_planar(
             commands[k // rates[1], 0], commands[k // rates[1], 1] = v_cmd, w_cmd
         if due:
             write_row(
-                out[tick], x, y, yaw, v, -x_icr * w, w, left, right, torque_left, torque_right, aim, memory, command, seen
-            )
+                out[tick], now.x, now.y, now.yaw, now.v, -robot.x_icr * now.w, now.w, left, right, now.torque_left,
+                now.torque_right, aim, memory, command, seen,
+            )  # fmt: skip
             tick += 1
-            if is_lost(x, y, w, aim):
+            if is_lost(now.x, now.y, now.w, aim):
                 return tick
         if k == rates[2]:
             break
-        asked = follow(commands, k, limits, steps, (0.0, 0.0), asked)
+        asked = follow(commands, k, drive, (0.0, 0.0), asked)
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
-        x, y, yaw, v, w, torque_left, torque_right = move(
-            model, x, y, yaw, v, w, (asked[2], asked[3]), push, dt, vehicle, parameters, side_limit, x_icr
-        )
+        now = move(now, Sides(asked.left, asked.right), push, dt, robot)
     return tick
 
 
-@jit(parallel=True)
+@jit_parallel
 def run_closed_planar_population(
-    model, laws, gains, table, rates, lookaheads, by_filter, beliefs, numbers, deviations, draws, disturbances, dt,
-    limits, steps, vehicles, parameters, side_limits, start, ticks, outs,
+    kind, laws, gains, table, rates, lookaheads, by_filter, beliefs, numbers, deviations, draws, disturbances, dt,
+    drives, robots, start, ticks, outs,
 ):  # fmt: skip
-    """Many closed loops at once, one a thread; `draws` and `disturbances` are taken in turn."""
+    """Many closed loops at once, one a thread; `draws` and `disturbances` are taken in turn.
+
+    `kind`, `drives` and `robots` as in `ssmr.simulate`.
+    """
     for i in numba.prange(len(gains)):
-        u = limits[i]
-        limit = (u[0], u[1], u[2], u[3], u[4], u[5], u[6])
-        whole = (steps[i, 0], steps[i, 1], steps[i, 2], steps[i, 3])
-        u = vehicles[i]
-        vehicle = (u[0], u[1], u[2], u[3], u[4], u[5], u[6], u[7], u[8])
-        p = parameters[i]
+        drive, robot = named_like(DRIVE_TEMPLATE, drives[i]), robot_from_row(kind, robots[i])
         commands = np.empty((1 + rates[2] // rates[1], 2))
         ticks[i] = run_closed_planar(
-            model, laws[i], gains[i], table, rates, lookaheads[i], by_filter, beliefs[i], numbers[i], deviations[i],
-            draws[i % len(draws)], disturbances[i % len(disturbances)], dt, limit, whole, vehicle,
-            (p[0], p[1], p[2], p[3], p[4]), side_limits[i], start, commands, outs[i],
+            laws[i], gains[i], table, rates, lookaheads[i], by_filter, beliefs[i], numbers[i], deviations[i],
+            draws[i % len(draws)], disturbances[i % len(disturbances)], dt, drive, robot, start,
+            commands, outs[i],
         )  # fmt: skip
 
 
 @jit
 def plan_chunks(
-    tick, n, laws, gains, table, rates, lookaheads, by_filter, beliefs, numbers, deviations, draws, dt, limits, steps,
+    tick, n, laws, gains, table, rates, lookaheads, by_filter, beliefs, numbers, deviations, draws, dt, drives,
     states, torques, memories, indices, asked, commands, alive, outs, references,
 ):  # fmt: skip
     """The robots' side of one period of the position loop, for robots that something else moves.
@@ -272,8 +259,7 @@ def plan_chunks(
         deviations: (S, 9).
         draws: (D, ticks, 8), taken in turn.
         dt: physics step [s].
-        limits: (S, 7).
-        steps: (S, 4).
+        drives: (S, 11) `DriveNumbers`.
         states: (S, 8) x, y, yaw, v_x, v_y, yaw rate, left and right wheel rate.
         torques: (S, 2) of the sides [N m].
         memories: (S, 8) of the laws, in place.
@@ -300,10 +286,8 @@ def plan_chunks(
             lookaheads[i], period,
         )  # fmt: skip
         indices[i] = index
-        u, a = limits[i], asked[i]
-        limit = (u[0], u[1], u[2], u[3], u[4], u[5], u[6])
-        whole = (steps[i, 0], steps[i, 1], steps[i, 2], steps[i, 3])
-        now = (a[0], a[1], a[2], a[3])
+        drive, a = named_like(DRIVE_TEMPLATE, drives[i]), asked[i]
+        now = Driven(a[0], a[1], a[2], a[3])
         for j in range(max(n, 1)):
             if (k + j) % rates[1] == 0:
                 memory, v_cmd, w_cmd = velocity_step(laws[i], gains[i], memory, seen[3], seen[4], rates[1] * dt)
@@ -317,11 +301,11 @@ def plan_chunks(
                 )  # fmt: skip
                 alive[i] = not is_lost(s[0], s[1], s[5], aim)
             if j < n:
-                now = follow(commands[i], k + j, limit, whole, (0.0, 0.0), now)
-                references[i, j, 0], references[i, j, 1] = now[2], now[3]
+                now = follow(commands[i], k + j, drive, (0.0, 0.0), now)
+                references[i, j, 0], references[i, j, 1] = now.left, now.right
         for j in range(8):
             m[j] = memory[j]
-        a[0], a[1], a[2], a[3] = now
+        a[0], a[1], a[2], a[3] = now.v, now.w, now.left, now.right
 
 
 @dataclass(frozen=True)
@@ -484,21 +468,17 @@ def run_loops(
     clock = make_clock(waypoints, settings, dt)
     drawn = [draw(clock, settings, seed) for seed in seeds]
     state = start or waypoints.start
-    drives = [packed(p.model.drive, settings.velocity_period, dt) for p in loops]
-    parameters = [pack_parameters(p.model.parameters) for p in loops]
+    robots = [p.model.packed() for p in loops]
     ticks = np.zeros(len(loops), dtype=np.int64)
     outs = np.empty((len(loops), clock.ticks, len(COLUMNS)))
-    run_closed_planar_population(
-        parameters[0][0],
+    run_closed_planar_population(  # type: ignore[call-arg]
+        robots[0].parameters,
         *packed_laws([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
         np.array([d for d, _ in drawn]),
         np.array([d for _, d in drawn]),
         dt,
-        np.array([d[0] for d in drives]),
-        np.array([d[1] for d in drives]),
-        np.array([p.model.vehicle.packed() for p in loops]),
-        np.array([p for _, p in parameters]),
-        np.array([2.0 * p.model.drive.torque_limit for p in loops]),
+        np.array([drive_numbers(p.model.drive, settings.velocity_period, dt) for p in loops], dtype=np.float64),
+        np.array([robot_row(r) for r in robots]),
         np.array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate, state.wheel_left, state.wheel_right]),
         ticks,
         outs,

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr._jit import jit
+from ssmr._jit import jit, source
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import body_rates
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
@@ -436,4 +436,4 @@ def simulate_sensors(
     first = np.unique(tick, return_index=True)[1]
     (left, right), yaw_rate = trajectory.wheels[first].T, trajectory.twist[first, 2]
     draws = rng.standard_normal((len(first), 3)).T
-    return SensorLog(trajectory.t[first], *sense.py_func(left, right, yaw_rate, draws, (model or SensorModel()).packed()))
+    return SensorLog(trajectory.t[first], *source(sense)(left, right, yaw_rate, draws, (model or SensorModel()).packed()))

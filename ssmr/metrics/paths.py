@@ -474,8 +474,8 @@ def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajec
     return PathMetrics(
         d_rms_m=pooled("d_rms_m"),
         d_haus_m=max(part.d_haus_m for part in parts),
-        d_ratio=_ratio(*lengths, LENGTH_FLOOR),
-        e_bend_ratio=_ratio(*energies, BENDING_FLOOR),
+        d_ratio=_ratio(lengths[0], lengths[1], LENGTH_FLOOR),
+        e_bend_ratio=_ratio(energies[0], energies[1], BENDING_FLOOR),
         d_rms_symmetric_m=pooled("d_rms_symmetric_m"),
         d_haus_symmetric_m=max(part.d_haus_symmetric_m for part in parts),
         sync_rms_m=pooled("sync_rms_m"),

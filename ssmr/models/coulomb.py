@@ -1,22 +1,24 @@
 """Nonlinear model with Coulomb friction (Eq. 2.14-2.28).
 
-x_ICR and a, b are kept; the simplified model of Sec. 2.2.3 is the case x_ICR = 0, a = b.
-
+It keeps x_ICR, a and b; the simplified model of Sec. 2.2.3 is the case x_ICR = 0, a = b.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ssmr._jit import jit
-from ssmr.models.friction import coulomb
+from ssmr.models.friction import coulomb_friction
+from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import wheel_torques
+from ssmr.robot.drive import Sides, wheel_rates, wheel_torques
+from ssmr.robot.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
 class CoulombParameters:
-    """What is unknown in the model, with the published fit as default (Tab. 3.8)."""
+    """Unknowns of the model; the defaults are the published fit (Tab. 3.8)."""
 
     u_x: float = parameter(0.0727, unit="1", low=0.0, high=5.0, search=(0.0, 0.2))
     """Rolling resistance coefficient [1] (printed in m)."""
@@ -31,47 +33,55 @@ class CoulombParameters:
 
 
 @jit
-def resistance(v, w, vehicle, u_x, mu_c):
-    """Resistive force and moment in velocity space, S^T R = (R_x, M_r - x_ICR F_y) (Eq. 2.18-2.20, 2.28) [N, N m]."""
-    mass, _, _, c, _, a, b, x_icr, g = vehicle
-    front = mass * g * a / (2.0 * (a + b))  # N_1 = N_2, Eq. 2.17
-    rear = mass * g * b / (2.0 * (a + b))  # N_3 = N_4
+def resistance(v: float, w: float, vehicle: Any, parameters: Any) -> tuple[float, float]:
+    """Return resisting force [N] and moment [N m] in velocity space: S^T R = (R_x, M_r - x_ICR F_y) (Eq. 2.18-2.28)."""
+    a, b, c, weight = vehicle.a, vehicle.b, vehicle.half_track, vehicle.mass * vehicle.gravity
+    front = weight * a / (2.0 * (a + b))  # N_1 = N_2, Eq. 2.17
+    rear = weight * b / (2.0 * (a + b))  # N_3 = N_4
     v_left, v_right = v - c * w, v + c * w  # Eq. 2.7
-    v_front, v_rear = (b - x_icr) * w, (-a - x_icr) * w
-    left = coulomb(u_x, front, v_left) + coulomb(u_x, rear, v_left)  # wheels 1, 4
-    right = coulomb(u_x, front, v_right) + coulomb(u_x, rear, v_right)  # wheels 2, 3
-    lateral_front = 2.0 * coulomb(mu_c, front, v_front)
-    lateral_rear = 2.0 * coulomb(mu_c, rear, v_rear)
+    v_front, v_rear = (b - vehicle.x_icr) * w, (-a - vehicle.x_icr) * w
+    u_x, mu_c = parameters.u_x, parameters.mu_c
+    left = coulomb_friction(u_x, front, v_left) + coulomb_friction(u_x, rear, v_left)  # wheels 1, 4
+    right = coulomb_friction(u_x, front, v_right) + coulomb_friction(u_x, rear, v_right)  # wheels 2, 3
+    lateral_front = 2.0 * coulomb_friction(mu_c, front, v_front)
+    lateral_rear = 2.0 * coulomb_friction(mu_c, rear, v_rear)
     moment = b * lateral_front - a * lateral_rear + c * (right - left)  # Eq. 2.19
-    return left + right, moment - x_icr * (lateral_front + lateral_rear)
+    return left + right, moment - vehicle.x_icr * (lateral_front + lateral_rear)
 
 
 @jit
-def accelerations(v, w, reference, resist, vehicle, parameters, side_limit):
-    """dv/dt [m/s2], d(omega)/dt [rad/s2] and the torques of both sides [N m] (Eq. 2.27).
+def accelerations(
+    v: float, w: float, wheels: Sides, resist: tuple[float, float], robot: PlanarRobot
+) -> tuple[float, float, Sides]:
+    """Return dv/dt [m/s2], d(omega)/dt [rad/s2] and the torques of both sides [N m] (Eq. 2.27).
 
     M = diag(m, I + m x_ICR^2), C eta = m x_ICR omega (omega, -v), E tau = (tau_L + tau_R, c (tau_R - tau_L)) / r.
     """
-    mass, inertia, r, c, c_eff, _, _, x_icr, _ = vehicle
-    torque_left, torque_right = wheel_torques(
-        reference[0], reference[1], (v - c_eff * w) / r, (v + c_eff * w) / r, parameters[2], side_limit
-    )
-    force = (torque_left + torque_right) / r - resist[0] - mass * x_icr * w * w
-    moment = c * (torque_right - torque_left) / r - resist[1] + mass * x_icr * w * v
-    return force / mass, moment / (inertia + mass * x_icr * x_icr), torque_left, torque_right
+    vehicle = robot.vehicle
+    mass, r, x_icr = vehicle.mass, vehicle.wheel_radius, vehicle.x_icr
+    rates = wheel_rates(v, w, vehicle.effective_half_track, r)
+    torque = wheel_torques(wheels, rates, robot.parameters.gain, robot.side_limit)
+    resisting_force, resisting_moment = resist
+    force = (torque.left + torque.right) / r - resisting_force - mass * x_icr * w * w
+    moment = vehicle.half_track * (torque.right - torque.left) / r - resisting_moment + mass * x_icr * w * v
+    return force / mass, moment / (vehicle.yaw_inertia + mass * x_icr * x_icr), torque
 
 
 @jit
-def advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit):
-    """One step of the velocities: Heun's method, the friction's signs frozen at the start of the step.
+def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+    """Advance the velocities by one step of Heun's method, with the signs of friction as they are at the start of the step.
 
     Nothing stops the sign from flipping at every step near rest: the numerical artefact of Fig. 3.33 belongs to the model.
-
-    Returns:
-        v [m/s], omega [rad/s] after the step, torques of both sides at its start [N m].
     """
-    resist = resistance(v, w, vehicle, parameters[0], parameters[1])
-    dv, dw, left, right = accelerations(v, w, reference, resist, vehicle, parameters, side_limit)
+    resist = resistance(v, w, robot.vehicle, robot.parameters)
+    dv, dw, torque = accelerations(v, w, wheels, resist, robot)
     dw += disturbance
-    dv2, dw2, _, _ = accelerations(v + dt * dv, w + dt * dw, reference, resist, vehicle, parameters, side_limit)
-    return v + 0.5 * dt * (dv + dv2), w + 0.5 * dt * (dw + dw2 + disturbance), left, right
+    dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, resist, robot)
+    return Advanced(v + 0.5 * dt * (dv + dv2), w + 0.5 * dt * (dw + dw2 + disturbance), torque.left, torque.right)
+
+
+def _rotation_centre(vehicle: Vehicle, parameters: CoulombParameters) -> float:
+    return vehicle.x_icr
+
+
+LAW = PlanarLaw(CoulombParameters, advance, _rotation_centre)

@@ -1,8 +1,8 @@
 """Nonlinear model with the improved dry friction (Sec. 2.2.4, Fig. 3.13).
 
-Two decoupled motions, each with stiction,
-breakaway, standstill kept and zero-crossing detection. Simplifications of Sec. 2.2.3: v_y = 0, equal loads if a = b.
-End stops, which the law also knows, do not occur in a robot on a floor and are left out.
+Driving and turning are two decoupled motions. Each sticks at standstill, breaks away above stiction, and stops where its
+velocity changes sign (zero-crossing detection). Simplifications of Sec. 2.2.3: v_y = 0, equal loads if a = b. The end stops
+of the published law are left out: a robot on a floor meets none.
 """
 
 from __future__ import annotations
@@ -10,14 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssmr._jit import jit
-from ssmr.models.friction import improved, stop_at_zero_crossing
+from ssmr.models.friction import improved_friction, stop_at_zero_crossing
+from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import wheel_torques
+from ssmr.robot.drive import Sides, wheel_rates, wheel_torques
 
 
 @dataclass(frozen=True)
 class ImprovedParameters:
-    """What is unknown in the model, with the published fit as default (Tab. 3.11)."""
+    """Unknowns of the model; the defaults are the published fit (Tab. 3.11)."""
 
     u_x: float = parameter(0.1282, unit="1", low=0.0, high=5.0, search=(0.0, 0.2))
     """Rolling resistance coefficient, at rest and in motion [1] (printed in m)."""
@@ -40,39 +41,39 @@ class ImprovedParameters:
 
 
 @jit
-def active(v, w, reference, vehicle, gain, side_limit):
-    """Active force [N] and moment [N m] (Eq. 2.21), torques of both sides [N m] (Eq. 2.32)."""
-    _, _, r, c, c_eff, _, _, _, _ = vehicle
-    left, right = wheel_torques(reference[0], reference[1], (v - c_eff * w) / r, (v + c_eff * w) / r, gain, side_limit)
-    return (left + right) / r, c * (right - left) / r, left, right
+def active(v: float, w: float, wheels: Sides, robot: PlanarRobot) -> tuple[float, float, Sides]:
+    """Return the active force [N] and moment [N m] (Eq. 2.21), and the torques of both sides [N m] (Eq. 2.32)."""
+    vehicle = robot.vehicle
+    rates = wheel_rates(v, w, vehicle.effective_half_track, vehicle.wheel_radius)
+    torque = wheel_torques(wheels, rates, robot.parameters.gain, robot.side_limit)
+    force = (torque.left + torque.right) / vehicle.wheel_radius
+    return force, vehicle.half_track * (torque.right - torque.left) / vehicle.wheel_radius, torque
 
 
 @jit
-def advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit):
-    """One step of the velocities by Heun's method on the active forces.
+def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+    """Advance the velocities by one step of Heun's method on the active forces.
 
-    Friction (Eq. 2.29) sticks, breaks away or slides
-    as it did at the start of the step, and a velocity that changes sign stops at zero (Eq. 2.31).
-
-    A disturbing yaw acceleration is an active moment, so stiction resists it too.
-
-    Returns:
-        v [m/s], omega [rad/s] after the step, torques of both sides at its start [N m].
+    Friction (Eq. 2.29) sticks, breaks away or slides as it did at the start of the step, and a velocity that changes sign
+    stops at zero (Eq. 2.31). A disturbing yaw acceleration is an active moment, so stiction resists it too.
     """
-    mass, inertia, _, _, _, a, b, _, g = vehicle
-    u_x, mu_s, mu_d, gain = parameters[0], parameters[1], parameters[2], parameters[3]
-    lever_load = mass * g * 2.0 * a * b / (a + b)  # sum of N_i times lever (Eq. 2.17, 2.19)
-    force, moment, left, right = active(v, w, reference, vehicle, gain, side_limit)
+    vehicle, p = robot.vehicle, robot.parameters
+    mass, inertia, weight = vehicle.mass, vehicle.yaw_inertia, vehicle.mass * vehicle.gravity
+    lever_load = weight * 2.0 * vehicle.a * vehicle.b / (vehicle.a + vehicle.b)  # sum of N_i times lever (Eq. 2.17, 2.19)
+    force, moment, torque = active(v, w, wheels, robot)
     moment += inertia * disturbance
-    friction = improved(force, u_x * mass * g, u_x * mass * g, v)
-    friction_moment = improved(moment, mu_s * lever_load, mu_d * lever_load, w)
+    friction = improved_friction(force, p.u_x * mass * vehicle.gravity, p.u_x * mass * vehicle.gravity, v)
+    friction_moment = improved_friction(moment, p.mu_s * lever_load, p.mu_d * lever_load, w)
     stuck = v == 0.0 and friction == -force
     stuck_yaw = w == 0.0 and friction_moment == -moment
     dv = 0.0 if stuck else (force + friction) / mass
     dw = 0.0 if stuck_yaw else (moment + friction_moment) / inertia
-    force2, moment2, _, _ = active(v + dt * dv, w + dt * dw, reference, vehicle, gain, side_limit)
+    force2, moment2, _ = active(v + dt * dv, w + dt * dw, wheels, robot)
     dv2 = 0.0 if stuck else (force2 + friction) / mass
     dw2 = 0.0 if stuck_yaw else (moment2 + friction_moment) / inertia + disturbance
     v_next = stop_at_zero_crossing(v + 0.5 * dt * (dv + dv2), v)
     w_next = stop_at_zero_crossing(w + 0.5 * dt * (dw + dw2), w)
-    return v_next, w_next, left, right
+    return Advanced(v_next, w_next, torque.left, torque.right)
+
+
+LAW = PlanarLaw(ImprovedParameters, advance)

@@ -8,9 +8,13 @@ IROS 2007. No masses and no friction: the body has the velocity at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ssmr._jit import jit
+from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
+from ssmr.robot.drive import Sides
+from ssmr.robot.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -20,13 +24,13 @@ class KinematicParameters:
     alpha_l: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
     """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius, less slip."""
     alpha_r: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
-    """The same on the right [1]."""
+    """Share of the right wheels' speed that moves the robot [1]."""
     x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.25, 0.25))
     """Longitudinal coordinate of the centres of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)."""
     y_l: float = parameter(0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.2, 0.9))
     """Lateral coordinate of the left side's centre of rotation [m], positive to the left."""
     y_r: float = parameter(-0.275, unit="m", low=-50.0, high=0.0, search=(-0.9, -0.2))
-    """The same of the right side [m], negative."""
+    """Lateral coordinate of the right side's centre of rotation [m], negative."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -34,24 +38,26 @@ class KinematicParameters:
 
 
 @jit
-def body_velocity(left, right, alpha_l, alpha_r, x_icr, y_l, y_r):
-    """v_x [m/s], v_y [m/s], omega [rad/s] of wheel speeds [m/s].
+def body_velocity(left: float, right: float, parameters: Any) -> tuple[float, float, float]:
+    """Return v_x [m/s], v_y [m/s] and omega [rad/s] for wheel speeds [m/s].
 
-    The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l left; on the right the same.
+    The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l left; on the right likewise.
     """
-    w = (alpha_r * right - alpha_l * left) / (y_l - y_r)
-    return alpha_l * left + w * y_l, -x_icr * w, w
+    p = parameters
+    w = (p.alpha_r * right - p.alpha_l * left) / (p.y_l - p.y_r)
+    return p.alpha_l * left + w * p.y_l, -p.x_icr * w, w
 
 
 @jit
-def advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit):
-    """The velocities that the references give; masses and limits are there for the common signature.
+def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+    """Return the velocities that the references give at once; torques are zero, and disturbances have no effect."""
+    r = robot.vehicle.wheel_radius
+    v_next, _, w_next = body_velocity(r * wheels.left, r * wheels.right, robot.parameters)
+    return Advanced(v_next, w_next, 0.0, 0.0)
 
-    Returns:
-        v [m/s], omega [rad/s], and zero torques.
-    """
-    r = vehicle[2]
-    v_next, _, w_next = body_velocity(
-        r * reference[0], r * reference[1], parameters[0], parameters[1], parameters[2], parameters[3], parameters[4]
-    )
-    return v_next, w_next, 0.0, 0.0
+
+def _rotation_centre(vehicle: Vehicle, parameters: KinematicParameters) -> float:
+    return parameters.x_icr
+
+
+LAW = PlanarLaw(KinematicParameters, advance, _rotation_centre, obeys=True)

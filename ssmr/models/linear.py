@@ -11,23 +11,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import control
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import wheel_torques
+from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
+from ssmr.parameters import check_parameters, packed, parameter
+from ssmr.robot.drive import Sides, wheel_torques
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 
+if TYPE_CHECKING:
+    import control
+
 Form = Literal["used", "single", "printed"]
+"""Which A_22: the one that agrees with the published models, one load mg in it, or as it stands in print."""
 
 
 @dataclass(frozen=True)
 class LinearParameters:
-    """What is unknown in the model, with the published fit as default (Tab. 3.14)."""
+    """Unknowns of the model; the defaults are the published fit (Tab. 3.14)."""
 
     k_u: float = parameter(0.0277, unit="s/m", low=0.0, high=1e3, search=(0.0, 0.05))
     """K_u, longitudinal viscous coefficient [s/m]."""
@@ -42,25 +46,37 @@ class LinearParameters:
 
 
 LOAD_SUM = 4.0
-"""How many times mg the longitudinal friction of the published fit carries, see above; the kernels and `matrices` share
-it."""
+"""Loads mg that the longitudinal friction of the published fit carries, one under each wheel (see the module's text)."""
+
+
+class Rates(NamedTuple):
+    """Rates of Eq. 2.46: A_22 = -(loop + friction), B_21 = loop; A_44 = -(loop_yaw c_eff + friction_yaw), B_42 = loop_yaw c.
+
+    With the driver's half-track and c_eff equal to c they are those of the thesis, whose t is the track, 2c.
+    """
+
+    loop: float
+    """Rate of the speed loop [1/s]."""
+    friction: float
+    """Rate at which friction slows the speed [1/s]."""
+    loop_yaw: float
+    """Rate of the yaw loop over the half-track [1/(m s)]."""
+    friction_yaw: float
+    """Rate at which friction slows the yaw rate [1/s]."""
 
 
 @jit
-def coefficients(vehicle, k_u, k_y, gain):
-    """The rates of Eq. 2.46 [1/s]: loop and friction of v, loop (per half-track) and friction of omega.
-
-    A_22 = -(loop + friction), B_21 = loop; A_44 = -(loop_yaw c_eff + friction_yaw), B_42 = loop_yaw c_command. With
-    c_command = c_eff = c they are those of the thesis, whose t is the track, 2c.
-    """
-    mass, inertia, r, c, _, _, _, _, g = vehicle
-    return 2.0 * gain / (r * mass), LOAD_SUM * g * k_u, 2.0 * gain * c / (r * inertia), mass * g * k_y * c / inertia
+def coefficients(vehicle: Any, parameters: Any) -> Rates:
+    """Return the rates of Eq. 2.46."""
+    mass, inertia, r, c, g = vehicle.mass, vehicle.yaw_inertia, vehicle.wheel_radius, vehicle.half_track, vehicle.gravity
+    k_u, k_y, gain = parameters.k_u, parameters.k_y, parameters.gain
+    return Rates(2.0 * gain / (r * mass), LOAD_SUM * g * k_u, 2.0 * gain * c / (r * inertia), mass * g * k_y * c / inertia)
 
 
 def matrices(
     vehicle: Vehicle, parameters: LinearParameters, drive: Drive, form: Form = "used"
 ) -> tuple[FloatArray, FloatArray]:
-    """A (4, 4) and B (4, 2) of Eq. 2.46.
+    """Return A (4, 4) and B (4, 2) of Eq. 2.46.
 
     Args:
         vehicle: mass and geometry.
@@ -68,23 +84,22 @@ def matrices(
         drive: its half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's.
         form: `printed` takes A_22 as it stands in print and `single` one load mg in it, for the errata's tests.
     """
-    loop, friction, loop_yaw, friction_yaw = coefficients(
-        tuple(vehicle.packed()), parameters.k_u, parameters.k_y, parameters.gain
-    )
-    friction = {"used": friction, "single": friction / LOAD_SUM, "printed": friction / LOAD_SUM * vehicle.mass}[form]
+    rates = coefficients(packed(vehicle), packed(parameters))
+    single = rates.friction / LOAD_SUM
+    friction = {"used": rates.friction, "single": single, "printed": single * vehicle.mass}[form]
     stretch = vehicle.wheel_radius / drive.command_radius
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[0, 1] = a[2, 3] = 1.0
-    a[1, 1], b[1, 0] = -(loop + friction), loop * stretch
-    a[3, 3], b[3, 1] = (
-        -(loop_yaw * vehicle.effective_half_track + friction_yaw),
-        loop_yaw * drive.command_half_track * stretch,
-    )
+    a[1, 1], b[1, 0] = -(rates.loop + friction), rates.loop * stretch
+    a[3, 3] = -(rates.loop_yaw * vehicle.effective_half_track + rates.friction_yaw)
+    b[3, 1] = rates.loop_yaw * drive.command_half_track * stretch
     return a, b
 
 
 def state_space(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) -> control.StateSpace:
-    """The model as a `control.StateSpace` with named signals (Eq. 2.43, 2.47: C = identity, D = 0)."""
+    """Return the model as a `control.StateSpace` with named signals (Eq. 2.43, 2.47: C = identity, D = 0)."""
+    import control  # slow to import, and only this function needs it
+
     a, b = matrices(vehicle, parameters, drive)
     names = ["x", "v", "yaw", "yaw_rate"]
     return control.StateSpace(
@@ -93,31 +108,33 @@ def state_space(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) ->
 
 
 @jit
-def relax(x, rate, drive, dt):
-    """Exact step of dx/dt = -rate x + drive for a constant drive."""
+def relax(x: float, rate: float, drive: float, dt: float) -> float:
+    """Return x after an exact step of dx/dt = -rate x + drive, for a constant drive."""
     if rate * dt < 1e-12:
         return x + dt * drive
     return x + math.expm1(-rate * dt) * (x - drive / rate)
 
 
 @jit
-def advance(v, w, reference, disturbance, dt, vehicle, parameters, side_limit):
-    """One step of the velocities, exact for a reference that is constant over it (the zero-order hold's matrix exponential).
+def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+    """Advance the velocities exactly, for references that are constant over the step (matrix exponential, Eq. 2.44).
 
-    Where a side's torque is at its limit, both torques are held over the step and the friction alone is stepped exactly.
-
-    Returns:
-        v [m/s], omega [rad/s] after the step, torques of both sides at its start [N m] (Eq. 2.44).
+    Where the torque of a side is at its limit, both torques are held over the step and friction alone is stepped exactly.
     """
-    mass, inertia, r, c, c_eff, _, _, _, _ = vehicle
-    gain = parameters[2]
-    loop, friction, loop_yaw, friction_yaw = coefficients(vehicle, parameters[0], parameters[1], gain)
-    v_left, v_right = r * reference[0], r * reference[1]  # commanded wheel speeds [m/s]
-    torque_left, torque_right = wheel_torques(v_left, v_right, v - c_eff * w, v + c_eff * w, gain, side_limit)
-    if abs(torque_left) < side_limit and abs(torque_right) < side_limit:
-        v_next = relax(v, loop + friction, loop * 0.5 * (v_left + v_right), dt)
-        w_next = relax(w, loop_yaw * c_eff + friction_yaw, loop_yaw * 0.5 * (v_right - v_left) + disturbance, dt)
+    vehicle, gain = robot.vehicle, robot.parameters.gain
+    r, c_eff = vehicle.wheel_radius, vehicle.effective_half_track
+    rates = coefficients(vehicle, robot.parameters)
+    wanted = Sides(r * wheels.left, r * wheels.right)  # wheel speeds [m/s]
+    torque = wheel_torques(wanted, Sides(v - c_eff * w, v + c_eff * w), gain, robot.side_limit)
+    if abs(torque.left) < robot.side_limit and abs(torque.right) < robot.side_limit:
+        v_next = relax(v, rates.loop + rates.friction, rates.loop * 0.5 * (wanted.left + wanted.right), dt)
+        turning = rates.loop_yaw * 0.5 * (wanted.right - wanted.left) + disturbance
+        w_next = relax(w, rates.loop_yaw * c_eff + rates.friction_yaw, turning, dt)
     else:
-        v_next = relax(v, friction, (torque_left + torque_right) / (r * mass), dt)
-        w_next = relax(w, friction_yaw, c * (torque_right - torque_left) / (r * inertia) + disturbance, dt)
-    return v_next, w_next, torque_left, torque_right
+        v_next = relax(v, rates.friction, (torque.left + torque.right) / (r * vehicle.mass), dt)
+        turning = vehicle.half_track * (torque.right - torque.left) / (r * vehicle.yaw_inertia) + disturbance
+        w_next = relax(w, rates.friction_yaw, turning, dt)
+    return Advanced(v_next, w_next, torque.left, torque.right)
+
+
+LAW = PlanarLaw(LinearParameters, advance)

@@ -4,27 +4,29 @@ Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, delayed, saturat
 than their limits, and are turned into wheel-rate references with the driver's own half-track and radius, which the motor
 controllers follow with a lag. All times are whole physics steps, so a run repeats to the bit.
 
-Measured wheel rates (`Commands.kind == "wheels"`) are references as they are: the driver has already had its say.
+Measured wheel rates (`Commands.kind == "wheels"`) are used as references as they are: they have already passed a driver.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ssmr._jit import jit
+from ssmr.parameters import packed
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 
 WHOLE_STEPS = 1e-6
-"""How far, in steps, a period may lie from a whole number of physics steps and still count as one."""
+"""Distance from a whole number of physics steps that is put down to rounding [steps]."""
 MOST_STEPS = 1e7
-"""In one period: hours of the finest steps."""
+"""Most physics steps in one period: hours of the finest ones."""
 
 
 def whole_steps(period: float, dt: float, what: str) -> int:
-    """How many physics steps of `dt` make up `period`.
+    """Return the number of physics steps of `dt` [s] that make up `period` [s]; `what` names the period in an error.
 
     Raises:
         ValueError: not a whole number, less than one, or more than `MOST_STEPS`.
@@ -35,111 +37,172 @@ def whole_steps(period: float, dt: float, what: str) -> int:
     return steps
 
 
+class Sides(NamedTuple):
+    """One number for the left wheels and one for the right: rates [rad/s], speeds [m/s] or torques [N m]."""
+
+    left: float
+    right: float
+
+
+class DriveNumbers(NamedTuple):
+    """A `Drive` for one physics step and one command period, for compiled functions."""
+
+    v_max: float
+    """Saturation of the linear velocity command [m/s]."""
+    w_max: float
+    """Saturation of the yaw-rate command [rad/s]."""
+    half_track: float
+    """Half-track of the driver [m]."""
+    radius: float
+    """Wheel radius of the driver [m]."""
+    change_v: float
+    """Greatest change of v in a step [m/s]."""
+    change_w: float
+    """Greatest change of omega in a step [rad/s]."""
+    share: float
+    """Share of its way that a lagging wheel-rate reference goes in a step [1]; 1 without lag."""
+    delay_v: int
+    """Delay of v in steps."""
+    delay_w: int
+    """Delay of omega in steps."""
+    hold: int
+    """Steps for which the driver holds a command."""
+    period: int
+    """Steps of a command period."""
+
+
+class Driven(NamedTuple):
+    """What the driver asks for at one physics step."""
+
+    v: float
+    """Linear velocity [m/s]."""
+    w: float
+    """Yaw rate [rad/s]."""
+    left: float
+    """Reference of the left wheels' rate [rad/s]."""
+    right: float
+    """Reference of the right wheels' rate [rad/s]."""
+
+
+DRIVE_TEMPLATE = DriveNumbers(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0)
+"""Template for `ssmr._jit.named_like`."""
+
+
 @jit
-def saturate(value, limit):
+def saturate(value: float, limit: float) -> float:
     """Clip to [-limit, limit]."""
     return min(max(value, -limit), limit)
 
 
 @jit
-def wheel_rates(v, w, half_track, radius):
-    """Left and right wheel rate [rad/s] of a body speed v [m/s] and yaw rate w [rad/s]: Eq. 2.9 solved for the wheels."""
-    return (v - half_track * w) / radius, (v + half_track * w) / radius
+def wheel_rates(v: Any, w: Any, half_track: float, radius: float) -> Sides:
+    """Return the wheel rates [rad/s] of a body speed v [m/s] and yaw rate w [rad/s]: Eq. 2.9 solved for the wheels."""
+    return Sides((v - half_track * w) / radius, (v + half_track * w) / radius)
 
 
 @jit
-def body_rates(left, right, half_track, radius):
-    """Body speed [m/s] and yaw rate [rad/s] of wheel rates [rad/s] (Eq. 2.9)."""
+def body_rates(left: Any, right: Any, half_track: float, radius: float) -> tuple[Any, Any]:
+    """Return the body speed [m/s] and yaw rate [rad/s] of wheel rates [rad/s] (Eq. 2.9)."""
     return 0.5 * radius * (left + right), 0.5 * radius * (right - left) / half_track
 
 
 @jit
-def ramp(reference, target, largest_change):
+def ramp(reference: float, target: float, largest_change: float) -> float:
     """Move a reference towards its target by at most `largest_change`."""
     return reference + saturate(target - reference, largest_change)
 
 
 @jit
-def wheel_torques(ref_left, ref_right, left, right, gain, side_limit):
-    """Torques of the two sides [N m]: proportional loop on the wheel rates (Eq. 2.32), saturated (Fig. 3.11)."""
-    return saturate(gain * (ref_left - left), side_limit), saturate(gain * (ref_right - right), side_limit)
+def wheel_torques(wanted: Sides, actual: Sides, gain: float, side_limit: float) -> Sides:
+    """Return the torques of the two sides [N m]: a proportional loop on wheel rates (Eq. 2.32), saturated (Fig. 3.11)."""
+    return Sides(
+        saturate(gain * (wanted.left - actual.left), side_limit), saturate(gain * (wanted.right - actual.right), side_limit)
+    )
 
 
 @jit
-def held_value(values, column, step, delay_steps, hold_steps, period_steps, before):
-    """What the driver acts on: the command of `delay` ago, as last sampled; `before` where there was none."""
-    past = step - delay_steps
+def held_value(values: FloatArray, column: int, step: int, delay: int, drive: DriveNumbers, before: float) -> float:
+    """Return the command on which the driver acts: that of `delay` steps ago, as last sampled; `before` without any.
+
+    Args:
+        values: (N, 2) twist commands.
+        column: which of the two.
+        step: physics steps since the first command.
+        delay: delay in steps.
+        drive: the driver.
+        before: command before the first one.
+    """
+    past = step - delay
     if past < 0:
         return before
-    return values[min((past // hold_steps) * hold_steps // period_steps, len(values) - 1), column]
+    return values[min((past // drive.hold) * drive.hold // drive.period, len(values) - 1), column]
 
 
 @jit
-def follow(values, step, limits, steps, before, state):
+def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[float, float], last: Driven) -> Driven:
     """Advance the driver by one physics step.
 
     Args:
         values: (N, 2) twist commands.
-        step: which physics step since the first command.
-        limits: v_max [m/s], w_max [rad/s], command half-track [m], command radius [m], greatest change of v [m/s] and of
-            omega [rad/s] in a step, share of its way that a wheel-rate reference goes in a step [1].
-        steps: delays of v and of omega, hold, command period, in physics steps.
-        before: the twist commanded before the first.
-        state: v [m/s] and omega [rad/s] asked for, references of the left and the right wheels [rad/s], at the last step.
+        step: physics steps since the first command.
+        drive: the driver.
+        before: twist commanded before the first command.
+        last: what the driver asked for at the last step.
 
     Returns:
-        The state at this step.
+        What the driver asks for at this step.
     """
-    v = saturate(held_value(values, 0, step, steps[0], steps[2], steps[3], before[0]), limits[0])
-    w = saturate(held_value(values, 1, step, steps[1], steps[2], steps[3], before[1]), limits[1])
-    v, w = ramp(state[0], v, limits[4]), ramp(state[1], w, limits[5])
-    left, right = wheel_rates(v, w, limits[2], limits[3])
-    if limits[6] < 1.0:
-        left, right = state[2] + limits[6] * (left - state[2]), state[3] + limits[6] * (right - state[3])
-    return v, w, left, right
+    v = saturate(held_value(values, 0, step, drive.delay_v, drive, before[0]), drive.v_max)
+    w = saturate(held_value(values, 1, step, drive.delay_w, drive, before[1]), drive.w_max)
+    v, w = ramp(last.v, v, drive.change_v), ramp(last.w, w, drive.change_w)
+    left, right = wheel_rates(v, w, drive.half_track, drive.radius)
+    if drive.share < 1.0:
+        left, right = last.left + drive.share * (left - last.left), last.right + drive.share * (right - last.right)
+    return Driven(v, w, left, right)
 
 
 @jit
-def fill_references(values, limits, steps, before, left, right, out):
-    """Wheel-rate references of `len(out)` physics steps, from wheels that turn at (left, right); writes (n, 2) `out`."""
-    v, w = body_rates(left, right, limits[2], limits[3])
-    state = (v, w, left, right)
+def rolling(wheels: Sides, drive: DriveNumbers) -> Driven:
+    """Return what the driver asks for before its first step, when the wheels turn at `wheels` [rad/s]."""
+    v, w = body_rates(wheels.left, wheels.right, drive.half_track, drive.radius)
+    return Driven(v, w, wheels.left, wheels.right)
+
+
+@jit
+def fill_references(
+    values: FloatArray, drive: DriveNumbers, before: tuple[float, float], wheels: Sides, out: FloatArray
+) -> None:
+    """Write (n, 2) wheel-rate references of n physics steps into `out`, from wheels that turn at `wheels` [rad/s]."""
+    asked = rolling(wheels, drive)
     for k in range(len(out)):
-        state = follow(values, k, limits, steps, before, state)
-        out[k, 0] = state[2]
-        out[k, 1] = state[3]
+        asked = follow(values, k, drive, before, asked)
+        out[k, 0], out[k, 1] = asked.left, asked.right
 
 
-def packed(drive: Drive, period: float, dt: float) -> tuple[tuple[float, ...], tuple[int, ...]]:
-    """What the compiled loops want of a drive.
-
-    Returns:
-        The `limits` and the `steps` of `follow`.
+def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
+    """Return a drive's numbers for commands of a period [s] and physics steps `dt` [s]; delays are rounded to whole steps.
 
     Raises:
-        ValueError: the hold or the command period is no whole number of steps; delays are rounded.
+        ValueError: the hold or the command period is no whole number of steps.
     """
-    share = 1.0 if drive.wheel_lag == 0.0 else -math.expm1(-dt / drive.wheel_lag)  # exact for a reference that is held
-    limits = (
-        drive.v_max,
-        drive.w_max,
-        drive.command_half_track,
-        drive.command_radius,
-        drive.acceleration_v * dt,
-        drive.acceleration_w * dt,
-        share,
+    d = packed(drive)
+    return DriveNumbers(
+        v_max=d.v_max,
+        w_max=d.w_max,
+        half_track=d.command_half_track,
+        radius=d.command_radius,
+        change_v=d.acceleration_v * dt,
+        change_w=d.acceleration_w * dt,
+        share=1.0 if d.wheel_lag == 0.0 else -math.expm1(-dt / d.wheel_lag),  # exact for a reference that is held
+        delay_v=round(d.delay_v / dt),
+        delay_w=round(d.delay_w / dt),
+        hold=whole_steps(drive.hold, dt, "the drive's hold"),
+        period=whole_steps(period, dt, "the command period"),
     )
-    steps = (
-        round(drive.delay_v / dt),
-        round(drive.delay_w / dt),
-        whole_steps(drive.hold, dt, "the drive's hold"),
-        whole_steps(period, dt, "the command period"),
-    )
-    return limits, steps
 
 
 def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) -> FloatArray:
-    """Wheel-rate references of every physics step.
+    """Return the wheel-rate references of every physics step.
 
     Args:
         commands: what is commanded, over `commands.duration`.
@@ -153,41 +216,40 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
     Raises:
         ValueError: the command period or the hold is no whole number of steps.
     """
-    period_steps = whole_steps(commands.dt, dt, "the command period")
+    period = whole_steps(commands.dt, dt, "the command period")
     if commands.kind == "wheels":
-        return np.repeat(commands.values, period_steps, axis=0)
-    out = np.empty((commands.n * period_steps, 2))
-    limits, steps = packed(drive, commands.dt, dt)
-    fill_references(commands.values, limits, steps, commands.before, state.wheel_left, state.wheel_right, out)
+        return np.repeat(commands.values, period, axis=0)
+    out = np.empty((commands.n * period, 2))
+    wheels = Sides(state.wheel_left, state.wheel_right)
+    fill_references(commands.values, drive_numbers(drive, commands.dt, dt), commands.before, wheels, out)
     return out
 
 
 class Driver:
-    """The same drive, one command at a time, for closed loops; equal to `wheel_references` to the bit."""
+    """The drive as an object that takes one command at a time, for closed loops; equal to `wheel_references` to the bit."""
 
     def __init__(self, drive: Drive, dt: float, state: State, before: tuple[float, float] = (0.0, 0.0)) -> None:
         """Start with empty delay lines: `before` was commanded until now; ramp and lag start from the state's wheels."""
-        self._limits, self._steps = packed(drive, dt, dt)  # one command a physics step
+        self._drive = drive_numbers(drive, dt, dt)  # one command a physics step
         self._before = before
         self._samples: list[tuple[float, float]] = []
-        left, right = state.wheel_left, state.wheel_right
-        self._state = (*body_rates(left, right, drive.command_half_track, drive.command_radius), left, right)
+        self._asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), self._drive)
 
     def references(self, command: tuple[float, float], n: int) -> FloatArray:
-        """(n, 2) references of the next `n` physics steps, while `command` (v [m/s], omega [rad/s]) is held."""
+        """Return the (n, 2) references of the next `n` physics steps, while `command` (v [m/s], omega [rad/s]) is held."""
         step = len(self._samples)
         self._samples.extend([command] * n)
         values = np.array(self._samples, dtype=np.float64)
         out = np.empty((n, 2))
         for k in range(n):
-            self._state = follow(values, step + k, self._limits, self._steps, self._before, self._state)
-            out[k] = self._state[2:]
+            self._asked = follow(values, step + k, self._drive, self._before, self._asked)
+            out[k] = self._asked.left, self._asked.right
         self._forget()
         return out
 
     def _forget(self) -> None:
         """Drop, a whole number of holds at a time, the samples that no delay reaches any more."""
-        hold = self._steps[2]
-        spare = len(self._samples) - max(self._steps[0], self._steps[1]) - hold
+        hold = self._drive.hold
+        spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - hold
         if spare > 1000:
             del self._samples[: spare // hold * hold]

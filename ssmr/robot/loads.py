@@ -5,7 +5,6 @@ Wheels in order front left, front right, rear left, rear right.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -109,19 +108,3 @@ def slope(t: FloatArray, values: FloatArray, span: float = DIFFERENTIATED_OVER) 
         return np.zeros_like(values)
     low, high = np.clip(t - 0.5 * span, t[0], t[-1]), np.clip(t + 0.5 * span, t[0], t[-1])
     return np.asarray((np.interp(high, t, values) - np.interp(low, t, values)) / (high - low))
-
-
-def turning_drift(slope_angle: float, yaw_rate: float, friction: float, wheelbase: float, track: float) -> float:
-    """Mean speed [m/s] at which a robot that turns on the spot on a slope slides down it.
-
-    A turning skid-steering robot skids on all four wheels with slip S = |omega| L D / (2 B), D^2 = L^2 + B^2, along and
-    across its wheels as L : B (docs/physics.md). A further small slip d changes the four Coulomb forces together by
-    -(mu m g / S) (I - s s') d, averaged over the unit vectors s along the slip: by -(mu m g / S) (B^2, L^2) / D^2 along and
-    across the body. Friction, which holds a resting robot on any slope under mu, gives way to the least push like a fluid.
-    Balance with m g sin(slope) gives v = sin(slope) S D^2 / (mu B^2) where downhill is ahead and sin(slope) S D^2 / (mu L^2)
-    where it is aside; turning goes through both, and their mean is
-
-        v = sin(slope) |omega| D^5 / (4 mu L B^3)
-    """
-    diagonal = math.hypot(wheelbase, track)
-    return math.sin(slope_angle) * abs(yaw_rate) * diagonal**5 / (4.0 * friction * wheelbase * track**3)

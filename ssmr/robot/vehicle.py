@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-import numpy as np
-
-from ssmr.parameters import check_parameters, parameter, require_in_range
-from ssmr.types import FloatArray
+from ssmr.parameters import check_parameters, numbers_of, parameter, require_in_range
 
 
 @dataclass(frozen=True)
@@ -49,9 +46,8 @@ class Vehicle:
         """Lever of lateral friction spread over the wheels by load, 2ab/(a+b) [m]; a where a = b (Eq. 2.17, 2.19)."""
         return 2.0 * self.a * self.b / (self.a + self.b)
 
-    def packed(self) -> FloatArray:
-        """(9,) the fields in their order, for the compiled loops."""
-        return np.array([getattr(self, f.name) for f in fields(self)], dtype=np.float64)
+
+VehicleNumbers = numbers_of(Vehicle)
 
 
 @dataclass(frozen=True)

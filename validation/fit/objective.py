@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit
+from ssmr._jit import jit_parallel
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.paths import IndexArray, horizon_windows, one_sided_kernel
 from ssmr.search.space import ParameterSpace
@@ -107,7 +107,7 @@ class Rater(Protocol):
         ...
 
 
-@jit(parallel=True)
+@jit_parallel
 def path_costs(poses, truth, k_rms, k_haus, k_ratio):
     """(S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
     out = np.empty(len(poses))

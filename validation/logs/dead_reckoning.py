@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ssmr._jit import source
 from ssmr.estimation.ekf import EkfSettings, learn_bias, run_ekf
 from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
@@ -69,8 +70,7 @@ def filtered_motion(groups: Groups, *, gyro: bool = True, bias: bool = True) -> 
         if bias:
             turning = turning - learn_bias(t, turning, standing(groups, t))[:, 0]
     settings = EkfSettings()
-    rates = [np.interp(t, stamps, a) for a in (v, w)]
-    left, right = wheel_rates.py_func(*rates, settings.half_track, settings.radius)
+    left, right = source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
     return run_ekf(t, left, right, turning, settings, State())
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ssmr._jit import source
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray
@@ -47,7 +48,7 @@ def wheel_twist(groups: Groups) -> tuple[FloatArray, FloatArray, FloatArray] | N
         if group is not None and a in group.columns and b in group.columns:
             first, second = group.columns[a], group.columns[b]
             if name == "wheels":
-                first, second = body_rates.py_func(first, second, EkfSettings.half_track, EkfSettings.radius)
+                first, second = source(body_rates)(first, second, EkfSettings.half_track, EkfSettings.radius)
             return group.t, first, second
     return None
 

@@ -19,8 +19,9 @@ from typing import Any, TypeVar
 import numpy as np
 import tomli_w
 
+from ssmr.models.table import MODELS
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulate import MODELS, PlanarModel, PlanarPlant
+from ssmr.simulate import PlanarModel, PlanarPlant
 from ssmr.types import Plant
 from validation.robots.husky import HuskyCalibration
 from validation.robots.plant import MujocoPlant
@@ -28,7 +29,7 @@ from validation.robots.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
 
-PARAMETERS: dict[str, type] = {"mujoco": HuskyCalibration, **MODELS}
+PARAMETERS: dict[str, type] = {"mujoco": HuskyCalibration, **{name: law.parameters for name, law in MODELS.items()}}
 """The parameter set of every plant, by name."""
 PLANTS = tuple(PARAMETERS)
 """Every plant, in the order of tables."""

@@ -29,7 +29,7 @@ from ssmr.control.loop import (
 )
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
-from ssmr.robot.drive import body_rates, packed
+from ssmr.robot.drive import Sides, drive_numbers, rolling
 from ssmr.types import FloatArray, State
 from validation.robots.plant import MujocoPlant
 
@@ -133,9 +133,8 @@ def run_husky_loops(
     turn = np.arange(len(loops)) % len(seeds)
     state = start or waypoints.start
     bodies = _Bodies(loops, state, workers or os.cpu_count() or 1)
-    drives = [packed(p.plant.drive, settings.velocity_period, dt) for p in loops]
-    wheels = (state.wheel_left, state.wheel_right)
-    asked = np.array([[*body_rates(*wheels, d[0][2], d[0][3]), *wheels] for d in drives])
+    drives = [drive_numbers(p.plant.drive, settings.velocity_period, dt) for p in loops]
+    asked = np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in drives])
     outs = np.empty((len(loops), clock.ticks, len(COLUMNS)))
     alive, last = np.ones(len(loops), dtype=np.bool_), np.full(len(loops), clock.ticks)
     references = np.zeros((len(loops), clock.position, 2))
@@ -143,15 +142,14 @@ def run_husky_loops(
         *packed_laws([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
         draws,
         dt,
-        np.array([d[0] for d in drives]),
-        np.array([d[1] for d in drives]),
+        np.array(drives, dtype=np.float64),
     )
     memories, indices = np.zeros((len(loops), MEMORY)), np.zeros(len(loops), dtype=np.int64)
     commands = np.zeros((len(loops), 1 + clock.n // clock.velocity, 2))
     for tick in range(clock.ticks):
         n = clock.position if tick < clock.ticks - 1 else 0
         before = alive.copy()
-        plan_chunks(
+        plan_chunks(  # type: ignore[call-arg]
             tick, n, *fixed, bodies.states(), bodies.torques, memories, indices, asked, commands, alive, outs, references
         )
         last[before & ~alive] = tick + 1

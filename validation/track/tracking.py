@@ -17,8 +17,9 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.metrics.paths import PathMetrics, compare_paths
 from ssmr.models.linear import matrices
+from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
-from ssmr.simulate import PLANAR_MODELS, PlanarModel
+from ssmr.simulate import PlanarModel
 from ssmr.types import Trajectory
 from validation import store
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant

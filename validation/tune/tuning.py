@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ssmr._jit import jit
+from ssmr._jit import jit_parallel
 from ssmr.control.laws import Controller
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
@@ -137,7 +137,7 @@ class Case:
     """What stands around it."""
 
 
-@jit(parallel=True)
+@jit_parallel
 def _path_measures(poses, truth):
     """(S, 4) d_rms, d_haus, d_ratio and e_bend_ratio of (S, M, 3) poses against (N, 3)."""
     out = np.empty((len(poses), 4))

@@ -1,0 +1,87 @@
+"""Everything a planar model is to the rest: its parameter set, and the compiled law by which its velocities advance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from numba.extending import overload
+
+from ssmr.parameters import numbers_of
+from ssmr.robot.drive import Sides
+from ssmr.robot.vehicle import Vehicle
+
+
+class PlanarRobot(NamedTuple):
+    """All numbers of a planar robot, for compiled functions."""
+
+    vehicle: Any
+    """Numbers of the `Vehicle`."""
+    parameters: Any
+    """Numbers of the model's own parameter set; their type decides which law is compiled in."""
+    side_limit: float
+    """Greatest torque of a side [N m]."""
+    x_icr: float
+    """Longitudinal coordinate of the centre of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)."""
+    obeys: bool
+    """Whether the wheels turn exactly as they are told, see `PlanarLaw.obeys`."""
+
+
+class Advanced(NamedTuple):
+    """The velocities after a step."""
+
+    v: float
+    """Forward speed [m/s]."""
+    w: float
+    """Yaw rate [rad/s]."""
+    torque_left: float
+    """Torque of the left side at the start of the step [N m]."""
+    torque_right: float
+    """Torque of the right side at the start of the step [N m]."""
+
+
+Advance = Callable[[float, float, Sides, float, float, PlanarRobot], Advanced]
+"""One step of the velocities: v [m/s], omega [rad/s], wheel-rate references [rad/s], disturbing yaw acceleration [rad/s2],
+time step [s] and the robot's numbers give the velocities after the step."""
+
+
+def _no_shift(vehicle: Vehicle, parameters: Any) -> float:
+    return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarLaw:
+    """A planar model."""
+
+    parameters: type
+    """Frozen dataclass of the model's parameters, declared with `ssmr.parameters.parameter`."""
+    advance: Advance
+    """Compiled function that advances the velocities by one step."""
+    rotation_centre: Callable[[Vehicle, Any], float] = _no_shift
+    """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
+    obeys: bool = False
+    """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the body's motion (Eq. 2.9)."""
+
+    def __post_init__(self) -> None:
+        """Let compiled functions find the law by the type of its parameters."""
+        _ADVANCE[numbers_of(self.parameters)] = self.advance
+
+
+_ADVANCE: dict[type, Advance] = {}
+
+
+def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+    """Advance the velocities of any planar robot by one step of its own law; for compiled functions only."""
+    raise NotImplementedError("advance works in compiled functions only")
+
+
+@overload(advance, strict=False)
+def _choose(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) -> Any:
+    """Choose the law when a loop is compiled: every model gets a loop of its own, without a branch at run time."""
+    law = _ADVANCE[robot.types[robot.fields.index("parameters")].instance_class]
+
+    def call(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) -> Any:
+        return law(v, w, wheels, disturbance, dt, robot)
+
+    return call

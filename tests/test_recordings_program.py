@@ -28,7 +28,7 @@ from validation.logs.recording_csv import read_csv, write_csv
 from validation.logs.rest import find_rest, unbiased
 from validation.plants.profile import load
 from validation.recordings import ConvertSettings, convert, info, open_log
-from validation.recordings.__main__ import program
+from validation.recordings import __main__ as program
 from validation.recordings.simulated_log import LogSettings, simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -182,7 +182,7 @@ def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
         (("convert", "{csv}", "--rate", "-3"), "rate -3.0 must be positive [Hz]"),
         (("convert", "{csv}", "--from", "99"), "nothing was logged in 99 to inf s"),
         (("convert", "{csv}", "--topics", "odom=/odom"), "topics names the topics of a bag"),
-        (("convert", "{bag}", "--topics", "odom"), "is no ROLE=TOPIC of its own"),
+        (("convert", "{bag}", "--topics", "odom"), "must be ROLE=TOPIC such as"),
         (("convert", "{bag}", "--topics", "odom=/nowhere"), "there is no topic /nowhere; there are: /pose"),
         (("convert", "{bag}", "--ekf"), "ekf needs wheels or odometry"),
         (("convert", "{bag}", "--unbias"), "unbias needs a gyro"),
@@ -199,9 +199,8 @@ def test_mistakes_end_in_one_line_and_write_nothing(
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     before = paths["csv"].read_bytes()
-    monkeypatch.setattr(sys, "argv", ["recordings", *(a.format(**paths) for a in args)])
     with pytest.raises(SystemExit) as ended:
-        cli.run(program(), "recordings")
+        cli.run({"info": program.info, "convert": program.convert}, "recordings", [a.format(**paths) for a in args])
     assert ended.value.code == cli.EXIT_USER_ERROR
     said = capsys.readouterr()
     assert message in said.err

@@ -347,7 +347,8 @@ def report(tables: Iterable[Table], notes: Iterable[str], written: Iterable[Path
         console.print(table)
     for note in notes:
         console.print(Text("\n".join(map(one_line, note.splitlines()))))
-    console.print(Text("written: " + ", ".join(map(one_line, written))), soft_wrap=True)
+    if files := ", ".join(map(one_line, written)):
+        console.print(Text(f"written: {files}"), soft_wrap=True)
 
 
 def report_result(result: Result, written: Iterable[Path]) -> None:

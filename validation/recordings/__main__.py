@@ -1,10 +1,11 @@
-"""`python -m validation.recordings info|convert SOURCE`: what a log holds; a log as a recording, a trajectory or a bag."""
+"""The command line `python -m validation.recordings info|convert SOURCE`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated
 
 import tyro
 
@@ -17,84 +18,132 @@ from validation.recordings.run import info as look_into
 from validation.show.tables import rich_table
 
 
-def info(
-    source: Annotated[str, tyro.conf.Positional],
-    /,
-    *,
-    topics: str = "",
-    stamps: Stamps = "header",
-    profile: str = "thesis-lab",
-    seed: int = 0,
-) -> None:
-    """Say what a log holds: topics or columns, rates, gaps, clocks, offsets of time, the gyro's bias, dead reckoning.
+def _parse_topics(text: str) -> dict[str, str]:
+    """Return `role=/topic,role=/topic` as a mapping.
 
-    Args:
-        source: Path of a recording (.csv, .bag, .mcap, or a ROS 2 bag's folder), or a drive to be simulated and logged, see
-            convert.
-        topics: What topics are, such as cmd=/cmd_vel,odom=/odom,gps=none; roles are cmd, odom, wheels, imu, pose, gps. What
-            is not named is guessed by type.
-        stamps: Which clock of a bag counts: that of the header, or that of writing.
-        profile: Of the plant, where SOURCE is a drive to be simulated.
-        seed: Of its sensors' noise.
+    Raises:
+        UserError: a part has another form, or a role stands twice.
     """
+    found: dict[str, str] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        role, equals, topic = (s.strip() for s in part.partition("="))
+        if not equals or not topic or role in found:
+            raise cli.UserError(f"'{part}' must be ROLE=TOPIC such as odom=/husky_velocity_controller/odom, each role once")
+        found[role] = topic
+    return found
+
+
+Topics = Annotated[Mapping[str, str], cli.parsed(_parse_topics, "ROLE=TOPIC,...")]
+
+
+@dataclass(frozen=True)
+class BagOptions:
+    """Options that matter only where SOURCE is a ROS bag."""
+
+    topics: Annotated[Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
+    """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
+    stamps: Annotated[Stamps, cli.option()] = "header"
+    """Clock that counts: header, when a message was measured; or bag, when it was written."""
+
+    def read_options(self) -> ReadOptions:
+        """Return these options for the reader."""
+        return ReadOptions(self.topics, self.stamps)
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """Options that matter only where SOURCE is a drive to be simulated."""
+
+    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    seed: cli.Seed = 0
+
+
+LogSource = Annotated[
+    str,
+    tyro.conf.Positional,
+    cli.option(
+        metavar="SOURCE",
+        help="Path of a recording (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a drive to be simulated and logged: "
+        "traj1, traj2, traj3, traj4 or varied, each with @PLANT.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class InfoOptions:
+    """The options of `info`."""
+
+    source: LogSource
+    bag: BagOptions = field(default_factory=BagOptions)
+    simulation: SimulationOptions = SimulationOptions()
+
+
+@dataclass(frozen=True)
+class ChangeOptions:
+    """Changes that are made to the log."""
+
+    rate: Annotated[float | None, cli.option(metavar="HZ", default="the log's own")] = None
+    """Samples a second."""
+    smooth: Annotated[float, cli.option(metavar="SECONDS", default="0, no smoothing")] = 0.0
+    """Standard deviation of the Gaussian that smooths measurements."""
+    align: cli.Flag = False
+    """Place the origin of the world at the first pose."""
+    unbias: cli.Flag = False
+    """Take out the gyro's mean at rest."""
+    sync: cli.Flag = False
+    """Take estimated offsets of time out of the measurements; commands stay."""
+    ekf: cli.Flag = False
+    """Let the state filter of wheels and gyro fill x, y and yaw."""
+    start: Annotated[float | None, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    """Leave out what was logged before this time."""
+    until: Annotated[float | None, cli.option(metavar="SECONDS", default="the end")] = None
+    """Leave out what was logged after this time."""
+
+
+@dataclass(frozen=True)
+class ConvertOptions:
+    """The options of `convert`."""
+
+    source: LogSource
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.csv")] = None
+    """File to write; its ending says in which format."""
+    changes: ChangeOptions = ChangeOptions()
+    bag: BagOptions = field(default_factory=BagOptions)
+    simulation: SimulationOptions = SimulationOptions()
+
+
+def info(options: InfoOptions) -> None:
+    """Say what a log holds.
+
+    Prints topics or columns, rates, gaps, offsets of time, the gyro's bias, and
+    how far dead reckoning on the log comes from its positions.
+    """
+    simulation = options.simulation
     with cli.mistakes_are_users():
-        found = look_into(source, ReadOptions(parse_topics(topics), stamps), profile, seed)
+        found = look_into(options.source, options.bag.read_options(), simulation.profile, simulation.seed)
     for fault in found.log.faults:
         cli.warn(fault)
-    console = cli.report_console()
-    for grid in found.grids():
-        console.print(rich_table(grid))
-    for note in found.notes():
-        console.print(note, highlight=False, markup=False)
+    cli.report(map(rich_table, found.grids()), found.notes(), [])
 
 
-def convert(
-    source: Annotated[str, tyro.conf.Positional],
-    /,
-    *,
-    out: Path | None = None,
-    topics: str = "",
-    stamps: Stamps = "header",
-    rate: float | None = None,
-    smooth: float = 0.0,
-    align: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    unbias: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    sync: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    ekf: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    start: Annotated[float | None, tyro.conf.arg(name="from")] = None,
-    until: float | None = None,
-    profile: str = "thesis-lab",
-    seed: int = 0,
-) -> None:
-    """Write a log as a recording (.csv), a TUM trajectory (.tum), a ROS 2 bag (.mcap) or a ROS 1 bag (.bag).
+def convert(options: ConvertOptions) -> None:
+    """Write a log in another format: .csv, .tum, .mcap or .bag.
 
-    A recording has one clock; in bags every group keeps its own stamps, unless --rate is given.
-
-    Args:
-        source: Path of a recording (.csv, .bag, .mcap, or a ROS 2 bag's folder), or a drive to be simulated and logged:
-            traj1 ... traj4 or varied, each with @PLANT.
-        out: File to write, its ending says what; runs/recordings/SOURCE.csv if not given.
-        topics: What topics are, such as cmd=/cmd_vel,odom=/odom,gps=none; roles are cmd, odom, wheels, imu, pose, gps. What
-            is not named is guessed by type.
-        stamps: Which clock of a bag counts: that of the header, or that of writing.
-        rate: Samples a second [Hz]; by default the log's own.
-        smooth: Standard deviation of the Gaussian that smooths what was measured [s]; 0: none.
-        align: Let the world begin at the first pose.
-        unbias: Take the gyro's mean at rest out.
-        sync: Take estimated offsets of time out of what was measured; commands stay.
-        ekf: Let the state filter of wheels and gyro fill x, y and yaw.
-        start: Leave out what was logged before this time [s].
-        until: Leave out what was logged after this time [s].
-        profile: Of the plant, where SOURCE is a drive to be simulated.
-        seed: Of its sensors' noise.
+    .csv is a recording, .tum a trajectory for evo, .mcap a ROS 2 bag, .bag a ROS 1
+    bag. A recording has one clock; in bags every group of columns keeps its own
+    stamps, unless --rate is given.
     """
-    target = out or Path("runs") / "recordings" / f"{Path(source).stem}.csv"
+    changes, simulation = options.changes, options.simulation
+    target = options.out or Path("runs") / "recordings" / f"{Path(options.source).stem}.csv"
     with cli.mistakes_are_users():
         if target.suffix.lower() not in writable():
             known = ", ".join(writable())
             raise cli.UserError(f"--out {target}: no format has the ending '{target.suffix}'; there are: {known}")
-        settings = ConvertSettings(rate, smooth, align, unbias, sync, ekf, start, until)
-        converted = convert_log(source, settings, ReadOptions(parse_topics(topics), stamps), profile, seed)
+        settings = ConvertSettings(
+            changes.rate, changes.smooth, changes.align, changes.unbias, changes.sync, changes.ekf, changes.start,
+            changes.until,
+        )  # fmt: skip
+        converted = convert_log(options.source, settings, options.bag.read_options(), simulation.profile, simulation.seed)
         try:
             converted.save(target)
         except OSError as error:
@@ -102,29 +151,5 @@ def convert(
     cli.report(map(rich_table, converted.grids()), converted.notes(), [target])
 
 
-def parse_topics(text: str) -> dict[str, str]:
-    """Return `role=/topic,role=/topic` as a mapping.
-
-    Raises:
-        UserError: something else.
-    """
-    found: dict[str, str] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        role, equals, topic = (s.strip() for s in part.partition("="))
-        if not equals or not topic or role in found:
-            raise cli.UserError(
-                f"--topics '{part}' is no ROLE=TOPIC of its own, such as odom=/husky_velocity_controller/odom"
-            )
-        found[role] = topic
-    return found
-
-
-def program() -> Callable[..., Any]:
-    """What parses the command line: two subcommands."""
-    first = Annotated[Any, tyro.conf.subcommand(name="info", constructor=info)]
-    second = Annotated[Any, tyro.conf.subcommand(name="convert", constructor=convert)]
-    return cast(Callable[..., Any], first | second)
-
-
 if __name__ == "__main__":
-    cli.run(program(), "python -m validation.recordings")
+    cli.run({"info": info, "convert": convert}, "python -m validation.recordings")

@@ -26,27 +26,27 @@ from validation.study.contact.run import variants
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {
     "near ODE, maker's centre: as it is": ("#d55e00", "near ODE, maker's centre of mass"),
-    "near ODE, maker's centre: and an elliptic cone": ("#a0529a", "and an elliptic cone"),
-    "near ODE, maker's centre: and soft contact": ("#0072b2", "and soft contact"),
-    "near ODE, maker's centre: and the centre in the middle": ("#009e73", "and the centre in the middle"),
+    "near ODE, maker's centre: and an elliptic cone": ("#a0529a", "also an elliptic cone"),
+    "near ODE, maker's centre: and soft contact": ("#0072b2", "also soft contact"),
+    "near ODE, maker's centre: and the centre in the middle": ("#009e73", "also the centre in the middle"),
 }
-"""Variants of the study, each with one cure more than the last: colour and words."""
+"""Variants of the study, each with one remedy more than the one before: colour and words."""
 SLOW = 0.15
-"""Yaw rate commanded on the spot where theory is compared, which knows no inertia [rad/s]."""
+"""Yaw rate commanded where theory is compared; slow, because the theory has no inertia [rad/s]."""
 SLOW_TIME = 150.0
-"""For how long [s]."""
+"""Duration of that turn [s]."""
 BINS = 18
-"""Of headings from 0 to 90 degrees."""
+"""Number of bins for headings from 0 to 90 degrees."""
 
 
 def whole_robot(offset: float, section: PlantProfile) -> float:
-    """Where the centre of the whole robot is if that of the base is so far off [m]."""
+    """Return the offset of the whole robot's centre of mass for an offset of that of the base [m]."""
     mass = section.parameters.mass
     return offset * (mass - 4.0 * 2.637) / mass
 
 
 def by_heading(variant: Variant, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
-    """(BINS,) headings [deg] and (BINS,) mean yaw rates over the rims' speed [rad/m] of a slow turn."""
+    """Return (BINS,) headings [deg] and (BINS,) mean yaw rates over rim speed [rad/m] of a slow turn."""
     plant = make_variant(variant, section)
     motion = plant.run(Commands(0.05, np.tile([0.0, SLOW], (round(SLOW_TIME / 0.05), 1))), State(), SAMPLE)
     tail = motion.t > SPIN_LEAD
@@ -58,7 +58,7 @@ def by_heading(variant: Variant, section: PlantProfile) -> tuple[np.ndarray, np.
 
 
 def draw_theory(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
-    """Yaw rate over heading: a circle's and a polygon's friction, in theory and measured."""
+    """Draw yaw rate over heading for a friction circle and a friction polygon, in theory and in MuJoCo."""
     headings = np.linspace(0.0, 90.0, 181)
     y = whole_robot(-0.085, section)
     for place, colour, words, key in (
@@ -66,12 +66,17 @@ def draw_theory(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> N
         (y, "#d55e00", "maker's centre", "near ODE, maker's centre: as it is"),
     ):
         theory = [polygonal_turn("diamond", math.radians(h), 0.0, place).yaw_rate for h in headings]
-        ax.plot(headings, theory, color=colour, lw=1.4, label=f"polygon, {words}")
-        ax.axhline(turn_on_the_spot(0.0, place).yaw_rate, color=colour, lw=0.9, ls=(0, (4, 2)), label=f"circle, {words}")
+        ax.plot(headings, theory, color=colour, lw=1.4, label=f"friction polygon, {words}")
+        ax.axhline(
+            turn_on_the_spot(0.0, place).yaw_rate, color=colour, lw=0.9, ls=(0, (4, 2)), label=f"friction circle, {words}"
+        )
         measured = by_heading(found[key], section)
         ax.plot(*measured, "o", color=colour, ms=3.5)
     ax.set(
-        xlabel="heading on the friction's axes [deg]", ylabel="yaw rate over rim speed [rad/m]", xlim=(0, 90), ylim=(0, 4.7)
+        xlabel="heading relative to the friction axes [deg]",
+        ylabel="yaw rate over rim speed [rad/m]",
+        xlim=(0, 90),
+        ylim=(0, 4.7),
     )
     ax.set_xticks([0, 15, 30, 45, 60, 75, 90])
     ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=2)
@@ -82,7 +87,7 @@ def draw_theory(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> N
 
 
 def draw_paths(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
-    """Where the middle of the robot goes while it turns on the spot."""
+    """Draw the path of the robot's middle while it turns on the spot."""
     for key, (colour, words) in LADDER.items():
         made = spin(make_variant(found[key], section))
         tail = made.motion.t >= SPIN_LEAD
@@ -92,20 +97,21 @@ def draw_paths(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> No
         print(f"{words}: {made.turns:.2f} turns, {np.hypot(*xy.T).max():.3f} m from its place at most")
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x [m]", ylabel="y [m]")
-    ax.set_title("The middle in 36 s of turning on the spot", fontsize=10)
+    ax.set_title("Path of the robot's middle, 36 s of turning", fontsize=10)
 
 
 def draw_speed(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
-    """Speed along trajectory 3, on ground turned by 45 degrees."""
+    """Draw the speed along trajectory 3, on ground turned by 45 degrees."""
     piece = replace(open_source("traj3").pieces[0], start=State(yaw=TURNED))
     for key, (colour, words) in LADDER.items():
         motion: Trajectory = drive(make_variant(found[key], section), piece, section.tracked_point, SAMPLE)
         ax.plot(motion.t, motion.twist[:, 0], color=colour, lw=1.0, label=words)
         print(f"{words}: up to {motion.twist[motion.t > 3.0, 0].max():.3f} m/s on trajectory 3")
     ax.axhline(0.5, color="black", lw=0.8, ls=":")
-    ax.set(xlabel="time [s]", ylabel="speed ahead [m/s]", xlim=(0, 20), ylim=(0, 0.98))
+    ax.set(xlabel="time [s]", ylabel="forward speed [m/s]", xlim=(0, 20), ylim=(0, 0.98))
     ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=1)
-    ax.set_title("Trajectory 3: 0.5 m/s commanded", fontsize=10)
+    ax.set_xticks([0, 5, 10, 15, 20])
+    ax.set_title("Speed on trajectory 3 (command: 0.5 m/s)", fontsize=10)
 
 
 def main() -> None:

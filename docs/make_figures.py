@@ -31,28 +31,28 @@ from validation.study.contact.run import MUJOCO_IMPEDANCE
 RADIUS, WEIGHT = 0.1651, 73.30 * GRAVITY
 DIAGONAL = math.hypot(WHEELBASE, TRACK)
 CONTACT_TIME, GREATEST_IMPEDANCE = 0.02, 0.95
-"""solref[0] [s] and solimp[1], the same in both contacts."""
+"""solref[0] [s] and solimp[1], equal in both contacts."""
 HALF_TRACK = 0.5 * TRACK * 1.8
-"""Half-track of the driver in every turn below [m]."""
+"""Half-track of the driver in all turns below [m]."""
 OUT = Path(__file__).parent / "img" / "contact.png"
 
 
 @dataclass(frozen=True)
 class Turn:
-    """A steady turn, over the last 3 s."""
+    """Measures of a steady turn over its last 3 s."""
 
     multiplier: float
-    """Wheels' yaw rate over the body's, by the rolling radius [1]."""
+    """Yaw rate of the wheels over that of the body, by the rolling radius [1]."""
     by_contact_radius: float
-    """The same by the distance of the contact points from the axle while it turns [1]."""
+    """Multiplier by the distance of the contact points from the axle while turning [1]."""
     contact_radius: float
-    """That distance [m]; at rest it is the rolling radius."""
+    """Distance of the contact points from the axle [m]; at rest it is the rolling radius."""
     ripple: float
     """Range of the yaw rate over its mean [1]."""
     lowest_load: float
     """Least wheel load over its mean [1]."""
     depth: float
-    """How deep the tyres are pressed in [m]."""
+    """Depth by which the tyres are pressed in [m]."""
     rate: float
     """Yaw rate [rad/s]."""
     torque: float
@@ -94,12 +94,12 @@ def turn(calibration: HuskyCalibration, rate: float = 0.6, solimp: Impedance | N
 
 
 def print_row(*cells: object) -> None:
-    """One row of a markdown table."""
+    """Print one row of a markdown table."""
     print("| " + " | ".join(str(cell) for cell in cells) + " |", flush=True)
 
 
 def table_turning() -> None:
-    """Multipliers by shape, friction and step, soft and default contact."""
+    """Print multipliers by shape, friction and step, under soft and default contact."""
     print("\nshape, friction: soft at 1, 2, 5 ms; by contact radius at 2 ms; closed form; default contact at 1, 2, 5 ms")
     for shape, half_width in HALF_WIDTH.items():
         for friction in (0.1, 0.3, 0.6, 0.8):
@@ -129,7 +129,7 @@ def table_turning() -> None:
 
 
 def lift_constant() -> float:
-    """Wheel load times the contact's inverse mass times the damping time, N A T d_max / 2 [m/s]."""
+    """Return wheel load times the contact's inverse mass times the damping time, N A T d_max / 2 [m/s]."""
     model = build(HuskyCalibration())
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
@@ -138,7 +138,7 @@ def lift_constant() -> float:
 
 
 def table_lift() -> None:
-    """Greatest friction times slip speed at which all tyres stay down, by bisection, over the impedance at zero depth."""
+    """Print, by impedance at zero depth, the largest friction times slip speed at which all tyres stay down."""
     constant = lift_constant()
     print(f"\nimpedance d0, friction: mu v at which a tyre lifts [m/s], law {constant:.4f} (1 - d0) / d0")
     for d0 in (0.1, 0.2, 0.5, 0.9):
@@ -156,25 +156,25 @@ def table_lift() -> None:
 
 
 def lab_drive(torque_limit: float) -> Drive:
-    """The thesis' drive, but for the driver's half-track and the torque limit."""
+    """Return the thesis' drive with another half-track and torque limit."""
     return Drive(command_half_track=HALF_TRACK, torque_limit=torque_limit)
 
 
 def trajectory(
     scenario: str, calibration: HuskyCalibration, torque_limit: float, settings: PhysicsSettings = SHIPPED
 ) -> Trajectory:
-    """One of trajectories 1-4, sampled every 10 ms."""
+    """Drive one of trajectories 1-4, sampled every 10 ms."""
     plant = MujocoPlant(calibration, lab_drive(torque_limit), settings=settings)
     return plant.run(TRAJECTORIES[scenario].commands(), State(), 0.01)
 
 
 def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
-    """Distance of the end points [mm]."""
+    """Return the distance between the end points [mm]."""
     return 1e3 * float(np.hypot(*(coarse.xy[-1] - fine.xy[-1])))
 
 
 def table_steps() -> None:
-    """Convergence with the time step on trajectories 1-4, and over servo gain and armature."""
+    """Print convergence with the time step on trajectories 1-4, and over servo gain and armature."""
     print("\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; loads; side slip [m/s]")
     for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
         for scenario in TRAJECTORIES:
@@ -229,7 +229,7 @@ def table_steps() -> None:
 
 
 def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A robot at rest on its tyres."""
+    """Return a robot at rest on its tyres."""
     model = build(calibration)
     limit_torque(model, math.inf)
     data = mujoco.MjData(model)
@@ -238,7 +238,7 @@ def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjDat
 
 
 def table_rest() -> None:
-    """Creep on a side slope of 8 degrees, and blocked wheels that slide to a stop."""
+    """Print creep on a side slope of 8 degrees, and stops with blocked wheels."""
     print("\nshape, friction: creep at impratio 1, 10, 100 [mm/s]")
     for shape in HALF_WIDTH:
         for friction in (0.2, 0.6):
@@ -261,7 +261,7 @@ def table_rest() -> None:
 
 
 def table_between() -> None:
-    """What separates the MuJoCo Husky from a planar model: side slip and droop."""
+    """Print side slip and droop, in which the MuJoCo Husky differs from a planar model."""
     print("\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], multiplier by contact radius at rest")
     lag = 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
     drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
@@ -289,24 +289,24 @@ def table_between() -> None:
 
 
 def draw() -> None:
-    """The multiplier over the time step, and one wheel's load over time, under default and soft contact."""
+    """Draw the multiplier over the time step, and one wheel's load over time, under default and soft contact."""
     steps = (0.00025, 0.0005, 0.001, 0.002, 0.005, 0.01)
     figure = Figure(figsize=(9.0, 3.6), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    looks = {"ellipsoid": ("o", "ellipsoid (a point)"), "cylinder": ("s", "cylinder (a line)")}
+    looks = {"ellipsoid": ("o", "ellipsoid (touches at a point)"), "cylinder": ("s", "cylinder (touches along a line)")}
     for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
         for shape, (marker, label) in looks.items():
             base = HuskyCalibration(friction=0.6, wheel_shape=shape)  # type: ignore[arg-type]
             found = [turn(replace(base, timestep=dt), solimp=solimp).multiplier for dt in steps]
             fill = colour if shape == "ellipsoid" else "white"
             left.plot([1e3 * dt for dt in steps], found, marker, ls="-", lw=1.2, color=colour, markerfacecolor=fill,
-                      label=f"{contact}, {label}")  # fmt: skip
+                      label=f"{contact} contact, {label}")  # fmt: skip
     for shape, style in (("ellipsoid", "-"), ("cylinder", "--")):
         form = turn_on_the_spot(half_width=HALF_WIDTH[shape]).multiplier
         name = "a point" if shape == "ellipsoid" else "a line"
-        left.axhline(form, color="black", lw=0.8, ls=style, label=f"closed form, {name}: {form:.3f}")
-    left.set(xscale="log", xlabel="time step [ms]", ylabel="yaw-rate multiplier", ylim=(1.7, 2.9))
+        left.axhline(form, color="black", lw=0.8, ls=style, label=f"formula for {name}: {form:.3f}")
+    left.set(xscale="log", xlabel="time step [ms]", ylabel="wheels' yaw rate over the robot's", ylim=(1.7, 2.9))
     left.set_xticks([1e3 * dt for dt in steps], [f"{1e3 * dt:g}" for dt in steps], minor=False)
     left.minorticks_off()
     left.legend(fontsize=8, frameon=False, loc="upper left")
@@ -316,10 +316,16 @@ def draw() -> None:
         plant = MujocoPlant(HuskyCalibration(friction=0.6), drive, settings=PhysicsSettings(solimp=solimp))
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), plant.dt)
         shown = motion.t > 4.8
-        right.plot(motion.t[shown] - 4.8, motion.channels["wheel_load_N"][shown, 0], color=colour, lw=1.0, label=contact)
+        right.plot(
+            motion.t[shown] - 4.8,
+            motion.channels["wheel_load_N"][shown, 0],
+            color=colour,
+            lw=1.0,
+            label=f"{contact} contact",
+        )
     right.set(xlabel="time [s]", ylabel="load of the front left wheel [N]", ylim=(0.0, 490.0))
     right.legend(fontsize=8, frameon=False, loc="upper right", ncols=2)
-    right.set_title("The same at 2 ms, ellipsoid", fontsize=10)
+    right.set_title("Wheel load in this turn (ellipsoid, 2 ms)", fontsize=10)
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
     OUT.parent.mkdir(exist_ok=True)

@@ -1,7 +1,7 @@
 """Draw figures of docs/centre_of_mass.md and README.md; with `--tables RECORDING`, measure for docs/identification.md.
 
 Run from the project's root: `python docs/make_identification_figures.py [--tables husky_tile_train.csv]`. The figures need
-no recording: they are drawn from profile `husky-tile` and from the numbers below, whose origin docs/centre_of_mass.md says.
+no recording: they use profile `husky-tile` and the numbers below, whose origin docs/centre_of_mass.md explains.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ OUTLINE = 0.99, 0.67
 WHEEL = 0.33, 0.1143
 """Diameter and width of its wheels [m]."""
 CHI = 2.448
-"""Half-axes of the 95 % ellipse of two normal variables over their standard deviations."""
+"""Half-axes of the 95 % ellipse of two normal variables, in standard deviations."""
 CORRELATION = 0.48
-"""Of com_x and com_y in the fit of profile husky-tile."""
+"""Correlation of com_x and com_y in the fit of profile husky-tile."""
 SPLIT = 500.0
-"""Until when the recording was fitted to [s]."""
+"""End of the part of the recording that the fit used [s]."""
 GYRO_LAG = 0.2
-"""The recording's poses and wheel rates come so much later than its gyro [s]."""
+"""Delay of the recording's poses and wheel rates behind its gyro [s]."""
 AIM = 35.0, math.degrees(0.025)
-"""Set beforehand for the median error after 6 s [mm], [deg]."""
+"""Targets of the project for the median error after 6 s [mm], [deg]."""
 IMAGES = Path(__file__).parent / "img"
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the centre of mass is held, and what the other parameters then reach."""
+    """A place at which the centre of mass is held, and the result of fitting the other parameters."""
 
     label: str
     x: float
@@ -56,9 +56,9 @@ class Place:
     ratio: float
     """Lateral over longitudinal friction."""
     cost: float
-    """On the first 500 s, at a step of 5 ms [m]."""
+    """Cost on the first 500 s, at a step of 5 ms [m]."""
     refitted: bool
-    """Whether the other parameters were searched to the end; if not, the cost is an upper bound."""
+    """Whether a search of the other parameters was finished; if not, the cost is an upper bound."""
     marker: str
     colour: str
 
@@ -66,15 +66,15 @@ class Place:
 PLACES = (
     Place("fitted", -0.0424, -0.0088, 1.0, 0.0775, True, "o", "#0072b2"),
     Place("middle", 0.0, 0.0, 1.0, 0.0942, True, "s", "#444444"),
-    Place("maker, now", -0.00065, -0.085, 1.0, 0.2573, True, "^", "#d55e00"),
-    Place("maker, earlier", -0.087, 0.0, 1.0, 0.3779, True, "v", "#a0529a"),
+    Place("maker's present", -0.00065, -0.085, 1.0, 0.2573, True, "^", "#d55e00"),
+    Place("maker's earlier", -0.087, 0.0, 1.0, 0.3779, True, "v", "#a0529a"),
     Place("middle", 0.0, 0.0, 0.937, 0.0781, False, "s", "#444444"),
-    Place("maker, now", -0.00065, -0.085, 0.848, 0.0803, False, "^", "#d55e00"),
+    Place("maker's present", -0.00065, -0.085, 0.848, 0.0803, False, "^", "#d55e00"),
 )
 
 
 def measured_multiplier() -> tuple[float, float]:
-    """By the kinematic baseline, and its standard error."""
+    """Return the multiplier of the kinematic baseline and its standard error."""
     profile = load("husky-tile")
     found, errors = profile.plants["kinematic"].parameters, _provenance("kinematic")["standard_errors"]
     return (found.y_l - found.y_r) / TRACK, math.hypot(errors["y_l"], errors["y_r"]) / TRACK
@@ -92,7 +92,7 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def _draw_robot(ax: Axes) -> None:
-    """Body and tyres from above, the front up."""
+    """Draw body and tyres from above, the front up."""
     length, (diameter, tyre) = OUTLINE[0], WHEEL
     boxes = [(0.0, 0.0, TRACK - tyre + 0.06, length, "#f7f2e4")]
     boxes += [(y, x, tyre, diameter, "0.82") for x, y in zip(WHEEL_X, WHEEL_Y, strict=True)]
@@ -102,11 +102,11 @@ def _draw_robot(ax: Axes) -> None:
     ax.plot([0.0, 0.0], [-0.5 * WHEELBASE, 0.5 * WHEELBASE], color="0.6", lw=0.7, ls=":")
     ax.plot([-0.5 * TRACK, 0.5 * TRACK], [0.0, 0.0], color="0.6", lw=0.7, ls=":")
     ax.annotate("", (0.0, 0.46), (0.0, 0.33), arrowprops={"arrowstyle": "-|>", "color": "0.35"})
-    ax.text(0.02, 0.40, "ahead", fontsize=8.5, color="0.35", ha="right", va="center")
+    ax.text(0.02, 0.40, "front", fontsize=8.5, color="0.35", ha="right", va="center")
 
 
 def draw_centre() -> None:
-    """The robot from above, the places claimed for its centre, what they mean for a turn, and what they cost."""
+    """Draw the robot from above, the claimed places of its centre, and the multiplier and cost of each."""
     mujoco = load("husky-tile").plants["mujoco"].parameters
     errors = _provenance("mujoco")["standard_errors"]
     figure = _figure(13.0, 4.4)
@@ -121,7 +121,7 @@ def draw_centre() -> None:
     near.add_patch(Ellipse(where, large, small, angle=angle, facecolor="#0072b230", edgecolor="#0072b2", linewidth=1.2))
     near.axhline(0.0, color="0.6", lw=0.7, ls=":")
     near.axvline(0.0, color="0.6", lw=0.7, ls=":")
-    beside = {"fitted": (0, -20), "middle": (22, 8), "maker, now": (-8, 10), "maker, earlier": (0, -15)}
+    beside = {"fitted": (0, -20), "middle": (22, 8), "maker's present": (-2, -14), "maker's earlier": (0, -15)}
     for place in PLACES:
         if place.ratio == 1.0:
             for ax, size in ((top, 4), (near, 8)):
@@ -130,13 +130,17 @@ def draw_centre() -> None:
                           color=place.colour, ha="center", va="center")  # fmt: skip
     top.add_patch(Rectangle((-0.12, -0.12), 0.16, 0.16, fill=False, edgecolor="0.2", linewidth=0.9))
     top.set(
-        xlim=(0.39, -0.39), ylim=(-0.53, 0.53), aspect="equal", xlabel="to the left [m]", ylabel="ahead of the middle [m]"
+        xlim=(0.39, -0.39),
+        ylim=(-0.53, 0.53),
+        aspect="equal",
+        xlabel="left of the middle [m]",
+        ylabel="ahead of the middle [m]",
     )
-    near.set(xlim=(0.04, -0.12), ylim=(-0.12, 0.04), aspect="equal", xlabel="to the left [m]")
+    near.set(xlim=(0.04, -0.12), ylim=(-0.12, 0.04), aspect="equal", xlabel="left of the middle [m]")
     near.set_xticks([0.0, -0.05, -0.1])
     near.set_yticks([0.0, -0.05, -0.1])
     top.set_title("The robot from above", fontsize=10, pad=18)
-    near.set_title("Its centre, friction held isotropic", fontsize=10, pad=18)
+    near.set_title("Centre of mass, with equal friction\nalong and across the wheels", fontsize=10, pad=18)
     rows = np.arange(len(PLACES))[::-1]
     measured, error = measured_multiplier()
     turns.axvspan(measured - 1.96 * error, measured + 1.96 * error, color="0.8", lw=0.0)
@@ -156,13 +160,15 @@ def draw_centre() -> None:
             ax.plot(value, row, place.marker, color=place.colour, markersize=8, zorder=3, markeredgecolor=place.colour,
                     markerfacecolor=place.colour if place.refitted else "white")  # fmt: skip
             ax.annotate(text, (value, row), (9, 0), textcoords="offset points", ha="left", va="center", fontsize=8.5)
-    names = [f"{p.label}\n({1e3 * p.x:.0f}, {1e3 * p.y:.0f}) mm, ratio {p.ratio:.3g}".replace("-", "−") for p in PLACES]
+    names = [
+        f"{p.label}\n({1e3 * p.x:.0f}, {1e3 * p.y:.0f}) mm, friction ratio {p.ratio:.3g}".replace("-", "−") for p in PLACES
+    ]
     turns.set_yticks(rows, names, fontsize=8.5)
     costs.set_yticks(rows, [])
-    turns.set(xlim=(0.9, 2.5), xlabel="yaw-rate multiplier on the spot")
-    costs.set(xlim=(0.0, 0.48), xlabel="cost on what was fitted to [m]")
-    turns.set_title("What it means for a turn", fontsize=10, pad=18)
-    costs.set_title("What it costs", fontsize=10, pad=18)
+    turns.set(xlim=(0.9, 2.5), xlabel="wheels' over robot's yaw rate [1]")
+    costs.set(xlim=(0.0, 0.48), xlabel="cost on the first 500 s [m]")
+    turns.set_title("Multiplier with this centre", fontsize=10, pad=18)
+    costs.set_title("Cost of the fit with this centre", fontsize=10, pad=18)
     for ax in (turns, costs):
         ax.set_ylim(-0.6, len(PLACES) - 0.5)
         ax.axhline(1.5, color="0.6", lw=0.8, ls="--")
@@ -185,11 +191,11 @@ SPREAD: Mapping[str, Mapping[str, tuple[float, float]]] = {
         "kinematic": (0.0065, 0.0058),
     },
 }  # fmt: skip
-"""Standard error of the held-out medians by resampling the windows, as `--tables` prints it [m], [rad]."""
+"""Standard errors of the held-out medians, from resampled windows, as `--tables` prints them [m], [rad]."""
 
 
 def draw_tile() -> None:
-    """Median errors after 6 s of every plant on the recording: what was fitted to, and what was held out."""
+    """Draw the median errors after 6 s of every plant on the recording: on the data of the fit and on held-out data."""
     figure = _figure(9.0, 4.4)
     panels = figure.subplots(2, 2, sharey=True, sharex="col")
     rows = {plant: len(PLANTS) - 1 - i for i, plant in enumerate(PLANTS)}
@@ -214,20 +220,20 @@ def draw_tile() -> None:
             ax.tick_params(axis="y", length=0)
             ax.set_axisbelow(True)
             ax.set_title(
-                ("Position", "Yaw")[k] + f", from {'measured wheel rates' if given == 'wheels' else 'commands'}",
+                ("Position", "Heading")[k] + f", from {'measured wheel rates' if given == 'wheels' else 'commands'}",
                 fontsize=10,
                 loc="left",
             )
         line[0].set_yticks(list(rows.values()), list(rows))
     for ax, name in zip(
-        panels[1], ("median position error after 6 s [mm]", "median yaw error after 6 s [deg]"), strict=True
+        panels[1], ("median position error after 6 s [mm]", "median heading error after 6 s [deg]"), strict=True
     ):
         ax.set_xlabel(name)
     ax = panels[0, 0]
     marks = [
-        *ax.plot([], [], "o", color="0.3", label="held out: the last 150 s, bar: one standard error"),
-        *ax.plot([], [], "o", markerfacecolor="white", markeredgecolor="0.3", label="fitted to: the first 500 s"),
-        *ax.plot([], [], color="0.4", lw=0.9, ls="--", label="aim"),
+        *ax.plot([], [], "o", color="0.3", label="held out: the last 150 s (bar: one standard error)"),
+        *ax.plot([], [], "o", markerfacecolor="white", markeredgecolor="0.3", label="data of the fit: the first 500 s"),
+        *ax.plot([], [], color="0.4", lw=0.9, ls="--", label="target"),
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=8.5)
     figure.savefig(IMAGES / "tile.png")
@@ -239,7 +245,7 @@ def draw_tile() -> None:
 def _overlapping(
     t: FloatArray, fresh: NDArray[np.bool_] | None, horizon: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Windows that begin every second."""
+    """Return the windows that begin every second."""
     found: set[tuple[int, int]] = set()
     for offset in np.arange(0.0, horizon, 1.0):
         first = int(np.searchsorted(t, t[0] + offset - 1e-9))
@@ -252,7 +258,7 @@ def _overlapping(
 
 
 def table_scores(path: str) -> None:
-    """Medians after 6 s over the windows of the results and over overlapping ones, with the standard error of the former."""
+    """Print medians after 6 s over separate windows, with their standard errors, and over overlapping windows."""
     print("input, plant: windows, position [m], yaw [rad], their standard errors; overlapping windows, position, yaw")
     profile = load("husky-tile")
     kinds: dict[str, CommandKind] = {"wheels": "wheels", "commands": "twist"}
@@ -288,7 +294,7 @@ def table_scores(path: str) -> None:
 
 
 def _least_sizes(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Residuals of a regression that makes the sum of their sizes small."""
+    """Return the residuals of a regression that minimises the sum of their absolute values."""
     weight = np.ones(len(b))
     for _ in range(50):
         x = np.linalg.lstsq(a * weight[:, None], b * weight, rcond=None)[0]
@@ -297,7 +303,7 @@ def _least_sizes(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def table_floor(path: str) -> None:
-    """How much of the yaw after 6 s the gyro explains, and how much a constant map of the wheels' rotation can."""
+    """Print how much of the heading after 6 s the gyro explains, and how much a constant map of wheel rotation can."""
     recording = read_csv(path)
     rows = []
     for piece in recording.segments():

@@ -22,7 +22,7 @@ import numba
 import numpy as np
 
 from benchmarks.fit import LAB_FREE, problem_of
-from benchmarks.rows import Row, alternate, report
+from benchmarks.rows import MissingError, Row, alternate, optional, report
 from validation import cli
 from validation.fit.cluster import Cluster
 from validation.fit.objective import CostSettings, Problem
@@ -46,13 +46,13 @@ def rows_of(what: str, here: Call, one: Call, two: Call, repeats: int) -> list[R
     ]
 
 
-def generation_rows(clients: tuple[Any, Any], model: str, problem: Problem, repeats: int) -> list[Row]:
-    """A generation of a fit."""
-    points = np.random.default_rng(0).random((POPULATION, len(problem.space)))
-    limits = np.full(POPULATION, np.inf)
+def generation_rows(clients: tuple[Any, Any], problem: Problem, population: int, repeats: int) -> list[Row]:
+    """Time a generation of a fit."""
+    points = np.random.default_rng(0).random((population, len(problem.space)))
+    limits = np.full(population, np.inf)
     with ExitStack() as stack:
         one, two = (stack.enter_context(Cluster(c.scheduler.address, problem)) for c in clients)
-        what = f"generation of {POPULATION}, {model} on traj4"
+        what = f"generation of {population}, {problem.model} on traj4"
         return rows_of(
             what, lambda: problem.costs(points, limits), lambda: one(points, limits), lambda: two(points, limits), repeats
         )
@@ -83,36 +83,38 @@ def _example() -> ModuleType:
     return importlib.import_module(SURFACES.stem)
 
 
-def main(repeats: int = 3, out: Path = Path("runs/benchmarks/cluster.json")) -> None:
-    """Measure what a second worker brings.
+def measure(sizes: tuple[int, int], repeats: int, quick: bool) -> list[Row]:
+    """Time everything over two clusters of as many worker processes as `sizes` says.
 
-    Args:
-        repeats: Of each measurement; the fastest counts.
-        out: Where the numbers go.
+    Raises:
+        MissingError: dask.distributed is not installed.
     """
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise cli.UserError("this needs dask.distributed: pip install 'ssmr-testbed[cluster]'") from error
-    numba.set_num_threads(1)
+        raise MissingError("dask.distributed is not installed: pip install 'ssmr-testbed[cluster]'") from error
     logging.getLogger("distributed").setLevel(logging.WARNING)
+    options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": ":0", "silence_logs": 50}
+    planar = problem_of("improved", "traj4@mujoco", ("u_x", "mu_s", "mu_d", "gain"), CostSettings("path"))
     with ExitStack() as stack:
-        clusters = [
-            stack.enter_context(
-                LocalCluster(
-                    n_workers=n, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
-                    silence_logs=50,
-                )
-            )
-            for n in (1, 2)
-        ]  # fmt: skip
-        one, two = (stack.enter_context(Client(c)) for c in clusters)
-        rows = generation_rows(
-            (one, two), "mujoco", problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync")), repeats
-        )
-        planar = problem_of("improved", "traj4@mujoco", ("u_x", "mu_s", "mu_d", "gain"), CostSettings("path"))
-        rows += generation_rows((one, two), "improved", planar, repeats)
-        rows += surface_rows((one, two), max(1, repeats // 2))
+        one, two = (stack.enter_context(Client(stack.enter_context(LocalCluster(n_workers=n, **options)))) for n in sizes)
+        if quick:
+            return generation_rows((one, two), planar, 4, 1)
+        husky = problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync"))
+        rows = [row for p in (husky, planar) for row in generation_rows((one, two), p, POPULATION, repeats)]
+        return rows + surface_rows((one, two), max(1, repeats // 2))
+
+
+def main(repeats: int = 3, out: Path = Path("runs/benchmarks/cluster.json"), quick: bool = False) -> None:
+    """Measure what a second worker brings.
+
+    Args:
+        repeats: Number of times that each is measured; the fastest counts.
+        out: JSON file to write.
+        quick: Time one small generation once: a check that everything runs.
+    """
+    numba.set_num_threads(1)
+    rows = optional(quick, lambda: measure((1, 2), repeats, quick)) or []
     report("What a second worker brings", rows, out)
 
 

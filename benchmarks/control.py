@@ -39,8 +39,8 @@ ASKED_REAL_TIME = 2000.0
 ASKED_OVERHEAD = 1.3
 
 
-def planar_rows(repeats: int) -> list[Row]:
-    """Closed loops of the improved model, on one core."""
+def planar_rows(repeats: int, population: int) -> list[Row]:
+    """Time closed loops of the improved model on one core."""
     profile = load("thesis-lab")
     robot = make_robot(profile, "improved")
     assert isinstance(robot.body, PlanarModel)
@@ -48,10 +48,10 @@ def planar_rows(repeats: int) -> list[Row]:
     rows = []
     for controller, gains in (("pid", "published"), ("lqr", "published")):
         law = make_controller(profile, load_gains(controller, gains))
-        loops = [Loop(body, law, LoopSettings())] * POPULATION
+        loops = [Loop(body, law, LoopSettings())] * population
         numba.set_num_threads(1)
         (ours,) = alternate(partial(run_loops, loops, waypoints, range(4)), repeats=repeats)
-        simulated = POPULATION * waypoints.duration
+        simulated = population * waypoints.duration
         speed = simulated / ours
         rows.append(
             Row(
@@ -63,16 +63,18 @@ def planar_rows(repeats: int) -> list[Row]:
                 speed >= ASKED_REAL_TIME,
             )
         )
+        if population < POPULATION:
+            continue  # the slow loop is left out of a quick run
         began = time.perf_counter()
         track(PlanarPlant(body), law, waypoints, LoopSettings(), 0)
         slow = time.perf_counter() - began
         rows.append(
-            Row(f"{controller}: fused loop over the slow one", ours / POPULATION / slow, "", ours / POPULATION, slow, True)
+            Row(f"{controller}: fused loop over the slow one", ours / population / slow, "", ours / population, slow, True)
         )
     return rows
 
 
-def mujoco_rows(repeats: int, workers: int) -> list[Row]:
+def mujoco_rows(repeats: int, workers: int, population: int) -> list[Row]:
     """A population of closed loops on MuJoCo beside open-loop rollouts of the same robots."""
     profile = load("thesis-lab")
     robot = make_robot(profile, "mujoco")
@@ -80,12 +82,12 @@ def mujoco_rows(repeats: int, workers: int) -> list[Row]:
     assert isinstance(plant, MujocoPlant)
     waypoints = circle(0.5, 1.5, 0.25)
     law = make_controller(profile, load_gains("pid", "published"))
-    loops = [HuskyLoop(plant, law, LoopSettings())] * POPULATION
+    loops = [HuskyLoop(plant, law, LoopSettings())] * population
     runs = run_husky_loops(loops, waypoints, range(4), workers)
     n = round(float(runs[0].t[-1]) / plant.dt)
     references = np.repeat(runs[0].table[:-1, 6:8], n // (len(runs[0].t) - 1), axis=0)
-    control = np.repeat(references[None], POPULATION, axis=0)
-    start = np.repeat(plant.placed(waypoints.start)[None], POPULATION, axis=0)
+    control = np.repeat(references[None], population, axis=0)
+    start = np.repeat(plant.placed(waypoints.start)[None], population, axis=0)
     datas = [mujoco.MjData(plant.model) for _ in range(workers)]
     closed, opened = alternate(
         lambda: run_husky_loops(loops, waypoints, range(4), workers),
@@ -95,37 +97,43 @@ def mujoco_rows(repeats: int, workers: int) -> list[Row]:
     ratio = closed / opened
     return [
         Row(
-            f"{POPULATION} closed loops on MuJoCo over open-loop rollouts", ratio, f"<= {ASKED_OVERHEAD}", closed, opened,
+            f"{population} closed loops on MuJoCo over open-loop rollouts", ratio, f"<= {ASKED_OVERHEAD}", closed, opened,
             ratio <= ASKED_OVERHEAD,
         )
     ]  # fmt: skip
 
 
-def budget_rows(workers: int) -> list[Row]:
-    """Tab. 4.3's budget on the generic reference, extrapolated from two generations of a hundred."""
+def budget_rows(workers: int, candidates: int) -> list[Row]:
+    """Tab. 4.3's budget on the generic reference, extrapolated from two smaller generations."""
     profile = load("thesis-lab")
     label, waypoints = open_reference("generic", 0.25)
     case = Case(label, label, waypoints, make_robot(profile, "improved"), LoopSettings())
     space = make_tuning_space("pid", None, False, {})
     problem = TuneProblem(profile, load_gains("pid", "published"), space, (case,), TuneCost(guard=0.0))
-    points = np.random.default_rng(0).random((100, len(space)))
+    points = np.random.default_rng(0).random((candidates, len(space)))
     (once,) = alternate(lambda: problem.costs(points, None, workers), repeats=2)
     minutes = once * BUDGET / len(points) / 60.0
     return [Row(f"Tab. 4.3: {BUDGET} evaluations, minutes on {workers} cores", minutes, "", once, once, True)]
 
 
-def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 7, workers: int = 0) -> None:
+def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 7, workers: int = 0, quick: bool = False) -> None:
     """Time closed loops beside real time and beside open-loop rollouts; print the ratios and write them as JSON.
 
     Args:
-        out: Where the JSON goes.
-        repeats: How often each is timed; the fastest counts.
+        out: JSON file to write.
+        repeats: Number of times that each is timed; the fastest counts.
         workers: Threads; all cores if 0.
+        quick: Time small populations once and leave out the slow loop: a check that everything runs.
     """
     if repeats < 1 or workers < 0:
         raise cli.UserError("--repeats must be positive, --workers must not be negative")
     threads = workers or os.cpu_count() or 1
-    rows = [*planar_rows(repeats), *mujoco_rows(repeats, threads), *budget_rows(threads)]
+    often, population, candidates = (1, 2, 4) if quick else (repeats, POPULATION, 100)
+    rows = [
+        *planar_rows(often, population),
+        *mujoco_rows(often, threads, population),
+        *budget_rows(threads, candidates),
+    ]
     report("benchmarks/control: fastest times, measured side by side", rows, out)
 
 

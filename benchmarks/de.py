@@ -28,6 +28,7 @@ for peers alike. Ackley's values themselves are rounded at 4e-15; no floor is ap
 
 from __future__ import annotations
 
+import importlib
 import math
 import os
 import time
@@ -43,6 +44,7 @@ import numpy as np
 from rich.table import Table
 from scipy.optimize import differential_evolution
 
+from benchmarks.rows import MissingError, optional
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, store
@@ -211,19 +213,29 @@ def _elsewhere(search: Callable[[int], float], seed: int) -> float:
 
 
 def measure(pg: Any, function: Function, n: int, population: int, runs: int, fast_runs: int) -> list[Row]:
-    """All contestants on one function."""
-    g = function.generations
+    """Let all contestants search on one function; `pg` is pygmo, or None where it is not installed."""
     searches: list[tuple[str, int, Callable[[int], float]]] = [
         (name, fast_runs, partial(run_ours, function, settings, n, population)) for name, settings in (OURS | RECORD).items()
     ]
+    if pg is not None:
+        searches += pygmo_searches(pg, function, n, population, runs, fast_runs)
+    searches.append(("scipy best2bin", runs, partial(run_scipy, function, n, population)))
+    return [Row(function.name, name, *timed(search, count)) for name, count, search in searches]
+
+
+def pygmo_searches(
+    pg: Any, function: Function, n: int, population: int, runs: int, fast_runs: int
+) -> list[tuple[str, int, Callable[[int], float]]]:
+    """Return pygmo's contestants: name, number of runs, and a search by seed."""
+    searches: list[tuple[str, int, Callable[[int], float]]] = []
     problem, compiled = pg.problem(_PygmoProblem(function, n)), compiled_problem(pg, function, n)
+    g = function.generations
     for name, number in PYGMO.items():
         searches.append((f"pygmo {name}", runs, partial(run_pygmo, pg, problem, number, g, population)))
         if compiled is not None:
             run = partial(run_pygmo, pg, compiled, number, g, population)
             searches.append((f"pygmo {name}, compiled function", fast_runs, partial(_elsewhere, run)))
-    searches.append(("scipy best2bin", runs, partial(run_scipy, function, n, population)))
-    return [Row(function.name, name, *timed(search, count)) for name, count, search in searches]
+    return searches
 
 
 def judge(rows: Sequence[Row]) -> Verdict:
@@ -268,6 +280,18 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     return table
 
 
+def import_pygmo() -> Any:
+    """Return pygmo.
+
+    Raises:
+        MissingError: it is not installed.
+    """
+    try:
+        return importlib.import_module("pygmo")
+    except ImportError as error:
+        raise MissingError("pygmo is not installed; install this project with the extra 'bench'") from error
+
+
 def main(
     out: Path = Path("runs/benchmarks/de.json"),
     dimensions: int = 30,
@@ -275,25 +299,26 @@ def main(
     runs: int = 3,
     fast_runs: int = 15,
     share: float = 1.0,
+    quick: bool = False,
 ) -> None:
     """Let every search run on every function; print costs, CPU times and ratios and write them as JSON.
 
     Args:
-        out: Where the JSON goes.
-        dimensions: How many coordinates the functions have.
+        out: JSON file to write.
+        dimensions: Number of coordinates of the functions.
         population: Vectors in a generation, for everybody.
         runs: Seeds of the slow peers: scipy, and pygmo where it calls Python.
         fast_runs: Seeds of ours, and of pygmo on compiled functions.
-        share: Of the generations, for a quick look.
+        share: Share of the generations that is run, for a quick look.
+        quick: Take one seed, five dimensions and a hundredth of the generations: a check that everything runs.
     """
-    try:
-        import pygmo as pg
-    except ImportError as error:
-        raise cli.UserError("pygmo is not installed; install this project with the extra 'bench'") from error
     if dimensions < 2 or population < 7 or runs < 1 or fast_runs < 1 or not 0.0 < share <= 1.0:
         raise cli.UserError(
             "--dimensions must be at least 2, --population 7, --runs and --fast-runs 1, --share within 0 and 1"
         )
+    if quick:
+        dimensions, population, runs, fast_runs, share = 5, 20, 1, 1, 0.01
+    pg = optional(quick, import_pygmo)
     functions = [replace(f, generations=max(1, round(share * f.generations))) for f in FUNCTIONS]
     results = [measure(pg, function, dimensions, population, runs, fast_runs) for function in functions]
     verdicts = [judge(rows) for rows in results]
@@ -303,7 +328,7 @@ def main(
     console.print(verdict_table(verdicts))
     document: dict[str, Any] = {
         "schema": "ssmr.benchmark/1",
-        "versions": store.versions() | {"pygmo": pg.__version__},
+        "versions": store.versions() | ({"pygmo": pg.__version__} if pg is not None else {}),
         "dimensions": dimensions,
         "population": population,
         "generations": {f.name: f.generations for f in functions},

@@ -24,7 +24,7 @@ import numba
 import numpy as np
 from rich.table import Table
 
-from benchmarks.rows import Row, alternate, report
+from benchmarks.rows import MissingError, Row, alternate, optional, report
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.simulate import SAMPLE_DT, PlanarModel, run_population
 from ssmr.types import FloatArray, State
@@ -71,12 +71,12 @@ def candidates_of(problem: Problem, size: int) -> tuple[FloatArray, list[PlantPr
     return np.array(points), plants
 
 
-def rating_rows(repeats: int) -> list[Row]:
-    """Rating a population against simulating it, planar models and MuJoCo."""
+def rating_rows(repeats: int, population: int) -> list[Row]:
+    """Time rating a population against simulating it, for planar models and MuJoCo."""
     rows, threads = [], numba.get_num_threads()
     for model, free in (("coulomb", ("u_x", "mu_c", "gain")), ("improved", ("u_x", "mu_s", "mu_d", "gain"))):
         problem = problem_of(model, "traj4@mujoco", free, CostSettings("path"))
-        points, plants = candidates_of(problem, 50)
+        points, plants = candidates_of(problem, population)
         models = [PlanarModel(p.parameters, p.vehicle, p.drive) for p in plants]
         commands = problem.targets[0].source.pieces[0].commands
         rated, simulated = alternate(
@@ -84,7 +84,7 @@ def rating_rows(repeats: int) -> list[Row]:
             partial(run_population, models, commands, [State()] * len(models), SAMPLE_DT),
             repeats=repeats,
         )
-        what = f"{model}: rating 50 candidates by Eq. 3.1 / simulating them"
+        what = f"{model}: rating {population} candidates by Eq. 3.1 / simulating them"
         rows.append(Row(what, rated / simulated, "<= 1.5", rated, simulated, rated <= 1.5 * simulated))
     problem = problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync"))
     points, plants = candidates_of(problem, 2)
@@ -93,16 +93,18 @@ def rating_rows(repeats: int) -> list[Row]:
     rated, simulated = alternate(
         lambda: problem.costs(points, workers=1),
         lambda: [plant.run(commands, State(), SAMPLE_DT) for plant in made],
-        repeats=max(3, repeats // 4),
+        repeats=min(repeats, max(3, repeats // 4)),
     )
     what = "mujoco: building and rating 2 candidates / simulating them"
     return [*rows, Row(what, rated / simulated, "<= 1.5", rated, simulated, rated <= 1.5 * simulated)]
 
 
-def search_rows() -> list[Row]:
-    """The search's own share of a fit, and a fit of the thesis' size against the thesis' time."""
+def search_rows(population: int, seeds: int) -> list[Row]:
+    """Time the search's own share of a fit, and a fit of the thesis' size against the thesis' time."""
     problem = problem_of("coulomb", "traj4@mujoco", ("u_x", "mu_c", "gain"), CostSettings("path"))
-    settings = JdeSettings(population=50, generations=THESIS_EVALUATIONS // 50 - 1, patience=1000)
+    generations = (THESIS_EVALUATIONS if seeds > 1 else 3 * population) // population - 1
+    evaluations = population * (generations + 1)
+    settings = JdeSettings(population=population, generations=generations, patience=1000)
     threads = numba.get_num_threads()
     rating = [0.0]
 
@@ -114,7 +116,7 @@ def search_rows() -> list[Row]:
 
     Search(Jde(3, settings, 0), {}).run(rate)  # compiles
     walls, ratings = [], []
-    for seed in range(5):
+    for seed in range(seeds):
         rating[0] = 0.0
         search = Search(Jde(3, settings, seed), {})
         search.run(rate)
@@ -122,11 +124,12 @@ def search_rows() -> list[Row]:
         ratings.append(rating[0])
     best = int(np.argmin(walls))
     own, wall = walls[best] - ratings[best], walls[best]
-    simulink = THESIS_EVALUATIONS * SIMULINK_RUN_S
+    simulink = evaluations * SIMULINK_RUN_S
+    what = f"jDE itself / a fit of Tab. 3.7 (coulomb, NP {population})"
     return [
-        Row("jDE itself / a fit of Tab. 3.7 (coulomb, NP 50)", own / wall, "<= 0.05", own, wall, own <= 0.05 * wall),
+        Row(what, own / wall, "<= 0.05", own, wall, own <= 0.05 * wall),
         Row(
-            f"{THESIS_EVALUATIONS} evaluations: the thesis' time / ours", simulink / wall, ">= 300", wall, simulink,
+            f"{evaluations} evaluations: the thesis' time / ours", simulink / wall, ">= 300", wall, simulink,
             simulink >= 300.0 * wall,
         ),
     ]  # fmt: skip
@@ -191,23 +194,23 @@ def by_jde(problem: Problem, start: FloatArray, seed: int, generations: int, thr
     return residual.course
 
 
-def sysid_courses(generations: int, threads: int) -> list[Course]:
+def sysid_courses(generations: int, threads: int, starts: int) -> list[Course]:
     """Both searches from each of the starts, in turn.
 
     Raises:
-        UserError: mujoco.sysid is not installed.
+        MissingError: mujoco.sysid is not installed.
     """
     try:
         if not hasattr(importlib.import_module("mujoco.sysid"), "Parameter"):
             raise ImportError("without its extra the module imports as an empty one")
     except ImportError as error:
-        raise cli.UserError("mujoco.sysid is not installed: pip install -e '.[bench]', or pass --no-sysid") from error
+        raise MissingError("mujoco.sysid is not installed: pip install -e '.[bench]', or pass --no-sysid") from error
     problem = problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync", yaw_weight=0.2))
-    starts = np.random.default_rng(7).random((STARTS, len(problem.space)))
+    places = np.random.default_rng(7).random((starts, len(problem.space)))
     courses = []
     with cli.progress() as bar:
-        task = bar.add_task("sysid and jDE", total=2 * STARTS)
-        for seed, start in enumerate(starts):
+        task = bar.add_task("sysid and jDE", total=2 * starts)
+        for seed, start in enumerate(places):
             courses.append(by_sysid(problem, start, threads))
             bar.advance(task)
             courses.append(by_jde(problem, start, seed, generations, threads))
@@ -218,7 +221,7 @@ def sysid_courses(generations: int, threads: int) -> list[Course]:
 def sysid_table(courses: list[Course]) -> tuple[Table, list[dict[str, Any]]]:
     """Success and time to reach the same cost, by search; and the same for the file."""
     goal = SLACK * min(course.costs[-1] for course in courses)
-    title = f"fit of thesis-lab from {STARTS} random starts: success is a cost of at most {1e3 * goal:.2f} mm"
+    title = f"fit of thesis-lab from {len(courses) // 2} random starts: success is a cost of at most {1e3 * goal:.2f} mm"
     table, document = Table(title=title), []
     for column in ("search", "success", "median time to success [s]", "final costs [mm]", "time in all [s]"):
         table.add_column(column, justify="left" if column == "search" else "right")
@@ -251,23 +254,33 @@ def main(
     generations: int = 40,
     sysid: bool = True,
     workers: int = 0,
+    quick: bool = False,
 ) -> None:
     """Time fits beside what they cannot do without and beside their peers; print the ratios and write them as JSON.
 
     Args:
-        out: Where the JSON goes.
-        repeats: How often each pair is timed; the fastest counts.
-        generations: Of the MuJoCo fit by jDE.
+        out: JSON file to write.
+        repeats: Number of times that each pair is timed; the fastest counts.
+        generations: Generations of the MuJoCo fit by jDE.
         sysid: Compare with mujoco.sysid too (some minutes).
         workers: Threads of the MuJoCo fits; all cores if 0.
+        quick: Time small populations once, and searches from one start: a check that everything runs.
     """
     if repeats < 1 or generations < 1 or workers < 0:
         raise cli.UserError("--repeats and --generations must be positive, --workers must not be negative")
-    rows = [*rating_rows(repeats), *search_rows()]
+    often, population, seeds, starts = (1, 6, 1, 1) if quick else (repeats, 50, 5, STARTS)
+    rows = [*rating_rows(often, population), *search_rows(population, seeds)]
     comparison: list[dict[str, Any]] = []
-    if sysid:
-        table, comparison = sysid_table(sysid_courses(generations, workers or os.cpu_count() or 1))
+
+    def beside_sysid() -> list[Row]:
+        courses = sysid_courses(1 if quick else generations, workers or os.cpu_count() or 1, starts)
+        table, document = sysid_table(courses)
         cli.report_console().print(table)
+        comparison.extend(document)
+        return []
+
+    if sysid:
+        optional(quick, beside_sysid)
     report("benchmarks/fit: ratios of the fastest times, measured side by side", rows, out, sysid=comparison)
 
 

@@ -25,6 +25,7 @@ from typing import Any, cast
 import numpy as np
 from rich.table import Table
 
+from benchmarks.rows import MissingError, optional
 from ssmr.control.loop import LoopSettings
 from ssmr.estimation.ekf import SensorModel
 from ssmr.types import State
@@ -127,8 +128,7 @@ class Watcher:
     def __init__(self, folder: Path) -> None:
         """Start a master, and join it."""
         if shutil.which("roscore") is None:
-            load_rospy()
-            raise cli.UserError("there is no roscore; on Debian 12: apt-get install --no-install-recommends ros-core")
+            raise MissingError("there is no roscore; on Debian 12: apt-get install --no-install-recommends ros-core")
         self.folder = folder
         port = free_port()
         os.environ.update(
@@ -552,6 +552,7 @@ def main(
     seconds: float = 30.0,
     trials: int = 30,
     repeats: int = 5,
+    quick: bool = False,
 ) -> None:
     """Measure the ROS nodes; print what was found and write it as JSON.
 
@@ -561,13 +562,16 @@ def main(
         seconds: How long rates are counted [s].
         trials: Commands whose latency is taken.
         repeats: Drives on the circle with noise.
+        quick: Count rates only, and briefly: a check that everything runs.
     """
     names = cli.parse_names(only, NAMES, "measurement")
     if all(name in names for name in LAST):
         raise cli.UserError(f"{' and '.join(LAST)} both end the master; measure one a run")
     if not seconds >= 2.0 * EDGE or trials < 1 or repeats < 0:
         raise cli.UserError(f"--seconds must be at least {2 * EDGE:g}, --trials positive, --repeats not negative")
-    found = measure(names, seconds, trials, repeats)
+    if quick:
+        names, seconds = ("rates",), 2.0 * EDGE
+    found = optional(quick, lambda: measure(names, seconds, trials, repeats)) or []
     table: Any = Table(title="benchmarks/ros")
     for column in ("what", "value", "unit", "asked", ""):
         table.add_column(column, justify="right" if column == "value" else "left")

@@ -8,12 +8,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from rich.table import Table
 
 from validation import cli, store
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,25 @@ def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
             call()
             times[i, j] = time.perf_counter() - began
     return [float(t) for t in times.min(axis=0)]
+
+
+class MissingError(cli.UserError):
+    """Something that a part of a benchmark needs is not installed here."""
+
+
+def optional(quick: bool, measure: Callable[[], T]) -> T | None:
+    """Return what `measure` returns, or None after one line that says what a quick run has to leave out.
+
+    Raises:
+        MissingError: something is not installed, and the run is not a quick one.
+    """
+    try:
+        return measure()
+    except MissingError as error:
+        if not quick:
+            raise
+        cli.warn(f"left out: {error}")
+        return None
 
 
 def as_table(title: str, rows: Sequence[Row]) -> Table:

@@ -20,7 +20,8 @@ import numpy as np
 from mujoco import rollout
 
 from benchmarks.rows import Row, alternate, report
-from ssmr.control.loop import Loop, LoopSettings, run_loops, track
+from ssmr.control.loop import LoopSettings
+from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle
 from ssmr.simulate import PlanarModel, PlanarPlant
 from validation import cli

@@ -77,6 +77,11 @@ def jit(function: F) -> F:
     return _compile(function, forceinline=True)
 
 
+def jit_called(function: F) -> F:
+    """Compile like `jit`, but call the function instead of inlining it: for long ones that loops call now and then."""
+    return _compile(function)
+
+
 def jit_parallel(function: F) -> F:
     """Compile like `jit`, and spread every `numba.prange` over the threads of `numba.set_num_threads`."""
     return _compile(function, parallel=True)

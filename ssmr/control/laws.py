@@ -1,34 +1,33 @@
-"""The laws by name, and the one place where the compiled loops choose between them.
+"""The table of controllers, and the one place where the compiled loops choose between them.
 
-A law is two pure functions of packed gains and a memory of eight numbers: `position_step`, at the rate of the position
-loop, and `velocity_step`, which gives the command at the rate at which the robot reads it.
+To add a controller, write a file with its gains and kernels that ends in a `Law`, and add a line to `LAWS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from types import MappingProxyType
+from typing import Any
 
+import numba
 import numpy as np
 
 from ssmr._jit import jit
 from ssmr.control import lqr, pid, scheduled, smc
+from ssmr.control.law import Gains, Law
 from ssmr.types import FloatArray
 
-Gains = pid.PidGains | lqr.LqrGains | scheduled.ScheduledGains | smc.SmcGains
-
-GAINS: Mapping[str, type[Gains]] = {
-    "pid": pid.PidGains,
-    "lqr": lqr.LqrGains,
-    "lqr-scheduled": scheduled.ScheduledGains,
-    "smc": smc.SmcGains,
-}
-"""By controller. The order is the number by which the compiled loops know a law."""
-CONTROLLERS = tuple(GAINS)
+LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in (
+    pid.LAW,
+    lqr.LAW,
+    scheduled.LAW,
+    smc.LAW,
+)})  # fmt: skip
+"""Declarations by name. The order is the number by which the compiled loops know a law."""
+CONTROLLERS = tuple(LAWS)
 """Names of the controllers."""
-MEMORY = 8
-"""Numbers that a law remembers."""
 
 
 @dataclass(frozen=True)
@@ -36,24 +35,24 @@ class Controller:
     """A trajectory tracker: everything that defines the law, and no memory."""
 
     gains: Gains
-    """Which law, and its gains."""
+    """Gains; their type says which law it is."""
     a: tuple[tuple[float, ...], ...]
     """(4, 4) of the linear model (Eq. 2.46) that model-based laws are designed on."""
     b: tuple[tuple[float, ...], ...]
-    """(4, 2) of the same."""
+    """(4, 2) of the linear model."""
 
     @property
     def name(self) -> str:
-        """`pid`, `lqr`, `lqr-scheduled` or `smc`."""
+        """Name of the law, one of `CONTROLLERS`."""
         return CONTROLLERS[self.number]
 
     @property
     def number(self) -> int:
-        """By which the compiled loops know the law."""
-        return list(GAINS.values()).index(type(self.gains))
+        """Place of the law in `LAWS`, by which the compiled loops know it."""
+        return [law.gains for law in LAWS.values()].index(type(self.gains))
 
     def packed(self) -> FloatArray:
-        """Gains for the compiled loops, read-only.
+        """Return the gains as a row for the compiled loops, read-only.
 
         Raises:
             ValueError: no regulator exists for these weights.
@@ -63,24 +62,21 @@ class Controller:
 
 @lru_cache(maxsize=4096)
 def _packed(law: Controller) -> FloatArray:
-    """`Controller.packed`, read-only: a law is packed for every reference that it drives, and its regulator solved once."""
-    if isinstance(law.gains, lqr.LqrGains | scheduled.ScheduledGains):
-        gains = law.gains.packed(np.array(law.a), np.array(law.b))
-    else:
-        gains = law.gains.packed()
+    """Return `Controller.packed`; cached, because a law drives many references and its regulator is solved only once."""
+    gains = law.gains.packed(np.array(law.a), np.array(law.b))
     gains.setflags(write=False)
     return gains
 
 
 def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
-    """The gains of a controller from numbers by name; what is not given has its default.
+    """Return the gains of a controller from numbers by name; a gain that is not given has its default.
 
     Raises:
         ValueError: an unknown controller or name, or numbers that the law refuses.
     """
-    if controller not in GAINS:
+    if controller not in LAWS:
         raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(CONTROLLERS)}")
-    kind = GAINS[controller]
+    kind = LAWS[controller].gains
     names = [f.name for f in fields(kind)]
     for name in values:
         if name not in names:
@@ -88,23 +84,35 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
     return kind(**values)
 
 
-@jit
-def position_step(law, gains, memory, e_rho, e_y, e_alpha, v_ref, w_ref, v, w, dt):
-    """One step of the position loop: the memory after it."""
-    if law == 0:
-        return pid.position_loop(gains, memory, e_rho, e_y, e_alpha, dt)
-    if law == 1:
-        return lqr.regulate(gains, memory, e_rho, e_y, e_alpha, v, w, dt)
-    if law == 2:
-        return scheduled.regulate(gains, memory, e_rho, e_y, e_alpha, v_ref, w_ref, v, w, dt)
-    return smc.slide(gains, memory, e_rho, e_y, e_alpha, v_ref, w_ref)
+def _choice(steps: list[Callable[..., Any]], arguments: str) -> Any:
+    """Return a compiled `(law, row, *arguments)` that unpacks the row and calls the step of law number `law`.
+
+    numba cannot index a tuple of functions, so the chain of comparisons is written out here and compiled.
+    """
+    calls = [f"step_{k}(unpack_{k}(row), {arguments})" for k in range(len(steps))]
+    lines = [f"    if law == {k}:\n        return {call}" for k, call in enumerate(calls[:-1])]
+    source = "\n".join([f"def choose(law, row, {arguments}):", *lines, f"    return {calls[-1]}"])
+    scope: dict[str, Any] = {f"step_{k}": step for k, step in enumerate(steps)}
+    scope.update({f"unpack_{k}": law.unpack for k, law in enumerate(LAWS.values())})
+    exec(source, scope)
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(scope["choose"])
+
+
+_POSITION = _choice([law.position_step for law in LAWS.values()], "memory, errors, target, seen, dt")
+_VELOCITY = _choice([law.velocity_step for law in LAWS.values()], "memory, seen, dt")
 
 
 @jit
-def velocity_step(law, gains, memory, v, w, dt):
-    """One step of the velocity loop: the memory after it, v_cmd [m/s] and omega_cmd [rad/s]."""
-    if law == 0:
-        return pid.velocity_loop(gains, 6, memory, v, w, dt)
-    if law == 3:
-        return pid.velocity_loop(gains, smc.VELOCITY_LOOP, memory, v, w, dt)
-    return memory, memory[5], memory[6]
+def position_step(
+    law: int, row: FloatArray, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+) -> Memory:
+    """Return the memory of law number `law` with gains `row` after a step of its position loop."""
+    after: Memory = _POSITION(law, row, memory, errors, target, seen, dt)
+    return after
+
+
+@jit
+def velocity_step(law: int, row: FloatArray, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
+    """Return the memory and the command of law number `law` with gains `row` after a step of its velocity loop."""
+    after: tuple[Memory, Command] = _VELOCITY(law, row, memory, seen, dt)
+    return after

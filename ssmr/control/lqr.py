@@ -6,13 +6,16 @@ of x, e_theta = K_alpha e_alpha + K_y e_y for that of theta, and the speeds are 
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import control
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.parameters import require_in_range
+from ssmr.control.law import Gains, Law, Memory, Observation, reader
+from ssmr.control.waypoints import Errors, Target
+from ssmr.parameters import parameter
 from ssmr.types import FloatArray
 
 V_LIMIT = 1.0
@@ -22,76 +25,98 @@ W_LIMIT = 2.0
 
 
 @dataclass(frozen=True)
-class LqrGains:
-    """Weights and the gains set beside them; the defaults are those of the optimised column of Tab. 4.21."""
+class LqrGains(Gains):
+    """Weights and the gains set beside them; defaults and search bounds are those of Tab. 4.21, optimised column.
 
-    q_x: float = 4.06
-    """Q_11, of the error of position [1/m2]."""
-    q_v: float = 0.02
-    """Q_22, of speed [s2/m2]."""
-    q_yaw: float = 10.48
-    """Q_33, of the error of heading [1/rad2]."""
-    q_w: float = 0.0
-    """Q_44, of yaw rate [s2/rad2]."""
-    r_v: float = 0.44
-    """R_11, of the speed command [s2/m2]."""
-    r_w: float = 0.76
-    """R_22, of the yaw-rate command [s2/rad2]."""
-    k_alpha: float = 1.0
-    """K_alpha, weight of e_alpha in e_theta [1]."""
-    k_y: float = 0.9
-    """K_y, weight of e_y in e_theta [rad/m]."""
-    k_i_rho: float = 0.01
-    """K_Irho, integral action on e_rho [1/s]."""
+    R must be positive, and so must be Q for position and heading: no regulator exists otherwise.
+    """
 
-    def __post_init__(self) -> None:
-        """Refuse weights for which no regulator exists: R positive; Q not negative, of position and heading positive."""
-        for name in self.__dataclass_fields__:
-            require_in_range(self, name, 0.0, 1e6, open_low=name in ("q_x", "q_yaw", "r_v", "r_w"))
+    q_x: float = parameter(4.06, unit="1/m2", low=0.0, high=1e6, open_low=True, search=(2.0, 5.0))
+    """Q_11, weight of the error of position."""
+    q_v: float = parameter(0.02, unit="s2/m2", low=0.0, high=1e6, search=(0.0, 0.05))
+    """Q_22, weight of speed."""
+    q_yaw: float = parameter(10.48, unit="1/rad2", low=0.0, high=1e6, open_low=True, search=(5.0, 15.0))
+    """Q_33, weight of the error of heading."""
+    q_w: float = parameter(0.0, unit="s2/rad2", low=0.0, high=1e6, search=(0.0, 0.1))
+    """Q_44, weight of yaw rate."""
+    r_v: float = parameter(0.44, unit="s2/m2", low=0.0, high=1e6, open_low=True, search=(0.3, 0.7))
+    """R_11, weight of the speed command."""
+    r_w: float = parameter(0.76, unit="s2/rad2", low=0.0, high=1e6, open_low=True, search=(0.4, 0.9))
+    """R_22, weight of the yaw-rate command."""
+    k_alpha: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 3.0))
+    """K_alpha, weight of e_alpha in e_theta."""
+    k_y: float = parameter(0.9, unit="rad/m", low=0.0, high=1e6, search=(0.0, 3.0))
+    """K_y, weight of e_y in e_theta."""
+    k_i_rho: float = parameter(0.01, unit="1/s", low=0.0, high=1e6, search=(0.0, 0.5))
+    """K_Irho, integral action on e_rho."""
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """(11,) for the compiled loops: K row by row, K_alpha, K_y, K_Irho.
+        """Return K row by row, K_alpha, K_y and K_Irho, (11,): the fields of `LqrNumbers`."""
+        k = regulator_gain(a, b, [self.q_x, self.q_v, self.q_yaw, self.q_w], [self.r_v, self.r_w])
+        return np.array([*k.ravel(), self.k_alpha, self.k_y, self.k_i_rho], dtype=np.float64)
 
-        Args:
-            a: (4, 4) of Eq. 2.46.
-            b: (4, 2) of Eq. 2.46.
 
-        Raises:
-            ValueError: no regulator exists for this model.
-        """
-        q = np.diag([self.q_x, self.q_v, self.q_yaw, self.q_w])
-        try:
-            k, _, _ = control.lqr(a, b, q, np.diag([self.r_v, self.r_w]))
-        except (np.linalg.LinAlgError, control.ControlArgument) as error:
-            raise ValueError(f"no regulator for these weights: {error}") from error
-        return np.array([*np.asarray(k).ravel(), *astuple(self)[6:]], dtype=np.float64)
+class LqrNumbers(NamedTuple):
+    """K of u = -K x, `k_v_yaw` from yaw to the speed command, and the gains beside it."""
+
+    k_v_x: float
+    k_v_v: float
+    k_v_yaw: float
+    k_v_w: float
+    k_w_x: float
+    k_w_v: float
+    k_w_yaw: float
+    k_w_w: float
+    k_alpha: float
+    k_y: float
+    k_i_rho: float
+
+
+def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> FloatArray:
+    """Return K (m, n) of the optimal u = -K x for a model (n, n) `a`, (n, m) `b` and diagonal weights.
+
+    Raises:
+        ValueError: no regulator exists.
+    """
+    try:
+        k, _, _ = control.lqr(a, b, np.diag(q), np.diag(r))
+    except (np.linalg.LinAlgError, control.ControlArgument) as error:
+        raise ValueError(f"no regulator for these weights: {error}") from error
+    return np.asarray(k, dtype=np.float64)
 
 
 @jit
-def clamp_integral(error, integral, out, limit, k_i, dt):
-    """The integral after a step; it stops while the output is at its limit and both have the same sign (Fig. 4.8)."""
+def clamp_integral(error: float, integral: float, out: float, limit: float, k_i: float, dt: float) -> float:
+    """Return the integral after a step; it stops while the output is at its limit and both have the same sign (Fig. 4.8)."""
     if abs(out) > limit and integral * error > 0.0:
         return integral
     return integral + k_i * error * dt
 
 
 @jit
-def regulate(gains, memory, e_rho, e_y, e_alpha, v, w, dt):
-    """One step: memory with the next integral and the command, v_cmd [m/s] and omega_cmd [rad/s].
+def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memory:
+    """Return the memory of a law of one rate with its next integral and its command, within the limits."""
+    v, w = min(max(v, -V_LIMIT), V_LIMIT), min(max(w, -W_LIMIT), W_LIMIT)
+    return Memory(i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, v, w, memory.own)
 
-    Args:
-        gains: `LqrGains.packed`.
-        memory: integral of e_rho; four numbers not used; the command; one number not used.
-        e_rho: distance to the target, less the look-ahead [m].
-        e_y: to the left [m].
-        e_alpha: heading error [rad].
-        v: measured speed [m/s].
-        w: measured yaw rate [rad/s].
-        dt: period of the loop [s].
-    """
-    x, theta = e_rho + memory[0], gains[8] * e_alpha + gains[9] * e_y
-    v_cmd = gains[0] * x - gains[1] * v + gains[2] * theta - gains[3] * w
-    w_cmd = gains[4] * x - gains[5] * v + gains[6] * theta - gains[7] * w
-    integral = clamp_integral(e_rho, memory[0], v_cmd, V_LIMIT, gains[10], dt)
-    v_cmd, w_cmd = min(max(v_cmd, -V_LIMIT), V_LIMIT), min(max(w_cmd, -W_LIMIT), W_LIMIT)
-    return integral, memory[1], memory[2], memory[3], memory[4], v_cmd, w_cmd, memory[7]
+
+@jit
+def regulate(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
+    """Return the memory after a step: the next integral of e_rho and the command v [m/s], omega [rad/s]."""
+    x, theta = errors.rho + memory.i_rho, gains.k_alpha * errors.alpha + gains.k_y * errors.y
+    v = gains.k_v_x * x - gains.k_v_v * seen.v + gains.k_v_yaw * theta - gains.k_v_w * seen.w
+    w = gains.k_w_x * x - gains.k_w_v * seen.v + gains.k_w_yaw * theta - gains.k_w_w * seen.w
+    return saturated_command(memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w)
+
+
+LAW = Law(
+    "lqr",
+    LqrGains,
+    reader(LqrNumbers(*(0.0,) * 11)),
+    regulate,
+    searched=("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w"),
+    colour="#0072b2",
+    model_based=True,
+    generations=300,
+    k_u=50.0,
+)

@@ -14,91 +14,115 @@ equation. Feedforward holds (v_r, omega_r) where the errors are zero; an integra
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-import control
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control.lqr import V_LIMIT, W_LIMIT, clamp_integral
-from ssmr.parameters import require_in_range
+from ssmr.control.law import Gains, Law, Memory, Observation
+from ssmr.control.lqr import V_LIMIT, clamp_integral, regulator_gain, saturated_command
+from ssmr.control.waypoints import Errors, Target
+from ssmr.parameters import parameter
 from ssmr.types import FloatArray
 
-SPEEDS = tuple(float(v) for v in np.linspace(0.1, 1.0, 10))
-"""Operating speeds for which gains are computed [m/s]; between them they are interpolated, below the first it holds."""
-_HEAD = 3  # numbers in front of the table
-_ROW = 5
+OPERATING_SPEEDS = tuple(float(v) for v in np.linspace(0.1, 1.0, 10))
+"""Operating speeds for which gains are computed [m/s]; they are interpolated between, and held below the first."""
 
 
 @dataclass(frozen=True)
-class ScheduledGains:
-    """Weights of the regulator, the same at all speeds."""
+class ScheduledGains(Gains):
+    """Weights of the regulator, equal at all speeds; no regulator exists where one of the open bounds is reached."""
 
-    q_x: float = 4.0
-    """Of the error along the body [1/m2]."""
-    q_v: float = 0.1
-    """Of the error of speed [s2/m2]."""
-    q_y: float = 40.0
-    """Of the error across [1/m2]."""
-    q_alpha: float = 4.0
-    """Of the heading error [1/rad2]."""
-    q_w: float = 0.1
-    """Of the error of yaw rate [s2/rad2]."""
-    r_v: float = 1.0
-    """Of the speed command [s2/m2]."""
-    r_w: float = 1.0
-    """Of the yaw-rate command [s2/rad2]."""
-    k_i_rho: float = 0.01
-    """Integral action on the error along the body [1/s]."""
-
-    def __post_init__(self) -> None:
-        """Refuse weights for which no regulator exists."""
-        for name in self.__dataclass_fields__:
-            require_in_range(self, name, 0.0, 1e6, open_low=name in ("q_x", "q_y", "q_alpha", "r_v", "r_w"))
+    q_x: float = parameter(4.0, unit="1/m2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0))
+    """Weight of the error along the body."""
+    q_v: float = parameter(0.1, unit="s2/m2", low=0.0, high=1e6, search=(0.0, 10.0))
+    """Weight of the error of speed."""
+    q_y: float = parameter(40.0, unit="1/m2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0))
+    """Weight of the error across the body."""
+    q_alpha: float = parameter(4.0, unit="1/rad2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0))
+    """Weight of the heading error."""
+    q_w: float = parameter(0.1, unit="s2/rad2", low=0.0, high=1e6, search=(0.0, 10.0))
+    """Weight of the error of yaw rate."""
+    r_v: float = parameter(1.0, unit="s2/m2", low=0.0, high=1e6, open_low=True, search=(0.05, 10.0))
+    """Weight of the speed command."""
+    r_w: float = parameter(1.0, unit="s2/rad2", low=0.0, high=1e6, open_low=True, search=(0.05, 10.0))
+    """Weight of the yaw-rate command."""
+    k_i_rho: float = parameter(0.01, unit="1/s", low=0.0, high=1e6, search=(0.0, 0.5))
+    """Integral action on the error along the body."""
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """(53,) for the compiled loops: K_Irho, steady gains of speed and yaw rate, then five gains for each speed.
-
-        Args:
-            a: (4, 4) of Eq. 2.46.
-            b: (4, 2) of Eq. 2.46.
-
-        Raises:
-            ValueError: no regulator exists for this model.
-        """
+        """Return K_Irho, the steady gains of speed and yaw rate, then five gains for each operating speed, (53,)."""
         along_a, along_b = np.array([[0.0, -1.0], [0.0, a[1, 1]]]), np.array([[0.0], [b[1, 0]]])
-        try:
-            k_x, k_v = _gain(along_a, along_b, [self.q_x, self.q_v], self.r_v)
-            rows = []
-            for speed in SPEEDS:
-                across_a = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, a[3, 3]]])
-                across_b = np.array([[0.0], [0.0], [b[3, 1]]])
-                rows.append([k_x, k_v, *_gain(across_a, across_b, [self.q_y, self.q_alpha, self.q_w], self.r_w)])
-        except (np.linalg.LinAlgError, control.ControlArgument) as error:
-            raise ValueError(f"no regulator for these weights: {error}") from error
+        along = regulator_gain(along_a, along_b, [self.q_x, self.q_v], [self.r_v])[0]
+        rows = []
+        for speed in OPERATING_SPEEDS:
+            across_a = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, a[3, 3]]])
+            across_b = np.array([[0.0], [0.0], [b[3, 1]]])
+            across = regulator_gain(across_a, across_b, [self.q_y, self.q_alpha, self.q_w], [self.r_w])[0]
+            rows.append([*along, *across])
         return np.array([self.k_i_rho, -a[1, 1] / b[1, 0], -a[3, 3] / b[3, 1], *np.ravel(rows)], dtype=np.float64)
 
 
-def _gain(a: FloatArray, b: FloatArray, q: list[float], r: float) -> list[float]:
-    """K of u = -K x for one input and diagonal weights."""
-    k, _, _ = control.lqr(a, b, np.diag(q), np.array([[r]]))
-    return [float(x) for x in np.asarray(k)[0]]
+class ScheduledNumbers(NamedTuple):
+    """The regulator at every operating speed."""
+
+    k_i_rho: float
+    steady_v: float
+    """Speed command that holds a speed of 1 m/s [1]."""
+    steady_w: float
+    """Yaw-rate command that holds a yaw rate of 1 rad/s [1]."""
+    table: FloatArray
+    """(10, 5) gains of e_rho, v, e_y, e_alpha and omega, one row for each operating speed."""
+
+
+class SpeedGains(NamedTuple):
+    """The regulator at one speed."""
+
+    x: float
+    v: float
+    y: float
+    alpha: float
+    w: float
 
 
 @jit
-def regulate(gains, memory, e_rho, e_y, e_alpha, v_ref, w_ref, v, w, dt):
-    """One step: memory with the next integral and the command; arguments as in `lqr.regulate`, with the target's twist."""
+def unpack(row: FloatArray) -> ScheduledNumbers:
+    """Return the named numbers of a packed row."""
+    return ScheduledNumbers(row[0], row[1], row[2], row[3:53].reshape(10, 5))
+
+
+@jit
+def gains_at(table: FloatArray, speed: float) -> SpeedGains:
+    """Return the gains at a reference speed [m/s], linear between the operating speeds."""
     spacing = (1.0 - 0.1) / 9.0
-    place = min(max((abs(v_ref) - 0.1) / spacing, 0.0), 9.0)
+    place = min(max((abs(speed) - 0.1) / spacing, 0.0), 9.0)
     low = min(int(place), 8)
     share = place - low
-    i, j = _HEAD + _ROW * low, _HEAD + _ROW * (low + 1)
-    k_x = gains[i] + share * (gains[j] - gains[i])
-    k_v = gains[i + 1] + share * (gains[j + 1] - gains[i + 1])
-    k_y = gains[i + 2] + share * (gains[j + 2] - gains[i + 2])
-    k_alpha = gains[i + 3] + share * (gains[j + 3] - gains[i + 3])
-    k_w = gains[i + 4] + share * (gains[j + 4] - gains[i + 4])
-    v_cmd = gains[1] * v_ref - k_x * (e_rho + memory[0]) - k_v * (v - v_ref)
-    w_cmd = gains[2] * w_ref - k_y * e_y - k_alpha * e_alpha - k_w * (w - w_ref)
-    integral = clamp_integral(e_rho, memory[0], v_cmd, V_LIMIT, gains[0], dt)
-    v_cmd, w_cmd = min(max(v_cmd, -V_LIMIT), V_LIMIT), min(max(w_cmd, -W_LIMIT), W_LIMIT)
-    return integral, memory[1], memory[2], memory[3], memory[4], v_cmd, w_cmd, memory[7]
+    a, b = table[low], table[low + 1]
+    return SpeedGains(
+        a[0] + share * (b[0] - a[0]),
+        a[1] + share * (b[1] - a[1]),
+        a[2] + share * (b[2] - a[2]),
+        a[3] + share * (b[3] - a[3]),
+        a[4] + share * (b[4] - a[4]),
+    )
+
+
+@jit
+def regulate_at_speed(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
+    """Return the memory after a step: the next integral of e_rho and the command v [m/s], omega [rad/s]."""
+    k = gains_at(gains.table, target.v)
+    v = gains.steady_v * target.v - k.x * (errors.rho + memory.i_rho) - k.v * (seen.v - target.v)
+    w = gains.steady_w * target.w - k.y * errors.y - k.alpha * errors.alpha - k.w * (seen.w - target.w)
+    return saturated_command(memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w)
+
+
+LAW = Law(
+    "lqr-scheduled",
+    ScheduledGains,
+    unpack,
+    regulate_at_speed,
+    searched=("q_x", "q_y", "q_alpha", "q_v", "q_w", "r_w"),
+    colour="#009e73",
+    model_based=True,
+)

@@ -13,67 +13,75 @@ boundary layer phi keeps it from chattering (J.-J. Slotine, W. Li, Applied Nonli
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control.pid import U_REF_LIMIT
-from ssmr.parameters import require_in_range
-from ssmr.types import FloatArray
-
-VELOCITY_LOOP = 7
-"""Where the velocity loop's gains begin in the packed ones."""
+from ssmr.control.law import Gains, Law, Memory, Observation, reader
+from ssmr.control.pid import U_REF_LIMIT, velocity_loop
+from ssmr.control.waypoints import Errors, Target
+from ssmr.parameters import packed, parameter
 
 
 @dataclass(frozen=True)
-class SmcGains:
+class SmcGains(Gains):
     """Surfaces, reaching laws, boundary layers, and the velocity loop's gains."""
 
-    k_x: float = 1.0
-    """Reaching rate along the body [1/s]."""
-    eta_x: float = 0.05
-    """Switching term along the body [m/s]."""
-    phi_x: float = 0.05
-    """Boundary layer along the body [m]."""
-    slope: float = 2.0
-    """lambda, slope of the surface at the path [rad/m]."""
-    k_a: float = 2.0
-    """Reaching rate of the turning surface [1/s]."""
-    eta_a: float = 0.2
-    """Switching term of the turning surface [rad/s]."""
-    phi_a: float = 0.2
-    """Boundary layer of the turning surface [rad]."""
-    k_p_u: float = 0.037
-    """u-PID, proportional [1]; this and the next five as `PidGains`."""
-    k_i_u: float = 0.477
-    """u-PID, integral [1/s]."""
-    k_p_w: float = 0.650
-    """omega-PID, proportional [1]."""
-    k_i_w: float = 0.548
-    """omega-PID, integral [1/s]."""
-    ff_u: float = 1.0
-    """Feedforward of u_ref [1]."""
-    ff_w: float = 1.0
-    """Feedforward of omega_ref [1]."""
-
-    def __post_init__(self) -> None:
-        """Refuse what is negative or not finite, and boundary layers of no width."""
-        for name in self.__dataclass_fields__:
-            require_in_range(self, name, 0.0, 1e6, open_low=name in ("phi_x", "phi_a"))
-
-    def packed(self) -> FloatArray:
-        """(13,) for the compiled loops."""
-        return np.array(astuple(self), dtype=np.float64)
+    k_x: float = parameter(1.0, unit="1/s", low=0.0, high=1e6, search=(0.0, 6.0))
+    """Reaching rate along the body."""
+    eta_x: float = parameter(0.05, unit="m/s", low=0.0, high=1e6, search=(0.0, 0.5))
+    """Switching term along the body."""
+    phi_x: float = parameter(0.05, unit="m", low=0.0, high=1e6, open_low=True, search=(0.005, 0.5))
+    """Boundary layer along the body."""
+    slope: float = parameter(2.0, unit="rad/m", low=0.0, high=1e6, search=(0.2, 10.0))
+    """lambda, slope of the surface at the path."""
+    k_a: float = parameter(2.0, unit="1/s", low=0.0, high=1e6, search=(0.0, 10.0))
+    """Reaching rate of the turning surface."""
+    eta_a: float = parameter(0.2, unit="rad/s", low=0.0, high=1e6, search=(0.0, 2.0))
+    """Switching term of the turning surface."""
+    phi_a: float = parameter(0.2, unit="rad", low=0.0, high=1e6, open_low=True, search=(0.02, 1.0))
+    """Boundary layer of the turning surface."""
+    k_p_u: float = parameter(0.037, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """u-PID, proportional; this and the next five are those of `PidGains`."""
+    k_i_u: float = parameter(0.477, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
+    """u-PID, integral."""
+    k_p_w: float = parameter(0.650, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """omega-PID, proportional."""
+    k_i_w: float = parameter(0.548, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
+    """omega-PID, integral."""
+    ff_u: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """Feedforward of u_ref."""
+    ff_w: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """Feedforward of omega_ref."""
 
 
 @jit
-def slide(gains, memory, e_rho, e_y, e_alpha, v_ref, w_ref):
-    """One step: memory with u_ref [m/s] and omega_ref [rad/s]; arguments as in `scheduled.regulate`."""
-    u_ref = v_ref * np.cos(e_alpha) + gains[0] * e_rho + gains[1] * min(max(e_rho / gains[2], -1.0), 1.0)
-    bent = gains[3] * e_y
-    surface = e_alpha + np.arctan(bent)
-    turn = w_ref + gains[3] * v_ref * np.sin(e_alpha) / (1.0 + bent * bent)
-    turn += gains[4] * surface + gains[5] * min(max(surface / gains[6], -1.0), 1.0)
+def saturation(s: float, layer: float) -> float:
+    """Return sat(s / layer), within -1 and 1."""
+    return min(max(s / layer, -1.0), 1.0)
+
+
+@jit
+def slide(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
+    """Return the memory after a step: u_ref [m/s] and omega_ref [rad/s] for the velocity loop."""
+    u_ref = target.v * np.cos(errors.alpha) + gains.k_x * errors.rho + gains.eta_x * saturation(errors.rho, gains.phi_x)
+    bent = gains.slope * errors.y
+    surface = errors.alpha + np.arctan(bent)
+    turn = target.w + gains.slope * target.v * np.sin(errors.alpha) / (1.0 + bent * bent)
+    turn += gains.k_a * surface + gains.eta_a * saturation(surface, gains.phi_a)
     u_ref = min(max(u_ref, -U_REF_LIMIT), U_REF_LIMIT)
-    return memory[0], memory[1], memory[2], memory[3], memory[4], u_ref, turn, memory[7]
+    return Memory(memory.i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, u_ref, turn, memory.own)
+
+
+LAW = Law(
+    "smc",
+    SmcGains,
+    reader(packed(SmcGains())),
+    slide,
+    searched=("k_x", "eta_x", "phi_x", "slope", "k_a", "eta_a", "phi_a"),
+    colour="#cc79a7",
+    velocity_step=velocity_loop,
+    population=100,
+)

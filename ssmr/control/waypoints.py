@@ -1,4 +1,4 @@
-"""What a trajectory tracking controller is told to follow: waypoints in time, the target among them, the errors to it.
+"""Waypoints in time, the moving target between them, and the errors of a robot to it.
 
 The target moves: it is interpolated between waypoints each time a controller asks (Sec. 4.1.1, Alg. 5), so the errors of
 Eq. 4.1 and 4.2 do not jump from waypoint to waypoint. Mission time is zero at the first waypoint. SI units and radians.
@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ssmr._jit import jit
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
@@ -23,22 +23,56 @@ SAME_PLACE = 1e-9
 SAME_TIME = 1e-9
 """Neighbouring waypoints no later than this are at one time, and give no speed [s]."""
 LARGEST = 1e12
-"""A coordinate [m] or time [s] beyond this is none of a robot: doubles lie 0.1 mm apart there."""
+"""Greatest coordinate [m] or time [s] that is believed: doubles lie 0.1 mm apart there."""
 
 
 class Fault(NamedTuple):
-    """Why no trajectory goes through a point."""
+    """The reason why no trajectory goes through a point."""
 
     row: int
-    """Which point, from 0."""
+    """Number of the point, from 0."""
     column: str | None
     """`t`, `x` or `y`; None where it is the point as a whole."""
     what: str
-    """What is wrong, and what would be right."""
+    """A sentence that says what is wrong and what would be right."""
+
+
+COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
+"""One waypoint as the kernels take it, in mission time: t [s], zero at the first waypoint; place x, y [m]; phi, heading of
+the segment that begins here [rad, unwrapped], at the end that of the segment before; v_ref, speed on the segment that begins
+here [m/s], zero at the end, where the target stands still; w_ref, yaw rate at the waypoint [rad/s], zero at both ends."""
+
+
+class Target(NamedTuple):
+    """The moving target at one instant."""
+
+    x: float
+    """[m]"""
+    y: float
+    """[m]"""
+    heading: float
+    """phi, heading of its segment [rad]."""
+    v: float
+    """v_ref [m/s]."""
+    w: float
+    """w_ref [rad/s]."""
+    segment: int
+    """Number of the segment, from 0; the next search begins there."""
+
+
+class Errors(NamedTuple):
+    """The errors of a robot to its target (Eq. 4.1, 4.2)."""
+
+    rho: float
+    """e_rho, how far ahead the target is [m]; negative where it lies behind."""
+    y: float
+    """e_y, offset of the target to the left [m]."""
+    alpha: float
+    """e_alpha, heading of the target's segment less the robot's [rad]."""
 
 
 def find_fault(t: FloatArray, xy: FloatArray) -> Fault | None:
-    """A point that makes (N,) times [s] and (N, 2) places [m] no trajectory; None where there is none."""
+    """Return the first point that makes (N,) times [s] and (N, 2) places [m] no trajectory, or None."""
     for column, values, unit in (("x", xy[:, 0], "m"), ("y", xy[:, 1], "m"), ("t", t, "s")):
         bad = np.flatnonzero(~(np.abs(values) <= LARGEST))
         if len(bad):
@@ -84,7 +118,7 @@ class Waypoints:
 
     @classmethod
     def from_path(cls, xy: ArrayLike, speed: float) -> Waypoints:
-        """Times for a path, so that the mean speed on each segment is `speed` (Alg. 5, lines 2-7).
+        """Give a path times, so that the mean speed on each segment is `speed` (Alg. 5, lines 2-7).
 
         Args:
             xy: (N, 2) places [m].
@@ -101,7 +135,7 @@ class Waypoints:
         return cls(t, places)
 
     def __len__(self) -> int:
-        """How many waypoints there are, N."""
+        """Return the number of waypoints, N."""
         return len(self.t)
 
     @property
@@ -127,31 +161,31 @@ class Waypoints:
 
     @property
     def start(self) -> State:
-        """At rest at the first waypoint, facing along the first segment."""
+        """State of a robot that rests at the first waypoint and faces along the first segment."""
         return State(float(self.xy[0, 0]), float(self.xy[0, 1]), float(self.headings[0]))
 
-    def packed(self) -> FloatArray:
-        """(N, 7) one row a waypoint, for the compiled loops.
+    @property
+    def segment_speeds(self) -> FloatArray:
+        """(N - 1,) reference speed v_ref of each segment [m/s]."""
+        return np.asarray(_lengths(self.xy) / np.diff(self.t - self.t[0]))
 
-        The columns: mission time t [s], x [m], y [m], heading phi of the segment that begins here [rad, unwrapped], arc
-        length s so far [m], reference speed v_ref of that segment [m/s], reference yaw rate w_ref at the waypoint [rad/s].
-        w_ref is the change of heading from the middle of one segment to the middle of the next over the time between;
-        it is zero at both ends, where one of the two is missing, so that its integral, linear between waypoints, is the
-        whole change of heading. The last row keeps the last phi; v_ref is zero there: the target stands still.
+    def course(self) -> NDArray[np.void]:
+        """Return (N,) the waypoints as the kernels take them; see `COURSE` for the fields of each.
+
+        w_ref is the change of heading from the middle of one segment to the middle of the next over the time between. It
+        is zero at both ends, where one of the two is missing, so that its integral, linear between waypoints, is the whole
+        change of heading.
         """
-        t = self.t - self.t[0]
-        steps, lengths, phi = np.diff(t), _lengths(self.xy), self.headings
-        middles = t[:-1] + 0.5 * steps
-        table = np.zeros((len(t), 7))
-        table[:, 0], table[:, 1:3] = t, self.xy
-        table[:-1, 3], table[-1, 3] = phi, phi[-1]
-        table[1:, 4] = np.cumsum(lengths)
-        table[:-1, 5] = lengths / steps
-        table[1:-1, 6] = np.diff(phi) / np.diff(middles)
-        return table
+        t, phi = self.t - self.t[0], self.headings
+        middles = t[:-1] + 0.5 * np.diff(t)
+        course = np.zeros(len(t), COURSE)
+        course["t"], course["x"], course["y"] = t, self.xy[:, 0], self.xy[:, 1]
+        course["heading"], course["v"][:-1] = np.append(phi, phi[-1]), self.segment_speeds
+        course["w"][1:-1] = np.diff(phi) / np.diff(middles)
+        return course
 
     def trajectory(self, dt: float) -> Trajectory:
-        """What the target does, every `dt` [s] of mission time and at the end: pose (x, y, phi), twist (v_ref, 0, w_ref).
+        """Return the target's motion every `dt` [s] of mission time and at the end: pose (x, y, phi), twist (v_ref, 0, w_ref).
 
         Raises:
             ValueError: the period is not positive and finite.
@@ -160,14 +194,14 @@ class Waypoints:
             raise ValueError(f"the sample period must be positive and finite, got {dt} s")
         n = max(1, math.ceil((self.duration - SAME_TIME) / dt))
         t = np.append(np.arange(n) * dt, self.duration)
-        rows = _sampled(self.packed(), t)
+        rows = _sampled(self.course(), t)
         still = np.zeros((len(t), 2))
         twist = np.column_stack([rows[:, 3], still[:, 0], rows[:, 4]])
         return Trajectory(t, rows[:, :3], twist, still)
 
 
 def _places(xy: ArrayLike) -> FloatArray:
-    """(N, 2) places, at least two of them."""
+    """Return (N, 2) places, at least two of them."""
     places = np.asarray(xy, dtype=np.float64)
     if places.ndim != 2 or places.shape[1] != 2:
         raise ValueError(f"waypoints have shape {places.shape}, wanted Nx2")
@@ -177,82 +211,70 @@ def _places(xy: ArrayLike) -> FloatArray:
 
 
 def _lengths(xy: FloatArray) -> FloatArray:
-    """(N - 1,) length of each segment [m]."""
+    """Return the (N - 1,) lengths of the segments [m]."""
     steps = np.diff(xy, axis=0)
     return np.hypot(steps[:, 0], steps[:, 1])
 
 
 @jit
-def target(table: FloatArray, t: float, index: int) -> tuple[float, float, float, float, float, int]:
-    """Where to be at mission time `t` [s] (Alg. 5, lines 11-21).
+def target(course: Any, t: float, segment: int) -> Target:
+    """Return the `Target` at a mission time (Alg. 5, lines 11-21); its place and twist are linear in time.
 
     Args:
-        table: `Waypoints.packed`.
-        t: before zero the target waits at the first waypoint, after the end at the last.
-        index: the segment of the last call, 0 at first. As time only advances the next one is at most a few further.
-
-    Returns:
-        x, y [m] and v_ref [m/s], w_ref [rad/s] of the target, linear in time; phi [rad] of its segment; the segment.
+        course: `Waypoints.course()`.
+        t: mission time [s]. Before zero the target waits at the first waypoint, after the end at the last.
+        segment: segment of the last call, 0 at first. As time only advances the next one is at most a few further.
     """
-    last = table.shape[0] - 1
-    k = min(max(index, 0), last - 1)
-    while k < last - 1 and t >= table[k + 1, 0]:
+    last = len(course) - 1
+    k = min(max(segment, 0), last - 1)
+    while k < last - 1 and t >= course[k + 1].t:
         k += 1
-    while k > 0 and t < table[k, 0]:
+    while k > 0 and t < course[k].t:
         k -= 1
     if t < 0.0:
-        return table[0, 1], table[0, 2], table[0, 3], 0.0, 0.0, k
-    if t >= table[last, 0]:
-        return table[last, 1], table[last, 2], table[last, 3], 0.0, 0.0, k
-    f = (t - table[k, 0]) / (table[k + 1, 0] - table[k, 0])
-    x = table[k, 1] + f * (table[k + 1, 1] - table[k, 1])
-    y = table[k, 2] + f * (table[k + 1, 2] - table[k, 2])
-    w = table[k, 6] + f * (table[k + 1, 6] - table[k, 6])
-    return x, y, table[k, 3], table[k, 5], w, k
+        return Target(course[0].x, course[0].y, course[0].heading, 0.0, 0.0, k)
+    if t >= course[last].t:
+        return Target(course[last].x, course[last].y, course[last].heading, 0.0, 0.0, k)
+    a, b = course[k], course[k + 1]
+    f = (t - a.t) / (b.t - a.t)
+    return Target(a.x + f * (b.x - a.x), a.y + f * (b.y - a.y), a.heading, a.v, a.w + f * (b.w - a.w), k)
 
 
 @jit
-def _sampled(table: FloatArray, t: FloatArray) -> FloatArray:
-    """(M, 5) x, y, phi, v_ref, w_ref of the target at (M,) mission times that increase [s]."""
-    rows = np.empty((t.shape[0], 5))
-    k = 0
-    for i in range(t.shape[0]):
-        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], k = target(table, t[i], k)
+def _sampled(course: Any, t: FloatArray) -> FloatArray:
+    """Return (M, 5) x, y, phi, v_ref, w_ref of the target at (M,) mission times that increase [s]."""
+    rows = np.empty((len(t), 5))
+    segment = 0
+    for i in range(len(t)):
+        aim = target(course, t[i], segment)
+        segment = aim.segment
+        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = aim.x, aim.y, aim.heading, aim.v, aim.w
     return rows
 
 
 @jit
 def _wrapped(angle: float) -> float:
-    """`ssmr.geometry.wrap_angle` of one angle."""
+    """Return one angle as `ssmr.geometry.wrap_angle` does."""
     return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
 
 @jit
-def position_errors(
-    x: float, y: float, yaw: float, x_t: float, y_t: float, phi: float, switch: float
-) -> tuple[float, float, float]:
-    """The three errors of a robot at (x, y, yaw) to a target at (x_t, y_t) on a segment of heading phi (Eq. 4.1, 4.2).
+def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
+    """Return the three errors of a robot to its target (Eq. 4.1, 4.2).
 
     rho is the distance, beta by atan2 the direction to the target as the robot sees it. e_y = rho sin(beta) is the target's
     offset to the left, and e_rho = rho cos(beta) how far ahead it is, negative where it lies behind. The thesis prints e_rho
     = rho: a robot beside or ahead of its target would then be driven further away, and with the published gains is
-    (docs/errata.md). On the reference the two are the same. e_alpha = phi - yaw, in (-pi, pi]; the thesis prints alpha =
+    (docs/errata.md). On the reference the two agree. e_alpha = phi - yaw, in (-pi, pi]; the thesis prints alpha =
     theta - phi, which a positive gain would drive away from zero. It is zero where the target is farther than `switch`.
 
     Args:
-        x: of the robot's reference point [m].
-        y: the same [m].
-        yaw: the robot's heading [rad].
-        x_t: of the target [m].
-        y_t: the same [m].
-        phi: heading of the target's segment [rad].
+        seen: the robot, with `x`, `y` [m] and `yaw` [rad].
+        aim: the target, with `x`, `y` [m] and `heading` [rad].
         switch: distance beyond which heading does not matter yet [m]; `ALPHA_SWITCH`.
-
-    Returns:
-        e_rho [m], e_y [m], e_alpha [rad].
     """
-    dx, dy = x_t - x, y_t - y
+    dx, dy = aim.x - seen.x, aim.y - seen.y
     rho = math.hypot(dx, dy)
-    beta = math.atan2(dy, dx) - yaw
-    e_alpha = _wrapped(phi - yaw) if rho <= switch else 0.0
-    return rho * math.cos(beta), rho * math.sin(beta), e_alpha
+    beta = math.atan2(dy, dx) - seen.yaw
+    alpha = _wrapped(aim.heading - seen.yaw) if rho <= switch else 0.0
+    return Errors(rho * math.cos(beta), rho * math.sin(beta), alpha)

@@ -18,7 +18,8 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from dm_env import specs
 
-from ssmr.control.loop import LOST, SPINNING, VELOCITY_PERIOD
+from ssmr.control.loop import VELOCITY_PERIOD
+from ssmr.control.tick import LOST, SPINNING
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints, position_errors, target
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Driver, whole_steps
@@ -110,7 +111,7 @@ class Tracking(composer.Task):
             assert isinstance(plant, MujocoPlant)
             nq = plant.model.nq
             self._resting.append(plant.placed(waypoints.start)[1 : 1 + nq])
-        self._waypoints, self._table = waypoints, waypoints.packed()
+        self._waypoints, self._course = waypoints, waypoints.course()
         self._arena, self.husky = ground(), Husky()
         self._frame = self._arena.add_free_entity(self.husky)
         self.set_timesteps(control_timestep=VELOCITY_PERIOD, physics_timestep=steps.pop())

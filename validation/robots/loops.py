@@ -1,7 +1,7 @@
 """Closed loops around MuJoCo Huskies: a whole population, each with its own body, controller and noise, in one batch.
 
 Everything between two ticks of the position loop is known at the first, so a batch advances by whole periods, as fast as an
-open-loop rollout; the robots' side is `ssmr.closed_loop.plan_chunks`.
+open-loop rollout; `ssmr.control.population.plan_period` is the robots' side.
 """
 
 from __future__ import annotations
@@ -15,18 +15,11 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from ssmr.control.laws import MEMORY, Controller
-from ssmr.control.loop import (
-    COLUMNS,
-    ClosedRun,
-    LoopSettings,
-    closed_run,
-    common_settings,
-    draw,
-    make_clock,
-    packed_laws,
-    plan_chunks,
-)
+from ssmr.control.law import EMPTY_MEMORY
+from ssmr.control.laws import Controller
+from ssmr.control.loop import ClosedRun, LoopSettings, closed_run, common_settings, draw, make_clock, make_trackers
+from ssmr.control.population import Batch, plan_period
+from ssmr.control.tick import LOG_COLUMNS
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Sides, drive_numbers, rolling
@@ -43,7 +36,7 @@ class HuskyLoop:
     controller: Controller
     """The law."""
     settings: LoopSettings
-    """What stands around them; feedback, disturbance and periods are the same throughout a population."""
+    """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""
 
 
 class _Bodies:
@@ -70,24 +63,20 @@ class _Bodies:
         self._width = first.model.nu + first.model.nv
 
     @property
-    def torques(self) -> FloatArray:
-        """(S, 2) of the sides [N m]."""
-        return np.array(self._force)
-
-    @property
     def gave_up(self) -> NDArray[np.bool_]:
-        """(S,) whom the simulator warned of: it stops there, and starts diverged ones again from the origin."""
+        """(S,) robots that the simulator warned of: it stops there, and starts diverged ones again from the origin."""
         return np.asarray(self._batch.warning[:, :, 1].any(axis=1))
 
     def states(self) -> FloatArray:
-        """(S, 8) x, y, yaw, v_x, v_y, yaw rate, left and right wheel rate; yaw is unwrapped from the last reading."""
-        out = np.empty((len(self._yaw), 8))
+        """Return (S, 10) the fields of `ssmr.control.tick.Truth`; yaw is unwrapped from the last reading."""
+        out = np.empty((len(self._yaw), 10))
         turn = quat_wxyz_to_yaw(self._qpos[:, 3:7]) - self._yaw
         self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
         out[:, :2], out[:, 2] = self._qpos[:, :2], self._yaw
         out[:, 3:5] = rotate_world_to_body(self._qvel[:, :2], self._yaw)
         out[:, 5] = self._qvel[:, 5]
         out[:, 6], out[:, 7] = self._qvel[:, self._left].mean(axis=1), self._qvel[:, self._right].mean(axis=1)
+        out[:, 8:] = self._force
         return out
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
@@ -134,31 +123,28 @@ def run_husky_loops(
     state = start or waypoints.start
     bodies = _Bodies(loops, state, workers or os.cpu_count() or 1)
     drives = [drive_numbers(p.plant.drive, settings.velocity_period, dt) for p in loops]
-    asked = np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in drives])
-    outs = np.empty((len(loops), clock.ticks, len(COLUMNS)))
-    alive, last = np.ones(len(loops), dtype=np.bool_), np.full(len(loops), clock.ticks)
-    references = np.zeros((len(loops), clock.position, 2))
-    fixed = (
-        *packed_laws([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
-        draws,
-        dt,
-        np.array(drives, dtype=np.float64),
+    batch = Batch(
+        np.tile(EMPTY_MEMORY, (len(loops), 1)),
+        np.zeros(len(loops), dtype=np.int64),
+        np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in drives]),
+        np.zeros((len(loops), 1 + clock.n // clock.velocity, 2)),
+        np.ones(len(loops), dtype=np.bool_),
+        np.empty((len(loops), clock.ticks, len(LOG_COLUMNS))),
+        np.zeros((len(loops), clock.position, 2)),
     )
-    memories, indices = np.zeros((len(loops), MEMORY)), np.zeros(len(loops), dtype=np.int64)
-    commands = np.zeros((len(loops), 1 + clock.n // clock.velocity, 2))
+    trackers = make_trackers([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state)
+    numbers = np.array(drives, dtype=np.float64)
+    ticks = np.full(len(loops), clock.ticks)
     for tick in range(clock.ticks):
-        n = clock.position if tick < clock.ticks - 1 else 0
-        before = alive.copy()
-        plan_chunks(  # type: ignore[call-arg]
-            tick, n, *fixed, bodies.states(), bodies.torques, memories, indices, asked, commands, alive, outs, references
-        )
-        last[before & ~alive] = tick + 1
-        references[~alive] = 0.0
-        if not alive.any():
+        k, n = tick * clock.position, clock.position if tick < clock.ticks - 1 else 0
+        before = batch.alive.copy()
+        plan_period(k, n, trackers, numbers, bodies.states(), draws, batch)
+        ticks[before & ~batch.alive] = tick + 1
+        batch.references[~batch.alive] = 0.0
+        if not batch.alive.any():
             break
         if n:
-            k = tick * clock.position
-            bodies.advance(references, np.where(alive[:, None], pushes[turn, k : k + n], 0.0))
-            gave_up = alive & bodies.gave_up
-            last[gave_up], alive = tick + 1, alive & ~gave_up
-    return [closed_run(out[:n], clock) for out, n in zip(outs, last, strict=True)]
+            bodies.advance(batch.references, np.where(batch.alive[:, None], pushes[turn, k : k + n], 0.0))
+            gave_up = batch.alive & bodies.gave_up
+            ticks[gave_up], batch.alive[gave_up] = tick + 1, False
+    return [closed_run(log[:n], clock) for log, n in zip(batch.logs, ticks, strict=True)]

@@ -13,8 +13,10 @@ from enum import Enum
 
 import numpy as np
 
-from ssmr.control.laws import MEMORY, Controller, velocity_step
-from ssmr.control.loop import COLUMNS, LOST, ClosedRun, is_lost, position_tick, write_row
+from ssmr.control.law import Command, Observation
+from ssmr.control.laws import Controller
+from ssmr.control.loop import Clock, ClosedRun, LoopSettings, make_trackers, tracker_of
+from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, LOST, Mind, Truth, is_lost, position_tick, record, velocity_tick
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
@@ -100,21 +102,20 @@ class Pilot:
         Raises:
             ValueError: gains that the law refuses, or a reference faster than the limit.
         """
-        fastest = float(waypoints.packed()[:-1, 5].max())
+        fastest = float(waypoints.segment_speeds.max())
         if fastest > settings.v_limit:
             raise ValueError(f"the reference asks for {fastest:.3g} m/s; the limit is {settings.v_limit:g} m/s")
-        self._law, self._gains, self._table = controller.number, controller.packed(), waypoints.packed()
+        around = LoopSettings("truth", disturbance=False, lookahead=settings.lookahead)
+        clock = Clock(settings.period, 1, 1, 1)  # the messages' stamps tell the time, so only the law and the course matter
+        self._tracker = tracker_of(make_trackers([controller], [around], waypoints, clock, waypoints.start), 0)
         self._waypoints, self.settings = waypoints, settings
         self.phase = Phase.WAITING
         self.why_waiting = "no feedback yet"
         self._arrival = -math.inf
         self._stamp = -math.inf
         self._fresh = 0
-        self._memory: tuple[float, ...] = (0.0,) * MEMORY
-        self._index = 0
-        self._seen: tuple[float, ...] = (0.0,) * 5
+        self._mind: Mind = FRESH_MIND
         self._begin = 0.0
-        self._command: Twist = STILL
         self._rows: list[FloatArray] = []
         self._times: list[float] = []
         self._tracked: list[FloatArray] = []
@@ -124,10 +125,18 @@ class Pilot:
         self._warm_up()
 
     def _warm_up(self) -> None:
-        aim = position_tick(self._law, self._gains, self._memory, self._table, 0, 0.0, self._seen, 0.0, 0.02)[2]
-        velocity_step(self._law, self._gains, self._memory, 0.0, 0.0, self.settings.period)
-        write_row(np.empty(len(COLUMNS)), *(0.0,) * 10, aim, self._memory, STILL, self._seen)
-        is_lost(0.0, 0.0, 0.0, aim)
+        self._run_tick(FRESH_MIND.seen, 0.0, 0.02)
+        velocity_tick(self._tracker, self._mind, self.settings.period)
+        is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._mind = FRESH_MIND
+
+    def _run_tick(self, seen: Observation, t: float, dt: float) -> FloatArray:
+        """Run the position loop and return what a run records of it; lateral speed, wheels and torques are not known."""
+        self._mind = position_tick(self._tracker, self._mind, seen, t, dt)
+        row = np.empty(len(LOG_COLUMNS))
+        truth = Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0)
+        record(row, truth, self._mind)
+        return row
 
     def track(self, seen: Seen) -> None:
         """Where a tracking system saw the robot; for the record, not for the law."""
@@ -186,18 +195,11 @@ class Pilot:
         """One step of the position loop."""
         t = seen.stamp - self._begin
         x, y, yaw = map(float, self._frame.take(seen))
-        self._seen = (x, y, yaw, seen.v, seen.w)
-        self._memory, self._index, aim = position_tick(
-            self._law, self._gains, self._memory, self._table, self._index, t, self._seen, self.settings.lookahead, dt
-        )
-        row = np.empty(len(COLUMNS))
-        write_row(
-            row, x, y, yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0, aim, self._memory, self._command, self._seen
-        )  # fmt: skip
-        self._rows.append(row)
+        self._rows.append(self._run_tick(Observation(x, y, yaw, seen.v, seen.w), t, dt))
         self._times.append(t)
-        if is_lost(x, y, seen.w, aim):
-            away = math.hypot(x - aim[0], y - aim[1])
+        aim = self._mind.target
+        if is_lost(x, y, seen.w, aim.x, aim.y):
+            away = math.hypot(x - aim.x, y - aim.y)
             raise StoppedError(f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)")
         if t >= self._waypoints.duration - 1e-9:
             self.phase = Phase.ARRIVED
@@ -212,14 +214,14 @@ class Pilot:
             return STILL
         if now - self._arrival > FRESH:
             raise StoppedError(f"no feedback for {now - self._arrival:.2f} s")
-        self._memory, v, w = velocity_step(
-            self._law, self._gains, self._memory, self._seen[3], self._seen[4], self.settings.period
-        )
+        mind = velocity_tick(self._tracker, self._mind, self.settings.period)
+        v, w = mind.command
         if not (math.isfinite(v) and math.isfinite(w)):
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
         s = self.settings
-        self._command = float(np.clip(v, -s.v_limit, s.v_limit)), float(np.clip(w, -s.w_limit, s.w_limit))
-        return self._command
+        sent = Command(float(np.clip(v, -s.v_limit, s.v_limit)), float(np.clip(w, -s.w_limit, s.w_limit)))
+        self._mind = mind._replace(command=sent)
+        return sent
 
     @property
     def tracked(self) -> bool:

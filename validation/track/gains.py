@@ -17,11 +17,13 @@ from typing import Any
 
 import tomli_w
 
-from ssmr.control.laws import GAINS
+from ssmr.control.laws import LAWS
 
 SCHEMA = "ssmr.gains/1"
 
-FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType({c: tuple(f.name for f in fields(g)) for c, g in GAINS.items()})
+FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {c: tuple(f.name for f in fields(law.gains)) for c, law in LAWS.items()}
+)
 """Names of the gains of each controller."""
 
 
@@ -91,7 +93,7 @@ def load_gains(controller: str, name_or_path: str) -> GainSet:
     except ValueError as error:
         raise GainsError(str(error)) from error
     if name_or_path == DEFAULT:
-        values = asdict(GAINS[controller]())
+        values = asdict(LAWS[controller].gains())
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller")
     shipped = next((n for n in (f"{controller}-{name_or_path}", name_or_path) if n in names()), None)
     if shipped is not None:

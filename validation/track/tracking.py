@@ -12,7 +12,8 @@ import numpy as np
 
 from ssmr._jit import config
 from ssmr.control.laws import Controller, make_gains
-from ssmr.control.loop import ClosedRun, Loop, LoopSettings, run_loops
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.population import Loop, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.metrics.paths import PathMetrics, compare_paths
@@ -69,7 +70,7 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> Robot:
     if isinstance(made, MujocoPlant):
         return Robot(plant, made)
     if plant not in PLANAR_MODELS:
-        raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.closed_loop.track drives it")
+        raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it")
     return Robot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
 
 
@@ -205,7 +206,7 @@ def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
     Raises:
         ValueError: a segment faster than the driver's limit; the message says where.
     """
-    speeds = waypoints.packed()[:-1, 5]
+    speeds = waypoints.segment_speeds
     worst = int(np.argmax(speeds))
     if speeds[worst] > drive.v_max:
         raise ValueError(

@@ -262,7 +262,13 @@ class TuneProblem:
             "parameters or bounds": [(p.name, p.lower, p.upper, p.scale) for p in self.space.parameters],
             "profile": [(name, asdict(plant)) for name, plant in sorted(self.profile.plants.items())],
             "references or plants": [
-                (case.reference, case.robot.name, case.waypoints.packed().tobytes(), repr(case.settings))
+                (
+                    case.reference,
+                    case.robot.name,
+                    case.waypoints.t.tobytes(),
+                    case.waypoints.xy.tobytes(),
+                    repr(case.settings),
+                )
                 for case in self.cases
             ],
             "cost": asdict(self.cost),

@@ -20,8 +20,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ssmr.control.laws import GAINS
-from ssmr.control.loop import LOST, POSITION_PERIOD, ClosedRun, Feedback, LoopSettings, draw, make_clock
+from ssmr.control.loop import POSITION_PERIOD, ClosedRun, Feedback, LoopSettings, draw, make_clock
+from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.estimation.ekf import SensorModel

@@ -1,0 +1,130 @@
+"""A controller's declaration, and the values that its kernels take and return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ssmr._jit import jit
+from ssmr.parameters import check_parameters
+from ssmr.types import FloatArray
+
+
+class Observation(NamedTuple):
+    """The robot's pose and velocities as its controller sees them."""
+
+    x: float
+    y: float
+    yaw: float
+    v: float
+    w: float
+
+
+class Command(NamedTuple):
+    """Speed [m/s] and yaw rate [rad/s] that the controller commands."""
+
+    v: float
+    w: float
+
+
+class Memory(NamedTuple):
+    """The numbers that a law carries from one step to the next; all are zero at the start."""
+
+    i_rho: float
+    """Integral of the distance to the target."""
+    i_y: float
+    """Integral of the offset to the left."""
+    i_alpha: float
+    """Integral of the heading error."""
+    i_u: float
+    """Integral of the speed error."""
+    i_w: float
+    """Integral of the yaw rate error."""
+    u_ref: float
+    """Speed that the position loop asks for [m/s]; the command itself where there is no velocity loop."""
+    w_ref: float
+    """Yaw rate that the position loop asks for [rad/s]; the command itself where there is no velocity loop."""
+    own: float
+    """One number for the law's own use."""
+
+
+EMPTY_MEMORY = Memory(*(0.0,) * len(Memory._fields))
+"""Memory of a law that has not run yet."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Base of the gains of every law: a frozen dataclass whose fields are declared by `ssmr.parameters.parameter`."""
+
+    def __post_init__(self) -> None:
+        """Check every gain against its declared range.
+
+        Raises:
+            ValueError: a gain is outside its range; the message names it.
+        """
+        check_parameters(self)
+
+    def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """Return the numbers that the kernels take, as one row; by default the gains in their order.
+
+        Args:
+            a: (4, 4) of the linear model (Eq. 2.46), for laws that are designed on it.
+            b: (4, 2) of the linear model.
+
+        Raises:
+            ValueError: no law exists for these gains.
+        """
+        del a, b
+        return np.array(astuple(self), dtype=np.float64)
+
+
+@jit
+def hold(gains: Any, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
+    """Return the memory unchanged and the position loop's output as the command: a law of one rate has no velocity loop."""
+    return memory, Command(memory.u_ref, memory.w_ref)
+
+
+@dataclass(frozen=True)
+class Law:
+    """Everything that the rest of the project needs to know of a controller."""
+
+    name: str
+    """Name of the controller."""
+    gains: type[Gains]
+    """Its gains, each with its default, unit, range and search bounds."""
+    unpack: Callable[[FloatArray], Any]
+    """Kernel that makes the named gains of a row of `Gains.packed`; rows may be longer than needed."""
+    position_step: Callable[..., Memory]
+    """Kernel `(gains, memory, errors, target, seen, dt)` of the position loop; returns the next memory."""
+    searched: tuple[str, ...]
+    """Gains that a tuning searches by default, in the order of its search space."""
+    colour: str
+    """Colour in pictures, as matplotlib knows it."""
+    velocity_step: Callable[..., tuple[Memory, Command]] = hold
+    """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the command."""
+    model_based: bool = False
+    """Whether the linear model (Eq. 2.46) enters the design."""
+    population: int = 50
+    """Default number of candidates in a generation of a tuning."""
+    generations: int = 150
+    """Default number of generations of a tuning."""
+    k_u: float = 0.0
+    """Weight of |1 - u_RMS| in the cost of a tuning (Tab. 4.20)."""
+
+    @property
+    def two_rates(self) -> bool:
+        """Whether a velocity loop of its own stands behind the position loop."""
+        return self.velocity_step is not hold
+
+
+def reader(template: Any) -> Any:
+    """Return a kernel that makes a NamedTuple like `template` of the first entries of a row."""
+
+    @jit
+    def read(row: FloatArray) -> Any:
+        return named_like(template, row)
+
+    return read

@@ -1,0 +1,248 @@
+"""Many closed loops at once: the fused loop of the planar models, and the robots' side of robots that something else moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from ssmr._jit import jit
+from ssmr.control.law import EMPTY_MEMORY, Command
+from ssmr.control.laws import Controller
+from ssmr.control.loop import (
+    ClosedRun,
+    LoopSettings,
+    closed_run,
+    common_settings,
+    draw,
+    make_clock,
+    make_trackers,
+    tracker_of,
+    true_state,
+)
+from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, Mind, Tracker, Truth, tick
+from ssmr.control.waypoints import Target, Waypoints
+from ssmr.models.law import PlanarRobot
+from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, DriveNumbers, Sides, drive_numbers, follow, rolling
+from ssmr.simulate import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_from_row, robot_row, turning_wheels
+from ssmr.types import FloatArray, State
+
+_TRUTH = Truth(*(0.0,) * 10)
+_DRIVEN = Driven(0.0, 0.0, 0.0, 0.0)
+
+
+@jit
+def run_planar_loop(
+    tracker: Tracker,
+    drive: DriveNumbers,
+    robot: PlanarRobot,
+    start: Truth,
+    draws: FloatArray,
+    disturbance: FloatArray,
+    log: FloatArray,
+) -> int:
+    """Run a planar model in closed loop.
+
+    Args:
+        tracker: the robot's side.
+        drive: the drive; its command period is the velocity loop's.
+        robot: the model; the type of its parameters chooses the law of motion.
+        start: the robot at the start.
+        draws: (ticks or more, 8) standard normal numbers.
+        disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
+        log: (ticks, 25) space for what is recorded.
+
+    Returns:
+        The number of ticks that were recorded: fewer than `log` has rows where the robot was lost after the last of them.
+    """
+    n = (len(log) - 1) * tracker.position_steps
+    commands = np.empty((1 + n // tracker.velocity_steps, 2))
+    now = PlanarMotion(start.x, start.y, start.yaw, start.v, start.w, 0.0, 0.0)
+    asked, mind = rolling(Sides(start.left, start.right), drive), FRESH_MIND
+    for k in range(n + 1):
+        if k % tracker.position_steps == 0 or k % tracker.velocity_steps == 0:
+            left, right = turning_wheels(now, Sides(asked.left, asked.right), robot)
+            truth = Truth(
+                now.x, now.y, now.yaw, now.v, -robot.x_icr * now.w, now.w, left, right, now.torque_left, now.torque_right
+            )
+            mind, lost = tick(tracker, mind, k, truth, draws, log)
+            if lost:
+                return 1 + k // tracker.position_steps
+        if k % tracker.velocity_steps == 0:
+            commands[k // tracker.velocity_steps, 0] = mind.command.v
+            commands[k // tracker.velocity_steps, 1] = mind.command.w
+        if k == n:
+            break
+        asked = follow(commands, k, drive, (0.0, 0.0), asked)
+        push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
+        now = move(now, Sides(asked.left, asked.right), push, tracker.dt, robot)
+    return len(log)
+
+
+class PlanarRows(NamedTuple):
+    """S planar robots of one kind, as arrays."""
+
+    drives: FloatArray
+    """(S, 11) `DriveNumbers`."""
+    robots: FloatArray
+    """(S, k) rows of `robot_row`."""
+
+
+@jit_parallel
+def run_planar_loops(
+    trackers: Trackers,
+    kind: Any,
+    rows: PlanarRows,
+    start: Truth,
+    draws: FloatArray,
+    disturbances: FloatArray,
+    ticks: Any,
+    logs: FloatArray,
+) -> None:
+    """Run many planar loops at once, one a thread; `draws` and `disturbances` are taken in turn.
+
+    Args:
+        trackers: the robots' side.
+        kind: template of the model's parameters.
+        rows: the drives and the robots.
+        start: the robots at the start.
+        draws: (D, ticks, 8) standard normal numbers.
+        disturbances: (D, n) or (D, 1) yaw accelerations [rad/s2].
+        ticks: (S,) space for the number of ticks that each loop recorded.
+        logs: (S, ticks, 25) space for what is recorded.
+    """
+    for i in numba.prange(len(ticks)):
+        ticks[i] = run_planar_loop(
+            tracker_of(trackers, i),
+            named_like(DRIVE_TEMPLATE, rows.drives[i]),
+            robot_from_row(kind, rows.robots[i]),
+            start,
+            draws[i % len(draws)],
+            disturbances[i % len(disturbances)],
+            logs[i],
+        )
+
+
+class Batch(NamedTuple):
+    """What changes from period to period in S closed loops whose robots something else moves; kernels write in place."""
+
+    memories: FloatArray
+    """(S, 8) memories of the laws."""
+    segments: Any
+    """(S,) segments of the targets."""
+    asked: FloatArray
+    """(S, 4) states of the drives."""
+    commands: FloatArray
+    """(S, 1 + n // velocity steps, 2) commands so far."""
+    alive: Any
+    """(S,) bool; the log of a robot that was lost grows no more."""
+    logs: FloatArray
+    """(S, ticks, 25) logs."""
+    references: FloatArray
+    """(S, steps, 2) wheel rates to ask for in the next period [rad/s]."""
+
+
+@jit
+def plan_period(
+    k: int, n: int, trackers: Trackers, drives: FloatArray, states: FloatArray, draws: FloatArray, batch: Batch
+) -> None:
+    """Plan one period of the position loop for robots that something else moves.
+
+    What the wheels are asked for until the next tick depends on nothing that happens meanwhile, so the whole period is
+    planned at once.
+
+    Args:
+        k: physics step at which the period begins, a tick of the position loop.
+        n: physics steps to plan; 0 at the end of the mission.
+        trackers: the robots' side.
+        drives: (S, 11) `DriveNumbers`.
+        states: (S, 10) the fields of `Truth`.
+        draws: (D, ticks, 8) standard normal numbers, taken in turn.
+        batch: state of the loops, advanced in place.
+    """
+    for i in range(len(states)):
+        if not batch.alive[i]:
+            continue
+        tracker, drive = tracker_of(trackers, i), named_like(DRIVE_TEMPLATE, drives[i])
+        truth = named_like(_TRUTH, states[i])
+        last = batch.commands[i, max(k - 1, 0) // tracker.velocity_steps]
+        mind = Mind(
+            named_like(EMPTY_MEMORY, batch.memories[i]),
+            Target(0.0, 0.0, 0.0, 0.0, 0.0, batch.segments[i]),
+            FRESH_MIND.errors,
+            FRESH_MIND.seen,
+            Command(last[0], last[1]),
+        )
+        asked = named_like(_DRIVEN, batch.asked[i])
+        for j in range(k, k + max(n, 1)):
+            if j == k or j % tracker.velocity_steps == 0:
+                mind, lost = tick(tracker, mind, j, truth, draws[i % len(draws)], batch.logs[i])
+                batch.alive[i] &= not lost
+            if j % tracker.velocity_steps == 0:
+                batch.commands[i, j // tracker.velocity_steps, 0] = mind.command.v
+                batch.commands[i, j // tracker.velocity_steps, 1] = mind.command.w
+            if j < k + n:
+                asked = follow(batch.commands[i], j, drive, (0.0, 0.0), asked)
+                batch.references[i, j - k, 0], batch.references[i, j - k, 1] = asked.left, asked.right
+        batch.segments[i] = mind.target.segment
+        for j, number in enumerate(mind.memory):
+            batch.memories[i, j] = number
+        for j, number in enumerate(asked):
+            batch.asked[i, j] = number
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One closed loop of a population: a controller around a planar model."""
+
+    model: PlanarModel
+    """The robot."""
+    controller: Controller
+    """The law."""
+    settings: LoopSettings
+    """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""
+
+
+def run_loops(
+    loops: Sequence[Loop], waypoints: Waypoints, seeds: Sequence[int], dt: float = PLANAR_DT, start: State | None = None
+) -> list[ClosedRun]:
+    """Run many closed loops of one kind of planar model along one reference, one a thread.
+
+    Args:
+        loops: S loops.
+        waypoints: the reference.
+        seeds: seeds of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
+        dt: physics step [s].
+        start: state to start in; at rest at the first waypoint if not given.
+
+    Raises:
+        ValueError: several kinds of model, of feedback or disturbance, or sets of periods; periods that are no whole number
+            of steps; no loops or no seeds.
+    """
+    settings = common_settings([p.settings for p in loops], seeds)
+    if len({type(p.model.parameters) for p in loops}) != 1:
+        raise ValueError("a population is one kind of model")
+    clock = make_clock(waypoints, settings, dt)
+    drawn = [draw(clock, settings, seed) for seed in seeds]
+    state = start or waypoints.start
+    robots = [p.model.packed() for p in loops]
+    rows = PlanarRows(
+        np.array([drive_numbers(p.model.drive, settings.velocity_period, dt) for p in loops], dtype=np.float64),
+        np.array([robot_row(r) for r in robots]),
+    )
+    ticks = np.zeros(len(loops), dtype=np.int64)
+    logs = np.empty((len(loops), clock.ticks, len(LOG_COLUMNS)))
+    run_planar_loops(
+        make_trackers([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
+        robots[0].parameters,
+        rows,
+        true_state(state),
+        np.array([d for d, _ in drawn]),
+        np.array([d for _, d in drawn]),
+        ticks,
+        logs,
+    )
+    return [closed_run(log[:n], clock) for log, n in zip(logs, ticks, strict=True)]

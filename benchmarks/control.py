@@ -20,7 +20,7 @@ import numpy as np
 from mujoco import rollout
 
 from benchmarks.rows import Row, alternate, report
-from ssmr.control.loop import LoopSettings
+from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle
 from ssmr.simulate import PlanarModel, PlanarPlant
@@ -67,7 +67,7 @@ def planar_rows(repeats: int, population: int) -> list[Row]:
         if population < POPULATION:
             continue  # the slow loop is left out of a quick run
         began = time.perf_counter()
-        track(PlanarPlant(body), law, waypoints, LoopSettings(), 0)
+        run_loop(PlanarPlant(body), law, waypoints, LoopSettings(), 0)
         slow = time.perf_counter() - began
         rows.append(
             Row(f"{controller}: fused loop over the slow one", ours / population / slow, "", ours / population, slow, True)

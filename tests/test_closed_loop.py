@@ -14,26 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr._jit import config
-from ssmr.control.laws import CONTROLLERS, GAINS, Controller, make_gains
-from ssmr.control.loop import (
-    COLUMNS,
-    LOST,
-    SPINNING,
-    ClosedRun,
-    Loop,
-    LoopSettings,
-    LostError,
-    closed_run,
-    draw,
-    is_lost,
-    make_clock,
-    run_loops,
-    track,
-)
+from ssmr.control.laws import CONTROLLERS, LAWS, Controller, make_gains
+from ssmr.control.loop import ClosedRun, LoopSettings, LostError, closed_run, draw, make_clock, run_loop
 from ssmr.control.lqr import LqrGains
 from ssmr.control.pid import PidGains
+from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle, line, sine
 from ssmr.control.smc import SmcGains
+from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING, is_lost
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings, SensorModel
 from ssmr.geometry import wrap_angle
@@ -56,7 +44,7 @@ from validation.track.gains import load_gains
 FRAME = 1e-11
 """Coordinates of some metres round to 1e-15, times the loops' gains of about ten, through hundreds of damped ticks."""
 FEEDBACKS = ("truth", "noisy", "ekf")
-TORQUES = [COLUMNS.index("torque_left"), COLUMNS.index("torque_right")]
+TORQUES = [LOG_COLUMNS.index("torque_left"), LOG_COLUMNS.index("torque_right")]
 A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), Drive()))
 TRUTH = LoopSettings(feedback="truth", disturbance=False)
 PROMPT = Drive(delay_v=0.0, delay_w=0.0)
@@ -137,7 +125,7 @@ def without_torques(run: ClosedRun) -> FloatArray:
 def test_the_fused_loop_of_planar_models_is_the_slow_one(name: str, law: str, feedback: str) -> None:
     settings = LoopSettings(feedback=feedback)  # type: ignore[arg-type]
     fast = drive(model(name), PUBLISHED[law], BEND, settings, 3)
-    slow = track(PlanarPlant(model(name)), PUBLISHED[law], BEND, settings, 3)
+    slow = run_loop(PlanarPlant(model(name)), PUBLISHED[law], BEND, settings, 3)
     assert np.abs(without_torques(fast) - without_torques(slow)).max() == EXACT
     assert np.array_equal(fast.t, slow.t)
     assert fast.lost == slow.lost
@@ -149,7 +137,7 @@ def test_so_it_is_from_a_rolling_start_at_other_rates_and_with_a_drive_that_lags
     settings = LoopSettings(position_period=0.01, velocity_period=0.025, lookahead=0.1)
     start = State(0.1, -0.1, 0.3, 0.3, 0.0, 0.2, *wheel_rates(0.3, 0.2, 0.275, 0.1651))
     fast = drive(robot, PUBLISHED["pid"], BEND, settings, 3, start)
-    slow = track(PlanarPlant(robot), PUBLISHED["pid"], BEND, settings, 3, start)
+    slow = run_loop(PlanarPlant(robot), PUBLISHED["pid"], BEND, settings, 3, start)
     assert np.abs(without_torques(fast) - without_torques(slow)).max() == EXACT
 
 
@@ -159,7 +147,7 @@ def test_the_batch_of_huskies_is_the_slow_loop(husky: MujocoPlant, law: str, fee
     """To round-off: the slow loop's start has gone through the simulator's quaternion, and so has its filter's."""
     settings = LoopSettings(feedback=feedback)  # type: ignore[arg-type]
     fast = drive(husky, PUBLISHED[law], BEND, settings, 3)
-    slow = track(husky, PUBLISHED[law], BEND, settings, 3)
+    slow = run_loop(husky, PUBLISHED[law], BEND, settings, 3)
     assert np.abs(without_torques(fast) - without_torques(slow)).max() <= 10 * ROUNDOFF  # wheel rates of order 10
     assert fast.lost == slow.lost
 
@@ -168,7 +156,7 @@ def test_and_from_a_rolling_start_that_faces_backwards(husky: MujocoPlant) -> No
     way = Waypoints.from_path(-BEND.xy, 0.5)
     settings, start = LoopSettings(lookahead=0.1), replace(rolling(0.3, 0.1, -0.1, 3.3), yaw_rate=0.2)
     fast = drive(husky, PUBLISHED["pid"], way, settings, 3, start)
-    slow = track(husky, PUBLISHED["pid"], way, settings, 3, start)
+    slow = run_loop(husky, PUBLISHED["pid"], way, settings, 3, start)
     assert np.abs(without_torques(fast) - without_torques(slow)).max() <= 10 * ROUNDOFF
 
 
@@ -397,7 +385,7 @@ def test_periods_that_are_no_whole_steps_are_refused(settings: dict[str, float],
         with pytest.raises(ValueError, match=message):
             drive(robot, PUBLISHED["pid"], BEND, odd)
     with pytest.raises(ValueError, match=message):
-        track(PlanarPlant(model("linear")), PUBLISHED["pid"], BEND, odd, 0)
+        run_loop(PlanarPlant(model("linear")), PUBLISHED["pid"], BEND, odd, 0)
     with pytest.raises(ValueError, match="the drive's hold"):
         drive(replace(IDEAL, drive=Drive(hold=0.0333)), PUBLISHED["pid"], BEND)
 
@@ -501,20 +489,18 @@ def test_a_robot_that_spins_is_lost() -> None:
     assert run.lost
     assert abs(run.state.yaw_rate) >= SPINNING
     assert np.all(np.abs(run.column("yaw_rate")[:-1]) < SPINNING)
-    slow = track(PlanarPlant(robot), controller("pid", k_p_y=1e4, ff_w=1.0), WEAVE, TRUTH, 1)
+    slow = run_loop(PlanarPlant(robot), controller("pid", k_p_y=1e4, ff_w=1.0), WEAVE, TRUTH, 1)
     assert slow.lost
     assert np.array_equal(without_torques(slow), without_torques(run))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_number_that_is_not_finite_is_lost(bad: float) -> None:
-    aim = (0.0,) * 6
-    assert not is_lost(0.0, 0.0, 0.0, aim)
-    assert is_lost(bad, 0.0, 0.0, aim)
-    assert is_lost(0.0, bad, 0.0, aim)
-    assert is_lost(0.0, 0.0, bad, aim)
+    assert not is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
+    for place in range(3):
+        assert is_lost(*(bad if i == place else 0.0 for i in range(5)))
     clock = make_clock(BEND, TRUTH, PLANAR_DT)
-    rows = np.zeros((3, len(COLUMNS)))
+    rows = np.zeros((3, len(LOG_COLUMNS)))
     rows[2, 0] = bad
     run = closed_run(rows, clock)
     assert run.lost
@@ -597,4 +583,4 @@ def test_nobody_and_no_seed_are_refused(husky: MujocoPlant) -> None:
 
 
 def test_every_law_has_been_driven() -> None:
-    assert set(PUBLISHED) == set(GAINS)
+    assert set(PUBLISHED) == set(LAWS)

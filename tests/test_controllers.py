@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import control
 import numpy as np
@@ -15,17 +15,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssmr.control import lqr, pid, scheduled, smc
-from ssmr.control.laws import CONTROLLERS, GAINS, MEMORY, Controller, make_gains, position_step, velocity_step
+from ssmr.control.law import EMPTY_MEMORY, Command, Gains, Memory, Observation
+from ssmr.control.laws import CONTROLLERS, LAWS, Controller, make_gains, position_step, velocity_step
+from ssmr.control.waypoints import Errors, Target
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
+BELOW_SATURATION = scheduled.OPERATING_SPEEDS[:-1]
+"""At the last operating speed the feedforward alone saturates."""
 RICCATI = 1e-7
 """Relative: two solvers of one Riccati equation, whose pencil has eigenvalues from 0.1 to 1000 1/s for the weights below."""
 DT = 0.008
-REST = (0.0,) * MEMORY
+REST = EMPTY_MEMORY
+STILL = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
+NO_ERRORS = Errors(0.0, 0.0, 0.0)
 A, B = matrices(Vehicle(), LinearParameters(), Drive())
+SCHEDULED = CONTROLLERS.index("lqr-scheduled")
 MODEL = tuple(map(tuple, A.tolist())), tuple(map(tuple, B.tolist()))
 
 errors = st.floats(-2.0, 2.0)
@@ -37,7 +44,22 @@ speeds = st.floats(0.0, 1.5)
 
 def controller(name: str) -> Controller:
     """The law with its default gains, on the published linear model."""
-    return Controller(GAINS[name](), *MODEL)
+    return Controller(LAWS[name].gains(), *MODEL)
+
+
+def moving(v: float, w: float) -> Observation:
+    """A robot at the origin."""
+    return Observation(0.0, 0.0, 0.0, v, w)
+
+
+def target(v: float, w: float) -> Target:
+    """A target at the origin."""
+    return Target(0.0, 0.0, 0.0, v, w, 0)
+
+
+def numbers(g: Gains, name: str) -> Any:
+    """The named gains that the kernels take."""
+    return LAWS[name].unpack(g.packed(A, B))
 
 
 @cache
@@ -101,50 +123,41 @@ def test_the_position_loop_is_the_printed_equations(signal: list[tuple[float, fl
     """Tab. 4.1, below the limit of u_ref."""
     g, memory = pid.PidGains(), REST
     for e_rho, e_y, e_alpha in signal:
-        memory = pid.position_loop(g.packed(), memory, e_rho, e_y, e_alpha, DT)
+        memory = pid.position_loop(numbers(g, "pid"), memory, Errors(e_rho, e_y, e_alpha), STILL, moving(0.0, 0.0), DT)
     e, sums = np.array(signal), DT * np.sum(signal[:-1], axis=0) if len(signal) > 1 else np.zeros(3)
     u_ref = g.k_p_rho * e[-1, 0] + g.k_i_rho * sums[0]
     w_ref = g.k_p_y * e[-1, 1] + g.k_i_y * sums[1] + g.k_p_alpha * e[-1, 2] + g.k_i_alpha * sums[2]
-    assert memory[5] == pytest.approx(u_ref, rel=ROUNDOFF, abs=ROUNDOFF)
-    assert memory[6] == pytest.approx(w_ref, rel=ROUNDOFF, abs=100 * ROUNDOFF)
+    assert memory.u_ref == pytest.approx(u_ref, rel=ROUNDOFF, abs=ROUNDOFF)
+    assert memory.w_ref == pytest.approx(w_ref, rel=ROUNDOFF, abs=100 * ROUNDOFF)
 
 
 @given(st.lists(st.tuples(errors, errors), min_size=1, max_size=40), errors, errors)
 def test_the_velocity_loop_is_the_printed_equations(signal: list[tuple[float, float]], u_ref: float, w_ref: float) -> None:
     """Tab. 4.2, with references that are held."""
     g = replace(pid.PidGains(), ff_w=0.3)
-    memory = (*REST[:5], u_ref, w_ref, 0.0)
+    memory = Memory(*REST[:5], u_ref, w_ref, 0.0)
     for v, w in signal:
-        memory, u_cmd, w_cmd = velocity_step(0, g.packed(), memory, v, w, 0.05)
+        memory, (u_cmd, w_cmd) = velocity_step(0, g.packed(A, B), memory, moving(v, w), 0.05)
     e = np.array([u_ref, w_ref]) - np.array(signal)
     sums = 0.05 * e[:-1].sum(axis=0)
     scale = ROUNDOFF * (1.0 + np.abs(e).sum())
     assert abs(u_cmd - (g.k_p_u * e[-1, 0] + g.k_i_u * sums[0] + g.ff_u * u_ref)) <= scale
     assert abs(w_cmd - (g.k_p_w * e[-1, 1] + g.k_i_w * sums[1] + g.ff_w * w_ref)) <= scale
-    assert memory[5:7] == (u_ref, w_ref)
+    assert (memory.u_ref, memory.w_ref) == (u_ref, w_ref)
 
 
 # ------------------------------------------------------------------------------------------------------- all laws alike
-
-
-SOURCES: dict[str, Callable[..., tuple[float, ...]]] = {
-    "pid": lambda g, m, e, v_ref, w_ref, v, w: pid.position_loop.py_func(g, m, *e, DT),
-    "lqr": lambda g, m, e, v_ref, w_ref, v, w: lqr.regulate.py_func(g, m, *e, v, w, DT),
-    "lqr-scheduled": lambda g, m, e, v_ref, w_ref, v, w: scheduled.regulate.py_func(g, m, *e, v_ref, w_ref, v, w, DT),
-    "smc": lambda g, m, e, v_ref, w_ref, v, w: smc.slide.py_func(g, m, *e, v_ref, w_ref),
-}
-"""Of each law the Python source of its position loop."""
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 @given(data=st.data())
 def test_compiled_laws_are_their_python_source(name: str, data: st.DataObject) -> None:
     """To round-off: numpy's sine and arctangent are not the compiler's."""
-    memory = tuple(data.draw(errors) for _ in range(MEMORY))
-    e = tuple(data.draw(errors) for _ in range(3))
-    moving = (data.draw(speeds), *(data.draw(errors) for _ in range(3)))
-    fast = position_step(controller(name).number, packed(name), memory, *e, *moving, DT)
-    slow = SOURCES[name](packed(name), memory, e, *moving)
+    memory = Memory(*(data.draw(errors) for _ in Memory._fields))
+    e = Errors(*(data.draw(errors) for _ in Errors._fields))
+    aim, seen = target(data.draw(speeds), data.draw(errors)), moving(data.draw(errors), data.draw(errors))
+    fast = position_step(controller(name).number, packed(name), memory, e, aim, seen, DT)
+    slow = LAWS[name].position_step.py_func(numbers(LAWS[name].gains(), name), memory, e, aim, seen, DT)  # type: ignore[attr-defined]
     assert np.allclose(fast, slow, rtol=ROUNDOFF, atol=10 * ROUNDOFF)
 
 
@@ -156,20 +169,21 @@ def test_left_and_right_are_alike(
     c = controller(name)
     straight, turned = REST, REST
     for _ in range(3):
-        straight = position_step(c.number, packed(name), straight, e[0], e[1], e[2], v_ref, w_ref, v, w, DT)
-        turned = position_step(c.number, packed(name), turned, e[0], -e[1], -e[2], v_ref, -w_ref, v, -w, DT)
-        straight, *one = velocity_step(c.number, packed(name), straight, v, w, 0.05)
-        turned, *other = velocity_step(c.number, packed(name), turned, v, -w, 0.05)
+        straight = position_step(c.number, packed(name), straight, Errors(*e), target(v_ref, w_ref), moving(v, w), DT)
+        mirrored = Errors(e[0], -e[1], -e[2])
+        turned = position_step(c.number, packed(name), turned, mirrored, target(v_ref, -w_ref), moving(v, -w), DT)
+        straight, one = velocity_step(c.number, packed(name), straight, moving(v, w), 0.05)
+        turned, other = velocity_step(c.number, packed(name), turned, moving(v, -w), 0.05)
         # the solver leaves 1e-17 where a regulator's gains are zero
-        assert np.allclose(one, [other[0], -other[1]], rtol=ROUNDOFF, atol=ROUNDOFF)
+        assert np.allclose(one, [other.v, -other.w], rtol=ROUNDOFF, atol=ROUNDOFF)
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_without_errors_and_at_rest_nothing_is_commanded(name: str) -> None:
     c = controller(name)
-    memory = position_step(c.number, packed(name), REST, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, DT)
-    memory, v, w = velocity_step(c.number, packed(name), memory, 0.0, 0.0, 0.05)
-    assert (v, w) == (0.0, 0.0)
+    memory = position_step(c.number, packed(name), REST, NO_ERRORS, STILL, moving(0.0, 0.0), DT)
+    memory, command = velocity_step(c.number, packed(name), memory, moving(0.0, 0.0), 0.05)
+    assert command == Command(0.0, 0.0)
     assert memory == REST
 
 
@@ -200,10 +214,11 @@ def test_only_the_ratio_of_weights_matters(factor: float) -> None:
 @given(small, small, small, small, small)
 def test_the_command_is_minus_k_times_the_state(e_rho: float, e_y: float, e_alpha: float, v: float, w: float) -> None:
     row, integral = np.array([*packed("lqr")[:8], 0.7, 0.4, 0.5]), 0.05
-    after = lqr.regulate(row, (integral, *REST[1:]), e_rho, e_y, e_alpha, v, w, DT)
+    memory = REST._replace(i_rho=integral)
+    after = position_step(1, row, memory, Errors(e_rho, e_y, e_alpha), STILL, moving(v, w), DT)
     state = np.array([-(e_rho + integral), v, -(0.7 * e_alpha + 0.4 * e_y), w])
-    assert np.allclose(after[5:7], -row[:8].reshape(2, 4) @ state, rtol=ROUNDOFF, atol=ROUNDOFF)
-    assert after[0] == integral + 0.5 * e_rho * DT
+    assert np.allclose([after.u_ref, after.w_ref], -row[:8].reshape(2, 4) @ state, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert after.i_rho == integral + 0.5 * e_rho * DT
 
 
 @pytest.mark.parametrize("name", ["lqr", "lqr-scheduled"])
@@ -211,10 +226,10 @@ def test_commands_are_saturated_and_the_integral_is_clamped(name: str) -> None:
     c, memory = Controller(make_gains(name, {"k_i_rho": 5.0}), *MODEL), REST
     g = c.packed()
     for _ in range(200):
-        memory = position_step(c.number, g, memory, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, DT)
-    assert memory[5:7] == (lqr.V_LIMIT, lqr.W_LIMIT)
-    once = position_step(c.number, g, REST, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, DT)
-    assert memory[0] == once[0]
+        memory = position_step(c.number, g, memory, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT)
+    assert (memory.u_ref, memory.w_ref) == (lqr.V_LIMIT, lqr.W_LIMIT)
+    once = position_step(c.number, g, REST, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT)
+    assert memory.i_rho == once.i_rho
 
 
 def test_a_model_that_cannot_be_driven_has_no_regulator() -> None:
@@ -224,7 +239,7 @@ def test_a_model_that_cannot_be_driven_has_no_regulator() -> None:
             pytest.raises(ValueError, match="no regulator for these weights"),
             np.errstate(divide="ignore", invalid="ignore"),
         ):
-            Controller(GAINS[name](), MODEL[0], still).packed()
+            Controller(LAWS[name].gains(), MODEL[0], still).packed()
 
 
 # ------------------------------------------------------------------------------------------------------------- scheduled
@@ -236,15 +251,18 @@ def applied(gains: FloatArray, v_ref: float) -> FloatArray:
     size[:2] *= [[-1.0], [1.0]]  # too far, too fast: away from the limit of the speed command
 
     def answer(e: FloatArray) -> FloatArray:
-        after = scheduled.regulate(gains, REST, *map(float, e[[0, 2, 3]]), v_ref, 0.0, v_ref + e[1], float(e[4]), DT)
-        return np.array(after[5:7])
+        off = Errors(*map(float, e[[0, 2, 3]]))
+        after = position_step(SCHEDULED, gains, REST, off, target(v_ref, 0.0), moving(v_ref + e[1], float(e[4])), DT)
+        return np.array([after.u_ref, after.w_ref])
 
     rest = answer(np.zeros(5))
     return np.array([(rest - answer(size[k]))[int(k > 1)] / size[k, k] for k in range(5)])
 
 
 @settings(max_examples=10)  # a dozen Riccati equations each
-@given(weights, weights, weights, weights, st.sampled_from(scheduled.SPEEDS[:-1]))  # at the last the feedforward saturates
+@given(
+    weights, weights, weights, weights, st.sampled_from(scheduled.OPERATING_SPEEDS[:-1])
+)  # at the last the feedforward saturates
 def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
     q_x: float, q_y: float, q_alpha: float, r_w: float, speed: float
 ) -> None:
@@ -291,25 +309,32 @@ def test_without_lag_the_heading_gain_is_the_closed_form() -> None:
     quick_a[3, 3], quick_b[3, 1] = -1e4, 1e4
     g = scheduled.ScheduledGains(q_w=0.0)
     rows = g.packed(quick_a, quick_b)[3:].reshape(-1, 5)
-    expected = np.sqrt(g.q_alpha / g.r_w + 2.0 * np.array(scheduled.SPEEDS) * math.sqrt(g.q_y / g.r_w))
+    expected = np.sqrt(g.q_alpha / g.r_w + 2.0 * np.array(scheduled.OPERATING_SPEEDS) * math.sqrt(g.q_y / g.r_w))
     assert np.abs(-rows[:, 3] - expected).max() <= 1e-2  # a lag of 0.1 ms times gains of ten
 
 
 @given(st.floats(0.0, 0.9), st.floats(-1.0, 1.0))
 def test_the_feedforward_holds_the_targets_twist(v_ref: float, w_ref: float) -> None:
-    after = scheduled.regulate(packed("lqr-scheduled"), REST, 0.0, 0.0, 0.0, v_ref, w_ref, v_ref, w_ref, DT)
-    change = A @ np.array([0.0, v_ref, 0.0, w_ref]) + B @ np.array(after[5:7])
+    after = position_step(
+        SCHEDULED, packed("lqr-scheduled"), REST, NO_ERRORS, target(v_ref, w_ref), moving(v_ref, w_ref), DT
+    )
+    change = A @ np.array([0.0, v_ref, 0.0, w_ref]) + B @ np.array([after.u_ref, after.w_ref])
     assert np.abs(change[[1, 3]]).max() <= 1e-10  # rates of 40 1/s, so absolute accelerations of 1e-11
-    assert after[0] == 0.0
+    assert after.i_rho == 0.0
 
 
 # ------------------------------------------------------------------------------------------------------------------- SMC
 
 
+def slide(g: smc.SmcGains, off: Errors, aim: Target) -> tuple[float, float]:
+    """u_ref and omega_ref of the law."""
+    after = smc.slide(numbers(g, "smc"), REST, off, aim, moving(0.0, 0.0), DT)
+    return after.u_ref, after.w_ref
+
+
 @given(speeds.filter(lambda v: v <= 1.0), errors)
 def test_on_the_reference_the_equivalent_control_is_the_targets_twist(v_ref: float, w_ref: float) -> None:
-    after = smc.slide(smc.SmcGains().packed(), REST, 0.0, 0.0, 0.0, v_ref, w_ref)
-    assert after[5:7] == (v_ref, w_ref)
+    assert slide(smc.SmcGains(), NO_ERRORS, target(v_ref, w_ref)) == (v_ref, w_ref)
 
 
 @given(st.floats(0.1, 1.0), st.floats(-0.4, 0.4), st.floats(0.5, 5.0), errors)
@@ -317,7 +342,7 @@ def test_on_the_surface_the_robot_turns_as_the_surface_does(v_ref: float, e_y: f
     """With d e_y / dt = v_r sin e_alpha, omega_r - omega must be the rate of -atan(lambda e_y)."""
     g = smc.SmcGains(slope=slope)
     e_alpha = -math.atan(slope * e_y)
-    w = smc.slide(g.packed(), REST, 0.0, e_y, e_alpha, v_ref, w_ref)[6]
+    _, w = slide(g, Errors(0.0, e_y, e_alpha), target(v_ref, w_ref))
     rate, h = v_ref * math.sin(e_alpha), 1e-5
     bent = [-math.atan(slope * (e_y + s * h * rate)) for s in (-1, 1)]
     assert w_ref - w == pytest.approx((bent[1] - bent[0]) / (2.0 * h), abs=DERIVATIVE)
@@ -327,7 +352,7 @@ def test_on_the_surface_the_robot_turns_as_the_surface_does(v_ref: float, e_y: f
 def test_surfaces_attract_at_the_rate_they_were_given(v_ref: float, e_y: float, e_alpha: float, e_x: float) -> None:
     """The rate of s is -(k s + eta sat(s / phi)): towards zero from both sides."""
     g = smc.SmcGains()
-    u, w = smc.slide(g.packed(), REST, e_x, e_y, e_alpha, v_ref, 0.0)[5:7]
+    u, w = slide(g, Errors(e_x, e_y, e_alpha), target(v_ref, 0.0))
     s = e_alpha + math.atan(g.slope * e_y)
     rate = -w + g.slope * v_ref * math.sin(e_alpha) / (1.0 + (g.slope * e_y) ** 2)
     assert rate == pytest.approx(-(g.k_a * s + g.eta_a * np.clip(s / g.phi_a, -1, 1)), abs=10 * ROUNDOFF)
@@ -342,14 +367,14 @@ def test_names_and_numbers_of_the_laws_belong_together() -> None:
     for number, name in enumerate(CONTROLLERS):
         c = controller(name)
         assert (c.name, c.number) == (name, number)
-        assert make_gains(name, {}) == GAINS[name]()
+        assert make_gains(name, {}) == LAWS[name].gains()
         assert np.isfinite(c.packed()).all()
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 @pytest.mark.parametrize("bad", [-1e-9, math.nan, math.inf, -math.inf, 1e7])
 def test_gains_that_make_no_sense_are_refused_by_name(name: str, bad: float) -> None:
-    for field in GAINS[name].__dataclass_fields__:
+    for field in LAWS[name].gains.__dataclass_fields__:
         with pytest.raises(ValueError, match=rf"Gains\.{field} = .* lies outside"):
             make_gains(name, {field: bad})
 
@@ -364,7 +389,7 @@ def test_gains_that_make_no_sense_are_refused_by_name(name: str, bad: float) -> 
     ],
 )
 def test_zero_is_refused_where_it_leaves_no_law(name: str, positive: set[str]) -> None:
-    for field in GAINS[name].__dataclass_fields__:
+    for field in LAWS[name].gains.__dataclass_fields__:
         if field in positive:
             with pytest.raises(ValueError, match=rf"{field} = 0\.0 lies outside \(0\.0"):
                 make_gains(name, {field: 0.0})

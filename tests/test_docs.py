@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from ssmr.control.laws import GAINS
+from ssmr.control.laws import LAWS
 from ssmr.estimation.ekf import BiasSettings, EkfSettings, SensorModel
 from ssmr.models.table import MODELS
 from ssmr.robot.sensors import SensorNoise
@@ -39,7 +39,7 @@ DOCUMENTED = (
     SensorModel,
     BiasSettings,
     LogSettings,
-    *GAINS.values(),
+    *(law.gains for law in LAWS.values()),
 )
 GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}
 PHYSICAL = {

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssmr.control.waypoints import position_errors
+from ssmr.control.law import Observation
+from ssmr.control.waypoints import Target, position_errors
 from ssmr.geometry import wrap_angle
 from ssmr.metrics.paths import compare_paths, path_length
 from ssmr.models import linear
@@ -244,10 +245,11 @@ def test_17_the_published_noise_hardly_moves_y_and_yaw() -> None:
 def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
     """A target at rest a tenth of a metre behind, u = K_P e for 2 s: as printed the robot leaves, else it comes back."""
     gain, dt = value("4.4", "K_P_rho"), 0.01
+    origin = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
     ahead = {"printed": 0.1, "used": 0.1}  # how far the robot is ahead of its target
     for _ in range(200):
         for form in ahead:
-            e_rho, _, _ = position_errors(ahead[form], 0.0, 0.0, 0.0, 0.0, 0.0, 0.4)
+            e_rho, _, _ = position_errors(Observation(ahead[form], 0.0, 0.0, 0.0, 0.0), origin, 0.4)
             ahead[form] += dt * gain * (abs(e_rho) if form == "printed" else e_rho)
     assert ahead["printed"] > 10.0
     assert abs(ahead["used"]) < 1e-3

@@ -12,7 +12,7 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.control.laws import GAINS
+from ssmr.control.laws import LAWS
 from tests.test_docs import tables
 from validation import cli
 from validation.thesis import published
@@ -103,7 +103,7 @@ def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(name:
     gains = load_gains(controller, name)
     assert (gains.controller, gains.name) == (controller, name)
     assert dump_gains(load_gains(controller, short)) == dump_gains(gains)
-    GAINS[controller](**gains.values)
+    LAWS[controller].gains(**gains.values)
     by_hand, searched = set(gains.provenance["by_hand"]), set(gains.provenance.get("searched", ()))
     assert by_hand | searched == set(FIELDS[controller])
     assert not by_hand & searched
@@ -112,7 +112,7 @@ def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(name:
 @pytest.mark.parametrize("name", ["pid-published", "lqr-published"])
 def test_the_published_sets_are_the_defaults(name: str) -> None:
     controller = name.partition("-")[0]
-    assert GAINS[controller](**load_gains(controller, name).values) == GAINS[controller]()
+    assert LAWS[controller].gains(**load_gains(controller, name).values) == LAWS[controller].gains()
 
 
 def test_the_page_lists_the_manual_set() -> None:
@@ -194,8 +194,8 @@ def test_unknown_names_list_those_there_are() -> None:
     assert "these are gains of pid, wanted lqr" in refused("lqr", "pid-published")
 
 
-@pytest.mark.parametrize("controller", GAINS)
+@pytest.mark.parametrize("controller", LAWS)
 def test_every_controller_has_the_defaults_of_its_class(controller: str) -> None:
     gains = load_gains(controller, "default")
     assert gains.name == f"{controller}-default"
-    assert dict(gains.values) == asdict(GAINS[controller]())
+    assert dict(gains.values) == asdict(LAWS[controller].gains())

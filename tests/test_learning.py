@@ -19,7 +19,7 @@ from validation.track.waypoint_files import open_reference
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # without a screen dm_control's import warns of its search for one
-    from validation.learning.tracking import tracking
+    from validation.learning import tracking
 
 
 SAME_ROBOT = 2e-5

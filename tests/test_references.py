@@ -30,7 +30,7 @@ LAST_DIGIT = 0.5e-4
 
 def curvatures(waypoints: Waypoints) -> FloatArray:
     """(N - 2,) signed, at the waypoints between the ends [1/m]."""
-    lengths = np.diff(waypoints.packed()[:, 4])
+    lengths = waypoints.lengths
     return np.diff(waypoints.headings) / (0.5 * (lengths[1:] + lengths[:-1]))
 
 
@@ -38,7 +38,7 @@ def curvatures(waypoints: Waypoints) -> FloatArray:
 @pytest.mark.parametrize("name", REFERENCES)
 def test_references_are_dense_smooth_and_as_fast_as_asked(name: str, speed: float) -> None:
     waypoints = REFERENCES[name](speed)
-    steps = np.diff(waypoints.packed()[:, 4])
+    steps = waypoints.lengths
     assert np.max(steps) <= SPACING + PRINTED
     assert np.min(steps) > 0.5 * SPACING
     assert np.max(np.abs(np.diff(waypoints.headings)), initial=0.0) < math.radians(5.0)  # no kink
@@ -88,7 +88,7 @@ def test_a_circle_is_as_long_and_as_far_as_its_radius_says(radius: float, turns:
 
 @pytest.mark.parametrize("speed", [0.25, 0.5])
 def test_the_yaw_rate_of_a_circle_is_speed_over_radius(speed: float) -> None:
-    rate = circle(speed, 1.5).packed()[1:-1, 6]
+    rate = circle(speed, 1.5).course()["w"][1:-1]
     assert np.allclose(rate, speed / 1.5, rtol=2e-5)  # h^2 / 24 r^2 = 7e-6
 
 
@@ -99,7 +99,7 @@ def test_a_sine_is_one_with_steps_of_one_length(amplitude: float, wavelength: fl
     k = 2.0 * math.pi / wavelength
     assert np.allclose(y, amplitude * np.sin(k * x), atol=ROUNDOFF)
     assert x[-1] == pytest.approx(periods * wavelength, rel=ROUNDOFF)
-    steps = np.diff(waypoints.packed()[:, 4])
+    steps = waypoints.lengths
     tightest = amplitude * k * k
     assert np.max(steps) - np.min(steps) < SPACING * ((SPACING * tightest) ** 2 / 24.0 + 1e-4)
     assert np.max(np.abs(curvatures(waypoints))) <= tightest * (1.0 + 1e-3)
@@ -132,7 +132,7 @@ def test_generic_saturates_at_half_a_metre_a_second_and_not_at_a_quarter() -> No
     """Its corners ask for 1.4 to 2 rad/s, the driver gives 2: nothing is left to correct with. Half of that is easy."""
     w_max = Drive().w_max
     for speed, low, high in ((0.5, 0.9, 1.0), (0.25, 0.45, 0.5)):
-        rates = np.abs(REFERENCES["generic"](speed).packed()[:, 6])
+        rates = np.abs(REFERENCES["generic"](speed).course()["w"])
         assert low * w_max < np.max(rates) < high * w_max
 
 

@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.control.loop import COLUMNS, LOST, ClosedRun
+from ssmr.control.loop import ClosedRun
 from ssmr.control.references import circle, line
+from ssmr.control.tick import LOG_COLUMNS, LOST
 from tests.conftest import ROUNDOFF
 from validation import cli
 from validation.plants.profile import Profile
@@ -82,9 +83,9 @@ def test_a_run_fails_by_being_lost_or_far_off() -> None:
 
 def test_what_a_lost_robot_did_not_drive_counts_as_lost() -> None:
     waypoints, ticks = line(0.5, length=1.0), 201
-    table = np.zeros((21, len(COLUMNS)))
-    table[:, COLUMNS.index("e_rho")] = 1.0
-    table[-1, COLUMNS.index("x")] = 1e60  # where it was seen last says nothing
+    table = np.zeros((21, len(LOG_COLUMNS)))
+    table[:, LOG_COLUMNS.index("e_rho")] = 1.0
+    table[-1, LOG_COLUMNS.index("x")] = 1e60  # where it was seen last says nothing
     run = ClosedRun(0.01 * np.arange(21), table, True)
     robot: Any = type("Robot", (), {"side_limit": 1.0, "drive": type("Drive", (), {"v_max": 1.0, "w_max": 1.0})})
     outcome = study.outcome_of(run, waypoints, robot, ticks)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from ssmr.control.laws import Controller
-from ssmr.control.loop import LoopSettings
-from ssmr.control.loop import track as track_in_process
+from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.waypoints import Waypoints
 from ssmr.types import State
 from validation.plants.profile import Profile, make_plant
@@ -47,7 +46,7 @@ def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, nam
     """Same instants, perfect messages, any start: the same motion, to what the first tick's period makes of it."""
     controller, settings = law(lab, name), LoopSettings("truth", disturbance=False, position_period=0.01)
     plant = make_plant(lab, "improved")
-    expected = track_in_process(plant, controller, SHORT, settings, 0).motion
+    expected = run_loop(plant, controller, SHORT, settings, 0).motion
     elsewhere = np.array([3.0, -2.0, 2.5])
     turn, place = elsewhere[2] - SHORT.start.yaw, elsewhere[:2]
     c, s = math.cos(turn), math.sin(turn)

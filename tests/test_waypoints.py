@@ -10,7 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from ssmr.control.waypoints import ALPHA_SWITCH, LARGEST, Waypoints, position_errors, target
+from ssmr.control.law import Observation
+from ssmr.control.waypoints import ALPHA_SWITCH, LARGEST, Target, Waypoints, position_errors, target
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
@@ -35,7 +36,7 @@ def wander(moves: list[tuple[float, float, float]], t0: float = 0.0) -> Waypoint
 
 def at(waypoints: Waypoints, t: float) -> tuple[float, ...]:
     """x, y, phi, v_ref, w_ref of the target at a mission time."""
-    return tuple(target(waypoints.packed(), t, 0)[:5])
+    return tuple(target(waypoints.course(), t, 0)[:5])
 
 
 # ---------------------------------------------------------------------------------------------------- what is refused
@@ -99,8 +100,9 @@ def test_arrays_are_copied_and_read_only() -> None:
 @given(paths, st.floats(0.05, 2.0))
 def test_a_reference_speed_is_that_of_every_segment(moves: list[tuple[float, float, float]], speed: float) -> None:
     waypoints = Waypoints.from_path(wander(moves).xy, speed)
-    v = waypoints.packed()[:-1, 5]
-    assert np.allclose(v, speed, rtol=1e-9)  # a segment's times are differences of sums ten thousand times as long
+    assert np.allclose(
+        waypoints.segment_speeds, speed, rtol=1e-9
+    )  # a segment's times are differences of sums ten thousand times as long
     assert waypoints.speed == pytest.approx(speed, rel=ROUNDOFF)
     assert waypoints.duration == pytest.approx(waypoints.length / speed, rel=ROUNDOFF)
 
@@ -108,25 +110,25 @@ def test_a_reference_speed_is_that_of_every_segment(moves: list[tuple[float, flo
 @given(paths, st.floats(-1e3, 1e3))
 def test_the_table_agrees_with_the_path(moves: list[tuple[float, float, float]], t0: float) -> None:
     waypoints = wander(moves, t0)
-    table = waypoints.packed()
-    assert table.shape == (len(waypoints), 7)
-    assert np.array_equal(table[:, 0], waypoints.t - waypoints.t[0])
-    assert np.array_equal(table[:, 1:3], waypoints.xy)
-    assert table[-1, 4] == pytest.approx(waypoints.length, rel=ROUNDOFF)
-    lengths = np.diff(table[:, 4])
-    along = lengths[:, None] * np.column_stack([np.cos(table[:-1, 3]), np.sin(table[:-1, 3])])
+    course = waypoints.course()
+    assert len(course) == len(waypoints)
+    assert np.array_equal(course["t"], waypoints.t - waypoints.t[0])
+    assert np.array_equal(np.column_stack([course["x"], course["y"]]), waypoints.xy)
+    assert waypoints.lengths.sum() == pytest.approx(waypoints.length, rel=ROUNDOFF)
+    phi = course["heading"][:-1]
+    along = waypoints.lengths[:, None] * np.column_stack([np.cos(phi), np.sin(phi)])
     assert np.allclose(along, np.diff(waypoints.xy, axis=0), atol=1e-11)
-    assert np.allclose(table[:-1, 5] * np.diff(table[:, 0]), lengths, rtol=ROUNDOFF)
-    assert table[-1, 3] == table[-2, 3]
-    assert table[-1, 5] == table[-1, 6] == table[0, 6] == 0.0
+    assert np.allclose(course["v"][:-1] * np.diff(course["t"]), waypoints.lengths, rtol=ROUNDOFF)
+    assert course["heading"][-1] == phi[-1]
+    assert course["v"][-1] == course["w"][-1] == course["w"][0] == 0.0
     assert np.all(np.abs(np.diff(waypoints.headings)) <= math.pi)
 
 
 @given(paths)
 def test_the_integral_of_the_reference_yaw_rate_is_the_change_of_heading(moves: list[tuple[float, float, float]]) -> None:
-    table = wander(moves).packed()
-    turned = np.trapezoid(table[:, 6], table[:, 0])
-    assert turned == pytest.approx(table[-1, 3] - table[0, 3], abs=1e-9)
+    course = wander(moves).course()
+    turned = np.trapezoid(course["w"], course["t"])
+    assert turned == pytest.approx(course["heading"][-1] - course["heading"][0], abs=1e-9)
 
 
 @given(paths)
@@ -170,14 +172,14 @@ def test_the_hint_changes_nothing_but_the_way(
 ) -> None:
     """Whatever segment the search begins at, also where time goes back; the segment holds the time."""
     waypoints = wander(moves)
-    table, k = waypoints.packed(), hint
+    course, k = waypoints.course(), hint
     for share in shares:
         t = share * waypoints.duration
-        *found, k = target(table, t, k)
+        *found, k = target(course, t, k)
         assert tuple(found) == at(waypoints, t)
         assert 0 <= k < len(moves)
-        assert table[k, 0] <= max(t, 0.0)
-        assert k == len(moves) - 1 or t < table[k + 1, 0]
+        assert course["t"][k] <= max(t, 0.0)
+        assert k == len(moves) - 1 or t < course["t"][k + 1]
 
 
 @given(paths)
@@ -212,7 +214,8 @@ def test_a_sample_period_must_be_positive_and_finite(dt: float) -> None:
 
 
 def errors(pose: ArrayLike, goal: ArrayLike, switch: float = ALPHA_SWITCH) -> FloatArray:
-    return np.array(position_errors(*map(float, np.asarray(pose)), *map(float, np.asarray(goal)), switch))
+    seen, aim = Observation(*map(float, pose), 0.0, 0.0), Target(*map(float, goal), 0.0, 0.0, 0)  # type: ignore[arg-type]
+    return np.array(position_errors(seen, aim, switch))
 
 
 poses = st.tuples(coordinates, coordinates, angles)

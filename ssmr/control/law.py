@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, named_like
 from ssmr.parameters import check_parameters
 from ssmr.types import FloatArray
 

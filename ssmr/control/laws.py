@@ -16,7 +16,8 @@ import numpy as np
 
 from ssmr._jit import jit
 from ssmr.control import lqr, pid, scheduled, smc
-from ssmr.control.law import Gains, Law
+from ssmr.control.law import Command, Gains, Law, Memory, Observation
+from ssmr.control.waypoints import Errors, Target
 from ssmr.types import FloatArray
 
 LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in (
@@ -58,6 +59,14 @@ class Controller:
             ValueError: no regulator exists for these weights.
         """
         return _packed(self)
+
+    def position_step(self, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
+        """Return the memory after one step of the position loop, `dt` [s] after the last."""
+        return position_step(self.number, self.packed(), memory, errors, target, seen, dt)
+
+    def velocity_step(self, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
+        """Return the memory and the command after one step of the velocity loop, `dt` [s] after the last."""
+        return velocity_step(self.number, self.packed(), memory, seen, dt)
 
 
 @lru_cache(maxsize=4096)

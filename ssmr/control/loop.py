@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, named_like
 from ssmr.control.laws import Controller
 from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, LOST, NO_DRAWS, SPINNING, Draws, Tracker, Truth, is_lost, tick
 from ssmr.control.waypoints import Waypoints
@@ -74,7 +74,8 @@ class LoopSettings:
         """Return the standard deviations of the feedback and of the sensors, zero where there is no noise."""
         n, (wheel, gyro, _) = self.noise, self.sensors.packed()
         noisy = np.sqrt([n.x, n.y, n.yaw, n.v_x, n.yaw_rate]) * (self.feedback == "noisy")
-        return Draws(*map(float, noisy), wheel, wheel, gyro)
+        x, y, yaw, v, w = map(float, noisy)
+        return Draws(x, y, yaw, v, w, wheel, wheel, gyro)
 
 
 @dataclass(frozen=True)
@@ -288,5 +289,5 @@ def run_loop(
             if lost:
                 return closed_run(log[: 1 + k // clock.position], clock)
         if k < clock.n:
-            state = plant.step(tuple(mind.command), clock.dt, float(disturbance[k % len(disturbance)]))
+            state = plant.step(mind.command, clock.dt, float(disturbance[k % len(disturbance)]))
     return closed_run(log, clock)

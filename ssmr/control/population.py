@@ -1,4 +1,4 @@
-"""Many closed loops at once: the fused loop of the planar models, and the robots' side of robots that something else moves."""
+"""Many closed loops at once: fused loops of planar models, and the robots' side where something else moves the bodies."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_parallel, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command
 from ssmr.control.laws import Controller
 from ssmr.control.loop import (
     ClosedRun,
     LoopSettings,
+    Trackers,
     closed_run,
     common_settings,
     draw,

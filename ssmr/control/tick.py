@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit
+from ssmr._jit import jit, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target

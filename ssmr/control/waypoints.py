@@ -139,9 +139,14 @@ class Waypoints:
         return len(self.t)
 
     @property
+    def lengths(self) -> FloatArray:
+        """(N - 1,) length of each segment [m]."""
+        return _lengths(self.xy)
+
+    @property
     def length(self) -> float:
         """Length of all segments [m]."""
-        return float(np.sum(_lengths(self.xy)))
+        return float(np.sum(self.lengths))
 
     @property
     def duration(self) -> float:
@@ -167,7 +172,7 @@ class Waypoints:
     @property
     def segment_speeds(self) -> FloatArray:
         """(N - 1,) reference speed v_ref of each segment [m/s]."""
-        return np.asarray(_lengths(self.xy) / np.diff(self.t - self.t[0]))
+        return np.asarray(self.lengths / np.diff(self.t - self.t[0]))
 
     def course(self) -> NDArray[np.void]:
         """Return (N,) the waypoints as the kernels take them; see `COURSE` for the fields of each.
@@ -185,7 +190,7 @@ class Waypoints:
         return course
 
     def trajectory(self, dt: float) -> Trajectory:
-        """Return the target's motion every `dt` [s] of mission time and at the end: pose (x, y, phi), twist (v_ref, 0, w_ref).
+        """Return the target's motion every `dt` [s] and at the end: pose (x, y, phi) and twist (v_ref, 0, w_ref).
 
         Raises:
             ValueError: the period is not positive and finite.

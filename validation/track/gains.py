@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -18,12 +18,11 @@ from typing import Any
 import tomli_w
 
 from ssmr.control.laws import LAWS
+from ssmr.parameters import described
 
 SCHEMA = "ssmr.gains/1"
 
-FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {c: tuple(f.name for f in fields(law.gains)) for c, law in LAWS.items()}
-)
+FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType({c: tuple(described(law.gains)) for c, law in LAWS.items()})
 """Names of the gains of each controller."""
 
 

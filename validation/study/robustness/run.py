@@ -20,6 +20,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ssmr.control.laws import LAWS
 from ssmr.control.loop import POSITION_PERIOD, ClosedRun, Feedback, LoopSettings, draw, make_clock
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
@@ -362,7 +363,7 @@ def choose_gains(controllers: Sequence[str], name_or_path: str) -> tuple[dict[st
     Raises:
         GainsError: no controller has such a set, or a file's is not this controller's.
     """
-    known = {full.removeprefix(f"{c}-") for c in GAINS for full in gain_sets.names(c)} | {DEFAULT}
+    known = {full.removeprefix(f"{c}-") for c in LAWS for full in gain_sets.names(c)} | {DEFAULT}
     chosen, remarks = {}, []
     for controller in controllers:
         if name_or_path in known and f"{controller}-{name_or_path}" not in gain_sets.names(controller):

@@ -1,10 +1,7 @@
 """The Husky for learning code: a dm_control entity, and trajectory tracking as a `dm_env` environment.
 
-The same robot as everywhere: husky.xml, calibrated by a profile, behind the profile's drive; an action is the command that a
-robot reads every 50 ms, and the errors are those that the trackers see.
-
-    from validation.learning import tracking
-    environment = tracking("thesis-lab", "circle", speed=0.5)
+The robot is that of all other programs: husky.xml, calibrated by a profile, behind the profile's drive. An action is the
+command that a robot reads every 50 ms, and the errors are those that the controllers see.
 """
 
 from __future__ import annotations
@@ -18,9 +15,10 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from dm_env import specs
 
+from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.control.tick import LOST, SPINNING
-from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints, position_errors, target
+from ssmr.control.waypoints import ALPHA_SWITCH, Target, Waypoints, position_errors, target
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Driver, whole_steps
 from ssmr.types import FloatArray, State
@@ -48,7 +46,7 @@ class Husky(composer.Entity):
 
     @property
     def prefix(self) -> str:
-        """In front of all names once the robot is attached."""
+        """Prefix of all names once the robot is attached."""
         return f"{self._model.model}/"
 
     @property
@@ -68,7 +66,7 @@ class Husky(composer.Entity):
 
 
 def ground() -> composer.Arena:
-    """A plane under a lamp, with the solver's settings of husky.xml: an attached robot does not bring its own."""
+    """Return a plane under a lamp, with the solver's settings of husky.xml: an attached robot does not bring its own."""
     arena = composer.Arena(name="ground")
     robot, root = mjcf.from_path(str(xml_path())), arena.mjcf_model
     for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
@@ -120,7 +118,7 @@ class Tracking(composer.Task):
         }
         for see in self._observables.values():
             see.enabled = True
-        self._index, self._drawn, self._start, self._substep = 0, 0, 0.0, 0
+        self._segment, self._drawn, self._start, self._substep = 0, 0, 0.0, 0
         self._driver, self._references = Driver(self._plants[0].drive, self.physics_timestep, State()), np.zeros((1, 2))
 
     @property
@@ -130,7 +128,7 @@ class Tracking(composer.Task):
 
     @property
     def task_observables(self) -> Mapping[str, Any]:
-        """What an agent sees.
+        """The observations of an agent.
 
         `errors` (3,): e_rho [m], e_y [m], e_alpha [rad]; `twist` (3,): v_x, v_y [m/s], yaw rate [rad/s]; `wheels` (2,): left
         and right [rad/s]; `target` (2,): its speed [m/s] and yaw rate [rad/s].
@@ -138,7 +136,7 @@ class Tracking(composer.Task):
         return dict(self._observables)
 
     def initialize_episode(self, physics: Any, random_state: np.random.RandomState) -> None:
-        """Take a profile, and put its robot on the first waypoint, at rest on its tyres."""
+        """Draw a profile, and put its robot on the first waypoint, at rest on its tyres."""
         self._drawn = int(random_state.randint(len(self._plants)))
         plant = self._plants[self._drawn]
         self.husky.calibrate(physics, plant.parameters, plant.drive.torque_limit)
@@ -147,10 +145,10 @@ class Tracking(composer.Task):
             physics.data.qpos[:7] = self._frame_pose(physics)
             physics.data.qvel[:] = 0.0
         self._driver, self._references = Driver(plant.drive, self.physics_timestep, State()), np.zeros((1, 2))
-        self._index, self._start = 0, float(physics.data.time)
+        self._segment, self._start = 0, float(physics.data.time)
 
     def _frame_pose(self, physics: Any) -> FloatArray:
-        """(7,) of the free joint, whose frame lies where husky.xml has the origin, not the base."""
+        """Return (7,) the pose of the free joint, whose frame is the origin of husky.xml, not the base."""
         rest, lever = self._resting[self._drawn], np.zeros(3)
         mujoco.mju_rotVecQuat(lever, np.array(physics.model.body(f"{self.husky.prefix}base").pos), rest[3:7])
         return np.concatenate([rest[:3] - lever, rest[3:7]])
@@ -164,20 +162,20 @@ class Tracking(composer.Task):
         physics.data.ctrl[:] = self._references[0]
 
     def before_substep(self, physics: Any, action: FloatArray, random_state: np.random.RandomState) -> None:
-        """The reference of this physics step."""
+        """Set the wheel-rate references of this physics step."""
         del action, random_state
         physics.data.ctrl[:] = self._references[min(self._substep, len(self._references) - 1)]
         self._substep += 1
 
     def action_spec(self, physics: Any) -> specs.BoundedArray:
-        """(2,) v and omega within the drive's limits."""
+        """Return the action (2,): v and omega within the drive's limits."""
         del physics
         drive = self._plants[0].drive
         top = np.array([drive.v_max, drive.w_max])
         return specs.BoundedArray((2,), np.float64, -top, top, name="v\tomega")
 
     def _state(self, physics: Any) -> tuple[float, float, float, FloatArray]:
-        """x, y, yaw and twist of the base, which stands above the free joint's frame and sways with it."""
+        """Return x, y, yaw and twist of the base, which stands above the free joint's frame and sways with it."""
         qpos, qvel, base = physics.data.qpos, physics.data.qvel, physics.model.body(f"{self.husky.prefix}base")
         lever, velocity = np.zeros(3), np.zeros(3)
         mujoco.mju_rotVecQuat(lever, np.array(base.pos), np.array(qpos[3:7]))
@@ -187,18 +185,18 @@ class Tracking(composer.Task):
         return float(qpos[0] + lever[0]), float(qpos[1] + lever[1]), yaw, np.array([v[0], v[1], qvel[5]])
 
     def state(self, physics: Any) -> State:
-        """The robot's state, as plants have it."""
+        """Return the robot's state, as plants have it."""
         x, y, yaw, twist = self._state(physics)
         return State(x, y, yaw, *map(float, twist), *map(float, self._see_wheels(physics)))
 
-    def _aim(self, physics: Any) -> tuple[float, float, float, float, float]:
-        x, y, phi, v, w, self._index = target(self._table, physics.data.time - self._start, self._index)
-        return x, y, phi, v, w
+    def _aim(self, physics: Any) -> Target:
+        aim: Target = target(self._course, physics.data.time - self._start, self._segment)
+        self._segment = aim.segment
+        return aim
 
     def _see_errors(self, physics: Any) -> FloatArray:
         x, y, yaw, _ = self._state(physics)
-        x_t, y_t, phi, _, _ = self._aim(physics)
-        return np.array(position_errors(x, y, yaw, x_t, y_t, phi, ALPHA_SWITCH))
+        return np.array(position_errors(Observation(x, y, yaw, 0.0, 0.0), self._aim(physics), ALPHA_SWITCH))
 
     def _see_twist(self, physics: Any) -> FloatArray:
         return self._state(physics)[3]
@@ -208,37 +206,38 @@ class Tracking(composer.Task):
         return np.array([rates[[0, 2]].mean(), rates[[1, 3]].mean()])
 
     def _see_target(self, physics: Any) -> FloatArray:
-        return np.array(self._aim(physics)[3:])
+        aim = self._aim(physics)
+        return np.array([aim.v, aim.w])
 
     def _distance(self, physics: Any) -> float:
         x, y, _, _ = self._state(physics)
-        x_t, y_t, *_ = self._aim(physics)
-        return float(np.hypot(x_t - x, y_t - y))
+        aim = self._aim(physics)
+        return float(np.hypot(aim.x - x, aim.y - y))
 
     def get_reward(self, physics: Any) -> float:
-        """In (0, 1]: exp(-(distance / 0.1 m)^2)."""
+        """Return exp(-(distance / 0.1 m)^2), in (0, 1]."""
         return float(np.exp(-((self._distance(physics) / WIDTH) ** 2)))
 
     def should_terminate_episode(self, physics: Any) -> bool:
-        """At the end of the reference, or where the robot was lost."""
+        """Return whether the reference has ended or the robot is lost."""
         lost = self._distance(physics) >= LOST or abs(float(physics.data.qvel[5])) >= SPINNING
         return lost or physics.data.time - self._start >= self._waypoints.duration
 
     def get_discount(self, physics: Any) -> float:
-        """0 where the robot was lost, 1 elsewhere: the end of a reference is no failure."""
+        """Return 0 where the robot was lost and 1 otherwise: the end of a reference is no failure."""
         return 0.0 if self._distance(physics) >= LOST else 1.0
 
 
 def tracking(
     profiles: str = "thesis-lab", reference: str = "circle", speed: float | None = 0.25, seed: int | None = None
 ) -> composer.Environment:
-    """Trajectory tracking as a `dm_env` environment.
+    """Return trajectory tracking as a `dm_env` environment.
 
     Args:
         profiles: names of profiles or paths, comma-separated; each episode takes one at random.
         reference: line, circle, sine, generic, or a file of waypoints.
         speed: mean speed of the reference [m/s].
-        seed: of what is drawn at random.
+        seed: seed of the draws.
 
     Raises:
         ValueError: profiles or waypoints that cannot be read, or do not go together.

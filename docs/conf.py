@@ -1,6 +1,6 @@
 """The site of these pages: `python -m sphinx -W -b html docs docs/_build`. GitHub shows the same pages as they are.
 
-The one list of pages is index.md: each of its headings becomes a group of the site's navigation.
+Only index.md lists the pages: each of its headings with pages becomes a group of the site's navigation.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ myst_heading_anchors = 4  # links to headings as GitHub makes them
 
 html_theme = "furo"
 html_show_copyright = html_show_sphinx = False
-html_title = "MuJoCo testbed for a skid-steering robot"
+html_title = "Skid-steering models and a MuJoCo Husky"
 html_math_renderer = "mathml"
 html_static_path = ["site.css"]
 html_css_files = ["site.css"]
 
 
 def mathml(latex: str, display: str) -> str:
-    """An equation as MathML.
+    """Return an equation as MathML.
 
     Raises:
-        ExtensionError: something in it was not understood, which the converter leaves as it stands.
+        ExtensionError: the converter did not understand a part of it, which it then leaves unchanged.
     """
     made = convert(latex.replace("{aligned}", "{align*}"), display=display)
     if "\\" in made or ">&<" in made:
@@ -58,7 +58,7 @@ def write_block(translator: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def navigation(index: str, pages: set[str]) -> str:
-    """Tables of contents for the site: the pages that each section of the index links to; pages it forgets under `More`."""
+    """Return the site's tables of contents: for each section of the index its pages; the rest as `More`."""
     out, left = [], pages - {"index"}
     for section in re.split(r"^## ", index, flags=re.MULTILINE)[1:]:
         listed = [page for page in dict.fromkeys(re.findall(r"\]\((\w+)\.md\)", section)) if page in left]

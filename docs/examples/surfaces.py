@@ -1,6 +1,6 @@
-"""Many surfaces over a dask cluster: how far do the planar models hold on each? One task a surface.
+"""Measure on many surfaces how far the planar models are from the MuJoCo Husky; each surface is a task of a dask cluster.
 
-python docs/examples/surfaces.py [tcp://HOST:8786]     without an address, on a cluster of this machine's cores
+`python docs/examples/surfaces.py [tcp://HOST:8786]`; without an address it uses the cores of this machine.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TERRAINS = ("flat", "ramp:2", "ramp:slope_deg=2,toward_deg=90", "rough:2", "spli
 
 
 def one_surface(friction: float, terrain: str) -> dict[str, float]:
-    """Mean d_rms [m] of each planar model over trajectories 1-4; everything that a worker needs is in the arguments."""
+    """Return the mean d_rms [m] of each planar model over trajectories 1-4; a worker needs nothing but the arguments."""
     profile = load("thesis-lab")
     section = profile.plants["mujoco"]
     husky = MujocoPlant(replace(section.parameters, friction=friction), section.drive, terrain=parse_terrain(terrain))
@@ -39,13 +39,13 @@ def one_surface(friction: float, terrain: str) -> dict[str, float]:
 
 
 def main(address: str | None) -> None:
-    """Spread the surfaces and print each as it is done."""
+    """Spread the surfaces over the workers and print each result when it arrives."""
     with LocalCluster(threads_per_worker=1, dashboard_address=None) if address is None else Client(address) as cluster:
         client = cluster if isinstance(cluster, Client) else Client(cluster)
         surfaces = list(itertools.product(FRICTIONS, TERRAINS))
-        asked = dict(zip(client.map(one_surface, *zip(*surfaces, strict=True)), surfaces, strict=True))
-        for task in as_completed(asked):
-            friction, terrain = asked[task]
+        surface_of = dict(zip(client.map(one_surface, *zip(*surfaces, strict=True)), surfaces, strict=True))
+        for task in as_completed(surface_of):
+            friction, terrain = surface_of[task]
             answer = ", ".join(f"{name} {1e3 * d:.0f} mm" for name, d in task.result().items())
             print(f"friction {friction}, {terrain}: {answer}")
 

@@ -20,16 +20,18 @@ from validation.plants.profile import Profile
 from validation.robots.husky import HuskyCalibration
 from validation.robots.physics import PhysicsSettings
 from validation.robots.plant import MujocoPlant
+from validation.study.contact import ContactStudy
 from validation.study.contact import bench as bench_module
-from validation.study.contact import run as study
-from validation.study.contact.bench import SPIN_LEAD, Bench, Measures, Outcome, Variant, make_bench, make_variant
-from validation.study.contact.figure import badness, draw_contact
-from validation.study.contact.run import BASELINE, COLUMNS, ContactStudy, variants
+from validation.study.contact.bench import SPIN_LEAD, Bench, Measures, TriedVariant, make_bench, make_variant
+from validation.study.contact.figure import badness
+from validation.study.contact.findings import MEASURE_COLUMNS
+from validation.study.contact.run import try_variants
+from validation.study.contact.variants import BASELINE, PhysicsVariant, chosen_variants, physics_variants
 
-BY_KEY = {v.key: v for v in variants()}
+BY_KEY = {v.key: v for v in physics_variants()}
 PYRAMIDAL = BY_KEY["cone: pyramidal"]
 DEFAULT = BY_KEY["solimp: MuJoCo's default"]
-HOPELESS = Variant("hopeless", "no step", changes={"timestep": 0.003})
+HOPELESS = PhysicsVariant("hopeless", "no step", changes={"timestep": 0.003})
 """A step that the drive's periods are no multiple of."""
 FORM_ERROR = 0.01
 """Of the multiplier: wheels that skid are pressed in less than those that roll (docs/physics.md)."""
@@ -42,11 +44,11 @@ def bench(lab: Profile) -> Bench:
 
 @pytest.fixture(scope="module")
 def small(bench: Bench) -> ContactStudy:
-    return study.study_contact(bench, [BASELINE, PYRAMIDAL, DEFAULT, HOPELESS], workers=2, timed=False)
+    return try_variants(bench, [BASELINE, PYRAMIDAL, DEFAULT, HOPELESS], workers=2, timed=False)
 
 
-def of(small: ContactStudy, variant: Variant) -> Measures:
-    return next(o.measures for o in small.outcomes if o.variant == variant)
+def of(small: ContactStudy, variant: PhysicsVariant) -> Measures:
+    return next(o.measures for o in small.tried if o.variant == variant)
 
 
 def known(value: float | None) -> float:
@@ -55,7 +57,7 @@ def known(value: float | None) -> float:
 
 
 def test_what_is_shipped_is_right_in_everything(small: ContactStudy) -> None:
-    for column in COLUMNS:
+    for column in MEASURE_COLUMNS:
         bad = badness(column, column.value(of(small, BASELINE)))
         assert bad is None or bad == 0.0, column.name
     assert abs(known(of(small, BASELINE).multiplier_error)) < FORM_ERROR
@@ -97,7 +99,7 @@ def test_tyres_roll_with_the_profiles_radius_whatever_the_contact(small: Contact
 def test_each_robot_has_its_own_closed_form(
     lab: Profile, changes: dict[str, float | str], settings: PhysicsSettings, error: float
 ) -> None:
-    plant = make_variant(Variant("own", "closed form", settings, changes), lab.plants["mujoco"])
+    plant = make_variant(PhysicsVariant("own", "closed form", settings, changes), lab.plants["mujoco"])
     found = bench_module.measure_spin(bench_module.spin(plant, 20.0), plant.calibration)
     assert found["multiplier"] == pytest.approx(found["multiplier_expected"], rel=error)
     assert abs(found["multiplier_expected"] - 1.0 - (0.512 / TRACK) ** 2) > 0.02
@@ -140,7 +142,7 @@ def test_few_asymmetric_iterations_make_a_straight_drive_veer(lab: Profile) -> N
 def test_creep_falls_as_one_over_impratio(lab: Profile) -> None:
     found = []
     for ratio in (1.0, 10.0):
-        plant = make_variant(Variant("impratio", "", PhysicsSettings(impratio=ratio)), lab.plants["mujoco"])
+        plant = make_variant(PhysicsVariant("impratio", "", PhysicsSettings(impratio=ratio)), lab.plants["mujoco"])
         gravity = np.array(plant.model.opt.gravity)
         found.append(bench_module.creep(plant))
         assert np.array_equal(plant.model.opt.gravity, gravity)
@@ -148,7 +150,7 @@ def test_creep_falls_as_one_over_impratio(lab: Profile) -> None:
 
 
 def test_what_cannot_be_driven_says_why_and_leaves_nulls(small: ContactStudy) -> None:
-    document = study.as_document(small)
+    document = small.as_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert (document["schema"], document["study"], document["baseline"]) == (
         "ssmr.study.contact/1", "contact", "shipped: as shipped",
@@ -156,8 +158,8 @@ def test_what_cannot_be_driven_says_why_and_leaves_nulls(small: ContactStudy) ->
     hopeless = document["variants"][-1]
     assert hopeless["multiplier"] is None
     assert "0.003" in hopeless["failures"]["straight drive"]
-    assert any("0.003" in line for line in study.markdown(small))
-    assert study.remarks(small)[0].startswith("hopeless: no step")
+    assert any("0.003" in line for line in small.report())
+    assert small.notes()[0].startswith("hopeless: no step")
     for variant in document["variants"][:3]:
         assert variant["failures"] == {}
         assert set(variant["d_rms_m"]) == {"improved", "coulomb", "linear"}
@@ -166,8 +168,8 @@ def test_what_cannot_be_driven_says_why_and_leaves_nulls(small: ContactStudy) ->
 
 
 def test_a_study_repeats_whatever_the_workers(small: ContactStudy, bench: Bench) -> None:
-    again = study.study_contact(bench, [PYRAMIDAL], workers=1, timed=False)
-    assert study.as_document(again)["variants"] == study.as_document(small)["variants"][1:2]
+    again = try_variants(bench, [PYRAMIDAL], workers=1, timed=False)
+    assert again.as_dict()["variants"] == small.as_dict()["variants"][1:2]
 
 
 def test_d_rms_is_the_comparisons(small: ContactStudy, bench: Bench, lab: Profile) -> None:
@@ -179,7 +181,7 @@ def test_d_rms_is_the_comparisons(small: ContactStudy, bench: Bench, lab: Profil
     assert motion.pose[0] == pytest.approx([State().x, State().y, State().yaw], abs=1e-12)
 
 
-def test_a_recording_is_judged_from_its_wheel_rates(bench: Bench, lab: Profile) -> None:
+def test_a_recording_is_judged_from_its_wheel_rates(lab: Profile) -> None:
     """A recording that the same robot made: as shipped it repeats it, with its weight elsewhere it does not."""
     section = lab.plants["mujoco"]
     commands = Commands(0.05, np.tile([0.4, 0.5], (400, 1)))
@@ -187,31 +189,29 @@ def test_a_recording_is_judged_from_its_wheel_rates(bench: Bench, lab: Profile) 
     made = drive(make_variant(BASELINE, section), piece, section.tracked_point, 0.05)
     names, columns = ("t", "enc_left", "enc_right", "x", "y", "yaw"), np.column_stack([made.t, made.wheels, made.pose])
     recording = Recording.from_columns("made", dict(zip(names, columns.T, strict=True)))
-    with_recording = replace(bench, recorded=section, recording=source_of(recording, "made", "wheels"))
-    study.check(with_recording, [BASELINE])
+    with_recording = make_bench(lab, lab, source_of(recording, "made", "wheels"))
     shipped, elsewhere = (
-        study.study_contact(with_recording, [v], timed=False).outcomes[0].measures
+        try_variants(with_recording, [v], timed=False).tried[0].measures
         for v in (BASELINE, BY_KEY["centre of mass: maker's, now"])
     )
     assert known(shipped.recording_position_m) < 0.02
     assert known(shipped.recording_yaw_rad) < 0.02
     assert known(elsewhere.recording_position_m) > 0.05
-    short = replace(with_recording, recording=source_of(recording.cut(None, 4.0), "short", "wheels"))
     with pytest.raises(ValueError, match="6 s without a gap"):
-        study.check(short, [BASELINE])
+        make_bench(lab, lab, source_of(recording.cut(None, 4.0), "short", "wheels"))
 
 
 def test_every_variant_has_a_name_of_its_own_and_can_be_made(lab: Profile) -> None:
-    assert len(BY_KEY) == len(variants())
-    assert study.choose(["wheels"]) == (BASELINE, BY_KEY["wheels: capsule"], BY_KEY["wheels: cylinder"])
-    for variant in variants():
+    assert len(BY_KEY) == len(physics_variants())
+    assert chosen_variants(["wheels"]) == (BASELINE, BY_KEY["wheels: capsule"], BY_KEY["wheels: cylinder"])
+    for variant in physics_variants():
         calibration = variant.calibration(lab.plants["mujoco"].parameters)
         assert (variant.changes or variant.settings != PhysicsSettings()) or variant == BASELINE
         assert calibration.mass == lab.plants["mujoco"].parameters.mass
 
 
 def test_colours_run_from_good_to_bad() -> None:
-    column = next(c for c in COLUMNS if c.name == "veer")
+    column = next(c for c in MEASURE_COLUMNS if c.name == "veer")
     good, bad = column.limits or (0.0, 0.0)
     assert [badness(column, x) for x in (0.0, good, -good, bad, -10.0 * bad)] == [0.0, 0.0, 0.0, 1.0, 1.0]
     assert badness(column, (good * bad) ** 0.5) == pytest.approx(0.5)
@@ -219,10 +219,10 @@ def test_colours_run_from_good_to_bad() -> None:
 
 
 def test_the_picture_has_every_number(small: ContactStudy) -> None:
-    written = {text.get_gid(): text.get_text() for ax in draw_contact(small).axes for text in ax.texts}
-    for outcome in small.outcomes:
-        for column in small.columns:
-            assert written[f"{outcome.variant.key}, {column.name}"] == study.cell_text(column, outcome.measures)
+    written = {text.get_gid(): text.get_text() for ax in small.figure().axes for text in ax.texts}
+    for outcome in small.tried:
+        for column in small.columns():
+            assert written[f"{outcome.variant.key}, {column.name}"] == column.text(outcome.measures)
 
 
 @pytest.mark.parametrize(
@@ -247,6 +247,6 @@ def test_the_program_writes_everything(tmp_path: Path) -> None:
 
 
 def test_an_outcome_without_measures_is_drawn() -> None:
-    nothing = ContactStudy("lab", None, None, (Outcome(BASELINE, Measures(), {"straight drive": "no"}),))
-    assert draw_contact(nothing).axes
-    assert nothing.columns == ()
+    nothing = ContactStudy("lab", None, None, (TriedVariant(BASELINE, Measures(), {"straight drive": "no"}),))
+    assert nothing.figure().axes
+    assert nothing.columns() == ()

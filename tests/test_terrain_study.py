@@ -13,24 +13,25 @@ import pytest
 from tests.test_robustness import run_program
 from validation import store
 from validation.plants.profile import Profile
-from validation.study.terrain import run as study
-from validation.study.terrain.figure import draw_terrain
-from validation.study.terrain.run import AXES, PLANAR, Followed, TerrainSettings, TerrainStudy
+from validation.study.terrain import TerrainAxes, TerrainOptions, TerrainStudy, study_terrain
+from validation.study.terrain.findings import AXES, PLANAR, TrackerErrors
+from validation.study.terrain.run import manoeuvre, model_errors
 
-SMALL = TerrainSettings(
+FEW = TerrainAxes(
     speeds=(0.5,), slopes=(0.0, math.radians(3.0), math.radians(6.0)), heights=(0.0, 0.004), lost=(0.0,),
-    directions=(0.0,), seeds=1, controllers=(),
+    directions=(0.0,), controllers=(),
 )  # fmt: skip
+SMALL = TerrainOptions(seeds=1, axes=FEW)
 
 
 @pytest.fixture(scope="module")
 def small(lab: Profile) -> TerrainStudy:
-    return study.study_terrain(lab, SMALL, workers=2)
+    return study_terrain(replace(SMALL, profile=lab), workers=2)
 
 
 def test_it_does_not_depend_on_the_workers(lab: Profile, small: TerrainStudy) -> None:
-    alone = study.study_terrain(lab, SMALL, workers=1)
-    assert alone.points == small.points
+    alone = study_terrain(replace(SMALL, profile=lab), workers=1)
+    assert alone.models == small.models
 
 
 def test_every_axis_begins_where_the_thesis_is(small: TerrainStudy) -> None:
@@ -52,45 +53,50 @@ def test_errors_grow_with_the_slope_as_the_drift_does(small: TerrainStudy) -> No
 
 
 def test_where_an_error_doubles_is_between_the_values_around_it(small: TerrainStudy) -> None:
-    at = study.doubled_at(small, "slope", "improved")
+    at = small.doubled_at("slope", "improved")
     assert at is not None
     assert 0.0 < at < math.radians(3.0)
-    assert study.doubled_at(small, "speed", "improved") is None
-    assert study.doubled_at(small, "friction", "improved") is None
+    assert small.doubled_at("speed", "improved") is None
+    assert small.doubled_at("friction", "improved") is None
 
 
 def test_quasi_static_loads_explain_a_ramp_better_than_static_ones(small: TerrainStudy) -> None:
-    for ride in small.rides:
-        _, static, quasi = study.load_errors(ride, small.static)
-        assert quasi < (0.7 if ride.terrain.kind == "flat" else 0.5) * static
+    for run in small.loads:
+        _, static, quasi = run.errors(small.static)
+        assert quasi < (0.7 if run.terrain.kind == "flat" else 0.5) * static
 
 
-def test_a_husky_that_does_not_come_through_is_counted_not_averaged(lab: Profile, small: TerrainStudy) -> None:
-    motion = small.rides[0].motion
-    (point,) = study._points("slope", 0.1, [None, None], {"improved": [motion]}, SMALL)
+def test_a_husky_that_does_not_come_through_is_counted_not_averaged(small: TerrainStudy) -> None:
+    motion = small.loads[0].motion
+    (point,) = model_errors("slope", 0.1, [None, None], {"improved": [motion]}, 6.0)
     assert (point.position_m, point.failed) == (None, 2)
-    (point,) = study._points("slope", 0.1, [motion, None], {"improved": [motion, motion]}, SMALL)
+    (point,) = model_errors("slope", 0.1, [motion, None], {"improved": [motion, motion]}, 6.0)
     assert (point.position_m, point.failed) == (0.0, 1)
 
 
 def test_it_is_drawn_and_written_without_gaps(small: TerrainStudy) -> None:
-    lost = replace(small, followed=(Followed("slope", 0.0, "lqr", 0.03, 0), Followed("slope", 0.1, "lqr", None, 2)))
+    lost = replace(
+        small, trackers=(TrackerErrors("slope", 0.0, "lqr", 0.03, 0), TrackerErrors("slope", 0.1, "lqr", None, 2))
+    )
     for found in (small, lost):
-        figure = draw_terrain(found)
+        figure = found.figure()
         drawn = {line.get_gid() for ax in figure.axes for line in ax.lines}
         assert set(PLANAR) <= drawn
-        document = study.as_document(found)
+        document = found.as_dict()
         json.dumps(document, allow_nan=False)
-        assert document["schema"] == study.SCHEMA
-        assert any("roughness" in line for line in study.markdown(found))
+        assert document["schema"] == "ssmr.study/1"
+        assert any("roughness" in line for line in found.report())
 
 
-@pytest.mark.parametrize(
-    ("values", "words"), [({"seeds": 0}, "seeds"), ({"horizon": 30.0}, "20 s"), ({"slopes": ()}, "slope")]
-)
-def test_settings_are_checked(values: dict[str, object], words: str) -> None:
+@pytest.mark.parametrize(("values", "words"), [({"seeds": 0}, "seeds"), ({"horizon": 30.0}, "20 s")])
+def test_options_are_checked(values: dict[str, object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        TerrainSettings(**values)  # type: ignore[arg-type]
+        TerrainOptions(**values)  # type: ignore[arg-type]
+
+
+def test_every_axis_needs_values() -> None:
+    with pytest.raises(ValueError, match="slope"):
+        TerrainAxes(slopes=())
 
 
 def test_the_program_refuses_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -100,6 +106,6 @@ def test_the_program_refuses_before_it_works(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_the_manoeuvre_has_no_jolts() -> None:
-    values = study.manoeuvre().values
+    values = manoeuvre().values
     assert np.abs(np.diff(values[:, 1])).max() < 0.05
     assert store.plain(values.max()) == 0.8

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from validation.fit.report import number_text, unit_text
 from validation.replicate.evidence import Findings, Section, Table
-from validation.show.tables import NOTHING, Cell, Grid, Unit
+from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid, Unit
 from validation.thesis.verdicts import FACTOR, Pair, RowVerdict, Verdict, judge, of_row, short
 
-MILLIMETRES, RATIO = Unit("mm", 1e3, 1), Unit("", 1.0, 4)
+RATIO = Unit("", 1.0, 4)
 
 
 @dataclass(frozen=True)

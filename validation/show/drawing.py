@@ -27,7 +27,7 @@ from matplotlib.transforms import Affine2D
 
 from ssmr.metrics.paths import HorizonErrors
 from ssmr.types import FloatArray
-from validation.show.palette import colour, mix
+from validation.show.palette import CONTROLLER_PALETTE, colour, mix
 from validation.store import write_atomic
 
 WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
@@ -78,6 +78,12 @@ _SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a l
 def ink_of(name: str) -> tuple[float, float, float]:
     """A plant's colour for lines on white: a little darker than for surfaces."""
     red, green, blue = mix(colour(name), (0, 0, 0), 0.1)
+    return red / 255.0, green / 255.0, blue / 255.0
+
+
+def controller_ink(name: str) -> tuple[float, float, float]:
+    """Return a controller's colour for lines on white."""
+    red, green, blue = mix(CONTROLLER_PALETTE.get(name, (128, 128, 128)), (0, 0, 0), 0.1)
     return red / 255.0, green / 255.0, blue / 255.0
 
 

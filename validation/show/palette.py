@@ -24,6 +24,11 @@ PALETTE: Mapping[str, Rgb] = MappingProxyType(
 )
 """Red, green, blue, 0-255, by the name of the plant, `recording` or `truth`."""
 
+CONTROLLER_PALETTE: Mapping[str, Rgb] = MappingProxyType(
+    {"pid": (213, 94, 0), "lqr": (0, 114, 178), "lqr-scheduled": (0, 158, 115), "smc": (204, 121, 167)}
+)
+"""Red, green, blue, 0-255, by the name of the controller; others are grey."""
+
 
 def colour(name: str) -> Rgb:
     """The colour of a plant; mid-grey for a name that has none."""

@@ -39,6 +39,10 @@ class Result(ABC):
         """Return the sentences that stand below its tables."""
         return ()
 
+    def report(self) -> Sequence[str]:
+        """Return the lines of its markdown report; none where this kind of result has no report."""
+        return ()
+
     def write_recording(self, path: Path) -> bool:
         """Write its rerun recording to `path`; return False where this kind of result has none."""
         return False
@@ -48,7 +52,7 @@ class Result(ABC):
         return text_tables(self.grids(), self.notes(), width)
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
-        """Write its picture, its recording and, last, its JSON file; each is written whole or not at all.
+        """Write its picture, report, recording and, last, its JSON file; each is written whole or not at all.
 
         Args:
             folder: where to; it is made if it is missing.
@@ -64,9 +68,12 @@ class Result(ABC):
 
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
-        picture, film, document = (place / f"{self.program}.{ending}" for ending in ("png", "rrd", "json"))
+        picture, text, film, document = (place / f"{self.program}.{ending}" for ending in ("png", "md", "rrd", "json"))
         save_figure(self.figure(), picture)
         written = [picture]
+        if lines := self.report():
+            store.write_atomic(text, lambda temporary: temporary.write_text("\n".join(lines), encoding="utf-8"))
+            written.append(text)
         if recording and self.write_recording(film):
             written.append(film)
         store.write_json(document, self.as_dict())

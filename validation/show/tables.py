@@ -51,6 +51,7 @@ class Unit:
 
 
 METRES = Unit("m", 1.0, 3)
+MILLIMETRES = Unit("mm", 1e3, 1)
 DEGREES = Unit("deg", 180.0 / math.pi, 2)
 
 

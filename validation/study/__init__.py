@@ -1,1 +1,4 @@
-"""Questions that take many runs, one folder each."""
+"""Studies: questions that take many runs to answer. Each has a folder here and a line in `validation.study.catalogue`.
+
+From Python: `from validation.study.contact import study_contact`; on the command line: `python -m validation.study contact`.
+"""

@@ -1,86 +1,78 @@
-"""The program `python -m validation.study STUDY`: questions that take many runs, each with a module of its own.
-
-A study is a function here, which reads its options, and a line in `STUDIES`.
-"""
+"""The program `python -m validation.study STUDY`: one command for each study of `validation.study.catalogue`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import tyro
 from matplotlib.figure import Figure
+from tyro.constructors import PrimitiveConstructorSpec
 
-from ssmr.control.laws import CONTROLLERS
-from ssmr.control.loop import Feedback
 from validation import cli, store
 from validation.plants.profile import PLANTS, load
 from validation.show.tables import Grid, rich_table
+from validation.study.catalogue import STUDIES, Study
 from validation.track.waypoint_files import open_reference
 
 
-def robustness(
-    *,
-    controllers: str = ",".join(CONTROLLERS),
-    gains: str = "published",
-    reference: str = "generic",
-    speed: float = 0.25,
-    profile: str = "thesis-lab",
-    runs: int = 200,
-    seeds: int = 4,
-    seed: int = 0,
-    bound: float = 0.5,
-    feedback: Feedback = "noisy",
-    no_disturbance: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    timestep: float = 0.002,
-    workers: int | None = None,
-    out: Path = Path("runs/study/robustness"),
-) -> None:
-    """Let trackers meet MuJoCo Huskies that are not the robot of their profile: friction, mass, delay, noise, torque.
-
-    Args:
-        controllers: Which, comma-separated.
-        gains: Name of a set of gains (published, manual, tuned, default), for each controller that has it; the others get
-            their defaults. Or the path of a TOML file, for one controller.
-        reference: line, circle, sine, generic, or the path of a waypoint file.
-        speed: Of the reference [m/s].
-        profile: Name of a shipped profile or path of a TOML file.
-        runs: For each controller: single mismatches first, the rest a random sample of the full grid.
-        seeds: Of noise, for each single mismatch.
-        seed: Of the sample and of noise.
-        bound: A run whose d_rms or e_rho rms is greater counts as failed [m].
-        feedback: What controllers see.
-        no_disturbance: Do not push the robots' yaw at random.
-        timestep: Physics step [s].
-        workers: Threads; the result does not depend on it.
-        out: Folder for the results.
-    """
-    from validation.study.robustness import run as study
-    from validation.study.robustness.figure import draw_robustness
-
-    with cli.mistakes_are_users():
-        names = cli.parse_names(controllers, CONTROLLERS, "controller")
-        _check(seed, workers)
-        settings = study.RobustnessSettings(runs, seeds, seed, bound, feedback, not no_disturbance, timestep)
-        chosen = load(profile)
-        sets, remarks = study.choose_gains(names, gains)
-        name, waypoints = open_reference(reference, speed)
-        study.check(chosen, sets, name, waypoints, settings)
-    for remark in remarks:
-        cli.warn(remark)
-    folder = cli.output_folder(out)
-    result = study.study_robustness(chosen, sets, name, waypoints, settings, workers)
-    written = _write(folder, study.as_document(result), draw_robustness(result), study.markdown(result))
-    tables = [
-        (study.spread_grid(result), study.heading(result), study.spread_caption(result)),
-        (study.alone_grid(result, "d_rms_m"), "d_rms under each mismatch alone", ""),
-        (study.alone_grid(result, "e_rho_rms_m"), "e_rho under each mismatch alone", study.alone_caption(result)),
-    ]
-    _report(tables, study.remarks(result), written)
+def _parsed(parse: Callable[[str], Any], metavar: str, write: Callable[[Any], str] = str) -> object:
+    return PrimitiveConstructorSpec(1, metavar, lambda texts: parse(texts[0]), lambda value: True, lambda v: [write(v)])
 
 
-def filter(
+def _split(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+_NAMES = _parsed(_split, "A,B,...", ",".join)
+_NUMBERS = _parsed(lambda text: tuple(map(float, _split(text))), "X,Y,...", lambda v: ",".join(f"{x:g}" for x in v))
+
+
+def _readable(kind: Any, name: str) -> Any:
+    """Return the type of an option as the command line reads it: lists by comma, objects that have a name by name."""
+    if is_dataclass(kind):
+        return Annotated[kind, tyro.conf.Suppress, tyro.conf.Fixed]
+    if get_origin(kind) is tuple:
+        return Annotated[kind, _NAMES if get_args(kind)[0] is str else _NUMBERS]
+    if str in get_args(kind) and type(None) not in get_args(kind):
+        return Annotated[str, tyro.conf.arg(metavar="NAME|PATH")]
+    return Annotated[kind, tyro.conf.arg(name="from")] if name == "start" else kind  # `from` is no name in Python
+
+
+def _command(study: Study) -> Callable[..., None]:
+    """Return the function that a study's command line is made from: its options, and those that every study has."""
+    hints = get_type_hints(study.options)
+    read = [(f.name, _readable(hints[f.name], f.name), field(default=f.default)) for f in fields(study.options)]
+    unchecked = {"__post_init__": lambda self: None}  # mistakes are said where the study's own options are made
+    options = make_dataclass(study.options.__name__, read, bases=(study.options,), namespace=unchecked, frozen=True)
+
+    @dataclass(frozen=True)
+    class Common:
+        """Options of every study."""
+
+        workers: int | None = None
+        """Number of threads, all processors if not given; the result does not depend on it."""
+        out: Path = field(default=Path("runs/study") / study.name)
+        """Folder for the results."""
+
+    def run(options: Any, common: Any) -> None:
+        with cli.mistakes_are_users():
+            if common.workers is not None and common.workers < 1:
+                raise cli.UserError(f"--workers {common.workers} must be positive")
+            with cli.shown(study.name) as progress:
+                result = study.run(study.options(**vars(options)), workers=common.workers, progress=progress)
+        written = result.save(cli.output_folder(common.out))
+        cli.report(map(rich_table, result.grids()), result.notes(), written)
+
+    run.__doc__ = study.question
+    flat = tyro.conf.OmitArgPrefixes
+    run.__annotations__ = {"options": Annotated[cast(Any, options), flat], "common": Annotated[Common, flat]}
+    return run
+
+
+def _filter(
     *,
     references: str = "sine,circle",
     speed: float = 0.25,
@@ -113,9 +105,9 @@ def filter(
     with cli.mistakes_are_users():
         _check(seed, workers)
         settings = study.FilterSettings(seeds, seed, bias, timestep)
-        chosen = [load(name) for name in _split(profiles, "--profiles")]
+        chosen = [load(name) for name in _split_once(profiles, "--profiles")]
         surfaces = study.surfaces_of(chosen, cli.parse_numbers(frictions, "--frictions") if frictions.strip() else ())
-        missions = dict(open_reference(name, speed) for name in _split(references, "--references"))
+        missions = dict(open_reference(name, speed) for name in _split_once(references, "--references"))
         study.check(surfaces, missions, settings)
     folder = cli.output_folder(out)
     result = study.study_filter(surfaces, missions, settings, workers)
@@ -128,7 +120,7 @@ def filter(
     _report(tables, [], written)
 
 
-def tables(
+def _tables(
     *,
     profile: str = "thesis-lab",
     seeds: int = 10,
@@ -160,7 +152,7 @@ def tables(
     _report([(study.grid(result, kind), caption, "") for kind, caption in study.CAPTIONS.items()], [], written)
 
 
-def gains(
+def _gains(
     *,
     profile: str = "thesis-lab",
     plants: str = "improved,mujoco",
@@ -199,96 +191,8 @@ def gains(
     _report([(table, title, "") for table, title in study.tables(result)], [], written)
 
 
-def terrain(
-    *,
-    profile: str = "thesis-lab",
-    horizon: float = 6.0,
-    seeds: int = 3,
-    seed: int = 0,
-    workers: int | None = None,
-    out: Path = Path("runs/study/terrain"),
-) -> None:
-    """Measure how far planar models and trackers hold as speed, slope, roughness and difference of friction grow.
-
-    Args:
-        profile: Name of a shipped profile or path of a TOML file.
-        horizon: After which relative poses are compared [s].
-        seeds: How many rough grounds.
-        seed: Of the first of them, and of noise.
-        workers: Threads; the result does not depend on it.
-        out: Folder for the results.
-    """
-    from validation.study.terrain import run as study
-    from validation.study.terrain.figure import draw_terrain
-
-    with cli.mistakes_are_users():
-        _check(seed, workers)
-        settings = study.TerrainSettings(seeds=seeds, seed=seed, horizon=horizon)
-        chosen = load(profile)
-    folder = cli.output_folder(out)
-    with cli.progress() as bar:
-        task = bar.add_task("terrain", total=study.steps(settings))
-        result = study.study_terrain(chosen, settings, workers, lambda what: bar.update(task, advance=1, description=what))
-    written = _write(folder, study.as_document(result), draw_terrain(result), study.markdown(result))
-    _report([(table, title, "") for table, title in study.tables(result)], [], written)
-
-
-def contact(
-    *,
-    only: str | None = None,
-    profile: str = "thesis-lab",
-    recording: str | None = None,
-    recording_profile: str = "husky-tile",
-    start: Annotated[float | None, tyro.conf.arg(name="from")] = None,
-    until: float | None = None,
-    workers: int | None = None,
-    out: Path = Path("runs/study/contact"),
-) -> None:
-    """Try physics settings on the MuJoCo Husky: cone, solver, contact, step, wheels, centre of mass; alone and together.
-
-    Args:
-        only: Which groups besides what is shipped, comma-separated (cone, impratio, "time step", ...); all if not given.
-        profile: Name of a shipped profile or path of a TOML file, for the lab's robot.
-        recording: Path of a real robot's recording (.csv, or a bag) with wheel rates; adds its columns.
-        recording_profile: The same as `profile`, for the robot of the recording.
-        start: Leave out what was recorded before this time [s].
-        until: Leave out what was recorded after this time [s].
-        workers: Threads; the result does not depend on it, but for the cost of a step.
-        out: Folder for the results.
-    """
-    from validation.motion.sources import open_source
-    from validation.study.contact import run as study
-    from validation.study.contact.bench import make_bench
-    from validation.study.contact.figure import draw_contact
-
-    with cli.mistakes_are_users():
-        _check(0, workers)
-        chosen = study.choose(study.groups() if only is None else cli.parse_names(only, study.groups(), "group"))
-        if recording is None and (start is not None or until is not None):
-            raise cli.UserError("--from and --until cut a recording; name one with --recording")
-        lab, recorded, source = load(profile), None, None
-        if recording is not None:
-            recorded, source = load(recording_profile), open_source(recording, "wheels", start, until)
-            if source.reference != "recording":
-                raise cli.UserError(f"--recording {recording} is a scenario; wanted the path of a recording")
-        bench = make_bench(lab, recorded, source)
-        study.check(bench, chosen)
-    folder = cli.output_folder(out)
-    result = study.study_contact(bench, chosen, workers)
-    written = _write(folder, study.as_document(result), draw_contact(result), study.markdown(result))
-    tables = [(study.measure_grid(result, names), title, "") for title, names in study.TABLES.items()]
-    _report(tables, study.remarks(result), written)
-
-
-STUDIES: Mapping[str, Callable[..., None]] = {
-    "robustness": robustness,
-    "filter": filter,
-    "tables": tables,
-    "gains": gains,
-    "terrain": terrain,
-    "contact": contact,
-}
-"""By name, as on the command line."""
+_OLD: Mapping[str, Callable[..., None]] = {"filter": _filter, "tables": _tables, "gains": _gains}
+"""Studies that are not yet declared in `STUDIES`."""
 
 
 def _check(seed: int, workers: int | None) -> None:
@@ -296,7 +200,7 @@ def _check(seed: int, workers: int | None) -> None:
         raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
 
 
-def _split(text: str, what: str) -> list[str]:
+def _split_once(text: str, what: str) -> list[str]:
     """Comma-separated names, none twice.
 
     Raises:
@@ -326,8 +230,9 @@ def _report(tables: Sequence[tuple[Grid, str, str]], remarks: Sequence[str], wri
 
 
 def program() -> Callable[..., Any]:
-    """What parses the command line: one subcommand a study."""
-    commands = [Annotated[Any, tyro.conf.subcommand(name=name, constructor=study)] for name, study in STUDIES.items()]
+    """Return what parses the command line: one subcommand for each study."""
+    named = {**{study.name: _command(study) for study in STUDIES}, **_OLD}
+    commands = [Annotated[Any, tyro.conf.subcommand(name=name, constructor=main)] for name, main in named.items()]
     together = commands[0]
     for command in commands[1:]:
         together = together | command

@@ -1,7 +1,7 @@
-"""What a MuJoCo Husky does under some physics settings: the same drives for each, and what comes out of them.
+"""The test bench of the contact study: drives that every variant makes, and measures taken from them.
 
-Every measure is taken with a robot whose tyres roll with the profile's radius: how deep they are pressed in depends on the
-settings (`validation.husky.PRESSED_IN` holds for the shipped ones), and that alone is not to count.
+How deep tyres are pressed into the ground depends on the contact settings, and so does the radius that they roll with. That
+alone shall not count, so every measure is taken with tyres whose size is corrected to roll with the profile's radius.
 """
 
 from __future__ import annotations
@@ -17,120 +17,92 @@ import mujoco
 import numpy as np
 
 from ssmr.errors import DivergedError, SsmrError
-from ssmr.metrics.paths import compare_paths
+from ssmr.metrics.paths import compare_paths, horizon_windows
 from ssmr.robot.skid_turn import TRACK, turn_on_the_spot
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.motion.driving import drive, score_horizons
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, WHEELS, HuskyCalibration
-from validation.robots.physics import SHIPPED, PhysicsSettings
 from validation.robots.plant import LIFT_SHARE, MujocoPlant
+from validation.study.contact.variants import PhysicsVariant
 
-HALF_WIDTH: Mapping[str, float] = MappingProxyType({"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715})
-"""Half the distance of a wheel's outermost contact points [m], by shape."""
+_HALF_WIDTH: Mapping[str, float] = MappingProxyType({"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715})
+"""Half the distance between a wheel's outermost contact points [m], by shape."""
 SCENARIOS = ("traj1", "traj2", "traj3", "traj4")
-MODELS = ("improved", "coulomb", "linear")
-"""The published models of the lab's robot."""
+PUBLISHED_MODELS = ("improved", "coulomb", "linear")
+"""Published models of the lab's robot."""
 HORIZON = 6.0
-"""After which errors against a recording are taken [s]."""
+"""Length of the windows over which errors against a recording are taken [s]."""
 
-WHEEL_MASS = 2.637
-"""Of models/husky.xml [kg]."""
+_WHEEL_MASS = 2.637
+"""Mass of a wheel in models/husky.xml [kg]."""
 SAMPLE = 0.01
-"""Period of samples [s]: a whole number of all steps up to 10 ms that divide it."""
-SPIN_RATE, SPIN_TIME, SPIN_LEAD = 0.6, 38.0, 2.0
-"""Yaw rate commanded on the spot [rad/s], for how long, and from when on it counts [s]: three turns at most settings."""
-STRAIGHT_SPEED, STRAIGHT_TIME, STRAIGHT_LEAD, STRAIGHT_YAW = 0.5, 8.0, 3.0, 0.4
-"""Speed commanded ahead [m/s], for how long, from when on it counts [s], and heading [rad]: along no axis of the world."""
-SLOPE, SLOPE_TIME, SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
-"""Of the side slope, for how long the robot stands on it, and from when on it counts [s]."""
-TURNED = 0.25 * math.pi
-"""By what the ground is turned to see whether that matters [rad]."""
-SURGE_LEAD = 3.0
-"""From when on speed counts on trajectory 3 [s]: the start is over."""
+"""Period of samples [s]."""
+_SPIN_RATE, _SPIN_TIME, SPIN_LEAD = 0.6, 38.0, 2.0
+"""Turn on the spot: commanded yaw rate [rad/s], duration [s], and start of the measurement [s]; about three turns."""
+_STRAIGHT_SPEED, _STRAIGHT_TIME, _STRAIGHT_LEAD, _STRAIGHT_YAW = 0.5, 8.0, 3.0, 0.4
+"""Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading [rad] between the axes."""
+_SLOPE, _SLOPE_TIME, _SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
+"""Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
+_TURNED = 0.25 * math.pi
+"""Angle by which the ground is turned under trajectory 3, which should change nothing [rad]."""
+_SURGE_LEAD = 3.0
+"""Start of the measurement of speed on trajectory 3, when the robot has accelerated [s]."""
 UNDRIVEABLE = "straight drive"
-"""What has to go well for anything else to be measured."""
-TIMED = 1.0
-"""What is simulated to take the time of [s]."""
-
-
-@dataclass(frozen=True)
-class Variant:
-    """Settings to be tried."""
-
-    group: str
-    """What is varied."""
-    name: str
-    """What tables call it; unique in its group."""
-    settings: PhysicsSettings = SHIPPED
-    """Of the physics."""
-    changes: Mapping[str, float | str] = field(default_factory=dict)
-    """Of the calibration: fields of `HuskyCalibration` that are part of the question."""
-
-    def calibration(self, base: HuskyCalibration) -> HuskyCalibration:
-        """A robot's numbers with the changes in place.
-
-        Raises:
-            ValueError: they do not go together.
-        """
-        return replace(base, **dict(self.changes))  # type: ignore[arg-type]
-
-    @property
-    def key(self) -> str:
-        """Group and name."""
-        return f"{self.group}: {self.name}"
+"""Name of the first drive; where it fails, nothing else is measured."""
+_TIMED = 1.0
+"""Simulated time of which the processor time is taken [s]."""
 
 
 @dataclass(frozen=True)
 class Measures:
-    """What was measured; None where nothing could be."""
+    """The measures of one variant; None for one that could not be taken."""
 
     rolling_radius_error: float | None = None
-    """Of tyres made for the shipped contact, over their radius [1]; corrected in all that follows."""
+    """Error of the rolling radius before it is corrected, over the radius [1]."""
     multiplier: float | None = None
-    """Yaw rate of the wheels over the body's on the spot, over whole turns [1]."""
+    """Yaw rate that the wheels ask for over that of the body, in whole turns on the spot [1]."""
     multiplier_expected: float | None = None
-    """The same by the closed form of the robot's centre of mass, wheels and anisotropy [1]."""
+    """Multiplier by the closed form for this centre of mass, wheel shape and friction ratio [1]."""
     ripple: float | None = None
     """Range of the yaw rate on the spot over its mean [1]."""
     glide: float | None = None
-    """Greatest speed of the middle of the robot on the spot over that of the wheels' rims [1]; 1 for a straight drive."""
+    """Greatest speed of the robot's middle on the spot over that of the wheels' rims [1]; a straight drive has 1."""
     lifted_share: float | None = None
-    """Of the time on the spot with a wheel off the ground [1]."""
+    """Share of the time on the spot in which a wheel is off the ground [1]."""
     drift_m: float | None = None
-    """How far the middle of the robot has moved after a turn on the spot, mean over whole turns [m]."""
+    """Distance that the robot's middle has moved after a turn on the spot, mean over whole turns [m]."""
     wander_m: float | None = None
-    """How far it comes from where it was while it turns on the spot [m]."""
+    """Greatest distance of the robot's middle from its first place while it turns on the spot [m]."""
     surge: float | None = None
-    """Greatest speed on trajectory 3 over what its wheels give straight ahead, less 1 [1]; the greater of two headings 45
-    degrees apart."""
+    """Greatest speed on trajectory 3 over that of the wheels straight ahead, less 1 [1]; the greater of two headings."""
     turned_ground_m: float | None = None
-    """How far the end of trajectory 3 moves on the robot's map where the ground is turned by 45 degrees [m]."""
+    """Distance that the end of trajectory 3 moves if the ground is turned by 45 degrees [m]."""
     veer: float | None = None
-    """Deviation to the left of a straight drive over its length [1]."""
+    """Deviation of a straight drive to the left over its length [1]."""
     creep_m_s: float | None = None
-    """Sideways on a slope of 8 degrees at rest [m/s]."""
+    """Sideways speed at rest on a slope of 8 degrees [m/s]."""
     halving_m: float | None = None
-    """How far the end of trajectory 4 moves where the step is halved [m]."""
+    """Distance that the end of trajectory 4 moves if the physics step is halved [m]."""
     d_rms_m: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
-    """Of each published model's trajectories 1-4 to the robot's [m], by model and scenario."""
+    """d_rms of each published model from the robot [m], by model and scenario."""
     recording_position_m: float | None = None
-    """Median error of the relative pose to a recording after 6 s, driven with its wheel rates [m]."""
+    """Median position error against a recording after 6 s, driven with its wheel rates [m]."""
     recording_yaw_rad: float | None = None
-    """The same of yaw [rad]."""
+    """Median yaw error against a recording after 6 s [rad]."""
     cost_s: float | None = None
-    """Of a step [s]."""
+    """Processor time of a physics step [s]."""
 
     @property
     def multiplier_error(self) -> float | None:
-        """Of the multiplier, over that of the closed form [1]."""
+        """Deviation of the multiplier from its closed form, over the closed form [1]."""
         if self.multiplier is None or self.multiplier_expected is None:
             return None
         return self.multiplier / self.multiplier_expected - 1.0
 
     def d_rms_mean(self, model: str) -> float | None:
-        """Over trajectories 1-4 [m]; None where one is missing."""
+        """Return the mean d_rms over trajectories 1-4 [m]; None where one is missing."""
         values = list(self.d_rms_m.get(model, {}).values())
         known = [v for v in values if v is not None]
         return float(np.mean(known)) if values and len(known) == len(values) else None
@@ -138,42 +110,46 @@ class Measures:
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The drives that all variants have in common."""
+    """Everything that all variants have in common: robot, trajectories, recording."""
 
     profile: str
-    """Name of the lab's profile."""
+    """Name of the lab robot's profile."""
     lab: PlantProfile
-    """The MuJoCo Husky that stands for the lab's robot."""
+    """MuJoCo Husky that stands for the lab's robot."""
     scenarios: Mapping[str, Piece]
     """Trajectories 1-4."""
     models: Mapping[str, Mapping[str, Trajectory]]
-    """The published models' motions, by model and scenario."""
+    """Motions of the published models, by model and scenario."""
     recorded: PlantProfile | None = None
-    """The MuJoCo Husky that stands for the recorded robot."""
+    """MuJoCo Husky that stands for the recorded robot."""
     recording_profile: str | None = None
-    """Name of its profile."""
+    """Name of the recorded robot's profile."""
     recording: Source | None = None
-    """A recording with its wheel rates as input."""
+    """Recording, with its wheel rates as input."""
 
 
 def make_bench(profile: Profile, recorded: Profile | None = None, recording: Source | None = None) -> Bench:
-    """Drive the published models.
+    """Drive the published models, and return the bench.
 
     Args:
-        profile: the lab's robot.
-        recorded: the robot of the recording.
-        recording: driven by its wheel rates, or None for none.
+        profile: robot of the lab.
+        recorded: robot of the recording; None without one.
+        recording: recording with its wheel rates as input; None for none.
 
     Raises:
-        ValueError: a profile whose numbers do not go together.
+        ValueError: the numbers of a profile do not fit together, or the recording has no window of 6 s.
         SsmrError: a model diverged.
     """
     scenarios = {name: open_source(name).pieces[0] for name in SCENARIOS}
     models = {}
-    for model in MODELS:
+    for model in PUBLISHED_MODELS:
         plant, tracked = make_plant(profile, model), profile.plants[model].tracked_point
         models[model] = {name: drive(plant, piece, tracked, SAMPLE) for name, piece in scenarios.items()}
     section = None if recorded is None else recorded.plants["mujoco"]
+    if recording is not None and not any(
+        p.t is not None and len(horizon_windows(p.t, HORIZON, p.fresh)[0]) for p in recording.pieces
+    ):
+        raise ValueError(f"{recording.name} has no stretch of {HORIZON:g} s without a gap")
     return Bench(
         profile.name,
         profile.plants["mujoco"],
@@ -185,11 +161,11 @@ def make_bench(profile: Profile, recorded: Profile | None = None, recording: Sou
     )
 
 
-def make_variant(variant: Variant, section: PlantProfile) -> MujocoPlant:
-    """The robot of a profile under a variant's settings.
+def make_variant(variant: PhysicsVariant, section: PlantProfile) -> MujocoPlant:
+    """Return the robot of a profile with a variant's settings.
 
     Raises:
-        ValueError: numbers that do not go together.
+        ValueError: the parameters do not fit together.
     """
     return MujocoPlant(variant.calibration(section.parameters), section.drive, settings=variant.settings)
 
@@ -199,17 +175,17 @@ def _twist(v: float, w: float, seconds: float) -> Commands:
 
 
 def rolling_radius(plant: MujocoPlant) -> tuple[float, float]:
-    """A drive straight ahead.
+    """Drive straight ahead.
 
     Returns:
-        What the tyres roll with [m], and the deviation to the left over the length [1].
+        The rolling radius of the tyres [m], and the deviation to the left over the length [1].
 
     Raises:
         DivergedError: the simulator gave up.
     """
-    motion = plant.run(_twist(STRAIGHT_SPEED, 0.0, STRAIGHT_TIME), State(yaw=STRAIGHT_YAW), SAMPLE)
-    tail = motion.t >= STRAIGHT_LEAD
-    along = np.array([math.cos(STRAIGHT_YAW), math.sin(STRAIGHT_YAW)])
+    motion = plant.run(_twist(_STRAIGHT_SPEED, 0.0, _STRAIGHT_TIME), State(yaw=_STRAIGHT_YAW), SAMPLE)
+    tail = motion.t >= _STRAIGHT_LEAD
+    along = np.array([math.cos(_STRAIGHT_YAW), math.sin(_STRAIGHT_YAW)])
     first, last = motion.xy[tail][0], motion.xy[-1]
     ahead = float(along @ (last - first))
     aside = float(along[0] * (last - first)[1] - along[1] * (last - first)[0])
@@ -220,61 +196,61 @@ def rolling_radius(plant: MujocoPlant) -> tuple[float, float]:
 
 
 def creep(plant: MujocoPlant) -> float:
-    """Speed at which a robot at rest slides down a side slope [m/s].
+    """Return the speed at which a robot at rest slides down a side slope [m/s].
 
     Raises:
         DivergedError: the simulator gave up.
     """
     level = np.array(plant.model.opt.gravity)
-    plant.model.opt.gravity[:] = 0.0, GRAVITY * math.sin(SLOPE), -GRAVITY * math.cos(SLOPE)
+    plant.model.opt.gravity[:] = 0.0, GRAVITY * math.sin(_SLOPE), -GRAVITY * math.cos(_SLOPE)
     try:
-        motion = plant.run(_twist(0.0, 0.0, SLOPE_TIME), State(), SAMPLE)
+        motion = plant.run(_twist(0.0, 0.0, _SLOPE_TIME), State(), SAMPLE)
     finally:
         plant.model.opt.gravity[:] = level
-    tail = motion.t >= SLOPE_LEAD
+    tail = motion.t >= _SLOPE_LEAD
     first, last = motion.xy[tail][0], motion.xy[-1]
     return float(np.hypot(*(last - first)) / (motion.t[-1] - motion.t[tail][0]))
 
 
 @dataclass(frozen=True, eq=False)
 class Spin:
-    """A robot told to turn on the spot."""
+    """A turn on the spot."""
 
     motion: Trajectory
-    """All of it, sampled every `SAMPLE`."""
+    """Whole motion, sampled every `SAMPLE`."""
     turns: float
-    """Made from `SPIN_LEAD` on [1]."""
+    """Number of turns from `SPIN_LEAD` on [1]."""
 
 
-def spin(plant: MujocoPlant, seconds: float = SPIN_TIME) -> Spin:
-    """Tell a robot to turn on the spot.
+def spin(plant: MujocoPlant, seconds: float = _SPIN_TIME) -> Spin:
+    """Turn on the spot.
 
     Raises:
         DivergedError: the simulator gave up.
     """
-    motion = plant.run(_twist(0.0, SPIN_RATE, seconds), State(), SAMPLE)
+    motion = plant.run(_twist(0.0, _SPIN_RATE, seconds), State(), SAMPLE)
     start = int(np.searchsorted(motion.t, SPIN_LEAD - 1e-9))
     return Spin(motion, float(motion.yaw[-1] - motion.yaw[start]) / (2.0 * math.pi))
 
 
 def closed_form(calibration: HuskyCalibration, ratio: float | None = None) -> float:
-    """The multiplier that mechanics asks of a robot with this centre of mass and these wheels [1].
+    """Return the multiplier of a robot with this centre of mass and these wheels by mechanics [1].
 
     Args:
-        calibration: its numbers.
-        ratio: lateral over longitudinal friction, if not the calibration's [1].
+        calibration: parameters of the robot.
+        ratio: lateral over longitudinal friction [1]; the calibration's if not given.
     """
-    share = (calibration.mass - len(WHEELS) * WHEEL_MASS) / calibration.mass
+    share = (calibration.mass - len(WHEELS) * _WHEEL_MASS) / calibration.mass
     return turn_on_the_spot(
         share * calibration.com_x,
         share * calibration.com_y,
         calibration.friction_ratio if ratio is None else ratio,
-        HALF_WIDTH[calibration.wheel_shape],
+        _HALF_WIDTH[calibration.wheel_shape],
     ).multiplier
 
 
 def measure_spin(found: Spin, calibration: HuskyCalibration, tangent_ratio: float | None = None) -> dict[str, float]:
-    """What a turn on the spot tells, by fields of `Measures`; what needs whole turns is left out where there is none."""
+    """Return the measures of a turn on the spot, by fields of `Measures`; those of whole turns only if there was one."""
     motion, expected = found.motion, closed_form(calibration, tangent_ratio)
     tail = motion.t >= SPIN_LEAD - 1e-9
     loads, rate = motion.channels["wheel_load_N"][tail], motion.twist[tail, 2]
@@ -297,27 +273,27 @@ def measure_spin(found: Spin, calibration: HuskyCalibration, tangent_ratio: floa
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """A variant that was tried."""
+class TriedVariant:
+    """A variant, and its measures."""
 
-    variant: Variant
-    """Which one."""
+    variant: PhysicsVariant
+    """Settings that were tried."""
     measures: Measures
-    """What was measured."""
+    """Measures that could be taken."""
     failures: Mapping[str, str]
-    """Why, by what could not be measured."""
+    """Reason for each drive that failed, by its name."""
 
 
 class _Trial:
-    """A variant on the bench: measures what can be measured, and keeps why the rest cannot."""
+    """A variant on the bench: it takes every measure that it can, and keeps why others failed."""
 
-    def __init__(self, bench: Bench, variant: Variant, stopped: Callable[[], bool]) -> None:
+    def __init__(self, bench: Bench, variant: PhysicsVariant, stopped: Callable[[], bool]) -> None:
         self.bench, self.variant, self.stopped = bench, variant, stopped
         self.found: dict[str, Any] = {}
         self.failures: dict[str, str] = {}
 
     def attempt(self, what: str, measure: Callable[[], Mapping[str, Any]]) -> bool:
-        """Measure, and say whether that went well."""
+        """Take some measures, and return whether that went well."""
         if self.stopped():
             return False
         try:
@@ -327,7 +303,7 @@ class _Trial:
         return what not in self.failures
 
     def straight(self) -> dict[str, float]:
-        """A first drive tells the tyres' radius; the second is driven with tyres that roll as they should."""
+        """Find the rolling radius in a first drive, and drive again with tyres of the right size."""
         plant = make_variant(self.variant, self.bench.lab)
         wanted = plant.calibration.wheel_radius
         self.excess = rolling_radius(plant)[0] - wanted
@@ -335,7 +311,7 @@ class _Trial:
         return {"rolling_radius_error": self.excess / wanted, "veer": rolling_radius(self.plant)[1]}
 
     def corrected(self, section: PlantProfile, refine: float = 1.0) -> MujocoPlant:
-        """A robot whose tyres roll with its profile's radius; its step divided by `refine`."""
+        """Return a robot whose tyres roll with its profile's radius, with a step divided by `refine`."""
         calibration = self.variant.calibration(section.parameters)
         calibration = replace(
             calibration, wheel_radius=calibration.wheel_radius - self.excess, timestep=calibration.timestep / refine
@@ -343,21 +319,21 @@ class _Trial:
         return MujocoPlant(calibration, section.drive, settings=self.variant.settings)
 
     def spin(self) -> dict[str, float]:
-        """Turn on the spot."""
+        """Return the measures of a turn on the spot."""
         return measure_spin(spin(self.plant), self.rolling, self.variant.settings.tangent_ratio)
 
     @property
     def rolling(self) -> HuskyCalibration:
-        """The robot's numbers, its radius that which it rolls with."""
+        """Parameters of the robot, with the radius that it rolls with."""
         return self.variant.calibration(self.bench.lab.parameters)
 
     def trajectories(self) -> dict[str, Any]:
-        """All four against the published models, and what else is taken from them."""
+        """Return the distances from the published models on trajectories 1-4, and what trajectory 3 shows."""
         lab, scenarios = self.bench.lab, self.bench.scenarios
         motions = {name: drive(self.plant, piece, lab.tracked_point, SAMPLE) for name, piece in scenarios.items()}
-        turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=TURNED)), lab.tracked_point, SAMPLE)
-        rim = STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
-        ahead = [motion.twist[motion.t >= SURGE_LEAD, 0].max() for motion in (motions["traj3"], turned)]
+        turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=_TURNED)), lab.tracked_point, SAMPLE)
+        rim = _STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
+        ahead = [motion.twist[motion.t >= _SURGE_LEAD, 0].max() for motion in (motions["traj3"], turned)]
         apart = {
             model: {name: compare_paths(motions[name], reference).d_rms_m for name, reference in paths.items()}
             for model, paths in self.bench.models.items()
@@ -366,18 +342,18 @@ class _Trial:
         return {
             "d_rms_m": apart,
             "surge": float(max(ahead)) / rim - 1.0,
-            "turned_ground_m": float(np.hypot(*(_on_map(turned, TURNED)[-1] - motions["traj3"].xy[-1]))),
+            "turned_ground_m": float(np.hypot(*(_on_map(turned, _TURNED)[-1] - motions["traj3"].xy[-1]))),
         }
 
     def halved(self) -> dict[str, float]:
-        """Trajectory 4 with half the step."""
+        """Return how far the end of trajectory 4 moves with half the step."""
         fine = drive(
             self.corrected(self.bench.lab, 2.0), self.bench.scenarios["traj4"], self.bench.lab.tracked_point, SAMPLE
         )
         return {"halving_m": float(np.hypot(*(fine.xy[-1] - self.end)))}
 
     def recorded(self) -> dict[str, float]:
-        """The recording's wheel rates, and how far off the robot is after a while."""
+        """Return the errors of the robot driven with the recording's wheel rates."""
         source, section = self.bench.recording, self.bench.recorded
         assert source is not None
         assert section is not None
@@ -387,8 +363,8 @@ class _Trial:
         return {"recording_position_m": errors.position_median_m, "recording_yaw_rad": errors.yaw_median_rad}
 
 
-def measure(bench: Bench, variant: Variant, stopped: Callable[[], bool] = lambda: False) -> Outcome:
-    """Everything but the cost of a step; what is left undone where `stopped` says so is not to be used."""
+def measure_variant(bench: Bench, variant: PhysicsVariant, stopped: Callable[[], bool] = lambda: False) -> TriedVariant:
+    """Return all measures of a variant but the cost of a step; once `stopped()`, the rest is left out."""
     trial = _Trial(bench, variant, stopped)
     if trial.attempt(UNDRIVEABLE, trial.straight):
         trial.attempt("turn on the spot", trial.spin)
@@ -397,19 +373,19 @@ def measure(bench: Bench, variant: Variant, stopped: Callable[[], bool] = lambda
             trial.attempt("half the step", trial.halved)
         if bench.recording is not None:
             trial.attempt("recording", trial.recorded)
-    return Outcome(variant, Measures(**trial.found), MappingProxyType(trial.failures))
+    return TriedVariant(variant, Measures(**trial.found), MappingProxyType(trial.failures))
 
 
 def _on_map(motion: Trajectory, heading: float) -> FloatArray:
-    """(M, 2) path as a robot maps it that started at the origin with this heading [m]."""
+    """Return the (M, 2) path [m] in the frame of a robot that started at the origin with this heading [rad]."""
     c, s = math.cos(heading), math.sin(heading)
     return motion.xy @ np.array([[c, -s], [s, c]])
 
 
 def step_time(plant: MujocoPlant) -> float:
-    """Processor time of a step, mean over `TIMED` of a turn on the spot that has begun [s]."""
+    """Return the processor time of a physics step, mean over `_TIMED` of a turn on the spot that has begun [s]."""
     data = mujoco.MjData(plant.model)
-    count = round(TIMED / plant.dt)
+    count = round(_TIMED / plant.dt)
     data.ctrl[:] = -2.0, 2.0
     mujoco.mj_step(plant.model, data, nstep=count)
     began = time.thread_time()

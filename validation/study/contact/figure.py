@@ -1,4 +1,4 @@
-"""A study of physics settings as one picture: settings as rows, measures as columns, the redder the worse."""
+"""The picture of a contact study: settings as rows, measures as columns, the redder the worse."""
 
 from __future__ import annotations
 
@@ -11,20 +11,24 @@ from matplotlib.patches import Rectangle
 
 from validation.show.drawing import ALARM, QUIET, Row, draw_footer, note_rows, put_together, text_row
 from validation.show.palette import Rgb, mix
-from validation.study.contact.bench import Outcome
-from validation.study.contact.run import BASELINE, Column, ContactStudy, cell_text, heading, remarks
+from validation.study.contact.bench import TriedVariant
+from validation.study.contact.findings import ContactFindings, MeasureColumn
+from validation.study.contact.variants import BASELINE
 
-GOOD: Rgb = (255, 255, 255)
-BAD: Rgb = (213, 94, 0)
-"""Red, green, blue, 0-255: of a cell in which nothing is wrong, and of one in which all is."""
+_GOOD: Rgb = (255, 255, 255)
+_BAD: Rgb = (213, 94, 0)
+"""Colours of a good and of a bad cell: red, green, blue, 0-255."""
 
 _HEADER_IN, _NAMES_IN, _ROW_IN, _GAP_IN, _FOOTER_IN = 0.62, 0.62, 0.2, 0.09, 0.26
 _GROUP_IN, _LABEL_IN = 1.35, 3.1
-"""From the left edge: width of the group's name, and of that and the settings'."""
+"""Distance of the settings' names, and of the numbers, from the left edge."""
 
 
-def badness(column: Column, value: float | None) -> float | None:
-    """Where between its column's limits a value lies: 0 good, 1 bad, logarithmic; None where nobody judges."""
+def badness(column: MeasureColumn, value: float | None) -> float | None:
+    """Return where a value lies between its column's limits, on a logarithmic scale from 0 (good) to 1 (bad).
+
+    None where the column is not judged, or there is no value.
+    """
     if column.limits is None or value is None:
         return None
     good, bad = column.limits
@@ -35,26 +39,26 @@ def _ink(rgb: Rgb) -> tuple[float, float, float]:
     return rgb[0] / 255.0, rgb[1] / 255.0, rgb[2] / 255.0
 
 
-def _heights(study: ContactStudy) -> list[tuple[float, Outcome]]:
-    """How far below the top of the table each row's middle lies [in]."""
+def _heights(study: ContactFindings) -> list[tuple[float, TriedVariant]]:
+    """Return the distance of each row's middle from the top of the table [in]."""
     found, y = [], 0.0
-    for group in study.groups:
-        for outcome in study.of(group):
+    for tried in study.by_group().values():
+        for outcome in tried:
             found.append((y + 0.5 * _ROW_IN, outcome))
             y += _ROW_IN
         y += _GAP_IN
     return found
 
 
-def _draw_table(study: ContactStudy, ax: Axes) -> None:
+def _draw_table(study: ContactFindings, ax: Axes) -> None:
     ax.set_axis_off()
     figure = ax.get_figure(root=True)
     assert figure is not None
     size, box = figure.get_size_inches(), ax.get_position()
     wide, tall = float(box.width * size[0]), float(box.height * size[1])
     ax.set(xlim=(0.0, wide), ylim=(tall, 0.0))
-    each = (wide - _LABEL_IN) / max(len(study.columns), 1)
-    for k, column in enumerate(study.columns):
+    each = (wide - _LABEL_IN) / max(len(study.columns()), 1)
+    for k, column in enumerate(study.columns()):
         words = column.name.replace(" ", "\n") + f"\n[{column.unit.symbol}]"
         middle = _LABEL_IN + (k + 0.5) * each
         ax.text(middle, _NAMES_IN - 0.05, words, ha="center", va="bottom", fontsize=7.5, linespacing=1.05)
@@ -68,15 +72,15 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
             ax.plot([0.0, wide], [y - 0.5 * _ROW_IN - 0.5 * _GAP_IN] * 2, color="0.8", linewidth=0.6)
             last = variant.group
         ax.text(_LABEL_IN - 0.06, y, variant.name, va="center", ha="right", fontsize=8.0, fontweight=weight)
-        for k, column in enumerate(study.columns):
+        for k, column in enumerate(study.columns()):
             bad = badness(column, column.value(outcome.measures))
             left = _LABEL_IN + k * each
             if bad is not None:
-                fill = _ink(mix(GOOD, BAD, bad))
+                fill = _ink(mix(_GOOD, _BAD, bad))
                 ax.add_patch(
                     Rectangle((left, y - 0.5 * _ROW_IN), each, _ROW_IN, facecolor=fill, edgecolor="white", linewidth=0.7)
                 )
-            ax.text(left + 0.5 * each, y, cell_text(column, outcome.measures), va="center", ha="center", fontsize=7.5,
+            ax.text(left + 0.5 * each, y, column.text(outcome.measures), va="center", ha="center", fontsize=7.5,
                     fontweight=weight, gid=f"{variant.key}, {column.name}", color="0.1")  # fmt: skip
         if outcome.failures:
             ax.text(_LABEL_IN - 0.02, y, "!", va="center", ha="center", fontsize=8.0, fontweight="bold", color=ALARM)
@@ -84,18 +88,18 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
             ax.add_patch(Rectangle((0.0, y - 0.5 * _ROW_IN), wide, _ROW_IN, fill=False, edgecolor="0.1", linewidth=1.1))
 
 
-def _draw_header(study: ContactStudy, ax: Axes) -> None:
+def _draw_header(study: ContactFindings, ax: Axes) -> None:
     ax.set_axis_off()
-    ax.text(0.0, 1.0, "Physics settings and what the Husky makes of them", transform=ax.transAxes, fontsize=14.0,
+    ax.text(0.0, 1.0, "What physics settings do to the simulated Husky", transform=ax.transAxes, fontsize=14.0,
             fontweight="bold", va="top")  # fmt: skip
-    ax.text(0.0, 0.5, f"{heading(study)} · one setting at a time from what is shipped (framed), then together", va="top",
+    ax.text(0.0, 0.5, f"{study.heading()} · shipped settings (framed), then one change at a time, then several", va="top",
             transform=ax.transAxes, color="0.25")  # fmt: skip
-    ax.text(0.0, 0.14, "white: nothing wrong · the redder, the worse, on a logarithmic scale · – : could not be measured",
+    ax.text(0.0, 0.14, "white: good · the redder, the worse (logarithmic scale) · –: could not be measured · !: see notes",
             transform=ax.transAxes, va="top", fontsize=8.5, color=QUIET)  # fmt: skip
 
 
-def draw_contact(study: ContactStudy) -> Figure:
-    """Everything that a study of physics settings measured, in one look, 1600 px wide."""
+def draw_contact(study: ContactFindings) -> Figure:
+    """Draw every measure of every variant, 1600 px wide."""
     below = _heights(study)[-1][0] + 0.5 * _ROW_IN
     versions = study.versions
     footer = (
@@ -106,7 +110,7 @@ def draw_contact(study: ContactStudy) -> Figure:
         text_row(_HEADER_IN, partial(_draw_header, study)),
         Row(0.1, ()),
         text_row(_NAMES_IN + below + 0.1, partial(_draw_table, study)),
-        *note_rows([f"{remark}." for remark in remarks(study)]),
+        *note_rows(study.notes()),
         text_row(_FOOTER_IN, partial(draw_footer, footer)),
     ]
     return put_together(rows)

@@ -14,9 +14,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from ssmr.control.loop import LoopSettings
 from validation import store
 from validation.plants.profile import Profile
-from validation.show.drawing import draw_footer, inset, line_legend, put_together, side_by_side, text_row
+from validation.show.drawing import controller_ink, draw_footer, inset, line_legend, put_together, side_by_side, text_row
 from validation.show.tables import NOTHING, Cell, Grid, markdown_table
-from validation.study.robustness.figure import ink_of
 from validation.track.gains import load_gains, names
 from validation.track.tracking import make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import REFERENCES, open_reference
@@ -194,8 +193,16 @@ def _draw(study: GainStudy, plant: str, ax: Axes) -> None:
             (s.cost, k) for k, (_, scores) in enumerate(rows) for s in scores if s.gains == name and s.cost is not None
         ]
         if points:
-            face = ink_of(controller) if kind == "tuned" else "white"
-            ax.plot(*zip(*points, strict=True), marks[kind], color=ink_of(controller), mfc=face, ms=7, mew=1.5, label=name)
+            face = controller_ink(controller) if kind == "tuned" else "white"
+            ax.plot(
+                *zip(*points, strict=True),
+                marks[kind],
+                color=controller_ink(controller),
+                mfc=face,
+                ms=7,
+                mew=1.5,
+                label=name,
+            )
     inset(ax, left=1.0)
     ax.set_yticks(range(len(rows)), [label for label, _ in rows])
     ax.set_ylim(len(rows) - 0.5, -0.5)

@@ -1,0 +1,44 @@
+"""The table of studies: each is declared once, and the command line, the documentation and the tests read it here.
+
+A study NAME is the package `validation.study.NAME`. That package exports the function `study_NAME(options, *, workers,
+progress)`, which returns a `StudyResult`; the fields of its options are the options of the command line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, get_args, get_type_hints
+
+from validation.study.result import StudyResult
+
+
+@dataclass(frozen=True)
+class Study:
+    """One study, declared."""
+
+    name: str
+    """Name of its package and of its command."""
+    question: str
+    """What it finds out, in one sentence."""
+
+    @property
+    def run(self) -> Callable[..., StudyResult]:
+        """The function that makes the study; its package is imported when this is asked for."""
+        found: Callable[..., StudyResult] = getattr(import_module(f"validation.study.{self.name}"), f"study_{self.name}")
+        return found
+
+    @property
+    def options(self) -> type[Any]:
+        """The dataclass of its options: the type of the function's first parameter."""
+        hint = get_type_hints(self.run)["options"]
+        return next((kind for kind in get_args(hint) if kind is not type(None)), hint)
+
+
+STUDIES = (
+    Study("robustness", "How well do trackers keep a robot on its path that is not the robot they were given?"),
+    Study("terrain", "Up to which speed, slope, roughness and loss of grip do planar models and trackers hold?"),
+    Study("contact", "What does each physics setting of MuJoCo do to the simulated Husky?"),
+)
+"""Every study, in the order of the help text."""

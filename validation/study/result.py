@@ -1,0 +1,78 @@
+"""What the results of all studies have in common: study.json, study.md and study.png are put together here."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from validation import store
+from validation.plants.profile import Profile, load
+from validation.show.result import Result
+from validation.show.tables import Grid, markdown_table
+
+_REPORTED = ("mujoco", "numpy", "numba", "ssmr-testbed")
+"""Packages whose versions a report names; study.json has all of them."""
+
+
+class StudyResult(Result):
+    """The findings of one study. A study's own result derives from this and adds its fields, `versions` among them."""
+
+    program = "study"
+    schema: ClassVar[str] = "ssmr.study/1"
+    study: ClassVar[str]
+    """Name of the study, as on the command line."""
+    title: ClassVar[str]
+    """Heading of the report."""
+    versions: Mapping[str, str]
+    """Versions of this project, Python and the packages that decide numbers."""
+
+    @abstractmethod
+    def heading(self) -> str:
+        """Return what was studied, in one line that names the profile."""
+
+    @abstractmethod
+    def findings(self) -> dict[str, Any]:
+        """Return what study.json holds besides its schema, the study's name and the versions."""
+
+    def report_grids(self) -> Sequence[Grid]:
+        """Return the tables of the report: those of the terminal, unless a study has more."""
+        return self.grids()
+
+    def explanations(self) -> Sequence[str]:
+        """Return sentences on what the columns mean, for the report."""
+        return ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what study.json holds: plain values, no NaN."""
+        whole = {"schema": self.schema, "study": self.study, **self.findings(), "versions": dict(self.versions)}
+        return dict(store.plain(whole))
+
+    def report(self) -> list[str]:
+        """Return study.md as lines: heading, tables with their captions, notes, versions."""
+        lines = [f"# {self.title}: {self.heading()}", ""]
+        for grid in self.report_grids():
+            lines += [f"## {grid.title}", "", *markdown_table(grid), ""]
+            lines += [grid.caption, ""] if grid.caption else []
+        for title, sentences in (("Columns", self.explanations()), ("Notes", self.notes())):
+            lines += [f"## {title}", "", *(f"- {sentence}" for sentence in sentences), ""] if sentences else []
+        return [*lines, ", ".join(f"{name} {self.versions[name]}" for name in _REPORTED if name in self.versions) + ".", ""]
+
+
+def profile_of(profile: Profile | str) -> Profile:
+    """Return a profile: itself, a shipped one by name, or one from the path of a TOML file.
+
+    Raises:
+        ProfileError: there is none of that name, or its numbers are wrong.
+    """
+    return profile if isinstance(profile, Profile) else load(profile)
+
+
+def require_seed(seed: int, seeds: int = 1) -> None:
+    """Refuse seeds that no generator takes.
+
+    Raises:
+        ValueError: `seed` is negative, or `seeds` is not positive.
+    """
+    if seed < 0 or seeds < 1:
+        raise ValueError(f"seed {seed} must not be negative, and seeds {seeds} must be positive")

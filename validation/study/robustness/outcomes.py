@@ -1,0 +1,193 @@
+"""How the runs of a robustness study went: the errors of each run, their spread, and wheel loads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ssmr.control.loop import LOST, ClosedRun, LoopSettings, draw, make_clock
+from ssmr.control.waypoints import Waypoints
+from ssmr.errors import SsmrError
+from ssmr.robot.drive import WHOLE_STEPS
+from ssmr.types import Commands, Trajectory
+from validation import store
+from validation.robots.plant import Health, MujocoPlant, check_health
+from validation.study.robustness.cases import CaseKind, Mismatch, RobustnessCase, RobustnessOptions, full_grid
+from validation.track.gains import GainSet
+from validation.track.tracking import Robot, rate
+
+CVAR_LEVEL = 0.5
+"""The conditional value at risk is the mean of what is worse than this quantile."""
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """The errors of one run. They are finite, also for a run that was lost."""
+
+    d_rms_m: float
+    """Root mean square distance from the reference's samples, all of them, to the driven path [m]."""
+    e_rho_rms_m: float
+    """Root mean square of how far the target is ahead of the robot; after a robot is lost this counts as `LOST` [m]."""
+    lost_at_s: float | None
+    """Time at which the robot was lost [s]; None if it was not."""
+
+    def failed(self, bound: float) -> bool:
+        """Return whether the robot was lost, or an error is greater than `bound` [m]."""
+        return self.lost_at_s is not None or max(self.d_rms_m, self.e_rho_rms_m) > bound
+
+
+def errors_of(run: ClosedRun, waypoints: Waypoints, robot: Robot, ticks: int) -> RunErrors:
+    """Return the errors of a run that would have lasted `ticks` periods of the position loop."""
+    if not run.lost:
+        metrics = rate(run, waypoints, robot)
+        return RunErrors(metrics.path.d_rms_m, metrics.e_rho_rms_m, None)
+    kept = ClosedRun(run.t[:-1], run.table[:-1], True)  # the last tick is out of bounds and says nothing
+    lost_at = float(run.t[-1]) if len(run.t) else 0.0
+    if len(kept.t) < 2:
+        return RunErrors(LOST, LOST, lost_at)
+    squares = np.sum(np.minimum(np.square(kept.column("e_rho")), LOST**2)) + (ticks - len(kept.t)) * LOST**2
+    return RunErrors(min(rate(kept, waypoints, robot).path.d_rms_m, LOST), math.sqrt(squares / ticks), lost_at)
+
+
+def cvar(values: Sequence[float], level: float = CVAR_LEVEL) -> float:
+    """Return the conditional value at risk: the mean of the greatest share 1 - `level` of values.
+
+    Where that share is no whole number of values, the last one counts in part.
+
+    Raises:
+        ValueError: `values` is empty, or `level` is outside [0, 1).
+    """
+    if not len(values) or not 0.0 <= level < 1.0:
+        raise ValueError(f"{len(values)} values at level {level}: wanted some, and a level from 0 to below 1")
+    falling = np.sort(np.asarray(values, dtype=np.float64))[::-1]
+    tail = (1.0 - level) * len(falling)
+    weights = np.clip(tail - np.arange(len(falling)), 0.0, 1.0)
+    return float(weights @ falling / tail)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The spread of a number over runs, in the unit of that number."""
+
+    mean: float
+    """Mean of all runs."""
+    std: float
+    """Standard deviation (n - 1) of all runs; 0 for a single one."""
+    cvar: float
+    """Mean of the worse half."""
+    worst: float
+    """Greatest value."""
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """Return the spread of values."""
+    array = np.asarray(values, dtype=np.float64)
+    return Spread(float(array.mean()), float(array.std(ddof=1)) if len(array) > 1 else 0.0, cvar(values), float(array.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerRuns:
+    """All runs of one controller."""
+
+    gains: GainSet
+    """Gains of the controller."""
+    errors: tuple[RunErrors, ...]
+    """Errors of each run, in the order of the study's cases."""
+    health: Health
+    """Wheel loads of the first nominal run."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobustnessRuns:
+    """All runs of a robustness study: what tables and pictures are made from."""
+
+    profile: str
+    """Name of the profile."""
+    parameters: Mapping[str, Any]
+    """Parameters of the profile's MuJoCo Husky."""
+    reference: str
+    """Name of the reference."""
+    speed: float
+    """Mean speed of the reference [m/s]."""
+    duration: float
+    """Duration of one run [s]."""
+    torque: float
+    """Greatest torque of a wheel that the reference needs [N m]."""
+    options: RobustnessOptions
+    """Options of the study."""
+    cases: tuple[RobustnessCase, ...]
+    """Runs that every controller made."""
+    controllers: Mapping[str, ControllerRuns]
+    """Runs by controller."""
+    remarks: tuple[str, ...] = ()
+    """Remarks on the choice of gains."""
+    versions: Mapping[str, str] = field(default_factory=store.versions)
+    """Versions of this project, Python and the packages that decide numbers."""
+
+    def errors(self, controller: str, kind: CaseKind, mismatch: Mismatch | None = None) -> list[RunErrors]:
+        """Return a controller's errors in cases of one kind, all of them or those with one mismatch."""
+        pairs = zip(self.cases, self.controllers[controller].errors, strict=True)
+        return [e for c, e in pairs if c.kind == kind and mismatch in (None, c.mismatch)]
+
+    def failures(self, errors: Sequence[RunErrors]) -> int:
+        """Return how many runs failed."""
+        return sum(e.failed(self.options.bound) for e in errors)
+
+    @property
+    def combined(self) -> int:
+        """Number of runs with a combination of mismatches."""
+        return sum(c.kind == "grid" for c in self.cases)
+
+    def heading(self) -> str:
+        """Return what was studied, in one line."""
+        return (
+            f"profile {self.profile}, {self.reference} at {self.speed:.3g} m/s: {len(self.cases)} runs of each controller, "
+            f"{self.combined} of them drawn from {len(full_grid())} combinations; seed {self.options.seed}"
+        )
+
+    def notes(self) -> list[str]:
+        """Return sentences on controllers whose wheel loads are not smooth or whose gains are missing."""
+        unhealthy = [
+            f"{name}: {found.health.advice.split(':')[0]}, already with the nominal robot."
+            for name, found in self.controllers.items()
+            if not found.health.ok
+        ]
+        return [*self.remarks, *unhealthy]
+
+
+def torque_needed(robot: Robot, waypoints: Waypoints) -> float:
+    """Return a robot's greatest torque of a wheel [N m] when it is driven at the reference's velocities without feedback."""
+    assert isinstance(robot.body, MujocoPlant)
+    hold = robot.drive.hold
+    motion = robot.body.run(Commands(hold, waypoints.trajectory(hold).twist[:-1, [0, 2]]), waypoints.start, robot.body.dt)
+    return 0.5 * float(np.abs(motion.channels["torque_N_m"]).max())
+
+
+def health_of(run: ClosedRun, waypoints: Waypoints, robot: Robot, settings: LoopSettings, seed: int) -> Health:
+    """Return the health of a run's wheel loads; the worst there is for a run in which the simulator gave up."""
+    try:
+        return check_health(driven_again(run, waypoints, robot, settings, seed).channels["wheel_load_N"])
+    except SsmrError:
+        return Health(0.0, 1.0)
+
+
+def driven_again(run: ClosedRun, waypoints: Waypoints, robot: Robot, settings: LoopSettings, seed: int) -> Trajectory:
+    """Drive the commands of a run again without feedback, and return the motion with its wheel loads.
+
+    The disturbance is that of the run, so the motion is equal to the bit. It ends with the last whole period of the
+    velocity loop.
+
+    Raises:
+        DivergedError: the simulator gave up.
+    """
+    assert isinstance(robot.body, MujocoPlant)
+    clock = make_clock(waypoints, settings, robot.body.dt)
+    commands = max(1, (len(run.t) - 1) * clock.position // clock.velocity)
+    ticks = np.minimum(np.ceil(np.arange(commands) * clock.velocity / clock.position - WHOLE_STEPS), len(run.t) - 1)
+    push = np.resize(draw(clock, settings, seed)[1], commands * clock.velocity)
+    table = run.columns("v_cmd", "w_cmd")[ticks.astype(int)]
+    return robot.body.run(Commands(settings.velocity_period, table), waypoints.start, robot.body.dt, push)

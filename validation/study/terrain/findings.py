@@ -1,0 +1,205 @@
+"""The numbers of a terrain study: what was varied, and the errors of planar models, trackers and load formulas."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ssmr.types import FloatArray, Trajectory
+from validation import store
+from validation.plants.profile import PLANTS, Profile
+from validation.robots.terrain import FLAT, Terrain
+from validation.robots.wheel_loads import MEASURED, QUASI_STATIC
+from validation.study.result import require_seed
+
+PLANAR = tuple(name for name in PLANTS if name != "mujoco")
+"""Planar models, in the order of tables."""
+AxisName = Literal["speed", "slope", "roughness", "friction"]
+
+AXES: Mapping[AxisName, tuple[str, str, float]] = {
+    "speed": ("speed on level ground", "m/s", 1.0),
+    "slope": ("slope", "deg", 180.0 / math.pi),
+    "roughness": ("rms height of rough ground", "mm", 1e3),
+    "friction": ("friction lost right of an edge", "%", 100.0),
+}
+"""Name of each quantity that grows, the unit in which it is shown, and how many of those make one SI unit."""
+BASE: Mapping[AxisName, float] = {"speed": 0.5, "slope": 0.0, "roughness": 0.0, "friction": 0.0}
+"""Value on each axis that the thesis' experiments have [SI]."""
+TRACKED = "generic"
+"""Reference of the closed loops."""
+
+
+@dataclass(frozen=True)
+class TerrainAxes:
+    """The values that a terrain study drives, and the trackers that it tests."""
+
+    speeds: tuple[float, ...] = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0)
+    """Speeds on level ground [m/s]."""
+    slopes: tuple[float, ...] = tuple(map(math.radians, (0.0, 1.0, 2.0, 4.0, 7.0, 10.0)))
+    """Slopes of ramps [rad]."""
+    heights: tuple[float, ...] = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008)
+    """Root mean square heights of rough ground [m]."""
+    lost: tuple[float, ...] = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
+    """Shares of the friction that one side has lost [1]."""
+    directions: tuple[float, ...] = tuple(map(math.radians, (0.0, 90.0, 180.0, 270.0)))
+    """Headings in which ramps rise [rad]."""
+    controllers: tuple[str, ...] = ("pid", "lqr")
+    """Trackers, with their tuned gains."""
+
+    def __post_init__(self) -> None:
+        """Check that every axis has values.
+
+        Raises:
+            ValueError: an axis has none.
+        """
+        for axis in AXES:
+            if not self.values(axis):
+                raise ValueError(f"there are no values of {axis}")
+
+    def values(self, axis: AxisName) -> tuple[float, ...]:
+        """Return the values on an axis [SI]."""
+        by_axis = {"speed": self.speeds, "slope": self.slopes, "roughness": self.heights, "friction": self.lost}
+        return by_axis[axis]
+
+
+_ALL_AXES = TerrainAxes()
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """Options of the study of terrain."""
+
+    profile: str | Profile = "thesis-lab"
+    """Robot: name of a shipped profile, or path of a TOML file."""
+    horizon: float = 6.0
+    """Time after which relative poses are compared [s]."""
+    seeds: int = 3
+    """Number of rough grounds of each height."""
+    seed: int = 0
+    """Seed of the first rough ground, and of noise."""
+    axes: TerrainAxes = _ALL_AXES
+    """Values to drive; only from Python."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ValueError: no seeds, or a horizon longer than the trajectories.
+        """
+        require_seed(self.seed, self.seeds)
+        if not 0.0 < self.horizon <= 20.0:
+            raise ValueError(f"horizon {self.horizon:g} s must be positive and within the trajectories' 20 s")
+
+    def grounds(self, axis: AxisName, value: float) -> list[Terrain]:
+        """Return the grounds that belong to one value: ramps in every direction, or several grounds of one roughness."""
+        if axis == "slope" and value > 0.0:
+            return [Terrain("ramp", slope=value, toward=d) for d in self.axes.directions]
+        if axis == "roughness" and value > 0.0:
+            return [Terrain("rough", height=value, seed=self.seed + k) for k in range(self.seeds)]
+        if axis == "friction" and value > 0.0:  # where the edge runs the other way, left and right change sides
+            return [Terrain("split", friction_ratio=1.0 - value, edge_heading=h) for h in (0.0, math.pi)]
+        return [FLAT]
+
+
+@dataclass(frozen=True)
+class ModelErrors:
+    """The errors of one planar model at one value of one axis."""
+
+    axis: AxisName
+    """Quantity that grows."""
+    value: float
+    """Its value [SI]."""
+    plant: str
+    """Name of the planar model."""
+    position_m: float | None
+    """Median error of the position after the horizon [m]; None where every MuJoCo run failed."""
+    yaw_rad: float | None
+    """Median error of the heading after the horizon [rad]; None where every MuJoCo run failed."""
+    d_rms_m: float | None
+    """Mean d_rms over whole runs [m]; None where every MuJoCo run failed."""
+    failed: int
+    """Number of runs in which the MuJoCo Husky fell over or the simulator gave up."""
+
+
+@dataclass(frozen=True)
+class TrackerErrors:
+    """The errors of one tracker on the MuJoCo Husky at one value of one axis."""
+
+    axis: AxisName
+    """Quantity that grows."""
+    value: float
+    """Its value [SI]."""
+    controller: str
+    """Name of the tracker."""
+    d_rms_m: float | None
+    """Mean d_rms over the grounds [m]; None where it lost the reference on all of them."""
+    lost: int
+    """Number of grounds on which it lost the reference."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadRun:
+    """The wheel loads of one manoeuvre."""
+
+    terrain: Terrain
+    """Ground of the manoeuvre."""
+    motion: Trajectory
+    """Motion of the MuJoCo Husky, with its simulated and its quasi-static loads as channels."""
+
+    def errors(self, static: FloatArray) -> tuple[float, float, float]:
+        """Return root mean squares [N] of the simulated loads about their mean, and from static and quasi-static loads."""
+        simulated = self.motion.channels[MEASURED]
+        formulas = (simulated.mean(), static, self.motion.channels[QUASI_STATIC])
+        spread, from_static, from_quasi_static = (float(np.sqrt(np.mean((simulated - f) ** 2))) for f in formulas)
+        return spread, from_static, from_quasi_static
+
+
+@dataclass(frozen=True, eq=False)
+class TerrainFindings:
+    """All numbers of a terrain study: what tables and pictures are made from."""
+
+    profile: str
+    """Name of the profile."""
+    options: TerrainOptions
+    """Options of the study."""
+    models: tuple[ModelErrors, ...]
+    """Errors of the planar models, by axis, value and plant."""
+    trackers: tuple[TrackerErrors, ...]
+    """Errors of the trackers, by axis, value and controller."""
+    loads: tuple[LoadRun, ...]
+    """Wheel loads of the manoeuvre on level ground and on a ramp."""
+    static: FloatArray
+    """(4,) static wheel loads (Eq. 2.17) [N]."""
+    versions: Mapping[str, str] = field(default_factory=store.versions)
+    """Versions of this project, Python and the packages that decide numbers."""
+
+    def line(self, axis: AxisName, plant: str) -> list[ModelErrors]:
+        """Return a planar model's errors along an axis."""
+        return [e for e in self.models if e.axis == axis and e.plant == plant]
+
+    def doubled_at(self, axis: AxisName, plant: str) -> float | None:
+        """Return the value at which a model's position error is twice that under the thesis' conditions [SI].
+
+        It is interpolated linearly between the driven values; None where the error stays below that on the whole axis.
+        """
+        line = [e for e in self.line(axis, plant) if e.position_m is not None and e.value >= BASE[axis]]
+        for before, after in itertools.pairwise(line):
+            assert before.position_m is not None
+            assert after.position_m is not None
+            limit = 2.0 * float(line[0].position_m or 0.0)
+            if after.position_m > limit:
+                share = (limit - before.position_m) / (after.position_m - before.position_m)
+                return before.value + max(share, 0.0) * (after.value - before.value)
+        return None
+
+    def heading(self) -> str:
+        """Return what was driven, in one line."""
+        return (
+            f"profile {self.profile}; trajectories 1-4 without feedback, windows of {self.options.horizon:g} s; "
+            f"reference {TRACKED} tracked"
+        )

@@ -169,7 +169,7 @@ def test_a_study_counts_its_failures(small: Robustness) -> None:
 
 
 def test_documents_are_finite_also_with_lost_runs(small: Robustness) -> None:
-    assert any(o.lost_at_s is not None for o in small.controllers["pid"].outcomes)
+    assert any(o.lost_at_s is not None for o in small.controllers["pid"].errors)
     document = small.as_dict()
     assert document["schema"] == "ssmr.study/1"
     assert document["study"] == "robustness"

@@ -1,15 +1,15 @@
-"""The program `python -m validation.study STUDY`: one command for each study of `validation.study.catalogue`."""
+"""The command line `python -m validation.study STUDY`: one command for each study of `validation.study.catalogue`."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
+from dataclasses import field, fields, is_dataclass, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import tyro
 from matplotlib.figure import Figure
-from tyro.constructors import PrimitiveConstructorSpec
 
 from validation import cli, store
 from validation.plants.profile import PLANTS, load
@@ -17,59 +17,54 @@ from validation.show.tables import Grid, rich_table
 from validation.study.catalogue import STUDIES, Study
 from validation.track.waypoint_files import open_reference
 
-
-def _parsed(parse: Callable[[str], Any], metavar: str, write: Callable[[Any], str] = str) -> object:
-    return PrimitiveConstructorSpec(1, metavar, lambda texts: parse(texts[0]), lambda value: True, lambda v: [write(v)])
-
-
-def _split(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-_NAMES = _parsed(_split, "A,B,...", ",".join)
-_NUMBERS = _parsed(lambda text: tuple(map(float, _split(text))), "X,Y,...", lambda v: ",".join(f"{x:g}" for x in v))
+_SPECIAL: Mapping[str, Any] = {
+    "seed": cli.Seed,
+    "disturbance": Annotated[bool, cli.option(default="on")],
+    "only": Annotated[cli.Names, cli.option(default="all groups")],
+    "recording": Annotated[str | None, cli.option(metavar="PATH", default="none")],
+    "start": Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")],
+    "until": Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")],
+}
+"""Options, by the name of their field, that the command line does not read by their type alone."""
 
 
-def _readable(kind: Any, name: str) -> Any:
+def _readable(name: str, kind: Any) -> Any:
     """Return the type of an option as the command line reads it: lists by comma, objects that have a name by name."""
+    if name in _SPECIAL:
+        return _SPECIAL[name]
     if is_dataclass(kind):
         return Annotated[kind, tyro.conf.Suppress, tyro.conf.Fixed]
     if get_origin(kind) is tuple:
-        return Annotated[kind, _NAMES if get_args(kind)[0] is str else _NUMBERS]
-    if str in get_args(kind) and type(None) not in get_args(kind):
-        return Annotated[str, tyro.conf.arg(metavar="NAME|PATH")]
-    return Annotated[kind, tyro.conf.arg(name="from")] if name == "start" else kind  # `from` is no name in Python
+        return Annotated[cli.Names if get_args(kind)[0] is str else cli.Numbers, cli.option()]
+    if str in get_args(kind):
+        return Annotated[str, cli.option(metavar="NAME|PATH")]
+    return Annotated[kind, cli.option()]
 
 
-def _command(study: Study) -> Callable[..., None]:
-    """Return the function that a study's command line is made from: its options, and those that every study has."""
+def _command(study: Study) -> Callable[[Any], None]:
+    """Return the function behind a study's command, which takes the study's options and those that every study has."""
+    folder = Path("runs/study") / study.name
     hints = get_type_hints(study.options)
-    read = [(f.name, _readable(hints[f.name], f.name), field(default=f.default)) for f in fields(study.options)]
+    names = [f.name for f in fields(study.options)]
+    read = [(f.name, _readable(f.name, hints[f.name]), field(default=f.default)) for f in fields(study.options)]
+    own = [
+        ("workers", cli.Workers, field(default=None)),
+        ("out", Annotated[Path, cli.out_option(str(folder))], field(default=folder)),
+    ]
     unchecked = {"__post_init__": lambda self: None}  # mistakes are said where the study's own options are made
-    options = make_dataclass(study.options.__name__, read, bases=(study.options,), namespace=unchecked, frozen=True)
+    options_type = make_dataclass(
+        study.options.__name__, [*read, *own], bases=(study.options,), namespace=unchecked, frozen=True
+    )
 
-    @dataclass(frozen=True)
-    class Common:
-        """Options of every study."""
+    def main(options: Any) -> None:
+        with cli.mistakes_are_users(), cli.shown(study.name) as progress:
+            asked = study.options(**{name: getattr(options, name) for name in names})
+            result = study.run(asked, workers=options.workers, progress=progress)
+        cli.report_result(result, result.save(cli.output_folder(options.out)))
 
-        workers: int | None = None
-        """Number of threads, all processors if not given; the result does not depend on it."""
-        out: Path = field(default=Path("runs/study") / study.name)
-        """Folder for the results."""
-
-    def run(options: Any, common: Any) -> None:
-        with cli.mistakes_are_users():
-            if common.workers is not None and common.workers < 1:
-                raise cli.UserError(f"--workers {common.workers} must be positive")
-            with cli.shown(study.name) as progress:
-                result = study.run(study.options(**vars(options)), workers=common.workers, progress=progress)
-        written = result.save(cli.output_folder(common.out))
-        cli.report(map(rich_table, result.grids()), result.notes(), written)
-
-    run.__doc__ = study.question
-    flat = tyro.conf.OmitArgPrefixes
-    run.__annotations__ = {"options": Annotated[cast(Any, options), flat], "common": Annotated[Common, flat]}
-    return run
+    main.__doc__ = study.question
+    main.__annotations__ = {"options": options_type}
+    return main
 
 
 def _filter(
@@ -191,6 +186,20 @@ def _gains(
     _report([(table, title, "") for table, title in study.tables(result)], [], written)
 
 
+def _old(function: Callable[..., None]) -> Callable[[Any], None]:
+    """Return a command made from a function with one parameter for each option."""
+    hints = get_type_hints(function)
+    read = [(p.name, hints[p.name], field(default=p.default)) for p in inspect.signature(function).parameters.values()]
+    options_type = make_dataclass(function.__name__, read)
+
+    def main(options: Any) -> None:
+        function(**vars(options))
+
+    main.__doc__ = (function.__doc__ or "").partition("\n")[0]
+    main.__annotations__ = {"options": options_type}
+    return main
+
+
 _OLD: Mapping[str, Callable[..., None]] = {"filter": _filter, "tables": _tables, "gains": _gains}
 """Studies that are not yet declared in `STUDIES`."""
 
@@ -229,14 +238,9 @@ def _report(tables: Sequence[tuple[Grid, str, str]], remarks: Sequence[str], wri
     cli.report((rich_table(grid, title, caption) for grid, title, caption in tables), (), written)
 
 
-def program() -> Callable[..., Any]:
-    """Return what parses the command line: one subcommand for each study."""
-    named = {**{study.name: _command(study) for study in STUDIES}, **_OLD}
-    commands = [Annotated[Any, tyro.conf.subcommand(name=name, constructor=main)] for name, main in named.items()]
-    together = commands[0]
-    for command in commands[1:]:
-        together = together | command
-    return cast(Callable[..., Any], together)
+def program() -> Mapping[str, Callable[[Any], None]]:
+    """Return the function behind each command."""
+    return {**{study.name: _command(study) for study in STUDIES}, **{name: _old(f) for name, f in _OLD.items()}}
 
 
 if __name__ == "__main__":

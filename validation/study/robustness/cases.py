@@ -24,9 +24,10 @@ from ssmr.control.laws import CONTROLLERS
 from ssmr.control.loop import LOST, POSITION_PERIOD, Feedback, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import SensorModel
+from ssmr.parameters import require_in_range
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.sensors import SensorNoise
-from ssmr.robot.vehicle import Drive, require_in_range
+from ssmr.robot.vehicle import Drive
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
 from validation.study.result import require_seed

@@ -21,7 +21,8 @@ from typing import Literal
 import numpy as np
 
 from ssmr.control.laws import CONTROLLERS
-from ssmr.control.loop import LOST, POSITION_PERIOD, Feedback, LoopSettings
+from ssmr.control.loop import POSITION_PERIOD, Feedback, LoopSettings
+from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import SensorModel
 from ssmr.parameters import require_in_range

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.control.loop import LOST, ClosedRun, LoopSettings, draw, make_clock
+from ssmr.control.loop import ClosedRun, LoopSettings, draw, make_clock
+from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.robot.drive import WHOLE_STEPS

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from ssmr.control.laws import GAINS
+from ssmr.control.laws import LAWS
 from ssmr.control.loop import make_clock
 from validation.progress import Progress, Report, silent
 from validation.study.result import profile_of
@@ -82,7 +82,7 @@ def _chosen_gains(controllers: tuple[str, ...], name_or_path: str) -> tuple[Mapp
     Raises:
         GainsError: no controller has such a set, or a file's is not this controller's.
     """
-    known = {full.removeprefix(f"{c}-") for c in GAINS for full in gain_sets.names(c)} | {DEFAULT}
+    known = {full.removeprefix(f"{c}-") for c in LAWS for full in gain_sets.names(c)} | {DEFAULT}
     chosen, remarks = {}, []
     for controller in controllers:
         if name_or_path in known and f"{controller}-{name_or_path}" not in gain_sets.names(controller):

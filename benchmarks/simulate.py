@@ -30,7 +30,7 @@ from ssmr.errors import SsmrError
 from ssmr.metrics.paths import compare_paths
 from ssmr.models import improved, linear
 from ssmr.models.law import PlanarRobot
-from ssmr.models.table import MODELS
+from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.drive import Sides, wheel_references
 from ssmr.robot.vehicle import Vehicle
 from ssmr.scenarios import TRAJECTORIES
@@ -59,9 +59,9 @@ POPULATION = 64
 
 def shared_header() -> str:
     """Return C declarations of what both languages share: models, their numbers, and the columns of a step."""
-    lines = [f"enum {{ {', '.join(name.upper() for name in MODELS)} }};", f"enum {{ COLUMNS = {COLUMNS} }};"]
+    lines = [f"enum {{ {', '.join(name.upper() for name in PLANAR_MODELS)} }};", f"enum {{ COLUMNS = {COLUMNS} }};"]
     lines.append(f"static const double LOAD_SUM = {linear.LOAD_SUM!r};")
-    kinds = {"vehicle": Vehicle, **{name: law.parameters for name, law in MODELS.items()}}
+    kinds = {"vehicle": Vehicle, **{name: planar_law(name).parameters for name in PLANAR_MODELS}}
     lines += [
         f"typedef struct {{ double {', '.join(f.name for f in fields(kind))}; }} {name}_t;" for name, kind in kinds.items()
     ]
@@ -93,7 +93,7 @@ def simulate_in_c(library: ctypes.CDLL, name: str, robot: PlanarRobot, reference
     vehicle, parameters = np.array(robot.vehicle), np.array(robot.parameters)
     return float(
         library.simulate(
-            ctypes.c_int(list(MODELS).index(name)), ctypes.c_long(len(references)), references.ctypes,
+            ctypes.c_int(PLANAR_MODELS.index(name)), ctypes.c_long(len(references)), references.ctypes,
             ctypes.c_double(PLANAR_DT), vehicle.ctypes, parameters.ctypes, ctypes.c_double(robot.side_limit), out.ctypes,
         )
     )  # fmt: skip
@@ -113,7 +113,7 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
     profile, rows = load("thesis-lab"), []
     with tempfile.TemporaryDirectory() as folder:
         library = compile_c(Path(folder))
-        for name in MODELS:
+        for name in PLANAR_MODELS:
             section = profile.plants[name]
             references = wheel_references(commands, section.drive, PLANAR_DT, State())
             mine, theirs = np.empty((1 + len(references), COLUMNS)), np.empty((len(references), COLUMNS))

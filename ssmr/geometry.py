@@ -6,10 +6,12 @@ Quaternions are named for their order: `wxyz` is MuJoCo's, `xyzw` is rerun's and
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, State
 
 
 def wrap_angle(angle: ArrayLike) -> FloatArray:
@@ -55,6 +57,19 @@ def shift_reference(pose: ArrayLike, offset: ArrayLike) -> FloatArray:
         np.broadcast_to(np.asarray(offset, dtype=np.float64), p[..., :2].shape), p[..., 2]
     )
     return np.concatenate([xy, p[..., 2:3]], axis=-1)
+
+
+def shift_state(state: State, offset: tuple[float, float]) -> State:
+    """Return the state of the point at `offset` (x, y) [m] in the body, from the state of the body's reference point."""
+    x, y, yaw = shift_reference([state.x, state.y, state.yaw], offset)
+    return replace(
+        state,
+        x=float(x),
+        y=float(y),
+        yaw=float(yaw),
+        v_x=state.v_x - state.yaw_rate * offset[1],
+        v_y=state.v_y + state.yaw_rate * offset[0],
+    )
 
 
 def align_rigidly(points: ArrayLike, onto: ArrayLike) -> FloatArray:

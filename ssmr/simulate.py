@@ -17,8 +17,7 @@ import numpy as np
 from ssmr._jit import jit, jit_parallel, named_like
 from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
-from ssmr.models.law import PlanarRobot, advance
-from ssmr.models.table import MODELS, name_of
+from ssmr.models.law import PlanarRobot, advance, law_of
 from ssmr.parameters import packed
 from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
@@ -209,7 +208,7 @@ class PlanarModel:
     """A planar model with all its numbers: everything that defines the plant, and no state."""
 
     parameters: Any
-    """Parameter set of one of `MODELS`, which says which model it is."""
+    """Parameter set of a planar model; its type says which model it is."""
     vehicle: Vehicle
     """Mass and geometry."""
     drive: Drive
@@ -217,12 +216,12 @@ class PlanarModel:
 
     @property
     def name(self) -> str:
-        """Name of the model in `MODELS`."""
-        return name_of(self.parameters)
+        """Name of the model."""
+        return law_of(self.parameters).name
 
     def packed(self) -> PlanarRobot:
         """Return the numbers for compiled functions."""
-        law = MODELS[self.name]
+        law = law_of(self.parameters)
         x_icr = float(law.rotation_centre(self.vehicle, self.parameters))
         return PlanarRobot(packed(self.vehicle), packed(self.parameters), 2.0 * self.drive.torque_limit, x_icr, law.obeys)
 
@@ -231,7 +230,7 @@ class PlanarModel:
 
         No planar model knows longitudinal slip, so only the kinematics of a dynamic model remain, Eq. 2.9 and 2.10.
         """
-        law = MODELS[self.name]
+        law = law_of(self.parameters)
         if law.obeys:
             return self
         c_eff, x_icr = self.vehicle.effective_half_track, law.rotation_centre(self.vehicle, self.parameters)
@@ -257,7 +256,7 @@ class PlanarPlant:
 
     @property
     def name(self) -> str:
-        """Name of the model in `MODELS`."""
+        """Name of the model."""
         return self._model.name
 
     @property

@@ -19,7 +19,7 @@ from validation.fit.search import Search
 from validation.fit.targets import train_targets
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load
-from validation.plants.searchable import DEFAULT_FREE, make_space, with_values
+from validation.plants.searchable import default_free, make_space, with_values
 from validation.thesis import published
 
 TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")
@@ -61,7 +61,7 @@ def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, t
 def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     """The thesis' experiment: a model fitted to trajectory 4 as MuJoCo drives it, and its d_rms on all four."""
     lab, model = load("thesis-lab"), request.param
-    space = make_space(model, DEFAULT_FREE["scenario"][model], {})
+    space = make_space(model, default_free(model, "scenario"), {})
     targets = train_targets(("traj4@mujoco",), lab, "commands", None, None)
     problem = Problem(model, lab.plants[model], space, targets, CostSettings("path"))
     search = Search(Jde(len(space), JdeSettings(50, 120, patience=30), 1), {})

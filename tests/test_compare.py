@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ssmr.errors import DivergedError
-from ssmr.geometry import shift_reference
+from ssmr.geometry import shift_reference, shift_state
 from ssmr.metrics.paths import PathMetrics
 from ssmr.types import State
 from tests.conftest import data_folder
@@ -22,7 +22,7 @@ from validation.compare import CompareSettings, compare
 from validation.compare.__main__ import main
 from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, resample, score_horizons
-from validation.motion.sources import move_reference, open_source
+from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load, make_plant
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -152,10 +152,10 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
 
 
 def test_moving_the_reference_moves_its_velocity_with_it() -> None:
-    moved = move_reference(State(0.0, 0.0, np.pi / 2, 1.0, 0.0, 2.0), (0.5, 0.1))
+    moved = shift_state(State(0.0, 0.0, np.pi / 2, 1.0, 0.0, 2.0), (0.5, 0.1))
     assert (moved.x, moved.y) == pytest.approx((-0.1, 0.5))
     assert (moved.v_x, moved.v_y) == pytest.approx((1.0 - 2.0 * 0.1, 2.0 * 0.5))
-    back = move_reference(moved, (-0.5, -0.1))
+    back = shift_state(moved, (-0.5, -0.1))
     assert (back.x, back.y, back.v_x, back.v_y) == pytest.approx((0.0, 0.0, 1.0, 0.0))
 
 

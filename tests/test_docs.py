@@ -18,7 +18,7 @@ import pytest
 
 from ssmr.control.laws import LAWS
 from ssmr.estimation.ekf import BiasSettings, EkfSettings, SensorModel
-from ssmr.models.table import MODELS
+from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
@@ -31,7 +31,7 @@ PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md"] if p.is_f
 DOCUMENTED = (
     Vehicle,
     Drive,
-    *(law.parameters for law in MODELS.values()),
+    *(planar_law(name).parameters for name in PLANAR_MODELS),
     HuskyCalibration,
     SineScenario,
     SensorNoise,

@@ -14,8 +14,8 @@ from validation.fit.objective import CostSettings, Problem, Target, make_raters,
 from validation.logs.recording import Recording
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import open_source, source_of
-from validation.plants.profile import Profile, make_plant
-from validation.plants.searchable import DEFAULT_FREE, SEARCHABLE, find, make_space, with_values
+from validation.plants.profile import PLANTS, Profile, make_plant
+from validation.plants.searchable import default_free, find, make_space, searchable, with_values
 
 
 def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Recording:
@@ -128,7 +128,7 @@ def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
     """A cost within its limit is exact; one beyond is a lower bound that exceeds the limit."""
     target = log_target(lab, kind)
     p = Problem(
-        "linear", lab.plants["linear"], make_space("linear", DEFAULT_FREE["recording"]["linear"], {}), [target],
+        "linear", lab.plants["linear"], make_space("linear", default_free("linear", "recording"), {}), [target],
         CostSettings("horizon"),
     )  # fmt: skip
     x = points(len(p.space), 24)
@@ -165,7 +165,7 @@ def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
 
 def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
     """Candidates of every plant, by commands and by wheel rates, end where the plant alone ends."""
-    from validation.motion.population import make_population
+    from validation.plants.population import make_population
 
     for kind in ("twist", "wheels"):
         target = log_target(lab, kind)
@@ -181,15 +181,15 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
 
 
 def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
-    for model, numbers in SEARCHABLE.items():
-        for number in numbers:
+    for model in PLANTS:
+        for number in searchable(model):
             value = 0.5 * (number.lower + number.upper)
             names, values = [number.name], [value]
             if number.name == "mu_d":
                 names, values = ["mu_s", "mu_d"], [2.0 * value, value]
             assert number.read(with_values(model, lab.plants[model], names, values)) == value
-    for occasion in DEFAULT_FREE.values():
-        for model, names in occasion.items():
+        for occasion in ("scenario", "recording"):
+            names = default_free(model, occasion)
             assert len(make_space(model, names, {})) == len(names)
 
 

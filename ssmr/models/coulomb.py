@@ -84,4 +84,10 @@ def _rotation_centre(vehicle: Vehicle, parameters: CoulombParameters) -> float:
     return vehicle.x_icr
 
 
-LAW = PlanarLaw(CoulombParameters, advance, _rotation_centre)
+LAW = PlanarLaw(
+    "coulomb",
+    CoulombParameters,
+    advance,
+    _rotation_centre,
+    vehicle=("mass", "yaw_inertia", "wheel_radius", "effective_half_track", "x_icr"),
+)

@@ -60,4 +60,4 @@ def _rotation_centre(vehicle: Vehicle, parameters: KinematicParameters) -> float
     return parameters.x_icr
 
 
-LAW = PlanarLaw(KinematicParameters, advance, _rotation_centre, obeys=True)
+LAW = PlanarLaw("kinematic", KinematicParameters, advance, _rotation_centre, vehicle=("wheel_radius",), obeys=True)

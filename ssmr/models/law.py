@@ -54,21 +54,39 @@ def _no_shift(vehicle: Vehicle, parameters: Any) -> float:
 class PlanarLaw:
     """A planar model."""
 
+    name: str
+    """Name of the model, and of its file."""
     parameters: type
     """Frozen dataclass of the model's parameters, declared with `ssmr.parameters.parameter`."""
     advance: Advance
     """Compiled function that advances the velocities by one step."""
     rotation_centre: Callable[[Vehicle, Any], float] = _no_shift
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
+    vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "effective_half_track")
+    """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""
     obeys: bool = False
     """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the body's motion (Eq. 2.9)."""
 
     def __post_init__(self) -> None:
-        """Let compiled functions find the law by the type of its parameters."""
+        """Let robots find the law by the type of their parameters, and compiled functions by the type of their numbers."""
+        _LAWS[self.parameters] = self
         _ADVANCE[numbers_of(self.parameters)] = self.advance
 
 
+_LAWS: dict[type, PlanarLaw] = {}
 _ADVANCE: dict[type, Advance] = {}
+
+
+def law_of(parameters: object) -> PlanarLaw:
+    """Return the model that a parameter set belongs to.
+
+    Raises:
+        ValueError: it belongs to none.
+    """
+    law = _LAWS.get(type(parameters))
+    if law is None:
+        raise ValueError(f"{type(parameters).__name__} is the parameter set of no planar model")
+    return law
 
 
 def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:

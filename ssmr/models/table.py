@@ -1,34 +1,24 @@
-"""The table of planar models. A new model is a file beside this one and a line here."""
+"""The table of planar models. A new model is a file beside this one, named like the model, and a name in this table."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from importlib import import_module
+from typing import TYPE_CHECKING
 
-from ssmr.models import coulomb, improved, kinematic, linear
-from ssmr.models.law import PlanarLaw
+if TYPE_CHECKING:
+    from ssmr.models.law import PlanarLaw
 
-MODELS: Mapping[str, PlanarLaw] = MappingProxyType(
-    {
-        "improved": improved.LAW,
-        "coulomb": coulomb.LAW,
-        "linear": linear.LAW,
-        "kinematic": kinematic.LAW,
-    }
-)
-"""By name, in the order of tables."""
-
-PLANAR_MODELS = tuple(MODELS)
-"""Names of the planar models."""
+PLANAR_MODELS = ("improved", "coulomb", "linear", "kinematic")
+"""Names of the planar models, in the order of tables. A model's file is imported, and compiled, when it is first used."""
 
 
-def name_of(parameters: object) -> str:
-    """Return the name of the model that a parameter set belongs to.
+def planar_law(name: str) -> PlanarLaw:
+    """Return the planar model of a name: the `LAW` of its file.
 
     Raises:
-        ValueError: the parameter set belongs to no model of the table.
+        ValueError: there is no such model; the message lists the names.
     """
-    for name, law in MODELS.items():
-        if type(parameters) is law.parameters:
-            return name
-    raise ValueError(f"{type(parameters).__name__} belongs to no planar model; there are: {', '.join(MODELS)}")
+    if name not in PLANAR_MODELS:
+        raise ValueError(f"unknown planar model '{name}'; there are: {', '.join(PLANAR_MODELS)}")
+    law: PlanarLaw = import_module(f"ssmr.models.{name}").LAW
+    return law

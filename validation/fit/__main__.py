@@ -21,11 +21,12 @@ from validation.fit.run import COSTS, GENERATIONS, POPULATION, first_points, req
 from validation.fit.search import CHECKPOINT, Evaluate, begin, shown
 from validation.fit.targets import Input, held_out_targets, is_scenario, parse_sources, train_targets
 from validation.plants.profile import load
-from validation.plants.searchable import DEFAULT_FREE, SEARCHABLE, make_space, with_values
+from validation.plants.searchable import default_free, make_space, with_values
+from validation.plants.table import PLANTS
 
 
 def main(
-    model: Annotated[str, tyro.conf.Positional, cli.one_of(SEARCHABLE)],
+    model: Annotated[str, tyro.conf.Positional, cli.one_of(PLANTS)],
     /,
     *,
     to: str,
@@ -105,7 +106,7 @@ def main(
         base = load(profile or ("thesis-lab" if occasion == "scenario" else "husky-tile"))
         held = cli.parse_values(fix, "--fix")
         begun = with_values(model, base.plants[model], list(held), held.values())
-        names = tuple(n.strip() for n in free.split(",") if n.strip()) if free is not None else DEFAULT_FREE[occasion][model]
+        names = tuple(n.strip() for n in free.split(",") if n.strip()) if free is not None else default_free(model, occasion)
         space = make_space(model, [n for n in names if n not in held], cli.parse_bounds(bounds))
         first = first_points(space, model, begun, start)
         cost = CostSettings(

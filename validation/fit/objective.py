@@ -20,8 +20,8 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.paths import IndexArray, horizon_windows, one_sided_kernel
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Trajectory
-from validation.motion.population import Population, make_population, shares
 from validation.motion.sources import Piece, Source
+from validation.plants.population import Population, make_population, shares
 from validation.plants.profile import PlantProfile
 from validation.plants.searchable import with_values
 

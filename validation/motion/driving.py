@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ssmr.geometry import shift_reference
+from ssmr.geometry import shift_reference, shift_state
 from ssmr.metrics.paths import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Plant, State, Trajectory
-from validation.motion.sources import Piece, Source, move_reference
+from validation.motion.sources import Piece, Source
 
 
 def start_of(piece: Piece, tracked: tuple[float, float]) -> State:
     """Where a plant's reference point starts, so that its tracked point (x, y) [m] starts where the piece says."""
-    return move_reference(piece.start, (-tracked[0], -tracked[1]))
+    return shift_state(piece.start, (-tracked[0], -tracked[1]))
 
 
 def drive(

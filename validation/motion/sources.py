@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr.geometry import rotate_world_to_body, shift_reference
+from ssmr.geometry import rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
 from validation.logs.formats import is_log, read_recording, readable
 from validation.logs.recording import Recording, Segment
-from validation.plants.profile import PLANTS
+from validation.plants.table import PLANTS, STANDARD
 
 RECORDING_GRID = 0.01
 """Period at which a recording's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any
@@ -76,7 +76,7 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
         if start is not None or stop is not None:
             raise ValueError(f"a time span cuts recordings; {name} is a scenario")
         piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
-        return Source(name, (piece,), plant or "mujoco", SAMPLE_DT)
+        return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
     path = Path(name)
     if path.exists() or is_log(path):
         return source_of(read_recording(path).cut(start, stop), name, kind)
@@ -122,16 +122,3 @@ def _slopes(t: FloatArray, values: FloatArray, fresh: NDArray[np.bool_], span: f
         [np.interp(high, known_t, known[:, i]) - np.interp(low, known_t, known[:, i]) for i in range(values.shape[1])]
     )
     return rise / np.maximum(high - low, 1e-9)[:, None]
-
-
-def move_reference(state: State, offset: tuple[float, float]) -> State:
-    """The state of the point at `offset` (x, y) [m] in the body, from the state of the body's reference point."""
-    x, y, yaw = shift_reference([state.x, state.y, state.yaw], offset)
-    return replace(
-        state,
-        x=float(x),
-        y=float(y),
-        yaw=float(yaw),
-        v_x=state.v_x - state.yaw_rate * offset[1],
-        v_y=state.v_y + state.yaw_rate * offset[0],
-    )

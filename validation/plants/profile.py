@@ -19,20 +19,15 @@ from typing import Any, TypeVar
 import numpy as np
 import tomli_w
 
-from ssmr.models.table import MODELS
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulate import PlanarModel, PlanarPlant
 from ssmr.types import Plant
-from validation.robots.husky import HuskyCalibration
-from validation.robots.plant import MujocoPlant
+from validation import store
+from validation.plants.kind import PlantProfile
+from validation.plants.table import PLANTS, plant_kind
+from validation.robots.physics import SHIPPED, PhysicsSettings
 from validation.robots.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
-
-PARAMETERS: dict[str, type] = {"mujoco": HuskyCalibration, **{name: law.parameters for name, law in MODELS.items()}}
-"""The parameter set of every plant, by name."""
-PLANTS = tuple(PARAMETERS)
-"""Every plant, in the order of tables."""
 
 T = TypeVar("T")
 
@@ -41,40 +36,32 @@ class ProfileError(ValueError):
     """A profile that cannot be found, read or believed."""
 
 
-@dataclass(frozen=True)
-class PlantProfile:
-    """Everything that defines one plant."""
-
-    parameters: Any
-    """The plant's own parameters, of the type that belongs to its name."""
-    vehicle: Vehicle
-    """Mass and geometry; the MuJoCo Husky has its own in `parameters`."""
-    drive: Drive
-    """What stands between command and wheels."""
-    tracked_point: tuple[float, float]
-    """The point whose path is compared, in the body [m]."""
-
-
 @dataclass(frozen=True, eq=False)
 class Profile:
     """A calibrated robot: one parameter set for every plant."""
 
     name: str
-    """What results call it."""
+    """Name in results."""
     description: str
-    """One sentence on which robot and ground it means."""
+    """One sentence that says which robot and which ground are meant."""
     plants: Mapping[str, PlantProfile]
     """By plant name."""
     provenance: Mapping[str, Any]
-    """What was fitted to what, when, with which seed and cost; as it stands in the file."""
+    """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has them."""
 
     def as_dict(self) -> dict[str, Any]:
-        """All numbers, for a result to record."""
+        """Return all numbers, for a result to record."""
         return {name: _finite(asdict(plant)) for name, plant in self.plants.items()}
+
+    def save(self, path: str | Path) -> Path:
+        """Write the profile as a TOML file, whole or not at all, and return its path; `load_profile` reads it back."""
+        text = dump(self)
+        store.write_atomic(Path(path), lambda part: part.write_text(text, encoding="utf-8"))
+        return Path(path)
 
 
 def shipped() -> list[str]:
-    """Names of the profiles that come with the package."""
+    """Return the names of the profiles that come with the package."""
     return sorted(
         p.name.removesuffix(".toml")
         for p in resources.files("validation.plants").joinpath("profiles").iterdir()
@@ -82,12 +69,13 @@ def shipped() -> list[str]:
     )
 
 
-def load(name_or_path: str) -> Profile:
-    """A shipped profile by name, or a TOML file by path.
+def load_profile(name_or_path: str | Path) -> Profile:
+    """Return a shipped profile by name, or the profile of a TOML file by path.
 
     Raises:
         ProfileError: there is none, or it says something that cannot be; the message names file, section and key.
     """
+    name_or_path = str(name_or_path)
     if name_or_path in shipped():
         text = resources.files("validation.plants").joinpath("profiles", f"{name_or_path}.toml").read_text(encoding="utf-8")
     elif Path(name_or_path).is_file():
@@ -103,6 +91,9 @@ def load(name_or_path: str) -> Profile:
         return _parse(tomllib.loads(text))
     except (ValueError, TypeError) as error:
         raise ProfileError(f"profile {name_or_path}: {error}") from error
+
+
+load = load_profile
 
 
 def _parse(document: Mapping[str, Any]) -> Profile:
@@ -122,7 +113,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         if len(point) != 2 or not np.all(np.isfinite(point)):
             raise ValueError(f"{where}.tracked_point is {point!r}, wanted two numbers [m]")
         plants[name] = PlantProfile(
-            _fill(PARAMETERS[name](), section.get("parameters", {}), f"{where}.parameters"),
+            _fill(plant_kind(name).parameters(), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             (float(point[0]), float(point[1])),
@@ -144,7 +135,7 @@ def _know(section: Mapping[str, Any], known: set[str], where: str) -> None:
 
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
-    """A copy of `default` with `values` in place, each of the type its field has."""
+    """Return a copy of `default` with `values` in place, each of the type its field has."""
     types = {f.name: type(getattr(default, f.name)) for f in fields(default)}  # type: ignore[arg-type]
     _know(values, set(types), where)
     given = {}
@@ -161,7 +152,7 @@ def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no infinity: a limit that is off is written as null."""
+    """Return the value with null for every infinite number, which stands for a limit that is off: JSON has no infinity."""
     if isinstance(value, dict):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, float) and not np.isfinite(value):
@@ -170,11 +161,11 @@ def _finite(value: Any) -> Any:
 
 
 def dump(profile: Profile) -> str:
-    """The profile as TOML: what differs from the defaults, so that a reader sees what was decided."""
+    """Return the profile as TOML text, without the numbers that have their default."""
     plants: dict[str, Any] = {}
     for name, plant in profile.plants.items():
         section: dict[str, Any] = {"tracked_point": list(plant.tracked_point)} if any(plant.tracked_point) else {}
-        for part, default in (("parameters", PARAMETERS[name]()), ("vehicle", Vehicle()), ("drive", Drive())):
+        for part, default in (("parameters", plant_kind(name).parameters()), ("vehicle", Vehicle()), ("drive", Drive())):
             values = {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
             if values:
                 section[part] = values
@@ -184,23 +175,23 @@ def dump(profile: Profile) -> str:
     return tomli_w.dumps({**document, "provenance": dict(profile.provenance)})
 
 
-def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT) -> Plant:
-    """The plant of that name with the profile's numbers.
+def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> Plant:
+    """Return the plant of that name with the profile's numbers.
 
     Args:
         profile: the numbers.
-        name: which plant.
-        terrain: what the MuJoCo Husky stands on; the planar models know only level ground of one friction.
+        name: name of the plant.
+        terrain: ground of a simulated plant; the planar models know only level ground of one friction.
+        settings: physics settings of a simulated plant.
 
     Raises:
         ProfileError: an unknown name, or numbers that do not go together.
     """
-    if name not in PLANTS:
-        raise ProfileError(f"unknown plant '{name}'; there are: {', '.join(PLANTS)}")
-    section = profile.plants[name]
     try:
-        if name == "mujoco":
-            return MujocoPlant(section.parameters, section.drive, terrain=terrain)
-        return PlanarPlant(PlanarModel(section.parameters, section.vehicle, section.drive))
+        kind = plant_kind(name)
+    except ValueError as error:
+        raise ProfileError(str(error)) from None
+    try:
+        return kind.build(profile.plants[name], terrain, settings)
     except ValueError as error:
         raise ProfileError(f"profile {profile.name}, plant {name}: {error}") from error

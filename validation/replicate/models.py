@@ -25,7 +25,7 @@ from validation.fit.result import FitResult, FittedParameter, Scored
 from validation.fit.search import Evaluate
 from validation.fit.targets import held_out_targets, train_targets
 from validation.plants.profile import load, make_plant
-from validation.plants.searchable import DEFAULT_FREE, make_space
+from validation.plants.searchable import default_free, make_space
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.replicate.response_figure import Responses, draw_responses
 from validation.thesis import published
@@ -64,7 +64,7 @@ def fit(model: str, context: Context) -> FitResult:
     base = load(PROFILE)
     targets = train_targets((FITTED_TO,), base, "commands", None, None)
     judged = held_out_targets(HELD_OUT, (FITTED_TO,), base, "commands", None, None)
-    space = make_space(model, DEFAULT_FREE["scenario"][model], {})
+    space = make_space(model, default_free(model, "scenario"), {})
     problem = Problem(model, base.plants[model], space, targets, CostSettings("path"))
     jde = JdeSettings(population=settings.fit_population, generations=settings.fit_generations)
     evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731

@@ -9,23 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import mujoco
+if TYPE_CHECKING:
+    import mujoco
 
 Cone = Literal["elliptic", "pyramidal"]
 Solver = Literal["Newton", "CG", "PGS"]
 Impedance = tuple[float, float, float, float, float]
 Integrator = Literal["Euler", "implicit", "implicitfast", "RK4"]
-
-_CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
-_SOLVERS = {"Newton": mujoco.mjtSolver.mjSOL_NEWTON, "CG": mujoco.mjtSolver.mjSOL_CG, "PGS": mujoco.mjtSolver.mjSOL_PGS}
-_INTEGRATORS = {
-    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
-}
 
 
 @dataclass(frozen=True)
@@ -83,10 +75,12 @@ SHIPPED = PhysicsSettings()
 
 def apply_settings(model: mujoco.MjModel, settings: PhysicsSettings, tires: Sequence[int]) -> None:
     """Set the overrides on a compiled and calibrated model, in place; `tires` are the ids of the contact geoms."""
+    import mujoco  # slow to import; whoever only names settings does not need it
+
     for name, value in (
-        ("cone", settings.cone and _CONES[settings.cone]),
-        ("solver", settings.solver and _SOLVERS[settings.solver]),
-        ("integrator", settings.integrator and _INTEGRATORS[settings.integrator]),
+        ("cone", settings.cone and getattr(mujoco.mjtCone, f"mjCONE_{settings.cone.upper()}")),
+        ("solver", settings.solver and getattr(mujoco.mjtSolver, f"mjSOL_{settings.solver.upper()}")),
+        ("integrator", settings.integrator and getattr(mujoco.mjtIntegrator, f"mjINT_{settings.integrator.upper()}")),
         ("impratio", settings.impratio),
         ("noslip_iterations", settings.noslip),
         ("iterations", settings.iterations),

@@ -11,15 +11,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy import ndimage
 
 from ssmr.geometry import rotate_world_to_body, shift_reference
 from ssmr.parameters import require_in_range
-from ssmr.robot.surface import Surface
 from ssmr.types import FloatArray
+
+if TYPE_CHECKING:
+    from ssmr.robot.surface import Surface
 
 Kind = Literal["flat", "ramp", "rough", "split"]
 
@@ -107,6 +108,10 @@ class Terrain:
         White noise through a Gaussian filter of standard deviation length / 2, so that its autocorrelation is
         exp(-(d / length)^2), scaled to the root mean square asked for.
         """
+        from scipy import ndimage  # slow to import, like the compiled surface; only rough ground needs them
+
+        from ssmr.robot.surface import Surface
+
         n = round(PERIOD * CELLS_A_LENGTH / self.length)
         noise = np.random.default_rng(self.seed).standard_normal((n, n))
         smooth = ndimage.gaussian_filter(noise, 0.5 * CELLS_A_LENGTH, mode="wrap")

@@ -1,0 +1,88 @@
+"""What a plant declares: everything that fits, comparisons and pictures need to know of it, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from ssmr.parameters import described
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.types import Commands, FloatArray, Plant, State
+from validation.robots.physics import PhysicsSettings
+from validation.robots.terrain import Terrain
+
+Occasion = Literal["scenario", "recording"]
+"""Occasion of a fit: to a plant's motion in a scenario, or to a recording of a real robot."""
+
+
+@dataclass(frozen=True)
+class PlantProfile:
+    """Everything that defines one plant of a profile."""
+
+    parameters: Any
+    """The plant's own parameters, of the type that its `PlantKind` declares."""
+    vehicle: Vehicle
+    """Mass and geometry; a plant with a body of its own has them in `parameters`."""
+    drive: Drive
+    """Saturation, delays and conversions between command and wheels."""
+    tracked_point: tuple[float, float]
+    """Point (x, y) in the body whose path is compared [m]."""
+
+
+class Stretch(Protocol):
+    """A stretch of motion that a population is driven over."""
+
+    @property
+    def commands(self) -> Commands:
+        """Commands, from the first stamp on."""
+        ...
+
+    @property
+    def start(self) -> State:
+        """State of the tracked point at the first stamp."""
+        ...
+
+    @property
+    def t(self) -> FloatArray | None:
+        """(M,) stamps at which poses are wanted [s]; None for the samples of the simulation."""
+        ...
+
+
+class Population(Protocol):
+    """S candidates of one plant, ready to be driven."""
+
+    def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
+        """Drive some of the candidates over one stretch.
+
+        Args:
+            which: indices of the candidates.
+            piece: commands, start and stamps.
+            sample_dt: period at which plants are sampled [s].
+
+        Returns:
+            (len(which), M, 3) poses of each candidate's tracked point; NaN for a candidate that cannot be built or diverges.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PlantKind:
+    """The declaration of a plant."""
+
+    name: str
+    """Name in commands, tables and files."""
+    parameters: type
+    """Frozen dataclass of the plant's own parameters, declared with `ssmr.parameters.parameter`."""
+    build: Callable[[PlantProfile, Terrain, PhysicsSettings], Plant]
+    """Function that builds the plant from its numbers, its ground and its physics settings."""
+    population: Callable[[Sequence[PlantProfile | None], int], Population]
+    """Function that prepares candidates, None for one that cannot be built, for a number of threads."""
+    free: Mapping[Occasion, tuple[str, ...]]
+    """Names of the numbers that a fit moves unless the user says otherwise."""
+    vehicle: tuple[str, ...] = ()
+    """Fields of the vehicle that a fit may move."""
+    drive: tuple[str, ...] = tuple(described(Drive))
+    """Fields of the drive that a fit may move."""
+    together: bool = True
+    """Whether one compiled loop drives all candidates; otherwise each is driven on a thread of its own."""

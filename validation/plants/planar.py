@@ -1,0 +1,93 @@
+"""The planar models as plants: each is declared from its law, so a new model needs nothing here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numba
+import numpy as np
+
+from ssmr._jit import config
+from ssmr.geometry import shift_reference, shift_state
+from ssmr.models.table import planar_law
+from ssmr.parameters import described
+from ssmr.robot.vehicle import Drive
+from ssmr.simulate import PLANAR_DT, PlanarModel, PlanarPlant, run_population
+from ssmr.types import FloatArray
+from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
+from validation.robots.physics import PhysicsSettings
+from validation.robots.terrain import Terrain
+
+_READ_OFF = ("effective_half_track", "delay", "acceleration_v")
+"""Numbers that the thesis read off response curves or took for given, and a fit to a scenario has to find."""
+_RECORDED = (
+    *("wheel_radius", "effective_half_track", "delay", "acceleration_v", "acceleration_w"),
+    *("tracked_x", "tracked_y"),
+)
+"""Numbers beside the model's own that a fit to a recording has to find."""
+_KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
+    "scenario": ("alpha_l", "alpha_r", "y_l", "y_r", "x_icr"),
+    "recording": (
+        *("alpha_l", "alpha_r", "y_l", "y_r"),  # x_icr and tracked_x are one number to a recording
+        *("delay", "acceleration_v", "acceleration_w", "wheel_lag", "tracked_x"),
+    ),
+}
+"""The kinematic model has no dynamics that could lag behind its wheels, and its constants hold the half-track."""
+
+
+def model_of(section: PlantProfile) -> PlanarModel:
+    """Return the planar model with a profile's numbers."""
+    return PlanarModel(section.parameters, section.vehicle, section.drive)
+
+
+def declare(name: str) -> PlantKind:
+    """Return the declaration of a planar model.
+
+    Raises:
+        ValueError: there is no such model.
+    """
+    law = planar_law(name)
+    own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
+    free: Mapping[Occasion, tuple[str, ...]] = {"scenario": (*own, *_READ_OFF), "recording": (*own, *_RECORDED)}
+    drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.obeys)
+    return PlantKind(name, law.parameters, _build, PlanarPopulation, _KINEMATIC if law.obeys else free, law.vehicle, drive)
+
+
+def _build(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> PlanarPlant:
+    """Return the plant; planar models know only level ground of one friction, and no physics settings."""
+    return PlanarPlant(model_of(section))
+
+
+class PlanarPopulation:
+    """Candidates of a planar model, driven by one compiled loop on all threads."""
+
+    def __init__(self, candidates: Sequence[PlantProfile | None], workers: int) -> None:
+        """Keep the candidates; None stands for one that cannot be built."""
+        self._candidates, self._workers = candidates, workers
+        self._models = [None if c is None else model_of(c) for c in candidates]
+
+    def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
+        """Drive some of the candidates, see `Population.poses`."""
+        built = [(row, self._models[i], self._candidates[i]) for row, i in enumerate(which)]
+        known = [(row, model, candidate) for row, model, candidate in built if model is not None and candidate is not None]
+        samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        out = np.full((len(which), samples, 3), np.nan)
+        if not known:
+            return out
+        offsets = np.array([candidate.tracked_point for _, _, candidate in known])
+        starts = [shift_state(piece.start, (-x, -y)) for x, y in offsets]
+        numba.set_num_threads(min(self._workers, config.NUMBA_NUM_THREADS))
+        poses = run_population([model for _, model, _ in known], piece.commands, starts, sample_dt, PLANAR_DT)
+        if piece.t is not None:
+            poses = _resampled(poses, sample_dt, piece.t - piece.t[0])
+        out[[row for row, _, _ in known]] = shift_reference(poses, offsets[:, None, :])
+        return out
+
+
+def _resampled(poses: FloatArray, sample_dt: float, stamps: FloatArray) -> FloatArray:
+    """Return (S, K, 3) poses at (K,) `stamps` after the first [s] from (S, M, 3) poses sampled every `sample_dt` [s]."""
+    at = np.clip(stamps / sample_dt, 0.0, poses.shape[1] - 1.0)
+    k = np.minimum(np.floor(at).astype(np.intp), poses.shape[1] - 2)
+    weight = (at - k)[:, None]
+    interpolated: FloatArray = poses[:, k] + weight * (poses[:, k + 1] - poses[:, k])
+    return interpolated

@@ -1,0 +1,40 @@
+"""The table of plants. A new engine is a folder in this package and a line here; planar models come by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from ssmr.models.table import PLANAR_MODELS
+
+if TYPE_CHECKING:
+    from validation.plants.kind import PlantKind
+
+_ENGINES: Mapping[str, str] = {
+    "mujoco": "validation.plants.mujoco",
+}
+"""Module of each simulated plant, which declares it as `KIND`; imported when the plant is first used."""
+
+SIMULATED = tuple(_ENGINES)
+"""Plants that are simulated bodies: they stand on terrain, have wheel loads, and obey physics settings."""
+STANDARD = SIMULATED[0]
+"""The plant that stands for the robot where the user names none."""
+PLANTS = (*SIMULATED, *PLANAR_MODELS)
+"""Names of all plants, in the order of tables."""
+
+_kinds: dict[str, PlantKind] = {}
+
+
+def plant_kind(name: str) -> PlantKind:
+    """Return the declaration of a plant.
+
+    Raises:
+        ValueError: there is no such plant; the message lists the names.
+    """
+    if name not in PLANTS:
+        raise ValueError(f"unknown plant '{name}'; there are: {', '.join(PLANTS)}")
+    if name not in _kinds:
+        planar = import_module("validation.plants.planar") if name in PLANAR_MODELS else None
+        _kinds[name] = planar.declare(name) if planar else import_module(_ENGINES[name]).KIND
+    return _kinds[name]

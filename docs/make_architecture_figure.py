@@ -1,85 +1,140 @@
-"""Draw docs/img/architecture.svg: what flows, and through which package. `python docs/make_architecture_figure.py`."""
+"""Draw docs/img/architecture.svg from the imports: the rooms, and which imports which.
+
+Run `python docs/make_architecture_figure.py`; tests/test_docs.py compares the picture with the code.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections import Counter
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 
-OUT = Path(__file__).parent / "img" / "architecture.svg"
-WIDTH, HEIGHT = 980, 560
-INK, PURE, SHELL, FLOW = "#24292f", "#dbeaf7", "#fdebcf", "#0072b2"
-Box = tuple[int, int, int, int]
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tests.test_architecture import room_imports  # noqa: E402
+
+OUT = ROOT / "docs" / "img" / "architecture.svg"
+WIDTH, HEIGHT, STEP, BOX = 980, 570, 62, 30
+INK, FLOW = "#24292f", "#0072b2"
+PANELS = {"validation": (10, 500, "#fdebcf"), "ssmr": (535, 435, "#dbeaf7")}
+"""Left edge, width and colour of each package's panel."""
+WORDS = {
+    "validation": "validation: MuJoCo, files, pictures, command lines",
+    "ssmr": "ssmr: numbers in, numbers out",
+}
+Graph = dict[str, set[str]]
+Place = tuple[float, float]
 
 
-def text(x: float, y: float, words: str, size: int = 14, *, bold: bool = False, anchor: str = "middle") -> str:
-    """A line of text."""
-    weight = ' font-weight="bold"' if bold else ""
-    return f'<text x="{x:g}" y="{y:g}" font-size="{size}" text-anchor="{anchor}" fill="{INK}"{weight}>{escape(words)}</text>'
+def reached(graph: Graph, room: str) -> set[str]:
+    """Return all rooms that a room imports, directly or through others."""
+    return graph[room].union(*(reached(graph, other) for other in graph[room]))
 
 
-def box(place: Box, title: str, *lines: str, fill: str = "#ffffff") -> str:
-    """A box with a title and small print; `place` is x, y, width, height."""
-    x, y, w, h = place
-    top = y + h / 2 + 5 - 8.5 * len(lines)
-    rows = [text(x + w / 2, top, title, bold=True)]
-    rows += [text(x + w / 2, top + 17 * (i + 1), line, 12) for i, line in enumerate(lines)]
-    return f'<rect x="{x}" y="{y}" width="{w}" height="{h}" rx="8" fill="{fill}" stroke="{INK}"/>' + "".join(rows)
+def reduced(graph: Graph) -> Graph:
+    """Return the graph without arrows that lead where others lead too."""
+    return {
+        room: {other for other in others if not any(other in reached(graph, via) for via in others - {other})}
+        for room, others in graph.items()
+    }
 
 
-def arrow(*points: tuple[int, int], dashed: bool = False) -> str:
-    """An arrow along points."""
-    path = " L".join(f"{x} {y}" for x, y in points)
-    dashes = ' stroke-dasharray="6 4"' if dashed else ""
-    return f'<path d="M{path}" fill="none" stroke="{FLOW}" stroke-width="2.2" marker-end="url(#head)"{dashes}/>'
+def heights(graph: Graph) -> dict[str, int]:
+    """Return the floor of each room, from 0: directly above the highest room that it imports."""
+    found: dict[str, int] = {}
+
+    def of(room: str) -> int:
+        if room not in found:
+            found[room] = 1 + max((of(other) for other in graph[room]), default=-1)
+        return found[room]
+
+    return {room: of(room) for room in sorted(graph)}
 
 
-def area(place: Box, fill: str, title: str, what: str) -> str:
-    """A package."""
-    x, y, w, h = place
-    label = text(x + 14, y + 24, title, 16, bold=True, anchor="start")
-    note = text(x + 14 + 10.5 * len(title) + 14, y + 24, what, 13, anchor="start")
-    return f'<rect x="{x}" y="{y}" width="{w}" height="{h}" rx="12" fill="{fill}"/>' + label + note
+def with_waypoints(graph: Graph, floor: dict[str, int]) -> list[list[str]]:
+    """Return the links from floor to floor, each arrow as a chain; a long one passes each floor at a place of its own."""
+    chains = []
+    for room in sorted(graph):
+        for other in sorted(graph[room]):
+            between = [f"{room}>{other}>{level}" for level in range(floor[room] - 1, floor[other], -1)]
+            floor |= {name: int(name.rpartition(">")[2]) for name in between}
+            chains.append([room, *between, other])
+    return chains
+
+
+def places(chains: list[list[str]], floor: dict[str, int], panel: str) -> dict[str, Place]:
+    """Return where each room and each waypoint stands; those of a floor in the order in which their neighbours stand."""
+    near: dict[str, set[str]] = {name: set() for name in floor}
+    for chain in chains:
+        for one, other in pairwise(chain):
+            near[one].add(other)
+            near[other].add(one)
+    x = dict.fromkeys(floor, 0.5)
+    rows = [[name for name in floor if floor[name] == level] for level in range(1 + max(floor.values()))]
+    for _ in range(24):
+        for row in rows:
+            row.sort(key=lambda name: sum(x[n] for n in near[name]) / len(near[name]) if near[name] else 0.5)
+            for i, name in enumerate(row):
+                x[name] = (i + 0.5) / len(row)
+    left, width, _ = PANELS[panel]
+    return {name: (left + width * x[name], HEIGHT - 44 - STEP * floor[name]) for name in floor}
+
+
+def arrow(points: list[Place]) -> str:
+    """Return an arrow from below one box, past waypoints, to the top of another box."""
+    points = [(points[0][0], points[0][1] + BOX / 2), *points[1:-1], (points[-1][0], points[-1][1] - BOX / 2 - 2)]
+    path = f"M{points[0][0]:.0f} {points[0][1]:.0f}"
+    for (x0, y0), (x1, y1) in pairwise(points):
+        middle = 0.5 * (y0 + y1)
+        path += f" C{x0:.0f} {middle:.0f} {x1:.0f} {middle:.0f} {x1:.0f} {y1:.0f}"
+    return f'<path d="{path}" fill="none" stroke="{FLOW}" stroke-width="1.5" marker-end="url(#head)"/>'
+
+
+def box(room: str, centre: Place, width: float) -> str:
+    """Return a room's box with its name."""
+    x, y = centre
+    frame = f'<rect x="{x - width / 2:.0f}" y="{y - BOX / 2:.0f}" width="{width:.0f}" height="{BOX}" rx="7"'
+    name = escape(room.split(".")[1])
+    text = f'<text x="{x:.0f}" y="{y + 5:.0f}" font-size="13" text-anchor="middle" fill="{INK}">{name}</text>'
+    return f'{frame} fill="#ffffff" stroke="{INK}"/>{text}'
+
+
+def panel(package: str, graph: Graph) -> list[str]:
+    """Return a package's panel: its rooms and the arrows between them."""
+    left, width, fill = PANELS[package]
+    mine = reduced(
+        {room: {o for o in others if o.startswith(package)} for room, others in graph.items() if room.startswith(package)}
+    )
+    floor = heights(mine)
+    chains = with_waypoints(mine, floor)
+    at = places(chains, floor, package)
+    wide = min(104.0, width / max(Counter(floor.values()).values()) - 6.0)
+    top = min(y for _, y in at.values()) - 62
+    frame = f'<rect x="{left}" y="{top:.0f}" width="{width}" height="{HEIGHT - 10 - top:.0f}" rx="12" fill="{fill}"/>'
+    title = f'<text x="{left + 14}" y="{top + 25:.0f}" font-size="14" fill="{INK}">{escape(WORDS[package])}</text>'
+    return [
+        frame,
+        title,
+        *(arrow([at[n] for n in chain]) for chain in chains),
+        *(box(room, at[room], wide) for room in sorted(mine)),
+    ]
 
 
 def figure() -> str:
-    """The whole drawing."""
-    parts = [
-        area((10, 10, 960, 128), SHELL, "validation", "the shell, upper part: files and names become values"),
-        area((10, 152, 960, 238), PURE, "", ""),
-        text(24, 336, "ssmr", 16, bold=True, anchor="start"),
-        text(24, 357, "pure: numbers in, numbers out;", 13, anchor="start"),
-        text(24, 375, "MuJoCo behind its protocol", 13, anchor="start"),
-        area((10, 404, 960, 146), SHELL, "validation", "the shell, lower part: results, and sinks that return nothing"),
-        box((40, 50, 210, 72), "SOURCE", "scenario traj1–4, CSV, bag"),
-        box((290, 50, 210, 72), "profile (TOML)", "numbers of every plant"),
-        box((700, 50, 240, 72), "search (jDE)", "ask: candidates, tell: costs"),
-        box((40, 200, 170, 100), "Commands", "v, ω or wheel rates,", "held; N of them"),
-        box((260, 200, 390, 170), ""),
-        box((280, 226, 350, 36), "drive: delay, limits, wheel rates", fill="#f3f8fc"),
-        box((280, 290, 168, 66), "planar models", "coulomb, improved,", "linear, kinematic", fill="#f3f8fc"),
-        box((462, 290, 168, 66), "MuJoCo Husky", "models/husky.xml", fill="#f8d9a0"),
-        box((700, 200, 240, 64), "Trajectory", "pose, twist, wheels: N + 1 rows"),
-        box((700, 306, 240, 64), "metrics", "against the reference's trajectory"),
-        box((700, 440, 240, 90), "Comparison, FitResult, …", "frozen, with versions and seed"),
-        box((40, 440, 560, 90), "sinks", "table · picture (.png) · rerun recording (.rrd) · .json, .toml · pages"),
-        arrow((125, 122), (125, 198)),
-        arrow((395, 122), (395, 198)),
-        arrow((210, 250), (258, 250)),
-        arrow((364, 262), (364, 288)),
-        arrow((546, 262), (546, 288)),
-        arrow((650, 232), (698, 232)),
-        arrow((820, 264), (820, 304)),
-        arrow((820, 370), (820, 438)),
-        arrow((700, 485), (602, 485)),
-        arrow((940, 338), (957, 338), (957, 86), (942, 86), dashed=True),
-        arrow((700, 86), (502, 86), dashed=True),
-    ]
-    plant = text(455, 219, "Plant: reset, step, run", bold=True)
+    """Return the whole drawing."""
+    graph = room_imports()
+    x = PANELS["validation"][0] + PANELS["validation"][1]
+    across = f'<path d="M{x} {HEIGHT / 2:.0f} L{PANELS["ssmr"][0] - 3} {HEIGHT / 2:.0f}" stroke="{FLOW}" stroke-width="4" '
+    parts = [*panel("validation", graph), *panel("ssmr", graph), across + 'marker-end="url(#head)"/>']
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="Helvetica, Arial, sans-serif">'
-        '<defs><marker id="head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="7" markerHeight="7" orient="auto">'
-        f'<path d="M0 0 L10 5 L0 10 z" fill="{FLOW}"/></marker></defs>'
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>' + "\n".join(parts) + plant + "</svg>\n"
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        'font-family="Helvetica, Arial, sans-serif">'
+        '<defs><marker id="head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="7" markerHeight="7" orient="auto" '
+        f'markerUnits="userSpaceOnUse"><path d="M0 0 L10 5 L0 10 z" fill="{FLOW}"/></marker></defs>'
+        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>\n' + "\n".join(parts) + "</svg>\n"
     )
 
 

@@ -36,7 +36,7 @@ from validation.ros import messages as msg
 from validation.ros.commands import BASE_TIMEOUT
 from validation.ros.pacing import EDGE, Pacer, drift
 from validation.ros.port import Port, Received, load_rospy, message_class, set_pose_service
-from validation.ros.sim import FILTERED, KINDS, POSE, RATES, SET_POSE, SIM_TIME
+from validation.ros.sim import FILTERED_TOPIC, MESSAGE_TYPES, POSE_TOPIC, PUBLISH_RATES, SET_POSE_TOPIC, SIM_TIME_PARAMETER
 from validation.track.gains import load_gains
 from validation.track.tracking import make_controller, make_robot, odometry_of, rate, run_robots
 from validation.track.waypoint_files import open_reference
@@ -146,7 +146,7 @@ class Watcher:
             self.port = Port("watcher")
             self.port.advertise(COMMAND, "geometry_msgs/Twist")
             self.port.advertise(JOYSTICK, "geometry_msgs/Twist")
-            for topic, kind in KINDS.items():
+            for topic, kind in MESSAGE_TYPES.items():
                 self.port.listen(topic, kind)
         except BaseException:
             self._stack.close()
@@ -210,7 +210,7 @@ def stamp_of(got: Received) -> float:
 
 def positions(got: Sequence[Received]) -> tuple[np.ndarray, np.ndarray]:
     """(M,) arrivals [s] and (M, 2) places [m] of the tracking system's poses."""
-    poses = [(g.arrival, g.message.pose.position.x, g.message.pose.position.y) for g in got if g.topic == POSE]
+    poses = [(g.arrival, g.message.pose.position.x, g.message.pose.position.y) for g in got if g.topic == POSE_TOPIC]
     table = np.array(poses).reshape(-1, 3)
     return table[:, 0], table[:, 1:]
 
@@ -224,7 +224,7 @@ def rest_time(got: Sequence[Received]) -> float:
     t, xy = positions(got)
     if len(t) < 20:
         raise ValueError("the tracking system fell silent")
-    speed = np.hypot(*(xy[6:] - xy[:-6]).T) / (6.0 / RATES[POSE])  # over 50 ms of simulated time
+    speed = np.hypot(*(xy[6:] - xy[:-6]).T) / (6.0 / PUBLISH_RATES[POSE_TOPIC])  # over 50 ms of simulated time
     moving = np.flatnonzero(speed > SLOW)
     if len(moving) == len(speed) or (len(moving) and moving[-1] == len(speed) - 1):
         return math.nan
@@ -239,7 +239,7 @@ def measure_rates(watcher: Watcher, seconds: float) -> list[Finding]:
     with watcher.sim() as (_, log):
         got = watcher.hear(seconds + 0.1)
         found = []
-        for topic, wanted in RATES.items():
+        for topic, wanted in PUBLISH_RATES.items():
             mine = [g for g in got if g.topic == topic]
             arrivals = np.array([g.arrival for g in mine])
             stamps = np.array([stamp_of(g) for g in mine])
@@ -247,7 +247,7 @@ def measure_rates(watcher: Watcher, seconds: float) -> list[Finding]:
             found.append(at_most(f"{topic}: {kept:.2f} Hz for {wanted:g}, off by", 100.0 * (kept / wanted - 1.0), "%", 1.0))
             lost = round((stamps[-1] - stamps[0]) * wanted) + 1 - len(mine)
             found.append(Finding(f"{topic}: messages lost of {len(mine)}", float(lost), "", "0", bool(lost == 0)))
-            if topic == POSE:
+            if topic == POSE_TOPIC:
                 late, what = arrivals - stamps, f"pacing error over {arrivals[-1] - arrivals[0]:.0f} s, seen from outside"
                 found.append(at_most(what, 1e3 * drift(stamps, late), "ms", 1.0))
                 spread = late - np.median(late)
@@ -255,7 +255,7 @@ def measure_rates(watcher: Watcher, seconds: float) -> list[Finding]:
                     found.append(
                         Finding(f"arrivals later than their median: {name}", 1e3 * float(np.percentile(spread, q)), "ms", "")
                     )
-    left = load_rospy().get_param(SIM_TIME, None)
+    left = load_rospy().get_param(SIM_TIME_PARAMETER, None)
     found.append(yes("the simulation has left the graph as it was", left is None))
     tail = said(log)
     found.append(at_most("pacing error, as the node says", float(tail.split("pacing error ")[1].split(" ms")[0]), "ms", 1.0))
@@ -342,7 +342,7 @@ def drive_circle(watcher: Watcher, *options: str) -> float:
                 kind = StalledError if "no feedback for" in said(log) else cli.UserError
                 raise kind(f"the controller failed: {said(log)}")
     document = json.loads((out / "track.json").read_text(encoding="utf-8"))
-    if document["options"]["judged_by"] != POSE:
+    if document["options"]["judged_by"] != POSE_TOPIC:
         raise cli.UserError("the tracking system did not see the drive")
     return float(document["metrics"]["d_rms_m"])
 
@@ -352,7 +352,9 @@ def in_process(seeds: Sequence[int], *, noise: bool) -> list[float]:
     profile = load(PROFILE)
     robot, law = make_robot(profile, "mujoco"), make_controller(profile, load_gains("pid", "published"))
     _, waypoints = open_reference("circle", SPEED)
-    settings = LoopSettings("ekf", filter=odometry_of(robot.drive), disturbance=False, position_period=1.0 / RATES[FILTERED])
+    settings = LoopSettings(
+        "ekf", filter=odometry_of(robot.drive), disturbance=False, position_period=1.0 / PUBLISH_RATES[FILTERED_TOPIC]
+    )
     if not noise:
         settings = replace(settings, sensors=SensorModel(0.0, 0.0))
     runs = run_robots([robot] * len(seeds), [law] * len(seeds), [settings] * len(seeds), waypoints, list(seeds))
@@ -411,15 +413,15 @@ def check_set_pose(watcher: Watcher) -> list[Finding]:
     """The filter's pose by service, while the robot stays where it is."""
     rospy = load_rospy()
     kind = set_pose_service()
-    rospy.wait_for_service(SET_POSE, 5.0)
-    call = rospy.ServiceProxy(SET_POSE, kind)
+    rospy.wait_for_service(SET_POSE_TOPIC, 5.0)
+    call = rospy.ServiceProxy(SET_POSE_TOPIC, kind)
     wanted = message_class("geometry_msgs/PoseWithCovarianceStamped")()
     wanted.header.frame_id = msg.ODOM
     msg.set_pose(wanted.pose.pose, 3.0, -2.0, 1.0)
     call(wanted)
     got = watcher.hear(0.2)
-    seen = msg.read_odometry([g for g in got if g.topic == FILTERED][-1].message)
-    true = msg.read_pose_stamped([g for g in got if g.topic == POSE][-1].message)
+    seen = msg.read_odometry([g for g in got if g.topic == FILTERED_TOPIC][-1].message)
+    true = msg.read_pose_stamped([g for g in got if g.topic == POSE_TOPIC][-1].message)
     wanted.header.frame_id = "map"
     try:
         call(wanted)
@@ -454,7 +456,7 @@ def check_priority(watcher: Watcher, log: Path) -> list[Finding]:
 
 def speed_of(got: Sequence[Received], seconds: float) -> float:
     """Mean speed over the last `seconds` of the tracking system's stamps [m/s]; infinite where it says nothing."""
-    poses = [g for g in got if g.topic == POSE]
+    poses = [g for g in got if g.topic == POSE_TOPIC]
     if len(poses) < 2:
         return math.inf  # not seen
     stamps, xy = np.array([stamp_of(g) for g in poses]), positions(poses)[1]

@@ -15,7 +15,7 @@ import pytest
 
 from validation import cli
 from validation.ros import __main__ as ros
-from validation.ros.port import APT_PACKAGES, SET_POSE_MD5, load_rospy
+from validation.ros.port import APT_PACKAGES, SET_POSE_MD5, NoGraphError, load_rospy
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -57,7 +57,7 @@ def test_without_ros_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(sys, "path", sys.path[:])
     for name in ("rospy", "rosgraph"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(cli.UserError, match=r"^ROS 1 is not there \(.*apt-get install --no-install-recommends ros-core"):
+    with pytest.raises(NoGraphError, match=r"^ROS 1 is not there \(.*apt-get install --no-install-recommends ros-core"):
         load_rospy()
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from validation.ros.commands import BASE_TIMEOUT, SOURCES, STILL, CommandGate, Source
+from validation.ros.commands import BASE_TIMEOUT, SOURCES, STAND_STILL, CommandGate, CommandSource
 
 JOY, MARKER, PLANNER, EXTERNAL = (s.topic for s in SOURCES)
 
@@ -24,7 +24,7 @@ def test_sources_are_the_thesis_four_in_its_order() -> None:
 
 def test_a_robot_that_nobody_commands_stands() -> None:
     gate = CommandGate()
-    assert gate.command(0.0) == STILL
+    assert gate.command(0.0) == STAND_STILL
     assert gate.news() == []
 
 
@@ -44,8 +44,8 @@ def test_silence_brakes_after_the_base_timeout_and_is_said_once() -> None:
     gate.offer(EXTERNAL, (0.2, 0.1), 5.0)
     assert gate.command(5.0 + BASE_TIMEOUT) == (0.2, 0.1)
     gate.news()
-    assert gate.command(5.0 + BASE_TIMEOUT + 1e-6) == STILL
-    assert gate.command(6.0) == STILL
+    assert gate.command(5.0 + BASE_TIMEOUT + 1e-6) == STAND_STILL
+    assert gate.command(6.0) == STAND_STILL
     assert gate.news() == ["nothing on /cmd_vel for 0.25 s: the robot brakes"]
     assert gate.offer(EXTERNAL, (0.2, 0.1), 7.0)
     assert gate.command(7.0) == (0.2, 0.1)
@@ -56,11 +56,11 @@ def test_a_lock_stops_at_once_and_lets_nobody_in() -> None:
     gate = CommandGate()
     gate.offer(JOY, (0.2, 0.1), 0.0)
     gate.lock(True)
-    assert gate.command(0.0) == STILL
+    assert gate.command(0.0) == STAND_STILL
     assert not gate.offer(JOY, (0.2, 0.1), 0.1)
-    assert gate.command(0.1) == STILL
+    assert gate.command(0.1) == STAND_STILL
     gate.lock(False)
-    assert gate.command(0.15) == STILL, "what was commanded before a lock is void after it"
+    assert gate.command(0.15) == STAND_STILL, "what was commanded before a lock is void after it"
     assert gate.offer(JOY, (0.2, 0.1), 0.2)
     assert gate.command(0.2) == (0.2, 0.1)
 
@@ -69,16 +69,16 @@ def test_a_lock_stops_at_once_and_lets_nobody_in() -> None:
 def test_a_command_that_is_no_number_is_ignored_and_said(twist: tuple[float, float]) -> None:
     gate = CommandGate()
     assert not gate.offer(JOY, twist, 0.0)
-    assert gate.command(0.0) == STILL
+    assert gate.command(0.0) == STAND_STILL
     assert "ignored" in gate.news()[0]
     assert gate.offer(EXTERNAL, (0.1, 0.0), 0.1), "nor does it keep others out"
 
 
 def test_sources_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="twice"):
-        CommandGate((Source("/a", 1), Source("/a", 2)))
+        CommandGate((CommandSource("/a", 1), CommandSource("/a", 2)))
     with pytest.raises(ValueError, match="positive"):
-        Source("/a", 1, 0.0)
+        CommandSource("/a", 1, 0.0)
     with pytest.raises(ValueError, match="positive"):
         CommandGate(base_timeout=math.nan)
 
@@ -97,5 +97,5 @@ def test_whoever_commands_has_no_better_that_speaks(messages: list[tuple[str, fl
         heard[topic] = now
         if alone:
             passed, since = (0.001 * k, 0.0), now
-        expected = passed if passed is not None and now - since <= BASE_TIMEOUT else STILL
+        expected = passed if passed is not None and now - since <= BASE_TIMEOUT else STAND_STILL
         assert gate.command(now) == expected

@@ -19,7 +19,17 @@ from validation.ros.control import STOP_TIME, ControlNode, Topics
 from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
 from validation.ros.port import Call
 from validation.ros.robot import SensorSettings, SimulatedRobot
-from validation.ros.sim import FILTERED, KINDS, POSE, RATES, SET_POSE, TF, WHEELS, MasterGoneError, SimNode
+from validation.ros.sim import (
+    FILTERED_TOPIC,
+    MESSAGE_TYPES,
+    POSE_TOPIC,
+    PUBLISH_RATES,
+    SET_POSE_TOPIC,
+    TF_TOPIC,
+    WHEELS_TOPIC,
+    MasterGoneError,
+    SimNode,
+)
 
 COMMAND = "/cmd_vel"
 
@@ -37,14 +47,14 @@ def plant(lab: Profile) -> MujocoPlant:
 
 def simulation(plant: MujocoPlant, overshoot: float = 0.0) -> tuple[SimNode, FakePort]:
     clock = FakeClock(overshoot)
-    port = FakePort(clock, KINDS)
+    port = FakePort(clock, MESSAGE_TYPES)
     robot = SimulatedRobot(plant, SensorSettings(noise=False))
     return SimNode(port, robot, CommandGate(), clock=clock, sleep=clock.sleep), port
 
 
 def speeds(port: FakePort) -> tuple[np.ndarray, np.ndarray]:
     """Stamps [s] and speeds [m/s] by the tracking system."""
-    seen = [msg.read_pose_stamped(m) for _, m in port.of(POSE)]
+    seen = [msg.read_pose_stamped(m) for _, m in port.of(POSE_TOPIC)]
     t, xy = np.array([s.stamp for s in seen]), np.array([(s.x, s.y) for s in seen])
     return t[1:], np.hypot(*np.diff(xy, axis=0).T) / np.diff(t)
 
@@ -52,10 +62,10 @@ def speeds(port: FakePort) -> tuple[np.ndarray, np.ndarray]:
 def test_every_topic_comes_at_its_rate_and_its_instants(plant: MujocoPlant) -> None:
     node, port = simulation(plant, overshoot=3e-4)
     node.run(2.0)
-    assert port.counts() == {topic: round(2.0 * f) for topic, f in RATES.items()}
-    stamps = np.array([msg.get_stamp(m.header.stamp) for _, m in port.of(POSE)])
+    assert port.counts() == {topic: round(2.0 * f) for topic, f in PUBLISH_RATES.items()}
+    stamps = np.array([msg.get_stamp(m.header.stamp) for _, m in port.of(POSE_TOPIC)])
     assert np.all((stamps - np.arange(1, 241) / 120.0 >= -1e-9) & (stamps - np.arange(1, 241) / 120.0 < plant.dt))
-    sent = np.array([t for t, _ in port.of(POSE)])
+    sent = np.array([t for t, _ in port.of(POSE_TOPIC)])
     assert np.all((sent - stamps >= 0.0) & (sent - stamps < 1e-3))
     assert node.report.pace is not None
     assert abs(node.report.pace.error) < 1e-4
@@ -66,12 +76,12 @@ def test_odometry_and_tf_say_the_same(plant: MujocoPlant) -> None:
     node, port = simulation(plant)
     port.plan(COMMAND, 0.0, twist(0.3, 0.3))
     node.run(1.0)
-    (_, tf), (_, odometry) = port.of(TF)[-1], port.of(FILTERED)[-1]
+    (_, tf), (_, odometry) = port.of(TF_TOPIC)[-1], port.of(FILTERED_TOPIC)[-1]
     (placed,) = tf.transforms
     assert placed.transform.translation.x == odometry.pose.pose.position.x
     assert placed.transform.rotation.z == odometry.pose.pose.orientation.z
     assert placed.header.stamp == odometry.header.stamp
-    assert port.of(WHEELS)[-1][1].child_frame_id == "base_link"
+    assert port.of(WHEELS_TOPIC)[-1][1].child_frame_id == "base_link"
 
 
 def test_a_stream_that_falls_silent_stops_the_robot_and_it_is_said(
@@ -147,10 +157,10 @@ def test_set_pose_answers_by_service_and_by_topic(plant: MujocoPlant, caplog: py
 
     for frame, w in (("map", 1.0), ("odom", math.nan), ("/odom", math.cos(0.25))):
         port.calls.append(Call(type("Request", (), {"pose": call(frame, w)})(), answers.append))
-    port.plan(SET_POSE, 1.0, call("map", 1.0))
+    port.plan(SET_POSE_TOPIC, 1.0, call("map", 1.0))
     with caplog.at_level(logging.WARNING, "validation"):
         node.run(0.1)
-        seen = msg.read_odometry(port.of(FILTERED)[-1][1])
+        seen = msg.read_odometry(port.of(FILTERED_TOPIC)[-1][1])
         port.clock.now = 101.0
         node._take_in()
     assert [bool(a) for a in answers] == [True, True, False]
@@ -164,7 +174,7 @@ def test_a_machine_that_is_too_slow_is_said_once(plant: MujocoPlant, caplog: pyt
     ordinary = port.send
 
     def slow(topic: str, fill: Any) -> None:
-        port.clock.now += 0.05 if topic == POSE and 100.2 < port.clock() < 100.5 else 0.0
+        port.clock.now += 0.05 if topic == POSE_TOPIC and 100.2 < port.clock() < 100.5 else 0.0
         ordinary(topic, fill)
 
     port.send = slow  # type: ignore[method-assign]
@@ -199,7 +209,7 @@ def commands(port: FakePort) -> tuple[np.ndarray, np.ndarray]:
 def speak(port: FakePort, until: float, begin: float = 0.0) -> None:
     for k in range(round((until - begin) * 50)):
         t = begin + 0.02 * k
-        port.plan(FILTERED, t, odometry(t + 1.0, 0.2 * t))
+        port.plan(FILTERED_TOPIC, t, odometry(t + 1.0, 0.2 * t))
 
 
 def test_commands_come_at_20_hz_and_end_in_a_stop(lab: Profile) -> None:
@@ -230,7 +240,7 @@ def test_damaged_feedback_is_none(lab: Profile) -> None:
     node, port, _ = controller(lab)
     speak(port, 1.0)
     for k in range(100):
-        port.plan(FILTERED, 1.0 + 0.02 * k, odometry(2.0 + 0.02 * k, math.nan))
+        port.plan(FILTERED_TOPIC, 1.0 + 0.02 * k, odometry(2.0 + 0.02 * k, math.nan))
     with pytest.raises(StoppedError, match="no feedback"):
         node.run()
 
@@ -285,10 +295,10 @@ def test_the_law_may_see_the_tracking_systems_pose(lab: Profile) -> None:
     node, port, pilot = controller(lab, topics=Topics(law_by_pose=True))
     for k in range(150):
         t = 0.02 * k
-        port.plan(FILTERED, t, odometry(t + 1.0, 99.0))
+        port.plan(FILTERED_TOPIC, t, odometry(t + 1.0, 99.0))
         seen = make("geometry_msgs/PoseStamped")
         msg.fill_pose_stamped(seen, t + 1.0, "world", np.array([5.0 + 0.1 * t, 0.0, 0.0]))
-        port.plan(POSE, t + 0.005, seen)
+        port.plan(POSE_TOPIC, t + 0.005, seen)
     with pytest.raises(StoppedError, match="no feedback"):
         node.run()
     run = pilot.run()

@@ -29,7 +29,7 @@ from validation.track.run import DEFAULT_SPEED, NAMED, default_gains, write
 from validation.track.tracking import make_controller, rate_within, reference_of
 from validation.track.waypoint_files import open_reference
 
-log = logging.getLogger("validation.ros")  # also as __main__
+_logger = logging.getLogger("validation.ros")
 
 
 def sim(
@@ -70,15 +70,15 @@ def sim(
         warm_up(SimulatedRobot(plant, settings))
         robot = SimulatedRobot(plant, settings, State(*start))
         if not wall_time:
-            port.set_parameter(ros_sim.SIM_TIME, True)
-        ros_sim.connect(port)
+            port.set_parameter(ros_sim.SIM_TIME_PARAMETER, True)
+        ros_sim.connect_simulation(port)
         node = ros_sim.SimNode(port, robot, CommandGate(), stamp_offset=time.time() if wall_time else 0.0)
-        log.info("the Husky of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", profile, *start)
+        _logger.info("the Husky of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", profile, *start)
         try:
             node.run(duration)
         finally:
             for line in node.report.lines():
-                log.info(line)
+                _logger.info(line)
     finally:
         port.close("the simulation has ended")
 
@@ -139,7 +139,7 @@ def control(
     topics = ros_control.Topics(odometry, pose, command, feedback == "pose")
     port = _open("husky_control")
     try:
-        ros_control.connect(port, topics)
+        ros_control.connect_control(port, topics)
         node = ros_control.ControlNode(port, pilot, topics, patience=patience)
         node.run()
     finally:
@@ -173,7 +173,8 @@ def _open(name: str) -> Port:
 
     signal.signal(signal.SIGTERM, interrupt)
     signal.signal(signal.SIGINT, interrupt)
-    return Port(name)
+    with cli.mistakes_are_users():
+        return Port(name)
 
 
 def program() -> Any:

@@ -1,4 +1,4 @@
-"""The node that drives whatever robot answers on a Husky's topics along a reference, and stops it when in doubt."""
+"""The node that drives a robot on a Husky's topics along a reference, and stops it when in doubt."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from typing import Any
 
 from ssmr.errors import SsmrError
 from validation.ros import messages as msg
-from validation.ros.commands import STILL, Twist
+from validation.ros.commands import STAND_STILL, Twist
 from validation.ros.messages import Seen
 from validation.ros.pilot import FRESH, Phase, Pilot, StoppedError
 from validation.ros.sim import Channel
 
-log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 START_PATIENCE = 30.0
-"""So long a robot is waited for [s]."""
+"""Time for which a robot is waited for [s]."""
 STOP_TIME = 0.5
-"""For so long it is told to stand [s]: ten times at 20 Hz."""
+"""Time for which the robot is told to stand [s]: ten commands at 20 Hz."""
 SLACK = 0.004
-"""By how much the velocity loop comes after the position loop's first message [s]: later ones have a little time to come."""
+"""Delay of the velocity loop behind the first message of the position loop [s], so that later messages may be a bit late."""
 
 
 @dataclass(frozen=True)
 class Topics:
-    """Where robot and tracking system speak, and where the robot listens."""
+    """Topics of robot and tracking system."""
 
     odometry: str = "/odometry/filtered"
-    """nav_msgs/Odometry: speeds, and the pose unless `law_by_pose`."""
+    """Topic of nav_msgs/Odometry: speeds, and the pose unless `law_by_pose`."""
     pose: str = "/vrpn_client_node/husky/pose"
-    """geometry_msgs/PoseStamped of a tracking system: what the drive is judged by, where it is there."""
+    """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is there."""
     command: str = "/cmd_vel"
-    """geometry_msgs/Twist."""
+    """Topic of geometry_msgs/Twist, on which the robot listens."""
     law_by_pose: bool = False
-    """Let the law see the tracking system's pose in the place of the odometry's."""
+    """Let the controller see the tracking system's pose in place of the odometry's."""
 
 
 class ControlNode:
-    """The loop: messages to the pilot as they come, commands at their instants."""
+    """The loop of the node: messages go to the pilot as they come, commands to the robot at their instants."""
 
     def __init__(
         self,
@@ -52,48 +52,48 @@ class ControlNode:
         clock: Callable[[], float] = time.monotonic,
         patience: float = START_PATIENCE,
     ) -> None:
-        """Hold everything ready; see `connect` for the port's topics.
+        """Prepare the loop; nothing is sent yet.
 
         Args:
-            port: an open port.
-            pilot: who drives.
-            topics: where.
-            clock: monotonic time [s]; the one that arrivals are counted by.
-            patience: how long to wait for a robot to drive [s].
+            port: an open port with the topics of `connect_control`.
+            pilot: the tracker.
+            topics: names of the topics.
+            clock: monotonic time [s], the one in which arrivals are given.
+            patience: time for which a robot to drive is waited for [s].
         """
         self._port, self._pilot, self._topics, self._clock, self._patience = port, pilot, topics, clock, patience
         self._speeds: Seen | None = None
         self.drove = 0.0
-        """How long the robot was driven [s]."""
+        """Time for which the robot was driven [s]."""
         self._speeds_at = -math.inf
 
     def run(self) -> None:
-        """Wait for the robot, drive it, and stop it, however this ends.
+        """Wait for the robot, drive it, and stop it, however the drive ends.
 
         Raises:
             StoppedError: no robot came, or it had to be stopped.
-            KeyboardInterrupt: as it comes, once the robot was told to stand.
+            KeyboardInterrupt: the user interrupted; the robot was told to stand before.
         """
         self._wait()  # until then the robot is somebody else's: nothing is sent
-        log.info("driving")
+        _logger.info("driving")
         began = self._clock()
         try:
             self._drive()
-            log.info("arrived: the robot is stopped")
+            _logger.info("arrived: the robot is stopped")
         except SsmrError as error:
-            log.error("the robot is stopped: %s", error)
+            _logger.error("the robot is stopped: %s", error)
             raise
         except KeyboardInterrupt:
-            log.warning("interrupted: the robot is stopped")
+            _logger.warning("interrupted: the robot is stopped")
             raise
         finally:
             self.drove = self._clock() - began
             self._stop()
 
     def _wait(self) -> None:
-        """Until somebody listens, and the pilot is content."""
+        """Wait until the robot listens and the pilot is ready to drive."""
         until, told = self._clock() + self._patience, ""
-        log.info("waiting for the robot on %s", self._topics.odometry)
+        _logger.info("waiting for the robot on %s", self._topics.odometry)
         while self._pilot.phase is Phase.WAITING:
             heard = self._port.listeners(self._topics.command) > 0
             why = self._pilot.why_waiting if heard else f"nobody listens to {self._topics.command}"
@@ -105,10 +105,10 @@ class ControlNode:
                 self._port.receive(0.1)  # what comes meanwhile is old when it counts
             if why != told and self._clock() > until - self._patience + 1.0:
                 told = why
-                log.info("still waiting: %s", told)
+                _logger.info("still waiting: %s", told)
 
     def _drive(self) -> None:
-        """Messages as they come, commands at absolute deadlines."""
+        """Take messages as they come, and send commands at absolute deadlines."""
         period, start, k = self._pilot.settings.period, self._clock() + min(SLACK, 0.1 * self._pilot.settings.period), 0
         while self._pilot.phase is Phase.DRIVING:
             left = start + k * period - self._clock()
@@ -117,16 +117,15 @@ class ControlNode:
                 continue
             self._require_master()
             self._send(self._pilot.command(self._clock()))
-            k = max(
-                k + 1, math.floor((self._clock() - start) / period)
-            )  # a deadline that was slept through is not made up for
+            # a deadline that was slept through is not made up for
+            k = max(k + 1, math.floor((self._clock() - start) / period))
 
     def _require_master(self) -> None:
         if self._port.master_gone.is_set():
             raise StoppedError(f"the ROS master at {self._port.master} is gone")
 
     def _take(self, timeout: float) -> None:
-        """At most one message, waited for at most `timeout` [s]."""
+        """Take at most one message, waited for at most `timeout` [s]."""
         got = self._port.receive(timeout)
         if got is None:
             return
@@ -138,7 +137,7 @@ class ControlNode:
             elif got.topic == self._topics.pose:
                 self._take_pose(msg.read_pose_stamped(got.message), got.arrival)
         except ValueError as error:
-            log.warning("%s: %s; ignored", got.topic, error)  # and stale, if it goes on
+            _logger.warning("%s: %s; ignored", got.topic, error)  # if that goes on, the feedback becomes too old
 
     def _take_pose(self, seen: Seen, arrival: float) -> None:
         self._pilot.track(seen)
@@ -149,16 +148,16 @@ class ControlNode:
         self._port.send(self._topics.command, lambda m: msg.fill_twist(m, *command))
 
     def _stop(self) -> None:
-        """Tell the robot to stand, and again for a while, even if interrupted meanwhile."""
+        """Tell the robot to stand for a while, even if interrupted meanwhile."""
         until, period = self._clock() + STOP_TIME, self._pilot.settings.period
         while self._clock() < until:
-            self._send(STILL)
+            self._send(STAND_STILL)
             next_at = self._clock() + period
             while (left := next_at - self._clock()) > 0.0:
                 self._take_last(left)
 
     def _take_last(self, timeout: float) -> None:
-        """What still comes is the tracking system's, for the record."""
+        """Keep what the tracking system still sends, for the record."""
         got = self._port.receive(timeout)
         if got is not None and got.topic == self._topics.pose:
             try:
@@ -167,7 +166,7 @@ class ControlNode:
                 return
 
 
-def connect(port: Any, topics: Topics) -> None:
+def connect_control(port: Any, topics: Topics) -> None:
     """Make the controller's topics on a port."""
     port.advertise(topics.command, "geometry_msgs/Twist")
     port.listen(topics.odometry, "nav_msgs/Odometry")

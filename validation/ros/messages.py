@@ -1,8 +1,8 @@
-"""ROS messages to numbers and back: the one place that knows their fields, units and conventions.
+"""Conversion between ROS messages and numbers: the only module that knows the fields and units of live messages.
 
-Frames as in REP 103 and 105: x forward, y left, z up; poses in `odom`, twists in `base_link`. Covariances are 6 x 6 by rows
-in the order x, y, z, roll, pitch, yaw. Messages are filled and read by their fields alone, whoever made them: ROS' own
-classes, a bag reader's, or a test's.
+Frames follow REP 103 and 105: x forward, y left, z up; poses in `odom`, twists in `base_link`. Covariances are 6 x 6 by rows
+in the order x, y, z, roll, pitch, yaw. Messages are filled and read by their fields alone, so their classes may be those of
+ROS or of a test.
 """
 
 from __future__ import annotations
@@ -16,39 +16,38 @@ from ssmr.geometry import quat_wxyz_to_xyzw, quat_wxyz_to_yaw, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 
 ODOM, BASE, IMU, WORLD = "odom", "base_link", "imu_link", "world"
-"""Frames: where dead reckoning believes to be, the robot, its IMU, and the tracking system's."""
-FLAT = 1e-6
-"""Variance of what a robot on a plane cannot do [m2, rad2 and per s2]: z, roll and pitch. As small as it is, it keeps a
-covariance invertible."""
+"""Frames of dead reckoning, of the robot, of its IMU and of the tracking system."""
+_FLAT_VARIANCE = 1e-6
+"""Variance of z, roll and pitch of a robot on a plane [m2, rad2 and per s2]; small, but it keeps a covariance invertible."""
 
 _PLANAR = (0, 1, 5)
 _NANO = 1_000_000_000
 
 
 class Seen(NamedTuple):
-    """What a message says of a planar robot."""
+    """Pose and speeds of a planar robot in one message."""
 
     stamp: float
-    """Of the measurement, by the sender's clock [s]."""
+    """Time of the measurement by the sender's clock [s]."""
     x: float
-    """[m]"""
+    """Position [m]."""
     y: float
-    """[m]"""
+    """Position [m]."""
     yaw: float
-    """In (-pi, pi] [rad]."""
+    """Heading in (-pi, pi] [rad]."""
     v: float
-    """Forward speed [m/s]; NaN: not said."""
+    """Forward speed [m/s]; NaN if the message has none."""
     w: float
-    """Yaw rate [rad/s]; NaN: not said."""
+    """Yaw rate [rad/s]; NaN if the message has none."""
 
 
 def set_stamp(stamp: Any, seconds: float) -> None:
-    """Write a time [s], not negative, into a message's, to the nanosecond."""
+    """Write a time [s], not negative, into a message's stamp, to the nanosecond."""
     stamp.secs, stamp.nsecs = divmod(round(seconds * 1e9), _NANO)
 
 
 def get_stamp(stamp: Any) -> float:
-    """A message's time [s]."""
+    """Return the time of a stamp [s]."""
     return float(stamp.secs + 1e-9 * stamp.nsecs)
 
 
@@ -64,10 +63,10 @@ def set_quaternion(orientation: Any, quat_wxyz: FloatArray) -> None:
 
 
 def get_yaw(orientation: Any) -> float:
-    """Heading of a geometry_msgs/Quaternion [rad]; it need not be normalised.
+    """Return the heading of a geometry_msgs/Quaternion [rad]; it need not be normalised.
 
     Raises:
-        ValueError: no orientation: all zero, or not finite.
+        ValueError: the quaternion is zero or not finite.
     """
     quat = np.array([orientation.w, orientation.x, orientation.y, orientation.z], dtype=np.float64)
     length = float(np.linalg.norm(quat)) if np.all(np.isfinite(quat)) else math.nan
@@ -77,14 +76,14 @@ def get_yaw(orientation: Any) -> float:
 
 
 def covariance_36(planar: FloatArray) -> list[float]:
-    """A (3, 3) covariance of x, y, yaw, or of their rates, as ROS has it."""
-    full = FLAT * np.eye(6)
+    """Return a (3, 3) covariance of x, y, yaw, or of their rates, as the 36 numbers of ROS."""
+    full = _FLAT_VARIANCE * np.eye(6)
     full[np.ix_(_PLANAR, _PLANAR)] = planar
     return [float(value) for value in full.ravel()]
 
 
 def planar_covariance(covariance: Any) -> FloatArray:
-    """(3, 3) of x, y, yaw from the 36 numbers of ROS.
+    """Return the (3, 3) covariance of x, y, yaw from the 36 numbers of ROS.
 
     Raises:
         ValueError: not 36 finite numbers, or a negative variance.
@@ -104,12 +103,12 @@ def fill_odometry(
     """Fill a nav_msgs/Odometry.
 
     Args:
-        message: to be filled.
-        stamp: [s].
+        message: the message.
+        stamp: time [s].
         pose: (3,) x, y [m], yaw [rad] of the base in `odom`.
         twist: v [m/s] and omega [rad/s] of the base.
-        pose_cov: (3, 3) of x, y, yaw.
-        twist_cov: (3, 3) of v_x, v_y, omega.
+        pose_cov: (3, 3) covariance of x, y, yaw.
+        twist_cov: (3, 3) covariance of v_x, v_y, omega.
     """
     set_stamp(message.header.stamp, stamp)
     message.header.frame_id, message.child_frame_id = ODOM, BASE
@@ -127,14 +126,14 @@ def fill_pose_stamped(message: Any, stamp: float, frame: str, pose: FloatArray) 
 
 
 def fill_imu(message: Any, stamp: float, rates: FloatArray, forces: FloatArray, variances: tuple[float, float]) -> None:
-    """Fill a sensor_msgs/Imu, as REP 145 has a raw one: no orientation, gravity included.
+    """Fill a raw sensor_msgs/Imu as in REP 145: without orientation, with gravity.
 
     Args:
-        message: to be filled.
-        stamp: [s].
+        message: the message.
+        stamp: time [s].
         rates: (3,) angular velocity [rad/s].
         forces: (3,) specific force [m/s2]; at rest (0, 0, g).
-        variances: of each rate [rad2/s2] and of each force [m2/s4].
+        variances: variance of each rate [rad2/s2] and of each force [m2/s4].
     """
     set_stamp(message.header.stamp, stamp)
     message.header.frame_id = IMU
@@ -149,11 +148,11 @@ def fill_transform(message: Any, stamp: float, frames: tuple[str, str], at: tupl
     """Fill a geometry_msgs/TransformStamped.
 
     Args:
-        message: to be filled.
-        stamp: [s].
-        frames: the parent, and the child, whose pose in the parent this is.
-        at: place of the child [m].
-        yaw: its heading [rad].
+        message: the message.
+        stamp: time [s].
+        frames: parent and child; the transform is the child's pose in the parent.
+        at: position of the child [m].
+        yaw: heading of the child [rad].
     """
     set_stamp(message.header.stamp, stamp)
     message.header.frame_id, message.child_frame_id = frames
@@ -168,25 +167,25 @@ def fill_twist(message: Any, v: float, w: float) -> None:
 
 
 def read_twist(message: Any) -> tuple[float, float]:
-    """V [m/s] and omega [rad/s] of a geometry_msgs/Twist."""
+    """Return v [m/s] and omega [rad/s] of a geometry_msgs/Twist."""
     return float(message.linear.x), float(message.angular.z)
 
 
 def read_odometry(message: Any) -> Seen:
-    """What a nav_msgs/Odometry says.
+    """Return pose and speeds of a nav_msgs/Odometry.
 
     Raises:
-        ValueError: a number that is not finite, or no orientation.
+        ValueError: a number is not finite, or there is no orientation.
     """
     twist = message.twist.twist
     return _finite(_read_pose(message, message.pose.pose)._replace(v=float(twist.linear.x), w=float(twist.angular.z)))
 
 
 def read_pose_stamped(message: Any) -> Seen:
-    """What a geometry_msgs/PoseStamped says: where, not how fast.
+    """Return the pose of a geometry_msgs/PoseStamped; it has no speeds.
 
     Raises:
-        ValueError: a number that is not finite, or no orientation.
+        ValueError: a number is not finite, or there is no orientation.
     """
     seen = _read_pose(message, message.pose)
     _finite(seen._replace(v=0.0, w=0.0))

@@ -1,7 +1,7 @@
-"""Real time: absolute deadlines on a monotonic clock, and what was due at them.
+"""Real time: absolute deadlines on a monotonic clock, and the samples that are due at each.
 
-A loop that sleeps for its period drifts by whatever its work takes; one that sleeps until the start plus so many periods
-does not. The clock and the sleep are given, so that tests need neither.
+A loop that sleeps for its period drifts by the duration of its work; one that sleeps until absolute deadlines does not.
+Clock and sleep are arguments, so that tests need neither.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 from ssmr.types import FloatArray
 
 EDGE = 1.0
-"""A run's first and last so many seconds are held against each other [s]."""
+"""Length of the beginning and of the end of a run that are compared for drift [s]."""
 
 
 def instants(rates: Mapping[str, float], dt: float) -> Iterator[tuple[int, tuple[str, ...]]]:
-    """When what is due, for ever.
+    """Yield, without end, the steps at which samples are due.
 
-    The k-th sample of a rate f is due with the first step at or after k/f, k = 1, 2, ...: a rate whose period is no whole
+    The k-th sample of a rate f is due with the first step at or after k/f, k = 1, 2, ... So a rate whose period is no whole
     number of steps is kept on average, to the step.
 
     Args:
@@ -31,10 +31,10 @@ def instants(rates: Mapping[str, float], dt: float) -> Iterator[tuple[int, tuple
         dt: step [s].
 
     Yields:
-        The number of a step, and the names that are due with it; steps increase.
+        The number of a step and the names that are due with it; steps increase.
 
     Raises:
-        ValueError: a rate that is not positive, or more than one sample a step.
+        ValueError: a rate is not positive, or more than one sample a step.
     """
     for name, rate in rates.items():
         if not 0.0 < rate <= (1.0 + 1e-9) / dt:
@@ -55,21 +55,21 @@ def instants(rates: Mapping[str, float], dt: float) -> Iterator[tuple[int, tuple
 
 @dataclass(frozen=True)
 class Pace:
-    """How well a loop kept its deadlines."""
+    """Lateness of a loop with deadlines."""
 
     duration: float
-    """From the start to the last deadline [s]."""
+    """Time from the start to the last deadline [s]."""
     error: float
-    """How much longer the run took than it should have [s], see `drift`."""
+    """Time by which the run took longer than it should have [s], see `drift`."""
     late_median: float
-    """Lateness of a wake-up: median [s]."""
+    """Median lateness of a wake-up [s]."""
     late_p95: float
-    """95th percentile [s]."""
+    """95th percentile of the lateness [s]."""
     late_max: float
-    """Greatest [s]."""
+    """Greatest lateness [s]."""
 
     def text(self) -> str:
-        """In one line."""
+        """Return this as one line."""
         return (
             f"{self.duration:.2f} s at real time: pacing error {1e3 * self.error:+.3f} ms; wake-ups late by "
             f"{1e3 * self.late_median:.2f} ms (median), {1e3 * self.late_p95:.2f} (95 %), {1e3 * self.late_max:.2f} (most)"
@@ -77,36 +77,36 @@ class Pace:
 
 
 def drift(t: FloatArray, late: FloatArray) -> float:
-    """What adds up over a run, whatever single wake-ups do: least lateness of its last second less that of its first [s].
+    """Return the drift of a run [s]: the least lateness of its last second minus that of its first.
 
-    A busy machine makes many wake-ups late and leaves some in time; a loop that falls behind has none in time.
+    On a busy machine many wake-ups are late but some are in time; a loop that falls behind has none in time.
 
     Args:
         t: (M,) instants, increasing [s].
-        late: (M,) how late each was [s].
+        late: (M,) lateness of each [s].
     """
     return float(late[t >= t[-1] - EDGE].min() - late[t <= t[0] + EDGE].min())
 
 
 class Pacer:
-    """Waits for instants that are counted from one start."""
+    """Waits for instants counted from one start."""
 
     def __init__(self, clock: Callable[[], float], sleep: Callable[[float], object]) -> None:
         """Start now.
 
         Args:
-            clock: monotonic time [s].
-            sleep: waits for some time [s], or a little longer.
+            clock: function that returns monotonic time [s].
+            sleep: function that waits for some time [s], or a little longer.
         """
         self._clock, self._sleep = clock, sleep
         self.start = clock()
         self._deadlines, self._late = array("d"), array("d")
 
     def wait(self, instant: float) -> float:
-        """Sleep until `instant` [s] after the start; do not sleep where that has passed.
+        """Sleep until `instant` [s] after the start; do not sleep if that has passed.
 
         Returns:
-            How late it is [s].
+            The lateness [s].
         """
         deadline = self.start + instant
         while (left := deadline - self._clock()) > 0.0:
@@ -117,7 +117,7 @@ class Pacer:
         return late
 
     def pace(self) -> Pace:
-        """How well it went so far.
+        """Return the lateness so far.
 
         Raises:
             ValueError: nothing was waited for yet.

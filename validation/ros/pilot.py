@@ -1,8 +1,8 @@
-"""A trajectory tracker for a robot that answers by messages: when to start, what to command, when to stop. No ROS here.
+"""A trajectory tracker for a robot that answers by messages: it decides when to start, what to command and when to stop.
 
-The position loop runs with each message that says where the robot is, the velocity loop when its own clock says so
+The position loop runs with each message that tells the robot's pose, the velocity loop at the instants of its own clock
 (Sec. 4.3.2). Mission time is counted by the messages' stamps, so target and observation belong to one instant, however long
-the message took; that messages still come is watched by the receiver's own clock.
+the message took. The receiver's own clock watches that messages still come. There is no ROS in this module.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
 from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
-from validation.ros.commands import STILL, Twist
+from validation.ros.commands import STAND_STILL, Twist
 from validation.ros.messages import Seen
 
 FRESH = 0.5
-"""Feedback older than this is none [s]."""
-STANDING = 0.05
-"""A robot faster than this does not stand, and is not taken over [m/s, rad/s]."""
+"""Age from which feedback is too old to drive by [s]."""
+MOVING = 0.05
+"""A robot faster than this is not taken over [m/s, rad/s]."""
 AT_START = 0.5
-"""With `absolute`: how far from the reference's start a robot may stand [m]."""
+"""Greatest distance of the robot from the reference's start with `absolute` [m]."""
 
 
 class StoppedError(SsmrError):
@@ -38,7 +38,7 @@ class StoppedError(SsmrError):
 
 
 class Phase(Enum):
-    """What a pilot is doing."""
+    """State of a pilot."""
 
     WAITING = "waiting"
     DRIVING = "driving"
@@ -47,20 +47,20 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class PilotSettings:
-    """How careful to be, and how often to command."""
+    """Limits and periods of a pilot."""
 
     period: float = 0.05
-    """Of commands and the velocity loop [s]; a Husky reads 20 a second."""
+    """Period of commands and of the velocity loop [s]; a Husky reads 20 commands a second."""
     v_limit: float = 1.0
     """Greatest speed ever commanded [m/s]."""
     w_limit: float = 1.0
     """Greatest yaw rate ever commanded [rad/s]."""
     lookahead: float = 0.0
-    """Distance at which the robot is told to keep behind its target [m]."""
+    """Distance that the robot keeps behind its target [m]."""
     absolute: bool = False
-    """Waypoints are places in the feedback's frame; else the reference begins where the robot stands, and as it faces."""
+    """True if waypoints are places in the feedback's frame; else the reference begins at the robot's pose."""
     settled: int = 5
-    """So many fresh messages in a row, of a robot that stands, before it is driven."""
+    """Number of fresh messages in a row from a standing robot before it is driven."""
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -75,26 +75,26 @@ class PilotSettings:
 
 
 class _Frame:
-    """Poses of one sender, unwrapped, as the reference's frame has them."""
+    """Turns the poses of one sender into the reference's frame, with yaw unwrapped."""
 
     def __init__(self, origin: FloatArray) -> None:
         self._to_reference = origin
         self._yaw: float | None = None
 
     def take(self, seen: Seen) -> FloatArray:
-        """(3,) the pose, its yaw unwrapped from the last one (Sec. 4.2)."""
+        """Return the (3,) pose, its yaw unwrapped from the last one (Sec. 4.2)."""
         yaw = seen.yaw if self._yaw is None else self._yaw + float(wrap_angle(seen.yaw - self._yaw))
         self._yaw = yaw
         return compose(self._to_reference, np.array([seen.x, seen.y, yaw]))
 
 
 def _onto(start: FloatArray, seen: Seen) -> FloatArray:
-    """The transform that takes what is seen now to the reference's start."""
+    """Return the transform that takes the pose seen now to the reference's start."""
     return compose(start, invert(np.array([seen.x, seen.y, seen.yaw])))
 
 
 class Pilot:
-    """One mission: messages in, commands out."""
+    """One mission: takes messages and gives commands."""
 
     def __init__(self, controller: Controller, waypoints: Waypoints, settings: PilotSettings) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
@@ -139,18 +139,18 @@ class Pilot:
         return row
 
     def track(self, seen: Seen) -> None:
-        """Where a tracking system saw the robot; for the record, not for the law."""
+        """Take a pose from a tracking system, for the record and not for the controller."""
         self._last_tracked = seen
         if self._tracked_frame is not None:
             pose = self._tracked_frame.take(seen)
             self._tracked.append(np.array([seen.stamp - self._begin, *pose]))
 
     def see(self, seen: Seen, now: float) -> None:
-        """Where the robot believes to be, and how fast; runs the position loop.
+        """Take the robot's pose and speeds, and run the position loop.
 
         Args:
-            seen: all of it finite.
-            now: when it came, by the receiver's monotonic clock [s].
+            seen: pose and speeds, all finite.
+            now: time of arrival by the receiver's monotonic clock [s].
 
         Raises:
             StoppedError: the sender's clock jumped, or the robot is farther from its target than it may be.
@@ -166,12 +166,12 @@ class Pilot:
                 self._tick(seen, dt)
 
     def _consider(self, seen: Seen, dt: float) -> None:
-        """Whether to start."""
+        """Start driving, or say in `why_waiting` why not."""
         start = self._waypoints.start
         away = math.hypot(seen.x - start.x, seen.y - start.y)
         if not 0.0 < dt < FRESH:
             self.why_waiting, self._fresh = "the feedback does not come steadily", 0
-        elif abs(seen.v) > STANDING or abs(seen.w) > STANDING:
+        elif abs(seen.v) > MOVING or abs(seen.w) > MOVING:
             self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
         elif self.settings.absolute and away > AT_START:
             self.why_waiting, self._fresh = f"the robot stands {away:.2f} m from the reference's start", 0
@@ -192,7 +192,7 @@ class Pilot:
         self._tick(seen, dt)
 
     def _tick(self, seen: Seen, dt: float) -> None:
-        """One step of the position loop."""
+        """Run one step of the position loop."""
         t = seen.stamp - self._begin
         x, y, yaw = map(float, self._frame.take(seen))
         self._rows.append(self._run_tick(Observation(x, y, yaw, seen.v, seen.w), t, dt))
@@ -205,13 +205,13 @@ class Pilot:
             self.phase = Phase.ARRIVED
 
     def command(self, now: float) -> Twist:
-        """One step of the velocity loop: v [m/s] and omega [rad/s] to send now.
+        """Run one step of the velocity loop; return v [m/s] and omega [rad/s] to send now.
 
         Raises:
-            StoppedError: the feedback is too old to drive by, or a law's output is not finite.
+            StoppedError: the feedback is too old to drive by, or the controller's output is not finite.
         """
         if self.phase is not Phase.DRIVING:
-            return STILL
+            return STAND_STILL
         if now - self._arrival > FRESH:
             raise StoppedError(f"no feedback for {now - self._arrival:.2f} s")
         mind = velocity_tick(self._tracker, self._mind, self.settings.period)
@@ -225,11 +225,11 @@ class Pilot:
 
     @property
     def tracked(self) -> bool:
-        """Whether a tracking system saw the whole drive."""
+        """True if a tracking system saw the whole drive."""
         return bool(self._tracked) and self._tracked[-1][0] >= self._times[-1] - FRESH
 
     def run(self) -> ClosedRun:
-        """What happened, at even instants; the motion by the tracking system if there was one, else as the robot believes.
+        """Return the drive at even instants: the motion by the tracking system if there was one, else by the feedback.
 
         Lateral speed, wheel rates and torques are not known, and 0.
 

@@ -1,7 +1,7 @@
-"""The way into a ROS 1 graph: the only module that knows rospy, which is imported when a port opens.
+"""The connection to a ROS 1 graph: the only module that knows rospy, which is imported when a port opens.
 
-rospy is no package of PyPI. On Debian 12 it comes with apt for the system's Python 3.11, where a virtual environment of the
-same version finds it too; the environment's own packages go first.
+rospy is not on PyPI. On Debian 12 apt installs it for the system's Python 3.11, where a virtual environment of the same
+version finds it too; the environment's own packages go first.
 """
 
 from __future__ import annotations
@@ -23,32 +23,34 @@ from types import ModuleType
 from typing import Any, NamedTuple
 from xml.parsers.expat import ExpatError
 
-from validation import cli
-
 SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
-"""Where Debian puts rospy."""
+"""Folder into which Debian installs rospy."""
 APT_PACKAGES = (
     "ros-core python3-rospy python3-nav-msgs python3-geometry-msgs python3-sensor-msgs python3-tf2-msgs python3-std-srvs"
 )
-"""What apt must install."""
+"""Packages to install with apt."""
 QUEUE = 10
-"""Messages that wait for a slow subscriber, a topic."""
+"""Messages of one topic that wait for a slow subscriber."""
 MASTER_PERIOD = 0.1
-"""How often the master is asked whether it is there [s]."""
+"""Period at which the master is asked for a sign of life [s]."""
 MASTER_PATIENCE = 0.25
-"""How long it may take to answer [s]; the first time, ten times as long."""
+"""Time within which it must answer [s]; ten times that at the start."""
 REFUSED, SILENT, GONE = 2, 1, 4
-"""What a refused question and one that was not answered in time count for, and at how much the master is gone: after two
-refusals, 0.2 s, or four silences, 1.4 s. A busy machine is silent at times; a silence that cuts off peers as well is noticed
-by them within 0.5 s."""
+"""Weight of a refused question, weight of one without an answer in time, and the sum at which the master counts as gone:
+after two refusals, 0.2 s, or four silences, 1.4 s. A busy machine is silent at times; if it cuts off its peers as well,
+these notice within 0.5 s."""
+
+
+class NoGraphError(ValueError):
+    """There is no ROS graph to join: rospy is missing, or no master answers."""
 
 
 class Received(NamedTuple):
-    """A message, and when it came."""
+    """A message and the time of its arrival."""
 
     topic: str
     arrival: float
-    """Monotonic [s]."""
+    """Monotonic time [s]."""
     message: Any
 
 
@@ -57,14 +59,14 @@ class Call(NamedTuple):
 
     request: Any
     answer: Callable[[str], None]
-    """To be called once: with nothing, or with what was wrong."""
+    """Function to be called once, with an empty text or with the fault."""
 
 
 def load_rospy() -> ModuleType:
-    """rospy, from this environment or the system's.
+    """Return rospy, from this environment or the system's.
 
     Raises:
-        UserError: it is not there, or is another Python's.
+        NoGraphError: it is not installed, or for another version of Python.
     """
     if importlib.util.find_spec("rospy") is None and str(SYSTEM_PACKAGES) not in sys.path:
         sys.path.append(str(SYSTEM_PACKAGES))  # last: what this environment has itself goes first
@@ -74,24 +76,24 @@ def load_rospy() -> ModuleType:
                 importlib.import_module(name)
             return importlib.import_module("rospy")
     except ImportError as error:
-        raise cli.UserError(
+        raise NoGraphError(
             f"ROS 1 is not there ({error}); on Debian 12: apt-get install --no-install-recommends {APT_PACKAGES}; "
             f"it is for Python 3.11, this is {sys.version_info.major}.{sys.version_info.minor}"
         ) from None
 
 
 def message_class(kind: str) -> type[Any]:
-    """The class of `package/Type`, after `load_rospy`."""
+    """Return the class of `package/Type`; `load_rospy` must have been called."""
     package, _, name = kind.partition("/")
     found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
     return found
 
 
 def set_pose_service() -> type[Any]:
-    """robot_localization's SetPose.
+    """Return robot_localization's service type SetPose.
 
-    Debian does not package robot_localization. The same type made here, with the same name and checksum, is the same on the
-    wire: its request is one PoseWithCovarianceStamped, its answer is empty.
+    Debian does not package robot_localization. A type with the same name and checksum, made here, is the same on the wire:
+    its request is one PoseWithCovarianceStamped, its answer is empty.
     """
     try:
         found: type[Any] = importlib.import_module("robot_localization.srv").SetPose
@@ -134,11 +136,11 @@ def set_pose_service() -> type[Any]:
 
 
 SET_POSE_MD5 = "4f3e0bbe7a24e1f929488cd1970222d3"
-"""genmsg's checksum of the service's definition; a test recomputes it."""
+"""Checksum of the service's definition as genmsg computes it; a test repeats that."""
 
 
 class _Impatient(xmlrpc.client.Transport):
-    """HTTP that waits only so long."""
+    """HTTP with a limited time to connect and to answer."""
 
     def __init__(self, patience: float) -> None:
         super().__init__()
@@ -151,11 +153,11 @@ class _Impatient(xmlrpc.client.Transport):
 
 
 def ask_master(uri: str, caller: str, patience: float) -> int:
-    """Process id of a ROS master.
+    """Return the process id of a ROS master.
 
     Raises:
         TimeoutError: it did not answer in time.
-        OSError: nobody is there, or nobody that speaks as a master does.
+        OSError: nothing answers there, or not as a master does.
     """
     try:
         with xmlrpc.client.ServerProxy(uri, transport=_Impatient(patience)) as master:
@@ -169,13 +171,13 @@ def ask_master(uri: str, caller: str, patience: float) -> int:
 
 
 class Port:
-    """A node's topics, services and parameters; what comes waits in one queue for whoever asks."""
+    """Topics, services and parameters of a node; incoming messages wait in one queue."""
 
     def __init__(self, name: str) -> None:
         """Register a node.
 
         Raises:
-            UserError: rospy or the master is not there, or rospy is set up wrongly.
+            NoGraphError: rospy is missing, or no master answers.
         """
         self._rospy = load_rospy()
         self._uri = os.environ.setdefault("ROS_MASTER_URI", "http://localhost:11311")
@@ -183,7 +185,7 @@ class Port:
         try:
             self._pid = ask_master(self._uri, self._id, 10.0 * MASTER_PATIENCE)
         except OSError:
-            raise cli.UserError(
+            raise NoGraphError(
                 f"no ROS master answers at {self._uri}: start one with roscore, or set ROS_MASTER_URI to where it is"
             ) from None
         self._handlers = logging.getLogger().handlers[:], logging.getLogger().level
@@ -197,7 +199,7 @@ class Port:
         self._restore: tuple[str, Any] | None = None
         self._closed = threading.Event()
         self.master_gone = threading.Event()
-        """Set while the master does not answer, or another has taken its place: that one knows nothing of this node."""
+        """Set while the master does not answer, or after another one took its place, which does not know this node."""
         threading.Thread(target=self._watch_master, daemon=True).start()
 
     # --- the master ---
@@ -219,16 +221,16 @@ class Port:
 
     @property
     def master_pid(self) -> int:
-        """Its process id, on its own machine."""
+        """Process id of the master, on its own machine."""
         return self._pid
 
     @property
     def master(self) -> str:
-        """Where the master is, or was."""
+        """Address of the master."""
         return self._uri
 
     def set_parameter(self, name: str, value: Any) -> None:
-        """Set a parameter until the port closes; then it becomes what it was."""
+        """Set a parameter until the port closes; then its old value comes back."""
         before = self._rospy.get_param(name, None)
         self._restore = name, before
         self._rospy.set_param(name, value)
@@ -236,29 +238,29 @@ class Port:
     # --- out ---
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
-        """Make a topic to send on."""
+        """Open a topic for sending."""
         made = message_class(kind)
         self._publishers[topic] = self._rospy.Publisher(topic, made, queue_size=QUEUE, latch=latch), made
 
     def make(self, kind: str) -> Any:
-        """An empty message of `package/Type`."""
+        """Return an empty message of `package/Type`."""
         return message_class(kind)()
 
     def send(self, topic: str, fill: Callable[[Any], None]) -> None:
-        """Send a message that `fill` has filled; a slow subscriber holds nobody up."""
+        """Send a message that `fill` has filled, without waiting for slow subscribers."""
         publisher, made = self._publishers[topic]
         message = made()
         fill(message)
         publisher.publish(message)
 
     def listeners(self, topic: str) -> int:
-        """How many listen to a topic that is sent on."""
+        """Return the number of listeners of a topic that is open for sending."""
         return int(self._publishers[topic][0].get_num_connections())
 
     # --- in ---
 
     def listen(self, topic: str, kind: str) -> None:
-        """Let messages of a topic come into the queue."""
+        """Let the messages of a topic come into the queue."""
 
         def put(message: Any) -> None:
             self._inbox.put(Received(topic, time.monotonic(), message))
@@ -266,14 +268,14 @@ class Port:
         self._rospy.Subscriber(topic, message_class(kind), put, queue_size=None, tcp_nodelay=True)
 
     def receive(self, timeout: float = 0.0) -> Received | None:
-        """The next message, waited for at most `timeout` [s]; None where none came."""
+        """Return the next message, waited for at most `timeout` [s]; None if none came."""
         try:
             return self._inbox.get(block=timeout > 0.0, timeout=max(timeout, 0.0) or None)
         except queue.Empty:
             return None
 
     def serve_set_pose(self, name: str) -> None:
-        """Offer the service set_pose; its calls wait in their own queue."""
+        """Offer the service set_pose; its calls wait in a queue of their own."""
         kind = set_pose_service()
 
         def handle(request: Any) -> Any:
@@ -294,7 +296,7 @@ class Port:
         self._rospy.Service(name, kind, handle, error_handler=lambda *_: None)
 
     def call(self) -> Call | None:
-        """The next service call; None where there is none."""
+        """Return the next service call; None if there is none."""
         try:
             return self._calls.get_nowait()
         except queue.Empty:

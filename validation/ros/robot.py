@@ -12,7 +12,7 @@ from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
 from ssmr.types import FloatArray, State
 from validation.robots.plant import MujocoPlant
-from validation.ros.commands import STILL, Twist
+from validation.ros.commands import STAND_STILL, Twist
 
 SENSOR_RATE = 50.0
 """Of encoders, IMU and filter [Hz]; Tab. 3.5, husky_control."""
@@ -64,7 +64,7 @@ class SimulatedRobot:
         self._deviations = settings.model.packed() if settings.noise else (0.0, 0.0, 0.0)
         self._belief = ekf.initial_memory(State())
         self._wheel_pose = np.zeros(3)
-        self._wheel_twist: Twist = STILL
+        self._wheel_twist: Twist = STAND_STILL
         self._gyro = np.zeros(3)
         self._push_steps = whole_steps(PUSH_TIME, plant.dt, "the time of a push")
         self._pushing = 0.0
@@ -147,5 +147,5 @@ class SimulatedRobot:
 
 def warm_up(robot: SimulatedRobot) -> None:
     """Compile everything that a robot's time needs, on one that nobody wants any more."""
-    robot.advance(1, STILL)
+    robot.advance(1, STAND_STILL)
     robot.sense()

@@ -183,7 +183,7 @@ def test_a_scenario_has_all_panels_and_one_line_for_each_plant() -> None:
     for key in ("rate", "speed"):
         assert set(lines(found[key])) == {*PLANTS, "command"}
     assert set(lines(found["acceleration"])) == set(PLANTS) - {"kinematic"}
-    assert "kinematic: impulses, left out" in written(figure)
+    assert "kinematic: impulses, not drawn" in written(figure)
     assert legend_texts(found["loads"]) == ["front left", "front right", "rear left", "rear right"]
 
 

@@ -175,7 +175,7 @@ def _draw_paths(comparison: ComparisonData, ax: Axes) -> None:
     draw_directions(ax, first.xy, comparison.reference_name, (0.15, 0.4, 0.65))
     draw_ring(ax, *map(float, first.xy[0]))
     equal_scales(ax, 1.0)
-    ax.set(title="Paths [m]: from the ring, along the darts", xlabel="x [m]", ylabel="y [m]", label="paths")
+    ax.set(title="Paths [m] (ring: start; arrows: direction)", xlabel="x [m]", ylabel="y [m]", label="paths")
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def _find_zoom(comparison: ComparisonData) -> _Zoom | None:
 
 
 def _draw_zoom(comparison: ComparisonData, zoom: _Zoom, ax: Axes) -> None:
-    """The paths around one instant, and everybody's pose then."""
+    """The paths around one instant, and every robot's pose then."""
     for motion in _motions(comparison):
         motion.draw(ax, *joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
         draw_dart(ax, motion.pieces[zoom.piece].pose[zoom.sample], motion.name, 14.0)
@@ -218,7 +218,7 @@ def _draw_zoom(comparison: ComparisonData, zoom: _Zoom, ax: Axes) -> None:
     hold_limits(ax, (x - half, x + half), (y - half, y + half))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x [m]", ylabel="y [m]", label="zoom")
-    ax.set_title(f"Farthest apart: all at t = {comparison.reference[zoom.piece].t[zoom.sample]:.2f} s [m]")
+    ax.set_title(f"Farthest apart, at t = {comparison.reference[zoom.piece].t[zoom.sample]:.2f} s [m]")
 
 
 def _windows(comparison: ComparisonData) -> tuple[str, list[tuple[int, int, int]]]:
@@ -270,7 +270,7 @@ def _draw_position_error(comparison: ComparisonData, ax: Axes) -> None:
     unit = length_unit([float(np.nanmax(error)) for _, error in errors])
     for motion, (t, error) in zip(others, errors, strict=True):
         motion.draw(ax, t, error * unit.scale)
-    ax.set(title=f"Position error [{unit.symbol}]: distance at the same instant", xlabel="time [s]", xlim=_whole(comparison))
+    ax.set(title=f"Position error [{unit.symbol}] at equal times", xlabel="time [s]", xlim=_whole(comparison))
     ax.set_ylim(0.0, max(ax.get_ylim()[1], 1e-3 * unit.scale))
 
 
@@ -282,7 +282,7 @@ def _draw_yaw_error(comparison: ComparisonData, ax: Axes) -> None:
         t, error = joined([(r.t, np.degrees(wrap_angle(p.yaw - r.yaw))) for p, r in pairs])
         wraps = np.flatnonzero(np.abs(np.diff(error)) > 180.0) + 1
         motion.draw(ax, np.insert(t, wraps, np.nan), np.insert(error, wraps, np.nan))
-    ax.set(title="Yaw error [deg]: plant less reference, wrapped", xlabel="time [s]", xlim=_whole(comparison))
+    ax.set(title="Yaw error [deg] at equal times: plant minus reference", xlabel="time [s]", xlim=_whole(comparison))
     at_least(ax, 0.5)
 
 
@@ -298,12 +298,12 @@ def _time_axis(comparison: ComparisonData, ax: Axes, remark: str = "") -> None:
     """The same stretch of time in all panels, said where it is not all."""
     span, (start, stop) = _stretch(comparison), _whole(comparison)
     ax.set_xlim(*span)
-    part = "" if span == (start, stop) else f", a stretch out of {start:.0f} to {stop:.0f} s"
+    part = "" if span == (start, stop) else f", part of {start:.0f} to {stop:.0f} s"
     ax.set_xlabel(f"time [s]{part}{remark}")
 
 
 def _draw_velocity(comparison: ComparisonData, title: str, column: int, command: int, ax: Axes) -> None:
-    """One component of everybody's twist, and of the command where twists were commanded."""
+    """Draw one component of every robot's velocity, and of the command if it is a velocity."""
     span = _stretch(comparison)
     for motion in _motions(comparison):
         motion.draw(ax, *_over_time(motion.pieces, lambda piece: piece.twist[:, column], span))
@@ -357,8 +357,8 @@ def _draw_acceleration(comparison: ComparisonData, motions: Sequence[_Motion], a
     where = "where the turn reverses" if reverses else "where the turn changes most"
     ax.set(title=f"Yaw acceleration [rad/s²] {where}", xlim=span, ylim=(low, high))
     ax.set_xlabel(f"time [s], a sample every {1e3 * _period(stamps):.3g} ms")
-    shaded = [f"{leader.name}: all it reaches is shaded"] if leader.name == CHATTERING else []
-    corner_note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, left out" for name in left_out)]))
+    shaded = [f"{leader.name}: its range is shaded"] if leader.name == CHATTERING else []
+    corner_note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, not drawn" for name in left_out)]))
 
 
 def _reach(piece: Trajectory, span: Span) -> FloatArray:
@@ -440,8 +440,8 @@ def _draw_loads(comparison: ComparisonData, motion: _Motion, ax: Axes) -> None:
     if result is not None and result.health is not None:
         health = result.health
         verdict = "healthy" if health.ok else "UNHEALTHY"
-        shares = f"least {health.lowest_load_share:.0%} of a wheel's mean, deviation {health.load_deviation:.1%}"
-        corner_note(ax, f"{motion.name} {verdict}: {shares}, over all the run", QUIET if health.ok else ALARM)
+        shares = f"lowest load {health.lowest_load_share:.0%} of a wheel's mean, deviation {health.load_deviation:.1%}"
+        corner_note(ax, f"{motion.name} {verdict}: {shares}, whole run", QUIET if health.ok else ALARM)
 
 
 def _panels(comparison: ComparisonData) -> list[list[Panel]]:
@@ -467,7 +467,7 @@ def _panels(comparison: ComparisonData) -> list[list[Panel]]:
         ]
     elif len(motions) > 1:
         errors = [partial(_draw_position_error, comparison), partial(_draw_yaw_error, comparison)]
-    told = ", and what was commanded" if _commanded(comparison) else ""
+    told = " and command" if _commanded(comparison) else ""
     turn: list[Panel] = [partial(_draw_velocity, comparison, f"Yaw rate [rad/s]{told}", 2, 1)]
     if with_acceleration:
         turn.append(partial(_draw_acceleration, comparison, with_acceleration))
@@ -535,7 +535,7 @@ def _rows(comparison: ComparisonData) -> list[Row]:
     zoom = _find_zoom(comparison)
     if _in_windows(comparison):
         words, windows = _windows(comparison)
-        heading = f"Paths over {words}, all laid on the same pose at each start, from small errors to large ones [m]"
+        heading = f"Paths over {words} [m]: all start at the same pose; from small to large errors"
         rows.append(text_row(_SECTION_IN, partial(draw_section, heading)))
         rows.append(side_by_side(_WINDOW_IN, [partial(_draw_window, comparison, window) for window in windows]))
     elif zoom is None:

@@ -259,7 +259,7 @@ def _draw_error(results: Sequence[TrackResult], title: str, column: str, unit: U
     ax.set_title(f"{title} [{unit.symbol}]")
     at_least(ax, least * unit.scale)
     if column == "e_alpha" and any(np.any(np.abs(r.run.column("e_rho")) > ALPHA_SWITCH) for r in results):
-        corner_note(ax, f"zero where the target is farther than {ALPHA_SWITCH:g} m")
+        corner_note(ax, f"zero if the target is farther than {ALPHA_SWITCH:g} m")
     _finish_time(results, False, ax)
 
 
@@ -267,7 +267,7 @@ def _draw_error(results: Sequence[TrackResult], title: str, column: str, unit: U
 
 
 def _draw_paths(results: Sequence[TrackResult], ax: Axes) -> None:
-    """The reference and the robots' paths, from the ring to the darts; the square is where the reference ends."""
+    """The reference and the robots' paths, from their start (ring) along the arrows; a square marks the reference's end."""
     longest = max(results, key=lambda r: len(r.target)).target
     draw_reference(ax, longest.xy)
     for r in results:
@@ -281,7 +281,7 @@ def _draw_paths(results: Sequence[TrackResult], ax: Axes) -> None:
     if len(results) == 1 and len(results[0].run.t):
         draw_directions(ax, results[0].run.columns("x", "y"), results[0].plant, (0.25, 0.55))
     equal_scales(ax, 0.6)
-    ax.set(title="Paths [m]: from the ring to the square", xlabel="x [m]", ylabel="y [m]", label="paths")
+    ax.set(title="Paths [m] (ring: start; square: end of the reference)", xlabel="x [m]", ylabel="y [m]", label="paths")
 
 
 # --- all of it ---

@@ -25,7 +25,8 @@ from benchmarks.fit import LAB_FREE, problem_of
 from benchmarks.rows import MissingError, Row, alternate, optional, report
 from validation import cli
 from validation.fit.cluster import Cluster
-from validation.fit.objective import CostSettings, Problem
+from validation.fit.objective import FitCost
+from validation.fit.problem import FitProblem
 
 POPULATION = 24
 SURFACES = Path(__file__).resolve().parents[1] / "docs" / "examples" / "surfaces.py"
@@ -46,7 +47,7 @@ def rows_of(what: str, here: Call, one: Call, two: Call, repeats: int) -> list[R
     ]
 
 
-def generation_rows(clients: tuple[Any, Any], problem: Problem, population: int, repeats: int) -> list[Row]:
+def generation_rows(clients: tuple[Any, Any], problem: FitProblem, population: int, repeats: int) -> list[Row]:
     """Time a generation of a fit."""
     points = np.random.default_rng(0).random((population, len(problem.space)))
     limits = np.full(population, np.inf)
@@ -95,12 +96,12 @@ def measure(sizes: tuple[int, int], repeats: int, quick: bool) -> list[Row]:
         raise MissingError("dask.distributed is not installed: pip install 'ssmr-testbed[cluster]'") from error
     logging.getLogger("distributed").setLevel(logging.WARNING)
     options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": ":0", "silence_logs": 50}
-    planar = problem_of("improved", "traj4@mujoco", ("u_x", "mu_s", "mu_d", "gain"), CostSettings("path"))
+    planar = problem_of("improved", "traj4@mujoco", ("u_x", "mu_s", "mu_d", "gain"), FitCost("path"))
     with ExitStack() as stack:
         one, two = (stack.enter_context(Client(stack.enter_context(LocalCluster(n_workers=n, **options)))) for n in sizes)
         if quick:
             return generation_rows((one, two), planar, 4, 1)
-        husky = problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync"))
+        husky = problem_of("mujoco", "traj4@improved", LAB_FREE, FitCost("sync"))
         rows = [row for p in (husky, planar) for row in generation_rows((one, two), p, POPULATION, repeats)]
         return rows + surface_rows((one, two), max(1, repeats // 2))
 

@@ -31,7 +31,9 @@ from validation.robots.plant import MujocoPlant
 from validation.track.gains import load_gains
 from validation.track.tracking import make_controller, make_robot
 from validation.track.waypoint_files import open_reference
-from validation.tune.tuning import Case, TuneCost, TuneProblem, make_tuning_space
+from validation.tune.cost import TuneCost
+from validation.tune.problem import TuneCase, TuneProblem
+from validation.tune.space import make_tuning_space
 
 POPULATION = 64
 BUDGET = 100 * 150
@@ -108,7 +110,7 @@ def budget_rows(workers: int, candidates: int) -> list[Row]:
     """Tab. 4.3's budget on the generic reference, extrapolated from two smaller generations."""
     profile = load("thesis-lab")
     label, waypoints = open_reference("generic", 0.25)
-    case = Case(label, label, waypoints, make_robot(profile, "improved"), LoopSettings())
+    case = TuneCase(label, label, waypoints, make_robot(profile, "improved"), LoopSettings())
     space = make_tuning_space("pid", None, False, {})
     problem = TuneProblem(profile, load_gains("pid", "published"), space, (case,), TuneCost(guard=0.0))
     points = np.random.default_rng(0).random((candidates, len(space)))

@@ -29,9 +29,10 @@ from ssmr.search.jde import Jde, JdeSettings
 from ssmr.simulate import SAMPLE_DT, PlanarModel, run_population
 from ssmr.types import FloatArray, State
 from validation import cli
-from validation.fit.objective import CostSettings, Problem
+from validation.fit.objective import FitCost
+from validation.fit.problem import FitProblem
 from validation.fit.search import Search
-from validation.fit.targets import train_targets
+from validation.fit.targets import FitSources, open_targets
 from validation.plants.profile import PlantProfile, load
 from validation.plants.searchable import make_space
 from validation.robots.plant import MujocoPlant
@@ -46,19 +47,19 @@ SLACK = 1.25
 LAB_FREE = ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tracked_x")
 
 
-def problem_of(model: str, source: str, free: tuple[str, ...], cost: CostSettings) -> Problem:
+def problem_of(model: str, source: str, free: tuple[str, ...], cost: FitCost) -> FitProblem:
     """A fit to a scenario with the lab's profile."""
     profile = load("thesis-lab")
-    return Problem(
+    return FitProblem(
         model,
         profile.plants[model],
         make_space(model, free, {}),
-        train_targets([source], profile, "commands", None, None),
+        open_targets([source], profile, FitSources())[0],
         cost,
     )
 
 
-def candidates_of(problem: Problem, size: int) -> tuple[FloatArray, list[PlantProfile]]:
+def candidates_of(problem: FitProblem, size: int) -> tuple[FloatArray, list[PlantProfile]]:
     """Points near the profile's own, and the plants they mean."""
     rng = np.random.default_rng(0)
     points: list[FloatArray] = []
@@ -75,7 +76,7 @@ def rating_rows(repeats: int, population: int) -> list[Row]:
     """Time rating a population against simulating it, for planar models and MuJoCo."""
     rows, threads = [], numba.get_num_threads()
     for model, free in (("coulomb", ("u_x", "mu_c", "gain")), ("improved", ("u_x", "mu_s", "mu_d", "gain"))):
-        problem = problem_of(model, "traj4@mujoco", free, CostSettings("path"))
+        problem = problem_of(model, "traj4@mujoco", free, FitCost("path"))
         points, plants = candidates_of(problem, population)
         models = [PlanarModel(p.parameters, p.vehicle, p.drive) for p in plants]
         commands = problem.targets[0].source.pieces[0].commands
@@ -86,7 +87,7 @@ def rating_rows(repeats: int, population: int) -> list[Row]:
         )
         what = f"{model}: rating {population} candidates by Eq. 3.1 / simulating them"
         rows.append(Row(what, rated / simulated, "<= 1.5", rated, simulated, rated <= 1.5 * simulated))
-    problem = problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync"))
+    problem = problem_of("mujoco", "traj4@improved", LAB_FREE, FitCost("sync"))
     points, plants = candidates_of(problem, 2)
     made = [MujocoPlant(p.parameters, p.drive) for p in plants]
     commands = problem.targets[0].source.pieces[0].commands
@@ -101,14 +102,14 @@ def rating_rows(repeats: int, population: int) -> list[Row]:
 
 def search_rows(population: int, seeds: int) -> list[Row]:
     """Time the search's own share of a fit, and a fit of the thesis' size against the thesis' time."""
-    problem = problem_of("coulomb", "traj4@mujoco", ("u_x", "mu_c", "gain"), CostSettings("path"))
+    problem = problem_of("coulomb", "traj4@mujoco", ("u_x", "mu_c", "gain"), FitCost("path"))
     generations = (THESIS_EVALUATIONS if seeds > 1 else 3 * population) // population - 1
     evaluations = population * (generations + 1)
     settings = JdeSettings(population=population, generations=generations, patience=1000)
     threads = numba.get_num_threads()
     rating = [0.0]
 
-    def rate(points: FloatArray, limits: FloatArray, on_progress: object) -> FloatArray:
+    def rate(points: FloatArray, limits: FloatArray, on_share: object) -> FloatArray:
         began = time.perf_counter()
         costs = problem.costs(points, limits, threads)
         rating[0] += time.perf_counter() - began
@@ -152,14 +153,14 @@ class Course:
 class Residual:
     """The residual both searches make small, and a clock over all calls of it."""
 
-    def __init__(self, who: str, problem: Problem, threads: int) -> None:
+    def __init__(self, who: str, problem: FitProblem, threads: int) -> None:
         self.problem, self.threads = problem, threads
         self.course, self.began = Course(who, [], []), time.perf_counter()
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """(S, K) residuals [m] of (S, n) points of the unit cube."""
-        found = self.problem.residuals(np.clip(points, 0.0, 1.0), self.threads)
-        yaw = self.problem.settings.yaw_weight * found.yaw
+        found = self.problem.errors(np.clip(points, 0.0, 1.0), self.threads)
+        yaw = self.problem.cost.yaw_weight * found.yaw
         rows = np.concatenate([found.position.reshape(len(points), -1), yaw], axis=1)
         rows = np.where(np.isfinite(rows), rows, 1e3) / np.sqrt(found.yaw.shape[1])
         least = float(np.sqrt((rows**2).sum(axis=1).min()))
@@ -168,7 +169,7 @@ class Residual:
         return rows
 
 
-def by_sysid(problem: Problem, start: FloatArray, threads: int) -> Course:
+def by_sysid(problem: FitProblem, start: FloatArray, threads: int) -> Course:
     """mujoco.sysid's own least squares, from a start."""
     sysid = importlib.import_module("mujoco.sysid")
     residual = Residual("mujoco.sysid", problem, threads)
@@ -185,7 +186,7 @@ def by_sysid(problem: Problem, start: FloatArray, threads: int) -> Course:
     return residual.course
 
 
-def by_jde(problem: Problem, start: FloatArray, seed: int, generations: int, threads: int) -> Course:
+def by_jde(problem: FitProblem, start: FloatArray, seed: int, generations: int, threads: int) -> Course:
     """jDE/best/2 with the start in its first population."""
     residual = Residual("jDE/best/2", problem, threads)
     jde = Jde(len(start), JdeSettings(population=20, generations=generations), seed, start[None])
@@ -205,7 +206,7 @@ def sysid_courses(generations: int, threads: int, starts: int) -> list[Course]:
             raise ImportError("without its extra the module imports as an empty one")
     except ImportError as error:
         raise MissingError("mujoco.sysid is not installed: pip install -e '.[bench]', or pass --no-sysid") from error
-    problem = problem_of("mujoco", "traj4@improved", LAB_FREE, CostSettings("sync", yaw_weight=0.2))
+    problem = problem_of("mujoco", "traj4@improved", LAB_FREE, FitCost("sync", yaw_weight=0.2))
     places = np.random.default_rng(7).random((starts, len(problem.space)))
     courses = []
     with cli.progress() as bar:

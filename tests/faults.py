@@ -205,7 +205,7 @@ def _small_search() -> Any:
     search = Search(jde, {"what": "a small one"})
     for _ in range(3):
         jde.tell(np.sum((jde.ask() - 0.3) ** 2, axis=1))
-        search._remember()
+        search.remember()
     return search
 
 

@@ -14,9 +14,10 @@ import pytest
 from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import data_folder
 from validation.compare import CompareSettings, PlantResult, compare
-from validation.fit.objective import CostSettings, Problem
+from validation.fit.objective import FitCost
+from validation.fit.problem import FitProblem
 from validation.fit.search import Search
-from validation.fit.targets import train_targets
+from validation.fit.targets import FitSources, open_targets
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load
 from validation.plants.searchable import default_free, make_space, with_values
@@ -62,8 +63,8 @@ def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     """The thesis' experiment: a model fitted to trajectory 4 as MuJoCo drives it, and its d_rms on all four."""
     lab, model = load("thesis-lab"), request.param
     space = make_space(model, default_free(model, "scenario"), {})
-    targets = train_targets(("traj4@mujoco",), lab, "commands", None, None)
-    problem = Problem(model, lab.plants[model], space, targets, CostSettings("path"))
+    targets, _ = open_targets(("traj4@mujoco",), lab, FitSources())
+    problem = FitProblem(model, lab.plants[model], space, targets, FitCost("path"))
     search = Search(Jde(len(space), JdeSettings(50, 120, patience=30), 1), {})
     search.run(lambda points, limits, _: problem.costs(points, limits, 2))
     found = with_values(model, lab.plants[model], list(space.names), space.values(search.jde.best))

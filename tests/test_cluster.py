@@ -12,7 +12,7 @@ from tests.conftest import EXACT
 from tests.test_fit import call, document
 from tests.test_objective import log_target, problem, scenario
 from validation.fit.cluster import Cluster, ClusterError
-from validation.fit.objective import CostSettings
+from validation.fit.objective import FitCost
 from validation.plants.profile import Profile
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
@@ -29,7 +29,7 @@ def address():  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize("model", ["coulomb", "mujoco"])
 def test_costs_are_those_of_one_process(lab: Profile, address: str, model: str) -> None:
-    p = problem(lab, scenario(lab), CostSettings("sync"), model)
+    p = problem(lab, scenario(lab), FitCost("sync"), model)
     x = np.random.default_rng(0).random((5, len(p.space)))
     limits = np.array([np.inf, np.inf, 1e-6, np.inf, np.inf])
     shares: list[float] = []
@@ -40,7 +40,7 @@ def test_costs_are_those_of_one_process(lab: Profile, address: str, model: str) 
 
 
 def test_a_recording_travels_too(lab: Profile, address: str) -> None:
-    p = problem(lab, log_target(lab), CostSettings("horizon", horizons=(2.0,)), "coulomb")
+    p = problem(lab, log_target(lab), FitCost("horizon", horizons=(2.0,)), "coulomb")
     x = np.random.default_rng(1).random((3, len(p.space)))
     with Cluster(address, p) as cluster:
         there = cluster(x, np.full(3, np.inf))
@@ -61,7 +61,7 @@ def test_other_versions_are_refused(lab: Profile, address: str, monkeypatch: pyt
 
     now = store.versions()
     monkeypatch.setattr("validation.fit.cluster.store.versions", lambda: {**now, "mujoco": "2.0"})
-    p = problem(lab, scenario(lab), CostSettings(), "coulomb")
+    p = problem(lab, scenario(lab), FitCost(), "coulomb")
     monkeypatch.setattr(Cluster, "_run_versions", lambda self: {"worker": now})
     with pytest.raises(ClusterError, match=r"mujoco .* there, 2\.0 here"):
         Cluster(address, p)
@@ -70,4 +70,4 @@ def test_other_versions_are_refused(lab: Profile, address: str, monkeypatch: pyt
 def test_without_the_extra_the_message_says_what_to_install(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ClusterError, match=r"pip install 'ssmr-testbed\[cluster\]'"):
-        Cluster("tcp://127.0.0.1:9", problem(lab, scenario(lab), CostSettings(), "coulomb"))
+        Cluster("tcp://127.0.0.1:9", problem(lab, scenario(lab), FitCost(), "coulomb"))

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,9 @@ from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import EXACT
 from tests.test_objective import recorded, scenario
 from validation.fit import __main__ as fit
-from validation.fit.fitting import identity
-from validation.fit.objective import CostSettings, Problem
-from validation.fit.search import CheckpointError, Search
+from validation.fit.objective import FitCost
+from validation.fit.problem import FitProblem
+from validation.fit.search import CheckpointError, Search, SearchOptions, search_for
 from validation.fit.uncertainty import VAGUE, estimate
 from validation.logs.recording_csv import write_csv
 from validation.plants.profile import Profile, load
@@ -112,7 +113,7 @@ def test_the_search_is_the_same_with_and_without_abandoning(lab: Profile) -> Non
     from tests.test_objective import log_target
 
     space = make_space("linear", ("k_u", "k_y", "gain", "delay"), {})
-    problem = Problem("linear", lab.plants["linear"], space, [log_target(lab)], CostSettings("horizon"))
+    problem = FitProblem("linear", lab.plants["linear"], space, [log_target(lab)], FitCost("horizon"))
     searches = []
     for abandon in (True, False):
         search = Search(Jde(len(space), JdeSettings(12, 10), 3), {})
@@ -139,7 +140,7 @@ def test_standard_errors_follow_the_data(lab: Profile) -> None:
         blocks = np.repeat(rng.normal(0.0, 0.01, (21, 2)), 125, axis=0)[: len(base.truth[0])]  # one error a second
         pose = base.truth[0].pose + np.column_stack([blocks, np.zeros(len(blocks))])
         noisy = Target("noisy", base.source, (replace(base.truth[0], pose=pose),))
-        problem = Problem("linear", lab.plants["linear"], space, [noisy], CostSettings("sync", yaw_weight=0.1))
+        problem = FitProblem("linear", lab.plants["linear"], space, [noisy], FitCost("sync", yaw_weight=0.1))
         search = Search(Jde(2, JdeSettings(16, 40), seed), {})
         search.run(lambda points, limits, _, p=problem: p.costs(points, limits))
         truth = space.points([0.275, 0.1651])
@@ -229,31 +230,29 @@ def test_a_checkpoint_of_another_fit_is_refused(lab: Profile, tmp_path: Path, ca
         settings = [] if "--generations" in change else ["--generations", "2"]
         assert call(*args, *settings, *change, "--resume") == 2
         told = capsys.readouterr().err.strip()
-        assert f"checkpoint of another fit: it differs in {what};" in told
+        assert f"checkpoint of another search: it differs in {what};" in told
         assert "\n" not in told
     (tmp_path / "checkpoint.npz").write_bytes(b"PK\x03\x04 rubbish")
     assert call(*args, "--generations", "2", "--resume") == 2
-    assert "no checkpoint of a fit, or a damaged one" in capsys.readouterr().err
+    assert "no checkpoint of a search, or it is damaged" in capsys.readouterr().err
 
 
 def test_a_checkpoint_holds_the_whole_search(lab: Profile, tmp_path: Path) -> None:
     space = make_space("coulomb", ("u_x", "mu_c"), {})
-    problem = Problem("coulomb", lab.plants["coulomb"], space, [scenario(lab)], CostSettings())
-    settings = JdeSettings(10, 6)
-    who = identity(problem, settings, 0, None)
-    search = Search(Jde(2, settings, 0), who)
-    search.run(lambda points, limits, _: problem.costs(points, limits), tmp_path / "c.npz")
-    again, _ = Search.load(tmp_path / "c.npz", who)
+    problem = FitProblem("coulomb", lab.plants["coulomb"], space, [scenario(lab)], FitCost())
+    settings, kept = JdeSettings(10, 6), tmp_path / "c.npz"
+    search = search_for(problem, settings, SearchOptions(checkpoint=kept))
+    again, _ = Search.load(kept, search.identity)
     assert again.best_cost == search.best_cost
     assert np.array_equal(again.jde.population, search.jde.population)
     with pytest.raises(CheckpointError, match="differs in seed"):
-        Search.load(tmp_path / "c.npz", identity(problem, settings, 1, None))
+        search_for(problem, settings, SearchOptions(seed=1, checkpoint=kept, resume=True))
 
 
-def test_resuming_from_nothing_begins_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_resuming_from_nothing_begins_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     args = ["kinematic", "--to", "traj4@kinematic", "--free", "alpha_l", "--population", "8", "--generations", "2"]
     assert call(*args, "--out", str(tmp_path), "--resume") == 0
-    assert "the search begins anew" in capsys.readouterr().err
+    assert "the search begins anew" in caplog.text
 
 
 # ------------------------------------------------------------------------------------------------------- mistakes
@@ -280,10 +279,15 @@ def test_resuming_from_nothing_begins_anew(tmp_path: Path, capsys: pytest.Captur
         (["coulomb", "--to", "traj4", "--input", "wheels"], "no measured wheel rates"),
         (["coulomb", "--to", "traj4", "--from", "3"], "cut recordings"),
         (["coulomb", "--to", "traj4", "--objective", "horizon", "--horizons", "500"], "no window"),
-        (["coulomb", "--to", "traj4", "--workers", "0"], "--workers 0 must be positive"),
+        (["coulomb", "--to", "traj4", "--workers", "0"], "--workers: '0' must be a whole number from 1 on"),
         (["mujoco", "--to", "traj4", "--free", "yaw_inertia", "--bounds", "yaw_inertia=1:9"], "no rigid body"),
         (["mujoco", "--to", "traj4", "--fix", "yaw_inertia=50"], "no rigid body"),
-        (["coulomb", "--to", "traj4", "--scheduler", "tcp://127.0.0.1:9"], "no dask scheduler answers at tcp://127.0.0.1:9"),
+        pytest.param(
+            ["coulomb", "--to", "traj4", "--scheduler", "tcp://127.0.0.1:9"],
+            "no dask scheduler answers at tcp://127.0.0.1:9",
+            marks=pytest.mark.skipif(not find_spec("distributed"), reason="the extra 'cluster' is not installed"),
+        ),
+        (["coulomb", "--to", "traj4", "--yaw-weight", "-1"], "yaw_weight"),
     ],
 )
 def test_mistakes_are_one_clear_line(

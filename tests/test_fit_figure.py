@@ -20,9 +20,11 @@ from matplotlib.image import imread
 from ssmr.metrics.paths import HorizonErrors, compare_pieces
 from ssmr.types import FloatArray
 from tests.test_figures import lines, motion, texts, written
+from validation.fit.data import FittedParameter, Scored, SearchTrace
 from validation.fit.figure import MAX_HELD_OUT, MAX_TRAIN, fit_figure
-from validation.fit.report import cube_share, effort, fit_notes, value_text
-from validation.fit.result import FitResult, FittedParameter, FitTrace, Scored
+from validation.fit.result import FitResult
+from validation.fit.table import effort, fit_notes, value_text
+from validation.plants.profile import load
 from validation.show.drawing import ALARM, save_figure
 
 NAMES = {
@@ -82,7 +84,7 @@ def correlated(n: int) -> FloatArray:
     return np.asarray(found, dtype=np.float64)
 
 
-def trace(shares: Sequence[float], generations: int, members: int = 30) -> FitTrace:
+def trace(shares: Sequence[float], generations: int, members: int = 30) -> SearchTrace:
     """A search that halves its cost every few generations."""
     rng = np.random.default_rng(4)
     k = np.arange(generations, dtype=np.float64)
@@ -90,7 +92,7 @@ def trace(shares: Sequence[float], generations: int, members: int = 30) -> FitTr
     population = np.clip(np.array(shares) + rng.normal(0.0, 0.05, (members, len(shares))), 0.0, 1.0)
     costs = rng.uniform(0.02, 0.05, members)
     costs[-1] = np.inf
-    return FitTrace(best, median, np.tile(shares, (generations, 1)), population, costs)
+    return SearchTrace(best, median, np.tile(shares, (generations, 1)), population, costs)
 
 
 def result(
@@ -111,17 +113,17 @@ def result(
     train = tuple(train or [scored("traj4@improved", "improved", SCENARIO, 1.005)])
     motions, truths = [m for s in train for m in s.motion], [t for s in train for t in s.truth]
     horizons: Mapping[float, HorizonErrors] = next((s.horizons for s in train if s.horizons), {})
-    notes = [f"{p.name} ended at its upper bound, {p.upper:g} {p.unit}: widen its --bounds, or fix it."
+    notes = [f"{p.name} ended at its upper bound, {p.upper:g} {p.unit}: give it wider bounds, or fix it."
              for p in parameters if p.at_bound]  # fmt: skip
     if n >= 2 and known:
         notes.append("The data cannot tell friction and wheel_radius apart (correlation +0.97): only a combination is "
                      "determined.")  # fmt: skip
     source = ",".join(dict.fromkeys(s.label.partition(" ")[0] for s in train))
     made = FitResult(
-        model=model, profile="thesis-lab", source=source, seed=7, status="finished",
+        model=model, begun_with="thesis-lab", profile=load("thesis-lab"), source=source, seed=7, status="finished",
         stopped_by="improvement", cost=0.02, cost_name="path", evaluations=32 * generations, generations=generations - 1,
         wall_s=12.34, parameters=tuple(parameters), correlation=correlated(n) if known else None,
-        uncertainty_method="curvature at the optimum, scatter of 20 blocks of time" if known else "", notes=tuple(notes),
+        uncertainty_method="curvature at the optimum, scatter of 20 blocks of time" if known else "", remarks=tuple(notes),
         train=train, train_metrics=compare_pieces(motions, truths), train_horizons=horizons,
         before_horizons=dict(horizons) if all(s.before for s in train) else {}, held_out=tuple(held_out),
         trace=trace(shares, generations),
@@ -133,7 +135,7 @@ def result(
 
 def interrupted(n: int = 1) -> FitResult:
     """Ctrl-C in the first generations: no errors."""
-    return result(n, known=False, generations=3, status="interrupted", stopped_by="interrupt", notes=())
+    return result(n, known=False, generations=3, status="interrupted", stopped_by="interrupt", remarks=())
 
 
 def recorded() -> FitResult:
@@ -224,20 +226,20 @@ def test_every_parameter_is_there_with_value_bounds_and_doubts(case: tuple[FitRe
     for p in made.parameters:
         assert any(label.split()[-1] == p.name for label in labels)
         text = f"{value_text(p)} {'' if p.unit == '1' else p.unit}".rstrip()
-        label = f"{text} · at bound" if p.at_bound else text if text in labels else f"{text} · vague"
+        label = f"{text} · at bound" if p.at_bound else text if text in labels else f"{text} · uncertain"
         assert (to_rgb(labels[label].get_color()) == to_rgb(ALARM)) == p.at_bound
         assert any(t.startswith(f"{p.upper:g}") and (p.unit == "1" or t.endswith(p.unit)) for t in labels)
         (strip,) = [ax for ax in figure.axes if p.name in lines(ax)]
         (x,) = np.asarray(lines(strip)[p.name].get_xdata())
-        assert x == pytest.approx(cube_share(p, p.value))
-    vague = "vague" in "\n".join(t for t in labels if "±" in t)
+        assert x == pytest.approx(p.share(p.value))
+    vague = "uncertain" in "\n".join(t for t in labels if "±" in t)
     assert vague == (len(made.parameters) >= 5 and made.correlation is not None)
 
 
 def test_the_header_says_what_it_took_and_how_it_ended(case: tuple[FitResult, Figure]) -> None:
     made, figure = case
     text = written(figure)
-    for part in (f"{made.model} fitted to", effort(made), "seed 7", made.profile, "ssmr-testbed 0.1.0", "mujoco 3.17.0"):
+    for part in (f"{made.model} fitted to", effort(made), "seed 7", made.begun_with, "ssmr-testbed 0.1.0", "mujoco 3.17.0"):
         assert part in text
     assert ("INTERRUPTED after 2 generations" in text) == (made.status == "interrupted")
     flat = " ".join(text.split())
@@ -319,7 +321,7 @@ def test_what_was_before_beyond_the_bounds_is_marked_at_their_end() -> None:
 
 
 def test_foreign_names_are_written_as_they_are() -> None:
-    made = result(train=[scored("/data/a$x$_{b}^$.csv", "recording", DRIVE, 1.0)], profile="p" * 300)
+    made = result(train=[scored("/data/a$x$_{b}^$.csv", "recording", DRIVE, 1.0)], begun_with="p" * 300)
     figure = fit_figure(made)
     assert "a$x$_{b}^$.csv" in written(figure)
     assert "/data" not in written(figure)

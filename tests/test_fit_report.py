@@ -13,17 +13,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rerun.chunk import RrdReader
+from rich.table import Table
 
 from ssmr.types import FloatArray
 from tests.test_fit_figure import CASES, DRIVE, interrupted, many, parameter, recorded, result, scored
 from tests.test_rerun_log import run_rerun
 from tests.test_tables import TERMINAL, in_si, markdown_tables, rendered, rich_rows
-from validation.fit.report import cube_share, fit_markdown, fit_notes, fit_tables, is_vague, number_text, value_text
+from validation.fit.data import FittedParameter
 from validation.fit.rerun import as_comparison, write_fit_recording
-from validation.fit.result import FitResult, FittedParameter
-from validation.show.tables import NOTHING
+from validation.fit.result import FitResult
+from validation.fit.table import fit_markdown, fit_notes, is_vague, number_text, unit_text, value_text
+from validation.show.result import Result
+from validation.show.tables import NOTHING, rich_table
 
 ONE = FittedParameter("friction", "1", 0.5, 0.1, 1.2, "linear", 0.4, at_bound=False)
+
+
+def tables_of(made: Result) -> list[Table]:
+    return [rich_table(grid) for grid in made.grids()]
 
 
 # --- words ---
@@ -59,9 +66,9 @@ def test_rounding_takes_little_of_what_is_known(value: float, error: float) -> N
 
 def test_shares_of_the_bounds_are_those_of_the_search() -> None:
     gain = parameter("gain", 0.25, 0.01)
-    assert cube_share(gain, gain.value) == pytest.approx(0.25)
-    assert cube_share(gain, 0.0) == -math.inf
-    assert cube_share(ONE, 0.65) == pytest.approx(0.5)
+    assert gain.share(gain.value) == pytest.approx(0.25)
+    assert gain.share(0.0) == -math.inf
+    assert ONE.share(0.65) == pytest.approx(0.5)
     assert not is_vague(parameter("gain", 0.5, 0.12))
     assert is_vague(parameter("gain", 0.5, 0.14)), "the interval is of the searched scale"
     assert not is_vague(ONE)
@@ -70,7 +77,7 @@ def test_shares_of_the_bounds_are_those_of_the_search() -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_tables_say_the_same_in_both_forms_and_fit_a_terminal(name: str) -> None:
     made = CASES[name]()
-    tables = fit_tables(made)
+    tables = tables_of(made)
     in_markdown = markdown_tables(fit_markdown(made))
     assert [rich_rows(table)[:2] for table in tables] == [(header, rows) for header, rows, _ in in_markdown]
     for table in tables:
@@ -83,20 +90,20 @@ def test_tables_say_the_same_in_both_forms_and_fit_a_terminal(name: str) -> None
 @pytest.mark.parametrize("make", [recorded, many, interrupted])
 def test_every_parameter_has_its_row(make: Callable[[], FitResult]) -> None:
     made = make()
-    _, rows, _ = rich_rows(fit_tables(made)[0])
+    _, rows, _ = rich_rows(tables_of(made)[0])
     for p, row in zip(made.parameters, rows, strict=True):
-        assert row[:3] == [p.name, p.unit, value_text(p)]
+        assert row[:3] == [p.name, unit_text(p.unit), value_text(p)]
         assert [float(row[3]), float(row[4])] == pytest.approx([p.lower, p.upper])
         assert row[5] == number_text(p.before)
         assert ("at bound" in row[6]) == p.at_bound
-        assert ("vague" in row[6]) == is_vague(p)
+        assert ("uncertain" in row[6]) == is_vague(p)
     if make is many:
         assert rows[-1][5] == "off", "a limit that was off"
 
 
 def test_every_source_has_its_scores() -> None:
     made = recorded()
-    header, rows, _ = rich_rows(fit_tables(made)[1])
+    header, rows, _ = rich_rows(tables_of(made)[1])
     labels = ["tile_17.csv (wheels)", "tile_17.csv (commands)"]
     assert [row[0] for row in rows] == [*labels, "all fitted to", *(f"held out: {label}" for label in labels)]
     every = [*(s.metrics for s in made.train), made.train_metrics, *(s.metrics for s in made.held_out)]
@@ -105,7 +112,7 @@ def test_every_source_has_its_scores() -> None:
         for heading, cell, value in zip(header[1:], row[1:], wanted, strict=True):
             got, rounding = in_si(heading, cell)
             assert got == pytest.approx(value, abs=rounding)
-    header, rows, _ = rich_rows(fit_tables(made)[2])
+    header, rows, _ = rich_rows(tables_of(made)[2])
     assert header[1:] == [f"{w} {h} s [{u}]" for w, u in (("position", "m"), ("yaw", "deg")) for h in (2, 6, 30)]
     for heading, cell in zip(header[1:], rows[0][1:], strict=True):
         what, horizon = heading.split()[:2]
@@ -117,24 +124,24 @@ def test_every_source_has_its_scores() -> None:
 def test_a_horizon_that_is_longer_than_a_source_is_a_dash() -> None:
     made = recorded()
     held = (replace(made.held_out[0], horizons={2.0: made.held_out[0].horizons[2.0]}),)
-    _, rows, _ = rich_rows(fit_tables(replace(made, held_out=held))[2])
+    _, rows, _ = rich_rows(tables_of(replace(made, held_out=held))[2])
     assert rows[-1][2:4] == [NOTHING, NOTHING]
 
 
 def test_notes_say_what_is_doubtful_and_how_errors_were_found() -> None:
-    assert fit_notes(recorded()) == [*recorded().notes, f"Standard errors by: {recorded().uncertainty_method}."]
+    assert fit_notes(recorded()) == [*recorded().remarks, f"Standard errors come from: {recorded().uncertainty_method}."]
     (note,) = fit_notes(interrupted())
     assert "interrupted" in note
     text = fit_markdown(interrupted())
     assert "INTERRUPTED after 2 generations" in text
     assert note in text
-    assert "INTERRUPTED" in rendered(fit_tables(interrupted())[0])
-    assert "INTERRUPTED" not in fit_markdown(recorded()) + rendered(fit_tables(recorded())[0])
+    assert "INTERRUPTED" in rendered(tables_of(interrupted())[0])
+    assert "INTERRUPTED" not in fit_markdown(recorded()) + rendered(tables_of(recorded())[0])
 
 
 def test_what_the_user_named_is_never_markup() -> None:
-    made = result(train=[scored("a|b`c*[red].csv", "recording", DRIVE, 1.01)], notes=("[red]one\n# two[/]",))
-    assert "a|b`c*[red].csv" in rendered(fit_tables(made)[1])
+    made = result(train=[scored("a|b`c*[red].csv", "recording", DRIVE, 1.01)], remarks=("[red]one\n# two[/]",))
+    assert "a|b`c*[red].csv" in rendered(tables_of(made)[1])
     text = fit_markdown(made)
     assert "`a|b'c*[red].csv`" in text
     assert "- [red]one # two[/]\n" in text

@@ -15,10 +15,8 @@ from hypothesis import given
 from hypothesis import settings as effort
 from hypothesis import strategies as st
 
-from ssmr.search.jde import (
+from ssmr.search.evolution import (
     PARTNERS,
-    Jde,
-    JdeSettings,
     adapt,
     binomial_mask,
     distinct_partners,
@@ -27,6 +25,7 @@ from ssmr.search.jde import (
     repair,
     replaces,
 )
+from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
 

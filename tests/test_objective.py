@@ -10,7 +10,8 @@ import pytest
 from ssmr.metrics.paths import compare_paths
 from ssmr.types import State, Trajectory
 from tests.conftest import EXACT, ROUNDOFF
-from validation.fit.objective import CostSettings, Problem, Target, make_raters, windows
+from validation.fit.objective import FitCost, Target, make_raters, windows
+from validation.fit.problem import FitProblem
 from validation.logs.recording import Recording
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import open_source, source_of
@@ -53,8 +54,8 @@ FREE = {
 }
 
 
-def problem(lab: Profile, target: Target, cost: CostSettings, model: str = "improved") -> Problem:
-    return Problem(model, lab.plants[model], make_space(model, FREE[model], {}), [target], cost)
+def problem(lab: Profile, target: Target, cost: FitCost, model: str = "improved") -> FitProblem:
+    return FitProblem(model, lab.plants[model], make_space(model, FREE[model], {}), [target], cost)
 
 
 def points(n: int, size: int, seed: int = 0) -> np.ndarray:
@@ -62,11 +63,11 @@ def points(n: int, size: int, seed: int = 0) -> np.ndarray:
 
 
 def test_the_true_parameters_cost_nothing(lab: Profile) -> None:
-    for cost in (CostSettings("path"), CostSettings("sync")):
+    for cost in (FitCost("path"), FitCost("sync")):
         p = problem(lab, scenario(lab), cost)
         truth = p.space.points([find("improved", n).read(p.base) for n in p.space.names])
         assert p.costs(truth[None])[0] < 1e-9
-    p = problem(lab, log_target(lab), CostSettings("horizon", horizons=(2.0,)))
+    p = problem(lab, log_target(lab), FitCost("horizon", horizons=(2.0,)))
     truth = p.space.points([find("improved", n).read(p.base) for n in p.space.names])
     assert p.costs(truth[None])[0] < 0.003  # the start's twist is estimated, and inputs are held between samples
 
@@ -74,7 +75,7 @@ def test_the_true_parameters_cost_nothing(lab: Profile) -> None:
 def test_path_cost_is_equation_3_1(lab: Profile) -> None:
     """20 d_rms + 8 d_haus + 5 |1 - d_ratio| of the metrics that comparisons print."""
     target = scenario(lab)
-    p = problem(lab, target, CostSettings("path"))
+    p = problem(lab, target, FitCost("path"))
     x = points(4, 3)
     x[:, 2] = x[:, 1] * 0.9  # mu_d, the third, below mu_s, the second
     for point, cost in zip(x, p.costs(x), strict=True):
@@ -89,7 +90,7 @@ def test_path_cost_is_equation_3_1(lab: Profile) -> None:
 
 def test_sync_cost_is_what_comparisons_print(lab: Profile) -> None:
     target = scenario(lab)
-    p = problem(lab, target, CostSettings("sync", yaw_weight=0.5), "coulomb")
+    p = problem(lab, target, FitCost("sync", yaw_weight=0.5), "coulomb")
     x = points(3, 2)
     for point, cost in zip(x, p.costs(x), strict=True):
         candidate = p.candidate(point)
@@ -109,7 +110,7 @@ def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> N
         assert np.all(piece.t[ends] - piece.t[starts] >= 2.0 - 1e-9)
         assert np.all(piece.t[ends] - piece.t[starts] < 2.2)
         assert len(starts) > len(horizons_of([], (2.0,)))
-    raters = make_raters(CostSettings("horizon", yaw_weight=0.0, horizons=(2.0,)), [target])
+    raters = make_raters(FitCost("horizon", yaw_weight=0.0, horizons=(2.0,)), [target])
     shift = 0.1  # every window of a robot that stands still is off by what the recorded one moved
     still = [np.repeat(truth.pose[:1], len(truth), axis=0)[None] for truth in target.truth]
     moved = []
@@ -127,9 +128,9 @@ def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> N
 def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
     """A cost within its limit is exact; one beyond is a lower bound that exceeds the limit."""
     target = log_target(lab, kind)
-    p = Problem(
+    p = FitProblem(
         "linear", lab.plants["linear"], make_space("linear", default_free("linear", "recording"), {}), [target],
-        CostSettings("horizon"),
+        FitCost("horizon"),
     )  # fmt: skip
     x = points(len(p.space), 24)
     whole = p.costs(x)
@@ -146,7 +147,7 @@ def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
 @pytest.mark.parametrize("model", ["improved", "mujoco"])
 def test_workers_do_not_matter(lab: Profile, model: str) -> None:
     target = scenario(lab)
-    p = problem(lab, target, CostSettings("sync"), model)
+    p = problem(lab, target, FitCost("sync"), model)
     x = points(len(p.space), 3)
     assert np.abs(np.subtract(*(np.nan_to_num(p.costs(x, workers=w), posinf=-1.0) for w in (1, 2)))).max() == EXACT
 
@@ -154,9 +155,9 @@ def test_workers_do_not_matter(lab: Profile, model: str) -> None:
 def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
     """Bit for bit the same alone and among many: shares of a generation may be rated anywhere."""
     for target, cost in (
-        (scenario(lab), CostSettings("path")),
-        (scenario(lab), CostSettings("sync")),
-        (log_target(lab), CostSettings("horizon")),
+        (scenario(lab), FitCost("path")),
+        (scenario(lab), FitCost("sync")),
+        (log_target(lab), FitCost("horizon")),
     ):
         p = problem(lab, target, cost, "coulomb")
         x = points(3, 7)
@@ -194,8 +195,8 @@ def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
 
 
 def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
-    p = Problem(
-        "improved", lab.plants["improved"], make_space("improved", ("mu_s", "mu_d"), {}), [scenario(lab)], CostSettings()
+    p = FitProblem(
+        "improved", lab.plants["improved"], make_space("improved", ("mu_s", "mu_d"), {}), [scenario(lab)], FitCost()
     )
     assert p.candidate(np.array([0.1, 0.9])) is None
     assert p.costs(np.array([[0.1, 0.9], [0.9, 0.1]])).tolist()[0] == np.inf
@@ -208,8 +209,8 @@ def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
         (lambda: make_space("coulomb", ("gain",), {"gain": (5.0, 1.0)}), "bounds of gain are 5 and 1"),
         (lambda: make_space("coulomb", ("gain",), {"u_x": (0.0, 1.0)}), "u_x, which is not free"),
         (lambda: make_space("coulomb", ("delay", "delay_v"), {}), "delay and delay_v move the same number"),
-        (lambda: CostSettings("nice"), "unknown cost 'nice'"),  # type: ignore[arg-type]
-        (lambda: CostSettings(yaw_weight=float("nan")), "yaw_weight"),
+        (lambda: FitCost("nice"), "unknown objective 'nice'"),  # type: ignore[arg-type]
+        (lambda: FitCost(yaw_weight=float("nan")), "yaw_weight"),
     ],
 )
 def test_mistakes_are_named(make, what: str) -> None:  # type: ignore[no-untyped-def]
@@ -218,8 +219,8 @@ def test_mistakes_are_named(make, what: str) -> None:  # type: ignore[no-untyped
 
 
 def test_a_horizon_longer_than_the_source_is_refused(lab: Profile) -> None:
-    with pytest.raises(ValueError, match=r"no window of 100 s fits.*name shorter --horizons"):
-        make_raters(CostSettings("horizon", horizons=(2.0, 100.0)), [log_target(lab)])
+    with pytest.raises(ValueError, match=r"no window of 100 s fits.*name shorter horizons"):
+        make_raters(FitCost("horizon", horizons=(2.0, 100.0)), [log_target(lab)])
 
 
 def test_equal_motions_have_equal_trajectories(lab: Profile) -> None:

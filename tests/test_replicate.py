@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROUNDOFF
-from validation.fit.objective import Problem
+from validation.fit.problem import FitProblem
+from validation.fit.result import FitResult
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import write_csv
 from validation.replicate import __main__ as replicate
@@ -93,17 +94,17 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         return Picture(f"{name}.png", caption)
 
     monkeypatch.setattr(Context, "picture", written)
-    monkeypatch.setattr(evidence_models, "fit_figure", lambda result: None)
+    monkeypatch.setattr(FitResult, "figure", lambda result: None)
 
 
 @pytest.mark.usefixtures("no_pictures")
 def test_a_broken_off_search_goes_on_to_the_same_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stopped in the third generation of the second section: the same findings in the end, and nothing is done twice."""
     through, broken = folders(tmp_path / "through"), folders(tmp_path / "broken")
-    real, generations, ran = Problem.costs, list[str](), list[str]()
+    real, generations, ran = FitProblem.costs, list[str](), list[str]()
     both = [fake(FOUND, ran), section("fit-linear")]
 
-    def counting(self: Problem, *args: Any) -> Any:
+    def counting(self: FitProblem, *args: Any) -> Any:
         generations.append(self.model)
         if stopped and len(generations) == 3:
             raise KeyboardInterrupt
@@ -112,7 +113,7 @@ def test_a_broken_off_search_goes_on_to_the_same_end(tmp_path: Path, monkeypatch
     def findings(folder: Path) -> list[Findings]:
         return [found for _, found, _ in replicate.run_all(both, SMALL, folder, 2)]
 
-    monkeypatch.setattr(Problem, "costs", counting)
+    monkeypatch.setattr(FitProblem, "costs", counting)
     stopped = False
     undisturbed, wanted = findings(through), len(generations)
     stopped = True
@@ -487,8 +488,8 @@ def test_an_interrupt_leaves_with_130_and_keeps_the_search(tmp_path: Path) -> No
         "import os, signal, sys; sys.argv = ['replicate', '--quick', '--only', '3.15', '--out', 'out'];"
         "signal.signal(signal.SIGINT, signal.default_int_handler);"  # who runs the tests may ignore interrupts
         "from validation import cli; from validation.replicate.__main__ import main;"
-        "from validation.fit.objective import Problem; real, calls = Problem.costs, [];"
-        "Problem.costs = lambda *a: (calls.append(1), len(calls) == 3 and os.kill(os.getpid(), signal.SIGINT), real(*a))[2];"
+        "from validation.fit.problem import FitProblem as P; real, calls = P.costs, [];"
+        "P.costs = lambda *a: (calls.append(1), len(calls) == 3 and os.kill(os.getpid(), signal.SIGINT), real(*a))[2];"
         "cli.run(main, 'replicate')"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])}

@@ -44,7 +44,7 @@ def test_bounds_are_told() -> None:
         (lambda: Parameter("gain", "1", 0.0, 5.0, "log"), "logarithmic"),
         (lambda: ParameterSpace(()), "got: none"),
         (lambda: ParameterSpace((SPACE.parameters[0], SPACE.parameters[0])), "names of their own"),
-        (lambda: SPACE.points([0.05, 100.0]), "mu = 0.05 1 lies outside its bounds, 0.1 to 0.9"),
+        (lambda: SPACE.points([0.05, 100.0]), "mu = 0.05 lies outside its bounds, 0.1 to 0.9"),
         (lambda: SPACE.points([0.5, float("nan")]), "gain = nan"),
     ],
 )

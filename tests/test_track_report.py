@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.test_fit_report import read
+from tests.test_fit_report import read, tables_of
 from tests.test_rerun_log import SINGLE, run_rerun
 from tests.test_tables import TERMINAL, in_si, markdown_tables, rendered, rich_rows
 from tests.test_track_figure import CASES, followed, lost
 from tests.test_tune_figure import CASES as TUNINGS
 from validation import store
-from validation.fit.report import number_text, value_text
+from validation.fit.table import number_text, value_text
 from validation.track.report import MEASURES, as_document, track_markdown, track_notes, track_tables
 from validation.track.rerun import TRAIL_HEIGHT, write_track_rerun
-from validation.tune.report import tune_document, tune_notes, tune_tables
+from validation.tune.table import tune_notes
 
 PATH_METRICS = {
     *("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "d_rms_symmetric_m", "d_haus_symmetric_m", "sync_rms_m"),
@@ -124,7 +124,7 @@ def test_numbers_that_are_not_finite_are_null() -> None:
 @pytest.mark.parametrize("name", TUNINGS)
 def test_the_tuning_document_keeps_the_contract(name: str, tmp_path: Path) -> None:
     made = TUNINGS[name]()
-    document = tune_document(made)
+    document = made.as_dict()
     store.write_json(tmp_path / "tune.json", document)
     assert json.loads((tmp_path / "tune.json").read_text()) == document
     assert document["schema"] == "ssmr.tune/1"
@@ -160,7 +160,7 @@ def test_the_tuning_document_keeps_the_contract(name: str, tmp_path: Path) -> No
 @pytest.mark.parametrize("name", TUNINGS)
 def test_tuning_tables_hold_every_gain_and_score_and_fit_a_terminal(name: str) -> None:
     made = TUNINGS[name]()
-    tables = tune_tables(made)
+    tables = tables_of(made)
     _, gains, _ = rich_rows(tables[0])
     for p, row in zip(made.parameters, gains, strict=True):
         assert row[0] == p.name
@@ -168,7 +168,7 @@ def test_tuning_tables_hold_every_gain_and_score_and_fit_a_terminal(name: str) -
         assert row[5] == number_text(p.before)
         assert ("at bound" in row[6]) == p.at_bound
     header, rows, best = rich_rows(tables[1])
-    assert header[:3] == ["reference", "gains", "cost [1]"]
+    assert header[:3] == ["reference", "gains", "cost"]
     every = [*made.train, *made.held_out]
     for k, f in enumerate(every):
         tuned, baseline = rows[2 * k : 2 * k + 2]
@@ -177,9 +177,9 @@ def test_tuning_tables_hold_every_gain_and_score_and_fit_a_terminal(name: str) -
         assert (tuned[2] == "lost") == f.tuned.lost
         assert (baseline[2] == "lost") == f.baseline.lost
         if f.tuned.lost or f.baseline.lost:
-            assert not {(2 * k, "cost [1]"), (2 * k + 1, "cost [1]")} & best
+            assert not {(2 * k, "cost"), (2 * k + 1, "cost")} & best
         else:
-            assert (2 * k, "cost [1]") in best
+            assert (2 * k, "cost") in best
     for table in tables:
         assert all(len(line) <= TERMINAL for line in rendered(table).splitlines())
     assert sum(" lose " in note for note in tune_notes(made)) == sum(f.tuned.lost + f.baseline.lost for f in every)

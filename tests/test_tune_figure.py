@@ -18,14 +18,15 @@ from ssmr.control.references import circle, line, sine
 from ssmr.control.waypoints import Waypoints
 from tests.test_figures import lines, texts, written
 from tests.test_fit_figure import trace
-from validation.fit.report import cube_share, value_text
-from validation.fit.result import FittedParameter
+from validation.fit.data import FittedParameter
+from validation.fit.table import value_text
 from validation.plants.profile import load
 from validation.track.gains import GainSet, load_gains
 from validation.track.tracking import make_controller, make_robot, rate, reference_of, run_robots
-from validation.tune.figure import MAX_HELD_OUT, MAX_TRAIN, draw_tune
-from validation.tune.report import label_text
-from validation.tune.result import Followed, TuneResult
+from validation.tune.data import TunedRun
+from validation.tune.figure import MAX_HELD_OUT, MAX_TRAIN, tune_figure
+from validation.tune.result import TuneResult
+from validation.tune.table import run_text
 
 SPEED = 0.4
 WAYS: dict[str, Waypoints] = {
@@ -47,7 +48,7 @@ def cut(run: ClosedRun, n: int) -> ClosedRun:
 
 
 @cache
-def followed(reference: str, plant: str, lost: str = "") -> Followed:
+def followed(reference: str, plant: str, lost: str = "") -> TunedRun:
     """A short reference with the published gains, and with others; `lost` names who lost it, and after how many ticks."""
     profile, ways = load("thesis-lab"), WAYS[reference]
     robot, published = make_robot(profile, plant), load_gains("pid", "published")
@@ -58,14 +59,14 @@ def followed(reference: str, plant: str, lost: str = "") -> Followed:
     for who in lost.split(",") if lost else ():
         k, n = (0 if who.startswith("tuned") else 1), int(who.partition(" ")[2])
         runs[k], costs[k] = cut(runs[k], n), math.inf
-    return Followed(
+    return TunedRun(
         f"{reference} at {ways.speed:g} m/s, {plant}", reference, ways.speed, plant,
         reference_of(runs[0], ways, whole=True) if len(runs[0].t) > 1 else ways.trajectory(0.008),
         runs[0], rate(runs[0], ways, robot), costs[0], runs[1], rate(runs[1], ways, robot), costs[1],
     )  # fmt: skip
 
 
-def result(train: Sequence[Followed], held_out: Sequence[Followed] = (), **changes: object) -> TuneResult:
+def result(train: Sequence[TunedRun], held_out: Sequence[TunedRun] = (), **changes: object) -> TuneResult:
     """A made-up search around real runs; the last gain is at its bound."""
     gains = dict(load_gains("pid", "published").values)
     parameters = []
@@ -76,11 +77,11 @@ def result(train: Sequence[Followed], held_out: Sequence[Followed] = (), **chang
         parameters.append(FittedParameter(name, "1", value, low, high, scale, gains_before, value == high))
     lost = any(f.baseline.lost for f in train)
     made = TuneResult(
-        controller="pid", profile="thesis-lab", seed=4, status="finished", stopped_by="generations", cost=0.03,
+        controller="pid", begun_with="thesis-lab", seed=4, status="finished", stopped_by="generations", cost=0.03,
         baseline_name="pid-published", baseline_cost=math.inf if lost else 0.8, cost_name="path", evaluations=1230,
-        generations=40, wall_s=12.3, parameters=tuple(parameters), gains=gains,
-        notes=("k_p_w ended at its upper bound, 0.65.",), train=tuple(train), held_out=tuple(held_out),
-        trace=trace([cube_share(p, p.value) for p in parameters], 41),
+        generations=40, wall_s=12.3, parameters=tuple(parameters), gain_set=GainSet("pid", "tuned", gains),
+        remarks=("k_p_w ended at its upper bound, 0.65.",), train=tuple(train), held_out=tuple(held_out),
+        trace=trace([p.share(p.value) for p in parameters], 41),
         options={"population": 30, "strategy": "best/2", "limit": math.inf}, versions={"ssmr-testbed": "0.1.0"},
     )  # fmt: skip
     return replace(made, **changes)  # type: ignore[arg-type]
@@ -114,7 +115,7 @@ CASES = {
 def drawn(name: str) -> tuple[TuneResult, Figure]:
     """A case and its figure, which is only looked at."""
     made = CASES[name]()
-    return made, draw_tune(made)
+    return made, tune_figure(made)
 
 
 @pytest.fixture(params=CASES)
@@ -145,8 +146,8 @@ def test_every_gain_is_there_within_its_bounds(case: tuple[TuneResult, Figure]) 
     labels = {text.get_text() for text in texts(figure)}
     for p in made.parameters:
         (strip,) = [ax for ax in figure.axes if p.name in lines(ax)]
-        assert np.asarray(lines(strip)[p.name].get_xdata())[0] == pytest.approx(cube_share(p, p.value))
-        assert np.asarray(lines(strip)[f"before {p.name}"].get_xdata())[0] == pytest.approx(cube_share(p, p.before))
+        assert np.asarray(lines(strip)[p.name].get_xdata())[0] == pytest.approx(p.share(p.value))
+        assert np.asarray(lines(strip)[f"before {p.name}"].get_xdata())[0] == pytest.approx(p.share(p.before))
         assert value_text(p) + " · at bound" * p.at_bound in labels
     assert "tick: baseline" in written(figure)
     assert "before the fit" not in written(figure)
@@ -174,7 +175,7 @@ def test_references_have_a_path_each_and_those_without_are_named(case: tuple[Tun
             told = [text.get_text() for text in ax.texts]
             assert any(t.startswith("tuned: lost" if f.tuned.lost else f"tuned: cost {f.tuned_cost:.4g},") for t in told)
         for f in every[most:]:
-            assert label_text(f) in " ".join(written(figure).split())
+            assert run_text(f) in " ".join(written(figure).split())
 
 
 def test_an_interruption_and_losses_are_said() -> None:

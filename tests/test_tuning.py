@@ -19,20 +19,25 @@ from ssmr.metrics.paths import compare_paths
 from tests.conftest import EXACT, ROUNDOFF
 from validation import cli
 from validation.plants.profile import Profile, ProfileError
+from validation.robots.physics import PhysicsSettings
+from validation.robots.plant import MujocoPlant
+from validation.robots.terrain import parse_terrain
 from validation.track import __main__ as track
 from validation.track.gains import GainSet, dump_gains, load_gains
 from validation.track.tracking import make_controller, make_robot, rate, require_practicable, run_robots
 from validation.tune import __main__ as tune
-from validation.tune.tuning import Case, TuneCost, TuneProblem, costs_of, delayed, make_tuning_space, reference_of_case
+from validation.tune.cost import TuneCost, costs_of
+from validation.tune.problem import TuneCase, TuneProblem, delayed
+from validation.tune.space import make_tuning_space
 
 QUIET = LoopSettings("truth", disturbance=False)
 
 
-def case(lab: Profile, plant: str = "linear", settings: LoopSettings = QUIET, speed: float = 0.5) -> Case:
-    return Case("circle", "circle", circle(speed, 0.8, 0.5), make_robot(lab, plant), settings)
+def case(lab: Profile, plant: str = "linear", settings: LoopSettings = QUIET, speed: float = 0.5) -> TuneCase:
+    return TuneCase("circle", "circle", circle(speed, 0.8, 0.5), make_robot(lab, plant), settings)
 
 
-def problem(lab: Profile, cost: TuneCost | None = None, controller: str = "pid", *cases: Case) -> TuneProblem:
+def problem(lab: Profile, cost: TuneCost | None = None, controller: str = "pid", *cases: TuneCase) -> TuneProblem:
     base = load_gains(controller, "published")
     space = make_tuning_space(controller, None, False, {})
     return TuneProblem(lab, base, space, cases or (case(lab),), cost or TuneCost(guard=0.0))
@@ -62,7 +67,7 @@ def test_the_cost_is_that_of_the_thesis(lab: Profile) -> None:
     weights = TuneCost(k_u=50.0, guard=0.0)
     p, one = problem(lab, weights), case(lab)
     (run,) = run_robots([one.robot], [make_controller(lab, p.base)], [QUIET], one.waypoints, [0])
-    m = compare_paths(run.motion, reference_of_case(one))
+    m = compare_paths(run.motion, one.target)
     u_rms = rate(run, one.waypoints, one.robot).u_rms_ratio
     wanted = 100 * m.d_rms_m + 15 * m.d_haus_m + 10 * abs(1 - m.d_ratio) + 10 * abs(1 - m.e_bend_ratio) + 50 * abs(1 - u_rms)
     assert p.costs(published_point(p)[None])[0] == pytest.approx(wanted, rel=1e-9)  # the point went through the unit cube
@@ -87,7 +92,7 @@ def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
 
 def test_of_a_straight_reference_no_bending_is_asked(lab: Profile) -> None:
     waypoints = line(0.5, 2.0)
-    one = Case("line", "line", waypoints, make_robot(lab, "linear"), QUIET)
+    one = TuneCase("line", "line", waypoints, make_robot(lab, "linear"), QUIET)
     costs = [problem(lab, TuneCost(k_bend=k, guard=0.0), "pid", one) for k in (0.0, 1e3)]
     assert costs[0].costs(published_point(costs[0])[None]) == costs[1].costs(published_point(costs[1])[None])
 
@@ -123,6 +128,18 @@ def test_a_delayed_robot_differs_in_its_delay_alone(lab: Profile) -> None:
         late = delayed(robot, 0.1)
         assert late.drive == replace(robot.drive, delay_v=robot.drive.delay_v + 0.1, delay_w=robot.drive.delay_w + 0.1)
         assert delayed(robot, 0.0).drive == robot.drive
+
+
+def test_a_delayed_robot_stands_on_the_same_ground_with_the_same_physics(lab: Profile) -> None:
+    ramp = make_robot(lab, "mujoco", parse_terrain("ramp:5"))
+    late = delayed(ramp, 0.1)
+    assert late.terrain == ramp.terrain
+    assert isinstance(ramp.body, MujocoPlant)
+    numbers = lab.plants["mujoco"]
+    pyramidal = MujocoPlant(numbers.parameters, numbers.drive, settings=PhysicsSettings(cone="pyramidal"))
+    body = delayed(replace(ramp, body=pyramidal), 0.1).body
+    assert isinstance(body, MujocoPlant)
+    assert body.model.opt.cone == pyramidal.model.opt.cone != ramp.body.model.opt.cone
 
 
 def test_impossible_gains_cost_infinity_and_are_not_driven(lab: Profile) -> None:
@@ -205,7 +222,7 @@ def test_a_lost_loop_says_when_and_where(tmp_path: Path, capsys: pytest.CaptureF
         (tune.main, ["pid", "--reference", "circle@fast"], "REFERENCE@SPEED"),
         (tune.main, ["pid", "--reference", ""], "no reference is named"),
         (tune.main, ["pid", "--population", "3"], "population"),
-        (tune.main, ["pid", "--noise-seeds", "0"], "--noise-seeds 0"),
+        (tune.main, ["pid", "--noise-seeds", "0"], "--noise-seeds: '0' must be"),
         (tune.main, ["lqr", "--fix", "r_v=-1"], "r_v"),
         (tune.main, ["pid", "--guard", "-1"], "guard"),
     ],

@@ -58,3 +58,18 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def make_folder(path: Path) -> Path:
+    """Make a folder that files can be written into, and return it.
+
+    Raises:
+        ValueError: it cannot be made or written; the message says why.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{path}: the folder cannot be made ({error.strerror})") from error
+    if not os.access(path, os.W_OK):
+        raise ValueError(f"{path}: the folder cannot be written; name another")
+    return path

@@ -1,9 +1,7 @@
 """Self-adaptive differential evolution (jDE) with the thesis' descent of F and CR, in the unit cube, by ask and tell.
 
 The search owns no loop and no objective: `ask` hands out a whole generation, `tell` takes its costs. Sources: thesis
-Sec. 3.5.1 (mutation, adaptation, Alg. 3) and Tab. 3.7 (defaults); Brest et al. 2006, doi 10.1109/TEVC.2006.872133 (jDE).
-
-Symbols: S vectors (NP) of n genes, i one of them, G a generation; F scales differences, CR is the share of genes crossed.
+Sec. 3.5.1 (mutation, adaptation, Alg. 3) and Tab. 3.7 (defaults); J. Brest et al. 2006, doi 10.1109/TEVC.2006.872133 (jDE).
 
 Where the thesis leaves a choice, or prints something that cannot be:
 
@@ -30,41 +28,46 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ssmr.search.evolution import (
+    CROSSOVERS,
+    PARTNERS,
+    Crossover,
+    Strategy,
+    adapt,
+    binomial_mask,
+    distinct_partners,
+    exponential_mask,
+    mutate,
+    repair,
+    replaces,
+)
 from ssmr.types import FloatArray, frozen_array
 
-Strategy = Literal["best/2", "rand/1", "best/1"]
-Crossover = Literal["bin", "exp"]
 Finished = Literal["", "generations", "improvement", "target"]
-IndexArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 VERSION = "ssmr.jde/1"
-"""Of the layout of `Jde.state`, and of what is drawn in which order."""
-PARTNERS: Mapping[str, int] = {"best/2": 4, "rand/1": 3, "best/1": 2}
-"""How many vectors, distinct and other than i, a strategy draws (nr of Tab. 3.7)."""
-CROSSOVERS = ("bin", "exp")
-
+"""Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
 _LOWER_64 = (1 << 64) - 1
 
 
 @dataclass(frozen=True)
 class JdeSettings:
-    """What steers a search; the defaults are Tab. 3.7."""
+    """Settings of a search; the defaults are those of Tab. 3.7."""
 
     population: int = 50
-    """S, vectors in a generation (NP)."""
+    """Number of vectors in a generation, S (NP)."""
     generations: int = 300
-    """Most generations after the initial population (n_gen, ng_max)."""
+    """Greatest number of generations after the initial population (n_gen, ng_max)."""
     strategy: Strategy = "best/2"
     """Mutation: `best/2` is the thesis' choice; `rand/1` is slower but leaves local minima."""
     crossover: Crossover = "bin"
-    """`bin` chooses each gene by itself, `exp` a run of neighbours."""
+    """Crossover: `bin` chooses each gene by itself, `exp` a run of neighbours."""
     f_init: float = 0.75
-    """F of every vector at first [1]."""
+    """Initial F of every vector [1]."""
     f_bounds: tuple[float, float] = (0.1, 0.9)
     """Least and greatest F [1]."""
     cr_init: float = 0.8
-    """CR of every vector at first [1]."""
+    """Initial CR of every vector [1]."""
     cr_bounds: tuple[float, float] = (0.0, 1.0)
     """Least and greatest CR [1]."""
     tau_f: float = 0.1
@@ -72,7 +75,7 @@ class JdeSettings:
     tau_cr: float = 0.1
     """Probability of a new CR (tau_2) [1]."""
     slope: float = 0.2
-    """Share of F and CR by which they descend, in proportion to the generations gone (slp) [1]; 0 is the classic jDE."""
+    """Share of F and CR by which they are lowered, in proportion to the generations gone (slp) [1]; 0 is the classic jDE."""
     df: float = 1e-3
     """Stop when the best cost improved by no more than this share of its size [1] ..."""
     patience: int = 30
@@ -81,7 +84,7 @@ class JdeSettings:
     """Stop when the best cost is at or below this [unit of the cost]."""
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check the ranges.
 
         Raises:
             ValueError: a name is unknown, a number is out of its range, or there are too few vectors for the strategy.
@@ -112,132 +115,6 @@ def _require_within(name: str, value: float, low: float, high: float) -> None:
         raise ValueError(f"{name} must lie within {low:g} and {high:g}, got {value:g}")
 
 
-def adapt(values: FloatArray, draws: FloatArray, bounds: tuple[float, float], tau: float, descent: float) -> FloatArray:
-    """F or CR of the trials (Sec. 3.5.1): drawn anew with the probability tau, else descended, but not below the least.
-
-    Args:
-        values: (S,) F or CR of the parents.
-        draws: (2, S) uniform in [0, 1): whether to draw anew, and what.
-        bounds: least and greatest.
-        tau: probability of a new value.
-        descent: slp (ng - 1) / ng_max.
-
-    Returns:
-        (S,) values within the bounds.
-    """
-    low, high = bounds
-    return np.where(draws[0] < tau, low + (high - low) * draws[1], np.maximum(values - values * descent, low))
-
-
-def distinct_partners(draws: FloatArray) -> IndexArray:
-    """For each i, k indices that differ from each other and from i; every ordered choice is equally likely.
-
-    The j-th index is drawn from the S - 1 - j that are left, then counted past the taken ones in increasing order.
-
-    Args:
-        draws: (k, S) uniform in [0, 1), k < S.
-
-    Returns:
-        (k, S) indices within 0 and S - 1; column i belongs to vector i.
-    """
-    k, size = draws.shape
-    left = (size - 1 - np.arange(k, dtype=np.float64))[:, np.newaxis]
-    indices = (draws * left).astype(np.intp)
-    taken = [np.arange(size)]  # increasing, for each column
-    for j in range(k):
-        index = indices[j]
-        for t in taken:
-            index += index >= t
-        if j + 1 < k:
-            carried = index
-            for m, t in enumerate(taken):
-                taken[m], carried = np.minimum(t, carried), np.maximum(t, carried)
-            taken.append(carried)
-    return indices
-
-
-def mutate(
-    strategy: Strategy, population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray
-) -> tuple[FloatArray, FloatArray]:
-    """Donors V_i before repair, and the base vectors they start from.
-
-    best/2: V = X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1); best/1: V = X_best + F (X_r1 - X_r2);
-    rand/1: V = X_r1 + F (X_r2 - X_r3).
-
-    Args:
-        strategy: which of them.
-        population: (S, n) parents.
-        best: (n,) the best of them.
-        f: (S,) F of the trials.
-        partners: (k, S) indices r1 to rk.
-
-    Returns:
-        (n,) or (S, n) base vectors and (S, n) donors, which may leave the cube.
-    """
-    x = population[partners]
-    if strategy == "rand/1":
-        base, difference = x[0], x[1] - x[2]
-    else:
-        base, difference = best, x[0] - x[1]
-        if strategy == "best/2":
-            difference += x[2]
-            difference -= x[3]
-    difference *= f[:, np.newaxis]
-    difference += base
-    return base, difference
-
-
-def repair(donors: FloatArray, base: FloatArray) -> FloatArray:
-    """Genes beyond a bound of the cube, put midway between the base vector's gene and that bound.
-
-    Args:
-        donors: (S, n) any finite numbers.
-        base: (n,) or (S, n) within the cube.
-
-    Returns:
-        (S, n) within the cube.
-    """
-    inside = np.where(donors < 0.0, 0.5 * base, donors)
-    return np.where(donors > 1.0, 0.5 + 0.5 * base, inside)
-
-
-def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> BoolArray:
-    """Which genes come from the donor: each with the probability CR, and gene `first` always.
-
-    Args:
-        cr: (S,) CR of the trials.
-        draws: (S, n) uniform in [0, 1).
-        first: (S,) one gene of each.
-
-    Returns:
-        (S, n) mask.
-    """
-    mask = draws < cr[:, np.newaxis]
-    mask[np.arange(len(cr)), first] = True
-    return mask
-
-
-def exponential_mask(cr: FloatArray, draws: FloatArray, first: IndexArray, n: int) -> BoolArray:
-    """Which genes come from the donor: a run from `first`, around the end; the p-th after it with the probability CR^p.
-
-    Args:
-        cr: (S,) CR of the trials.
-        draws: (S,) uniform in [0, 1).
-        first: (S,) where the run begins.
-        n: how many genes there are.
-
-    Returns:
-        (S, n) mask.
-    """
-    after = (np.arange(n) - first[:, np.newaxis]) % n
-    return draws[:, np.newaxis] < cr[:, np.newaxis] ** after
-
-
-def replaces(trial_costs: FloatArray, parent_costs: FloatArray) -> BoolArray:
-    """(S,) which trials replace their parents: those of finite cost that are not worse."""
-    return np.isfinite(trial_costs) & (trial_costs <= parent_costs)
-
-
 class Jde:
     """One search. `while not search.finished: search.tell(costs_of(search.ask()))`."""
 
@@ -245,9 +122,9 @@ class Jde:
         """Draw the initial population.
 
         Args:
-            n: how many genes a vector has.
-            settings: what steers the search.
-            seed: of the one random generator; equal seeds give equal searches.
+            n: number of genes of a vector.
+            settings: of the search.
+            seed: seed of the random generator; equal seeds give equal searches.
             start: (k, n) points of the unit cube that replace the first k vectors drawn, or None.
 
         Raises:
@@ -265,7 +142,10 @@ class Jde:
             points = frozen_array(start, "start", (None, n))
             if len(points) > size:
                 raise ValueError(f"start has {len(points)} points, more than the population of {size}")
-            _require_cube(points, "start")
+            outside = ~((points >= 0.0) & (points <= 1.0))
+            if outside.any():
+                row, k = (int(i) for i in np.argwhere(outside)[0])
+                raise ValueError(f"start leaves the unit cube: {points[row, k]:g} at index {(row, k)}")
             self._population[: len(points)] = points
         self._costs = np.full(size, np.inf)
         self._f, self._cr = np.full(size, settings.f_init), np.full(size, settings.cr_init)
@@ -276,18 +156,19 @@ class Jde:
 
     @property
     def generation(self) -> int:
-        """Generations told after the initial population."""
+        """Number of generations told after the initial population."""
         return max(0, len(self._history) - 1)
 
     @property
     def evaluations(self) -> int:
-        """Costs told, those of the initial population included."""
+        """Number of costs told, those of the initial population included."""
         return self.settings.population * len(self._history)
 
     @property
     def best(self) -> FloatArray:
         """(n,) the vector of least cost so far; the first one while no cost is known."""
-        return self._population[self._best].copy()
+        best: FloatArray = self._population[self._best].copy()
+        return best
 
     @property
     def best_cost(self) -> float:
@@ -311,7 +192,7 @@ class Jde:
 
     @property
     def finished(self) -> Finished:
-        """Why the search is over, or an empty string while it is not; the first rule that holds, in this order.
+        """Reason why the search is over, or an empty string while it is not: the first of these rules that holds.
 
         `target`: the best cost is at or below the target. `improvement`: over the last `patience` generations the best cost
         fell by no more than df times its size before; a cost that was unknown then does not count. `generations`: all done.
@@ -326,9 +207,9 @@ class Jde:
         return "generations" if g >= self.settings.generations else ""
 
     def ask(self) -> FloatArray:
-        """The points whose costs are wanted: the initial population first, then the trials of the next generation.
+        """Return the points whose costs are wanted: the initial population first, then the trials of each generation.
 
-        Asked again before the costs were told, it gives the same points. Random numbers are drawn here only, as many for
+        A second call before the costs are told returns equal points. Random numbers are drawn here only, as many for
         each generation, whatever the costs.
 
         Returns:
@@ -346,7 +227,7 @@ class Jde:
         return self._trials.copy()
 
     def _next_trials(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(S, n) trials, (S,) their F and (S,) their CR."""
+        """Return (S, n) trials, (S,) their F and (S,) their CR."""
         s, n = self.settings, self.n
         size, k = s.population, PARTNERS[s.strategy]
         binomial = s.crossover == "bin"
@@ -391,58 +272,60 @@ class Jde:
         self._asked = False
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All that the search is, as arrays that `numpy.savez` keeps without pickle; points asked for and not told included.
+        """Return the whole search as arrays that `numpy.savez` keeps without pickle, points asked for but not told included.
 
         Returns:
             Copies by name; settings under `settings.<name>`.
         """
         generator: Any = self._rng.bit_generator.state
         words = [generator["state"][key] for key in ("state", "inc")]
+        settings = ((f, getattr(self.settings, f.name)) for f in fields(JdeSettings))
         return {
             "version": np.array(VERSION),
-            **{f"settings.{f.name}": _setting(getattr(self.settings, f.name), f.default) for f in fields(JdeSettings)},
+            **{f"settings.{f.name}": _setting(v, f.default) for f, v in settings},
             "rng": np.array([half for word in words for half in (word >> 64, word & _LOWER_64)], dtype=np.uint64),
-            "population": self.population,
-            "costs": self.costs,
-            "f": self._f.copy(),
-            "cr": self._cr.copy(),
             "history": self.history,
             "asked": np.array(self._asked),
-            "trials": self._trials.copy(),
-            "trial_f": self._trial_f.copy(),
-            "trial_cr": self._trial_cr.copy(),
+            **{name: getattr(self, f"_{name}").copy() for name in _ARRAYS},
         }
 
     @classmethod
     def restore(cls, state: Mapping[str, NDArray[Any]]) -> Jde:
-        """The search that `state` was taken from; it goes on bit for bit as that one would.
+        """Return the search that `state` was taken from; it goes on bit for bit as that one would.
 
         Raises:
-            ValueError: the state is none: names are missing, or shapes, numbers or the version are wrong.
+            ValueError: this is no state of a search: names are missing, or shapes, types, numbers or the version are wrong.
         """
-        wanted = Jde(1, JdeSettings(), 0).state().keys()
-        missing = sorted(wanted - set(state))
+        wanted = Jde(1, JdeSettings(), 0).state()
+        missing = sorted(wanted.keys() - set(state))
         if missing:
             raise ValueError(f"this is no state of a search: {', '.join(missing)} missing")
         if str(state["version"]) != VERSION:
             raise ValueError(f"the state has the version '{state['version']}', wanted '{VERSION}'")
-        settings = _restored_settings(state)
-        population = _cube(state, "population", (settings.population, None))
-        size, n = population.shape
-        search = cls(n, settings, 0)
-        search._population, search._trials = population, _cube(state, "trials", (size, n))
-        search._f, search._trial_f = (_within(state, key, size, settings.f_bounds) for key in ("f", "trial_f"))
-        search._cr, search._trial_cr = (_within(state, key, size, settings.cr_bounds) for key in ("cr", "trial_cr"))
-        search._costs, history = _numbers(state, "costs", (size,)), _numbers(state, "history", (None,))
-        if np.isnan(search._costs).any() or np.isneginf(search._costs).any():
+        given = {name: _like(np.asarray(state[name]), wanted[name], name) for name in wanted if name.startswith("settings.")}
+        values: dict[str, Any] = {name.removeprefix("settings."): array.tolist() for name, array in given.items()}
+        values |= {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+        settings = JdeSettings(**values)
+        search = cls(np.atleast_2d(state["population"]).shape[1], settings, 0)
+        own = search.state()
+        read = {name: _like(np.asarray(state[name]), own[name], name) for name in (*_ARRAYS, "rng", "asked")}
+        cube, cr, f = (0.0, 1.0), settings.cr_bounds, settings.f_bounds
+        ranges = {"population": cube, "trials": cube, "f": f, "trial_f": f, "cr": cr, "trial_cr": cr}
+        for name, (low, high) in ranges.items():
+            if not np.all((read[name] >= low) & (read[name] <= high)):
+                raise ValueError(f"{name} of the state leaves its bounds, {low:g} to {high:g}")
+        if np.isnan(read["costs"]).any() or np.isneginf(read["costs"]).any():
             raise ValueError("costs of the state are neither numbers nor unknown")
-        search._best, search._history = int(np.argmin(search._costs)), [float(h) for h in history]
+        for name in _ARRAYS:
+            setattr(search, f"_{name}", np.array(read[name]))
+        history = _like(np.asarray(state["history"]), np.empty(np.shape(state["history"])[:1]), "history")
         if len(history) > 1 + settings.generations or np.any(history[1:] > history[:-1]):
             raise ValueError("history of the state is none: it is too long, or it grows")
+        search._best, search._history = int(np.argmin(search._costs)), [float(h) for h in history]
         if search.best_cost != (search._history[-1] if search._history else math.inf):
             raise ValueError("costs and history of the state do not agree")
-        search._asked = bool(_array(state, "asked", (), "b"))
-        rng = [int(half) for half in _array(state, "rng", (4,), "u")]
+        search._asked = bool(read["asked"])
+        rng = [int(half) for half in read["rng"]]
         search._rng.bit_generator.state = {
             "bit_generator": "PCG64",
             "state": {"state": rng[0] << 64 | rng[1], "inc": rng[2] << 64 | rng[3]},
@@ -452,51 +335,23 @@ class Jde:
         return search
 
 
-def _require_cube(points: FloatArray, name: str) -> None:
-    outside = ~((points >= 0.0) & (points <= 1.0))
-    if outside.any():
-        row, k = (int(i) for i in np.argwhere(outside)[0])
-        raise ValueError(f"{name} leaves the unit cube: {points[row, k]:g} at index {(row, k)}")
+_ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
+"""Arrays that a search is made of, besides its history and its random generator."""
 
 
-def _array(state: Mapping[str, NDArray[Any]], key: str, shape: tuple[int | None, ...], kinds: str) -> NDArray[Any]:
-    """An array of the state, whose shape (None: any length) and kind of numbers are checked."""
-    array = np.asarray(state[key])
-    if array.ndim != len(shape) or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=True)):
-        raise ValueError(f"{key} of the state has shape {array.shape}")
-    if array.dtype.kind not in kinds:
-        raise ValueError(f"{key} of the state has the type {array.dtype}")
+def _like(array: NDArray[Any], wanted: NDArray[Any], name: str) -> NDArray[Any]:
+    """Return an array of a state, if its shape and type are those wanted.
+
+    Raises:
+        ValueError: they are not.
+    """
+    if array.shape != wanted.shape:
+        raise ValueError(f"{name} of the state has shape {array.shape}, wanted {wanted.shape}")
+    if array.dtype.kind != wanted.dtype.kind:
+        raise ValueError(f"{name} of the state has the type {array.dtype}, wanted {wanted.dtype}")
     return array
 
 
-def _numbers(state: Mapping[str, NDArray[Any]], key: str, shape: tuple[int | None, ...]) -> FloatArray:
-    return np.array(_array(state, key, shape, "f"), dtype=np.float64)
-
-
-def _cube(state: Mapping[str, NDArray[Any]], key: str, shape: tuple[int | None, ...]) -> FloatArray:
-    points = _numbers(state, key, shape)
-    _require_cube(points, f"{key} of the state")
-    return points
-
-
-def _within(state: Mapping[str, NDArray[Any]], key: str, size: int, bounds: tuple[float, float]) -> FloatArray:
-    values = _numbers(state, key, (size,))
-    if not np.all((values >= bounds[0]) & (values <= bounds[1])):
-        raise ValueError(f"{key} of the state leaves its bounds, {bounds[0]:g} to {bounds[1]:g}")
-    return values
-
-
 def _setting(value: Any, default: Any) -> NDArray[Any]:
-    """A setting as an array of its default's type: a 0 given for a float is kept as 0.0."""
+    """Return a setting as an array of its default's type: a 0 given for a float is kept as 0.0."""
     return np.array(value) if isinstance(default, str) else np.array(value, dtype=np.array(default).dtype)
-
-
-def _restored_settings(state: Mapping[str, NDArray[Any]]) -> JdeSettings:
-    """The settings in a state; each has the shape and the kind that the default has."""
-    kinds: dict[type, str] = {int: "iu", float: "f", str: "U", tuple: "f"}
-    values: dict[str, Any] = {}
-    for field in fields(JdeSettings):
-        kind = type(field.default)
-        value = _array(state, f"settings.{field.name}", (2,) if kind is tuple else (), kinds[kind]).tolist()
-        values[field.name] = tuple(value) if kind is tuple else value
-    return JdeSettings(**values)

@@ -1,4 +1,4 @@
-"""What an optimiser may move: named parameters with units and bounds, and the unit cube that stands for them."""
+"""Named parameters with units and bounds, and the unit cube in which an optimiser sees them."""
 
 from __future__ import annotations
 
@@ -20,15 +20,23 @@ class Parameter:
     """One number that is searched."""
 
     name: str
-    """What users call it."""
+    """Name that users see."""
     unit: str
-    """Of value and bounds; `1` for a pure number."""
+    """Unit of value and bounds; `1` for a pure number."""
     lower: float
     """Least value."""
     upper: float
     """Greatest value."""
     scale: Scale = "linear"
     """`log` where only the order of magnitude is known: equal steps in the cube are equal factors."""
+    least: float = -math.inf
+    """Least value that is possible at all."""
+    greatest: float = math.inf
+    """Greatest value that is possible at all."""
+
+    def text(self, value: float) -> str:
+        """Return a value with its unit; a pure number has none."""
+        return f"{value:g}" if self.unit == "1" else f"{value:g} {self.unit}"
 
     def __post_init__(self) -> None:
         """Check the bounds.
@@ -68,20 +76,24 @@ class ParameterSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters, in order."""
+        """Names of the parameters, in order."""
         return tuple(p.name for p in self.parameters)
 
+    def limits(self) -> list[tuple[str, float, float, str]]:
+        """Return name, bounds and scale of each parameter."""
+        return [(p.name, p.lower, p.upper, p.scale) for p in self.parameters]
+
     def __len__(self) -> int:
-        """How many parameters there are, n."""
+        """Return the number of parameters, n."""
         return len(self.parameters)
 
     def values(self, points: ArrayLike) -> FloatArray:
-        """(..., n) points of the unit cube -> parameter values, never outside the bounds."""
+        """Return (..., n) parameter values of points of the unit cube; they never lie outside the bounds."""
         inner = self._low + np.asarray(points, dtype=np.float64) * (self._high - self._low)
         return np.clip(np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner), self.lower, self.upper)
 
     def points(self, values: ArrayLike) -> FloatArray:
-        """(..., n) parameter values -> points of the unit cube.
+        """Return the (..., n) points of the unit cube of parameter values.
 
         Raises:
             ValueError: a value lies outside its bounds, or is not finite; the message names it.
@@ -91,16 +103,17 @@ class ParameterSpace:
         if outside.any():
             row, k = (int(i) for i in np.argwhere(outside)[0])
             p, value = self.parameters[k], array.reshape(-1, len(self))[row, k]
-            raise ValueError(f"{p.name} = {value:g} {p.unit} lies outside its bounds, {p.lower:g} to {p.upper:g}")
+            raise ValueError(f"{p.name} = {p.text(value)} lies outside its bounds, {p.lower:g} to {p.upper:g}")
         inner = np.where(self._log, np.log(np.where(self._log, array, 1.0)), array)
-        return np.clip((inner - self._low) / (self._high - self._low), 0.0, 1.0)
+        points: FloatArray = np.clip((inner - self._low) / (self._high - self._low), 0.0, 1.0)
+        return points
 
     def slopes(self, points: ArrayLike) -> FloatArray:
-        """(..., n) change of each value per change of its coordinate in the cube, at points of the cube."""
+        """Return (..., n) derivatives of the values by their coordinates in the cube, at points of the cube."""
         width = self._high - self._low
         return np.where(self._log, self.values(points) * width, width)
 
     def at_bound(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(..., n) which coordinates lie at a bound (`BOUND_SHARE`)."""
+        """Return (..., n) whether each coordinate lies at a bound (`BOUND_SHARE`)."""
         array = np.asarray(points, dtype=np.float64)
         return (array <= BOUND_SHARE) | (array >= 1.0 - BOUND_SHARE)

@@ -1,4 +1,4 @@
-"""A generation spread over a dask.distributed cluster (extra `cluster`); the same costs as in one process."""
+"""Generations rated by the workers of a dask.distributed cluster (extra `cluster`); the costs are those of one process."""
 
 from __future__ import annotations
 
@@ -11,41 +11,41 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation import store
-from validation.fit.objective import Problem
+from validation.fit.problem import FitProblem
 
 CONNECT_TIMEOUT = 15.0
-"""How long the scheduler is waited for, and how long for its first worker [s]."""
+"""Time within which the scheduler must answer, and then have a worker [s]."""
 MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")
 """Packages whose versions decide the numbers."""
 
 _one_at_a_time = threading.Lock()
-"""A worker process rates one share at a time, on all its threads: the compiled loops use them anyhow."""
+"""A worker process rates one share at a time, on all its threads: the compiled loops use all of them."""
 
 
 class ClusterError(ValueError):
     """A cluster that cannot be used; the message says why."""
 
 
-def _rate(problem: Problem, points: FloatArray, limits: FloatArray, threads: int) -> FloatArray:
-    """On a worker: the costs of a share of the generation."""
+def _rate(problem: FitProblem, points: FloatArray, limits: FloatArray, threads: int) -> FloatArray:
+    """Return the costs of a share of the generation; this runs on a worker."""
     with _one_at_a_time:
         return problem.costs(points, limits, workers=threads)
 
 
 class Cluster:
-    """Rates generations on the workers of a scheduler; a context manager that closes the connection."""
+    """A connection to a scheduler whose workers rate generations; a context manager that closes it."""
 
-    def __init__(self, address: str, problem: Problem) -> None:
-        """Connect, see that the workers run the same versions, and hand them the problem once.
+    def __init__(self, address: str, problem: FitProblem) -> None:
+        """Connect, check that the workers run equal versions, and hand them the problem once.
 
         Raises:
-            ClusterError: dask.distributed is not installed, nobody answers, or versions differ.
+            ClusterError: dask.distributed is not installed, no scheduler answers, or versions differ.
         """
         try:
             from distributed import Client
         except ImportError as error:
             raise ClusterError(
-                "--scheduler needs dask.distributed: pip install 'ssmr-testbed[cluster]' (in a source tree: '.[cluster]')"
+                "a scheduler needs dask.distributed: pip install 'ssmr-testbed[cluster]' (in a source tree: '.[cluster]')"
             ) from error
         try:
             self._client: Any = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
@@ -69,7 +69,7 @@ class Cluster:
         self.close()
 
     def close(self) -> None:
-        """Leave; the cluster goes on."""
+        """Close the connection; the cluster goes on."""
         self._client.close()
 
     def _check_versions(self) -> None:
@@ -80,16 +80,16 @@ class Cluster:
                 raise ClusterError(f"worker {worker} has other versions, so its numbers would differ: {'; '.join(differs)}")
 
     def _run_versions(self) -> dict[str, dict[str, str]]:
-        """What runs on each worker."""
+        """Return the versions of the packages on each worker."""
         return dict(self._client.run(store.versions))
 
     def __call__(
-        self, points: FloatArray, limits: FloatArray, on_progress: Callable[[float], object] | None = None
+        self, points: FloatArray, limits: FloatArray, on_share: Callable[[float], object] | None = None
     ) -> FloatArray:
-        """Rate a generation: as many shares as there are worker processes, each of every n-th candidate.
+        """Rate a generation: each worker process gets every n-th candidate, see `SearchProblem.costs`.
 
         Raises:
-            KeyboardInterrupt: as in one process; what the workers still do is cancelled.
+            KeyboardInterrupt: Ctrl-C was pressed; the work that has not begun is cancelled.
         """
         workers = self._client.scheduler_info(n_workers=-1)["workers"]
         addresses = sorted(workers)
@@ -103,8 +103,8 @@ class Cluster:
             if len(share)
         ]  # fmt: skip
         try:
-            while on_progress is not None and not all(f.done() for f in futures):
-                on_progress(sum(f.done() for f in futures) / len(futures))
+            while on_share is not None and not all(f.done() for f in futures):
+                on_share(sum(f.done() for f in futures) / len(futures))
                 time.sleep(0.05)
             costs = np.empty(len(points))
             for share, found in zip([s for s in shares if len(s)], self._client.gather(futures), strict=True):

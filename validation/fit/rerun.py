@@ -12,8 +12,8 @@ from ssmr.metrics.paths import compare_pieces
 from ssmr.types import Trajectory
 from validation.compare.data import ComparisonData, PlantResult
 from validation.compare.rerun import History, write_recording
-from validation.fit.report import fit_markdown
-from validation.fit.result import FitResult, FittedParameter
+from validation.fit.data import FitData, FittedParameter
+from validation.fit.table import fit_markdown
 from validation.show.palette import colour
 from validation.show.tables import option_text
 
@@ -25,7 +25,7 @@ GENERATION = "generation"
 """The timeline of the search."""
 
 
-def write_fit_recording(result: FitResult, path: Path) -> None:
+def write_fit_recording(result: FitData, path: Path) -> None:
     """Write a fit as a rerun recording, whole or not at all.
 
     The robots are those of the first source that was fitted to. The cost has a timeline of its own, `generation`.
@@ -44,7 +44,7 @@ def write_fit_recording(result: FitResult, path: Path) -> None:
     write_recording(as_comparison(result), path, fit_markdown(result), [history])
 
 
-def as_comparison(result: FitResult) -> ComparisonData:
+def as_comparison(result: FitData) -> ComparisonData:
     """The first source that was fitted to, as a comparison: the truth is the reference, what was commanded is not kept.
 
     Bodies are drawn by the tracked point as far as that was fitted, else as if it were the plants' own reference point.
@@ -67,7 +67,7 @@ def as_comparison(result: FitResult) -> ComparisonData:
         plants.append(plant(reference, first.truth, (0.0, 0.0)))
     return ComparisonData(
         first.label,
-        result.profile,
+        result.begun_with,
         reference,
         first.truth,
         (),

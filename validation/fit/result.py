@@ -1,123 +1,55 @@
-"""What a comparison, a fit, a tracked reference or a tuning found: frozen values that programs make and sinks take."""
+"""The result of a fit, which prints, draws and saves itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ssmr.metrics.paths import HorizonErrors, PathMetrics
-from ssmr.types import FloatArray, Trajectory
+from validation.fit.data import FitData
+from validation.fit.table import fit_grids, fit_notes
+from validation.show.result import Result
+from validation.show.tables import Grid
 
-
-@dataclass(frozen=True)
-class FittedParameter:
-    """One number that a fit found."""
-
-    name: str
-    """As the command line calls it."""
-    unit: str
-    """Of all numbers here; `1` for a pure number."""
-    value: float
-    """The best found."""
-    lower: float
-    """Bound of the search."""
-    upper: float
-    """Bound of the search."""
-    scale: str
-    """`linear` or `log`: how the space between the bounds was searched."""
-    before: float
-    """What it was in the profile that the fit began with; infinite for a limit that was off."""
-    at_bound: bool
-    """It ended at one of its bounds."""
-    standard_error: float | None = None
-    """None where it could not be estimated, or was not."""
-    interval_95: tuple[float, float] | None = None
-    """Where it lies with 95 %, by the same estimate and within the bounds."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
-class FitTrace:
-    """How a fit went, generation by generation, in the unit cube."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FitResult(FitData, Result):
+    """A plant's fitted parameters, their uncertainty, and how well they predict motion; see `FitData` for its fields."""
 
-    best_cost: FloatArray
-    """(G,) least cost yet; the first is that of the initial population."""
-    median_cost: FloatArray
-    """(G,) median over the population's members of finite cost; NaN where there is none."""
-    best: FloatArray
-    """(G, n) the best member."""
-    population: FloatArray
-    """(S, n) all members at the end."""
-    costs: FloatArray
-    """(S,) their costs; infinite for one that never had any."""
+    program = "fit"
 
+    def grids(self) -> Sequence[Grid]:
+        """Return the parameters, the scores on each source, and median errors by horizon where there are recordings."""
+        return fit_grids(self)
 
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """A fitted plant on one source, used for the fit or held out."""
+    def notes(self) -> Sequence[str]:
+        """Return what the tables do not say, sentence by sentence."""
+        return fit_notes(self)
 
-    label: str
-    """The source as the user named it, with its input where it is a recording driven by both."""
-    reference_name: str
-    """The plant that made the truth, or `recording`."""
-    truth: tuple[Trajectory, ...]
-    """The motion wanted, piece by piece."""
-    motion: tuple[Trajectory, ...]
-    """The fitted plant's, at the same stamps."""
-    before: tuple[Trajectory, ...]
-    """The same plant's with the numbers of the profile that the fit began with; empty where it could not be driven."""
-    metrics: PathMetrics
-    """Distances of `motion` from `truth`, over all pieces."""
-    horizons: Mapping[float, HorizonErrors]
-    """Errors of the relative pose, by horizon [s]; empty where the truth is a plant's."""
+    def figure(self) -> Figure:
+        """Return the fit as one picture."""
+        from validation.fit.figure import fit_figure
 
+        return fit_figure(self)
 
-@dataclass(frozen=True, eq=False)
-class FitResult:
-    """What a fit found, and how far to believe it."""
+    def write_recording(self, path: Path) -> bool:
+        """Write the fit as a rerun recording."""
+        from validation.fit.rerun import write_fit_recording
 
-    model: str
-    """The plant that was fitted."""
-    profile: str
-    """Name of the profile that the fit began with."""
-    source: str
-    """What it was fitted to, as the user named it."""
-    seed: int
-    """Of the search."""
-    status: str
-    """`finished` or `interrupted`."""
-    stopped_by: str
-    """`generations`, `improvement`, `target`, or `interrupt`."""
-    cost: float
-    """Of the best candidate."""
-    cost_name: str
-    """`path`, `sync` or `horizon`."""
-    evaluations: int
-    """Candidates rated."""
-    generations: int
-    """Completed after the initial population."""
-    wall_s: float
-    """Time that the search took [s], over all runs that a resumed fit consists of."""
-    parameters: tuple[FittedParameter, ...]
-    """In the order of the search."""
-    correlation: FloatArray | None
-    """(n, n) of the parameters; None where it was not estimated."""
-    uncertainty_method: str
-    """How the standard errors were found; empty where they were not."""
-    notes: tuple[str, ...]
-    """What the fit cannot say, in plain sentences."""
-    train: tuple[Scored, ...]
-    """On what it was fitted to, source by source."""
-    train_metrics: PathMetrics
-    """Over all of `train`."""
-    train_horizons: Mapping[float, HorizonErrors]
-    """Over all of `train`."""
-    before_horizons: Mapping[float, HorizonErrors]
-    """Over all of `train`, of the plant before the fit; empty where it could not be driven everywhere."""
-    held_out: tuple[Scored, ...]
-    """On what the fit has not seen."""
-    trace: FitTrace
-    """How the search went."""
-    options: Mapping[str, object]
-    """How it was run: objective, weights, strategy, population, spans."""
-    versions: Mapping[str, str]
-    """Of this project, Python and the packages that decide numbers."""
+        write_fit_recording(self, path)
+        return True
+
+    def save(self, folder: str | Path, *, recording: bool = False) -> list[Path]:
+        """Write profile.toml, fit.png, fit.rrd if `recording` is true, and, last, fit.json; return their paths.
+
+        Raises:
+            OSError: the folder cannot be made or written.
+        """
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        self.profile.save(place / "profile.toml")
+        return [place / "profile.toml", *super().save(place, recording=recording)]

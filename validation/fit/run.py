@@ -1,88 +1,287 @@
-"""`python -m validation.fit MODEL --to SOURCE`: a plant's parameters from a motion, by differential evolution."""
+"""Fit a plant's parameters to motions by differential evolution."""
 
 from __future__ import annotations
 
+import contextlib
 import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ssmr.errors import SsmrError
+from ssmr.metrics.paths import compare_pieces
+from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray
-from validation import cli, store
-from validation.fit.fitting import as_document, fitted_profile
-from validation.fit.objective import CostName, Problem
+from ssmr.types import FloatArray, Plant, Trajectory
+from validation.fit.data import FittedParameter, Scored
+from validation.fit.objective import FitCost, Target
+from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
-from validation.plants.profile import PlantProfile, Profile, dump
-from validation.plants.searchable import find, with_values
+from validation.fit.search import Evaluate, FreeParameters, SearchOptions, put_options, search_for
+from validation.fit.targets import FitSources, is_scenario, open_targets
+from validation.fit.uncertainty import Uncertainty, estimate, sentences
+from validation.motion.driving import drive, horizons_of
+from validation.plants.kind import Occasion, PlantProfile
+from validation.plants.profile import Profile, load_profile, make_plant
+from validation.plants.searchable import default_free, find, make_space, with_values
+from validation.progress import Progress, Report, silent
 
-POPULATION = {"mujoco": 32}
-"""Default size of the population where it is not that of Tab. 3.7."""
-GENERATIONS = {"mujoco": 60}
-"""Default number of generations likewise."""
+POPULATION: Mapping[str, int] = {"mujoco": 32}
+"""Usual size of the population where it is not that of Tab. 3.7."""
+GENERATIONS: Mapping[str, int] = {"mujoco": 60}
+"""Usual number of generations where it is not that of Tab. 3.7."""
+PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
+"""The profile that a fit begins with unless another is given."""
+SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)
+"""Horizons of the relative pose errors in results [s]."""
 
-COSTS: dict[str, CostName] = {"scenario": "path", "recording": "horizon"}
-"""What is made small unless the user says otherwise."""
+
+@dataclass(frozen=True)
+class FitParameters(FreeParameters):
+    """Which parameters are fitted, and where the search begins."""
+
+    start: Mapping[str, float] | None = None
+    """Values of one candidate of the first population; what is not named is the profile's. None draws all at random."""
 
 
-def first_points(space: ParameterSpace, model: str, base: PlantProfile, start: str | None) -> FloatArray | None:
-    """(1, n) the candidate to begin with, in the unit cube: the profile's values, and others where given.
+@dataclass(frozen=True)
+class FitSearch(SearchOptions):
+    """Options of a fit's search."""
+
+    scheduler: str | None = None
+    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates. None uses threads."""
+
+
+def fit(
+    model: str,
+    to: str | Path | Sequence[str | Path],
+    profile: Profile | str | None = None,
+    *,
+    sources: FitSources | None = None,
+    parameters: FitParameters | None = None,
+    cost: FitCost | None = None,
+    search: FitSearch | None = None,
+    progress: Report = silent,
+    **options: Any,
+) -> FitResult:
+    """Fit a plant's parameters to motions by self-adaptive differential evolution (jDE).
+
+    Every field of the four groups of options can be given by its own name too: `fit("linear", "traj4@mujoco",
+    generations=5, held_out=("traj1",))`. Ctrl-C ends the search; the result then holds the best found so far.
+
+    Args:
+        model: the plant to fit.
+        to: the source to fit it to, or several: `traj4@mujoco` (the scenario as that plant drives it), or the path of a
+            recording.
+        profile: the numbers to begin with, or the name or path of a profile; thesis-lab for scenarios and husky-tile for
+            recordings if it is None.
+        sources: inputs and time span of recordings, and sources that are held out.
+        parameters: the parameters to search, with their bounds.
+        cost: the distance that is made small.
+        search: sizes, seed, threads and checkpoint of the search.
+        progress: called as the search goes on.
+        options: fields of the four groups by name.
+
+    Raises:
+        ValueError: a name, number or file that cannot be used; the message says which.
+        TypeError: an unknown option.
+        SsmrError: a plant diverged, or no candidate could be driven.
+        KeyboardInterrupt: interrupted before any candidate was rated.
+    """
+    sources, parameters, cost, search = put_options(
+        options, sources or FitSources(), parameters or FitParameters(), cost or FitCost(), search or FitSearch()
+    )
+    names = [str(to)] if isinstance(to, str | Path) else [str(name) for name in to]
+    occasion: Occasion = "scenario" if all(map(is_scenario, names)) else "recording"
+    usual = default_free(model, occasion)
+    base = profile if isinstance(profile, Profile) else load_profile(profile or PROFILES[occasion])
+    begun = with_values(model, base.plants[model], list(parameters.fix), parameters.fix.values())
+    free = usual if parameters.free is None else parameters.free
+    space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds)
+    start = _first_points(space, model, begun, parameters.start)
+    settings = search.settings(POPULATION.get(model, 50), GENERATIONS.get(model, 300))
+    targets, held_out = open_targets(names, base, sources)
+    problem = FitProblem(model, begun, space, targets, cost)
+    _require_possible(problem)
+    with contextlib.ExitStack() as stack:
+        evaluate: Evaluate | None = None
+        if search.scheduler is not None:
+            from validation.fit.cluster import Cluster
+
+            evaluate = stack.enter_context(Cluster(search.scheduler, problem))
+        found = search_for(problem, settings, search, start, progress, evaluate)
+    total = settings.generations + 1
+    progress(Progress(total, total, "standard errors and scores"))
+    point = found.jde.best
+    uncertainty = None if found.interrupted else estimate(problem, point, search.threads)
+    result = FitResult(
+        model=model,
+        begun_with=base.name,
+        profile=base,
+        source=",".join(names),
+        seed=search.seed,
+        cost_name=str(problem.cost.objective),
+        parameters=_fitted_parameters(problem, point, uncertainty),
+        correlation=None if uncertainty is None else uncertainty.correlation,
+        uncertainty_method="" if uncertainty is None else uncertainty.method,
+        remarks=sentences(model, space, point, uncertainty),
+        **_scores(problem, point, held_out),
+        options=_record(problem, settings, sources, parameters, search),
+        **found.outcome(),
+    )
+    return replace(result, profile=_fitted_profile(result, base, problem.candidate(point), settings))
+
+
+def _record(
+    problem: FitProblem, settings: JdeSettings, sources: FitSources, parameters: FitParameters, search: FitSearch
+) -> dict[str, Any]:
+    """Return the options as a result file holds them."""
+    recorded = any(target.source.reference == "recording" for target in problem.targets)
+    return {
+        "input": sources.input if recorded else None,
+        "from": sources.start_at,
+        "until": sources.until,
+        "objective": problem.cost.objective,
+        **({"horizons_s": list(problem.cost.horizons)} if problem.cost.objective == "horizon" else {}),
+        **({"yaw_weight_m_rad": problem.cost.yaw_weight} if problem.cost.objective != "path" else {}),
+        "fixed": dict(parameters.fix) or None,
+        **search.record(settings),
+        "start": None if parameters.start is None else dict(parameters.start),
+        "scheduler": search.scheduler,
+    }
+
+
+def _first_points(
+    space: ParameterSpace, model: str, base: PlantProfile, start: Mapping[str, float] | None
+) -> FloatArray | None:
+    """Return the (1, n) candidate to begin with, in the unit cube; None for none.
 
     Raises:
         ValueError: a start outside the bounds, or of a parameter that is not free.
     """
     if start is None:
         return None
-    given = {} if start == "profile" else cli.parse_values(start, "--start")
-    for name in given:
+    for name in start:
         find(model, name)
         if name not in space.names:
-            raise ValueError(f"--start names {name}, which is not free")
-    values = [given.get(name, find(model, name).read(base)) for name in space.names]
+            raise ValueError(f"start names {name}, which is not free")
+    values = [start.get(name, find(model, name).read(base)) for name in space.names]
     return space.points(np.array(values)[None])
 
 
-def require_possible(problem: Problem, model: str) -> None:
-    """Refuse what no candidate can be: the profile's own numbers, and bounds of the inertia that no body has.
+def _require_possible(problem: FitProblem) -> None:
+    """Refuse numbers that no candidate can have: the profile's own, and bounds of the inertia that no body has.
 
     Raises:
         ValueError: the plant cannot be built; the message says why.
     """
-    from validation.robots.plant import MujocoPlant
-
-    if model != "mujoco":
-        return
     ends: list[dict[str, float]] = [{}]
-    ends += [
-        {p.name: end} for p in problem.space.parameters if p.name in ("yaw_inertia", "mass") for end in (p.lower, p.upper)
-    ]
+    if problem.model == "mujoco":
+        bodies = [p for p in problem.space.parameters if p.name in ("yaw_inertia", "mass")]
+        ends += [{p.name: end} for p in bodies for end in (p.lower, p.upper)]
     for end in ends:
-        plant = with_values(model, problem.base, list(end), list(end.values()))
+        plant = with_values(problem.model, problem.base, list(end), end.values())
         try:
-            MujocoPlant(plant.parameters, plant.drive)
+            _built(problem.model, plant)
         except ValueError as error:
-            what = f"bounds of {next(iter(end))}: " if end else ""
-            raise ValueError(f"{what}{error}") from error
+            raise ValueError(f"{''.join(f'bounds of {name}: ' for name in end)}{error}") from error
 
 
-def write(
-    result: FitResult, point: FloatArray, problem: Problem, base: Profile, name: str, folder: Path, *, rerun: bool
-) -> list[Path]:
-    """Write fit.png, profile.toml, fit.rrd (if wanted) and, last, fit.json; return what was written."""
-    from validation.compare.figure import save_figure
-    from validation.fit.figure import fit_figure
+def _built(model: str, plant: PlantProfile) -> Plant:
+    return make_plant(Profile("with these values", "", {model: plant}, {}), model)
 
-    written = [folder / "fit.png"]
-    save_figure(fit_figure(result), written[0])
-    date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    text = dump(fitted_profile(result, base, problem, point, name, date))
-    written.append(folder / "profile.toml")
-    store.write_atomic(written[-1], lambda temporary: temporary.write_text(text, encoding="utf-8"))
-    if rerun:
-        from validation.fit.rerun import write_fit_recording
 
-        written.append(folder / "fit.rrd")
-        write_fit_recording(result, written[-1])
-    written.append(folder / "fit.json")
-    store.write_json(written[-1], as_document(result))
-    return written
+def _fitted_parameters(
+    problem: FitProblem, point: FloatArray, uncertainty: Uncertainty | None
+) -> tuple[FittedParameter, ...]:
+    values, at_bound = problem.space.values(point), problem.space.at_bound(point)
+    out = []
+    for i, p in enumerate(problem.space.parameters):
+        error, interval = None, None
+        if uncertainty is not None and np.isfinite(uncertainty.standard_error[i]):
+            error = float(uncertainty.standard_error[i])
+            interval = (float(uncertainty.interval[i, 0]), float(uncertainty.interval[i, 1]))
+        before = find(problem.model, p.name).read(problem.base)
+        value, bound = float(values[i]), bool(at_bound[i])
+        out.append(FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, before, bound, error, interval))
+    return tuple(out)
+
+
+def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[Target]) -> dict[str, Any]:
+    """Return the fields of a `FitResult` that say how well the fitted plant predicts motion.
+
+    Raises:
+        SsmrError: the fitted plant fails on what is held out.
+    """
+    fitted = problem.candidate(point)
+    assert fitted is not None
+    plants = [(_built(problem.model, p), p.tracked_point) for p in (fitted, problem.base)]
+
+    def motions(target: Target, which: int) -> tuple[Trajectory, ...]:
+        plant, tracked = plants[which]
+        return tuple(drive(plant, piece, tracked, target.source.sample_dt) for piece in target.source.pieces)
+
+    def scored(target: Target) -> Scored:
+        motion = motions(target, 0)
+        before: tuple[Trajectory, ...] = ()
+        with contextlib.suppress(SsmrError):
+            before = motions(target, 1)
+        errors = horizons_of([(target.source, motion)], SCORE_HORIZONS)
+        metrics = compare_pieces(motion, target.truth)
+        return Scored(target.label, target.source.reference, target.truth, motion, before, metrics, errors)
+
+    train = tuple(map(scored, problem.targets))
+    sources = [target.source for target in problem.targets]
+    known_before = all(s.before for s in train)
+    return {
+        "train": train,
+        "train_metrics": compare_pieces([m for s in train for m in s.motion], [t for s in train for t in s.truth]),
+        "train_horizons": horizons_of(list(zip(sources, [s.motion for s in train], strict=True)), SCORE_HORIZONS),
+        "before_horizons": horizons_of(list(zip(sources, [s.before for s in train], strict=True)), SCORE_HORIZONS)
+        if known_before
+        else {},
+        "held_out": tuple(map(scored, held_out)),
+    }
+
+
+def _fitted_profile(result: FitResult, base: Profile, plant: PlantProfile | None, settings: JdeSettings) -> Profile:
+    """Return the profile that the fit began with, its plant's numbers replaced, and their provenance."""
+    assert plant is not None
+    provenance = {
+        "source": result.source,
+        **{k: v for k, v in result.options.items() if v is not None and k in ("input", "from", "until", "objective")},
+        "method": f"jDE {settings.strategy} {settings.crossover}, population {settings.population}",
+        "seed": result.seed,
+        "status": result.status,
+        "cost": result.cost,
+        "evaluations": result.evaluations,
+        "generations": result.generations,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "versions": dict(result.versions),
+        "standard_errors": {p.name: p.standard_error for p in result.parameters if p.standard_error is not None},
+        "standard_errors_by": result.uncertainty_method,
+        "train": _summary(result.train),
+        "held_out": _summary(result.held_out),
+    }
+    kept = {k: v for k, v in provenance.items() if v not in ({}, "")}
+    return replace(
+        base,
+        name=f"{base.name}-fitted",
+        plants={**base.plants, result.model: plant},
+        provenance={**base.provenance, result.model: kept},
+    )
+
+
+def _summary(scored: Sequence[Scored]) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for s in scored:
+        label = s.label.rpartition("/")[2]
+        if 6.0 in s.horizons:
+            errors = s.horizons[6.0]
+            out[label] = {"position_median_6s_m": errors.position_median_m, "yaw_median_6s_rad": errors.yaw_median_rad}
+        else:
+            out[label] = {"d_rms_m": s.metrics.d_rms_m, "sync_rms_m": s.metrics.sync_rms_m}
+    return out

@@ -1,97 +1,203 @@
-"""A search under way: generations, checkpoints, interruption, progress. What is searched for is its callers' business."""
+"""Run a search: generations, checkpoints, interruption and progress, for a fit and for a tuning alike."""
 
 from __future__ import annotations
 
-import contextlib
+import hashlib
 import json
-import sys
+import logging
+import os
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from rich.progress import Progress as Bar
 
+from ssmr.errors import SsmrError
+from ssmr.search.evolution import Crossover, Strategy
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation import cli, store
-from validation.fit.result import FitTrace
+from validation import store
+from validation.fit.data import SearchTrace
+from validation.progress import Progress, Report, silent
 
-LOG_EVERY_S = 10.0
-"""Where standard error is no terminal, a line of progress appears this often [s]."""
 CHECKPOINT = "checkpoint.npz"
+"""Name of the file that programs keep a search's state in."""
+_SHOWN_VALUES = 4
+"""Number of the best candidate's values in a line of progress."""
 
 
 class CheckpointError(ValueError):
-    """A checkpoint that cannot be read, or belongs to another search."""
+    """A checkpoint that cannot be read, or that belongs to another search."""
 
 
 class Evaluate(Protocol):
-    """Whatever rates a generation: this process, or a cluster."""
+    """A function that rates a generation, in this process or on a cluster."""
 
-    def __call__(self, points: FloatArray, limits: FloatArray, on_progress: Callable[[float], object] | None) -> FloatArray:
-        """(S, n) points and (S,) limits -> (S,) costs, see `Problem.costs`."""
+    def __call__(self, points: FloatArray, limits: FloatArray, on_share: Callable[[float], object] | None) -> FloatArray:
+        """Return the (S,) costs of (S, n) points with (S,) limits, see `SearchProblem.costs`."""
         ...
 
 
-@dataclass
-class Progress:
-    """What the search tells while it runs."""
+class SearchProblem(Protocol):
+    """Everything that a search needs to know of what is searched."""
 
-    generation: int = 0
-    """Completed ones."""
-    share: float = 0.0
-    """Of the present one that is done."""
-    best_cost: float = np.inf
-    """Least yet."""
-    best: FloatArray = field(default_factory=lambda: np.empty(0))
-    """(n,) the candidate that has it, in the unit cube."""
-    evaluations: int = 0
-    """Candidates rated."""
-    wall_s: float = 0.0
-    """Since the fit began, over all its runs [s]."""
+    @property
+    def space(self) -> ParameterSpace:
+        """The parameters with their bounds."""
+        ...
+
+    def costs(
+        self, points: FloatArray, limits: FloatArray | None, workers: int, on_share: Callable[[float], object] | None
+    ) -> FloatArray:
+        """Rate candidates.
+
+        Args:
+            points: (S, n) points of the unit cube.
+            limits: (S,) costs; a candidate whose partial sum exceeds its limit is abandoned, and that sum is returned.
+            workers: number of threads; the result does not depend on it.
+            on_share: called, from any thread, with the share of the work that is done.
+
+        Returns:
+            (S,) costs; infinite for a candidate that is impossible or fails.
+        """
+        ...
+
+    def identity(self) -> dict[str, object]:
+        """Return all that decides the costs, by name: a checkpoint belongs to a search of equal identity."""
+        ...
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Options of the search itself."""
+
+    population: int | None = None
+    """Number of candidates in a generation. None takes the number that is usual for what is searched."""
+    generations: int | None = None
+    """Greatest number of generations after the first population. None takes the usual number."""
+    strategy: Strategy = "best/2"
+    """Mutation: best/2 converges fast; rand/1 is slower and leaves local minima."""
+    crossover: Crossover = "bin"
+    """Crossover: binomial or exponential."""
+    df: float = 1e-3
+    """The search stops when the best cost improves by no more than this share over `patience` generations."""
+    patience: int = 30
+    """Number of generations over which the improvement of the cost is judged."""
+    target: float | None = None
+    """The search stops when the cost reaches this value. None never stops it that way."""
+    seed: int = 0
+    """Seed of the random numbers; equal seeds give equal results."""
+    workers: int | None = None
+    """Number of threads; the result does not depend on it. None uses every processor."""
+    checkpoint: Path | None = None
+    """File in which the search's state is kept after every generation. None keeps none."""
+    resume: bool = False
+    """Continue from the checkpoint."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers that `JdeSettings` does not see.
+
+        Raises:
+            ValueError: the seed is negative, or there are no workers.
+        """
+        if self.seed < 0:
+            raise ValueError(f"seed must not be negative, got {self.seed}")
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"workers must be positive, got {self.workers}")
+
+    @property
+    def threads(self) -> int:
+        """Number of threads."""
+        return self.workers or os.cpu_count() or 1
+
+    def settings(self, population: int, generations: int) -> JdeSettings:
+        """Return the optimiser's settings, with these sizes where none are given.
+
+        Raises:
+            ValueError: a number is out of its range.
+        """
+        return JdeSettings(
+            population=population if self.population is None else self.population,
+            generations=generations if self.generations is None else self.generations,
+            strategy=self.strategy,
+            crossover=self.crossover,
+            df=self.df,
+            patience=self.patience,
+            target=-np.inf if self.target is None else self.target,
+        )
+
+    def record(self, settings: JdeSettings) -> dict[str, Any]:
+        """Return what a result file holds of the search's settings."""
+        return {k: v for k, v in asdict(settings).items() if k != "target" or self.target is not None}
+
+
+@dataclass(frozen=True)
+class FreeParameters:
+    """Which numbers are searched, and within which bounds."""
+
+    free: tuple[str, ...] | None = None
+    """Names of the parameters to search. None takes the usual ones."""
+    fix: Mapping[str, float] = field(default_factory=dict)
+    """Values to hold, by name; these parameters are not searched."""
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Lower and upper bound of the search, by name; the others have their usual bounds."""
+
+
+def put_options(given: Mapping[str, Any], *groups: Any) -> tuple[Any, ...]:
+    """Return the groups of options with each given option put into the group that has a field of its name.
+
+    Raises:
+        TypeError: no group has an option of that name.
+    """
+    known = [{f.name for f in fields(group)} for group in groups]
+    for name in given:
+        if not any(name in names for names in known):
+            raise TypeError(f"there is no option '{name}'; there are: {', '.join(sorted(set().union(*known)))}")
+    return tuple(
+        replace(group, **{k: v for k, v in given.items() if k in names}) for group, names in zip(groups, known, strict=True)
+    )
 
 
 @dataclass
 class Search:
-    """A search under way: the optimiser and what is remembered of its generations."""
+    """A search under way: the optimiser, and what is remembered of its generations."""
 
     jde: Jde
+    """The optimiser."""
     identity: Mapping[str, str]
-    """Digests of all that decides the outcome, by what they are of."""
+    """Digests of all that decides the outcome, by what they are digests of."""
+    space: ParameterSpace | None = None
+    """The parameters, for progress texts."""
     best_cost: list[float] = field(default_factory=list)
     median_cost: list[float] = field(default_factory=list)
     best: list[FloatArray] = field(default_factory=list)
     wall_s: float = 0.0
+    """Time that the search took [s], over all its runs."""
     interrupted: bool = False
 
-    def run(
-        self,
-        evaluate: Evaluate,
-        checkpoint: Path | None = None,
-        on_progress: Callable[[Progress], object] | None = None,
-    ) -> None:
+    def run(self, evaluate: Evaluate, checkpoint: Path | None = None, progress: Report = silent) -> None:
         """Search until a stop rule holds or Ctrl-C is pressed; either way what was found stays.
 
         Args:
             evaluate: rates a generation.
             checkpoint: file to write after every generation.
-            on_progress: told how far it is.
+            progress: called with the number of generations done and the best candidate.
         """
-        began, before = time.perf_counter(), self.wall_s
+        began, before, rated = time.perf_counter(), self.wall_s, self.jde.evaluations
+
+        def tell(share: float) -> None:
+            rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
+            total = self.jde.settings.generations + 1
+            progress(Progress(len(self.best_cost) + share, total, f"{self._best_text()}, {rate:.1f} candidates/s"))
+
         try:
             while not self.jde.finished:
-
-                def tell(share: float) -> None:
-                    if on_progress is not None:
-                        on_progress(self._progress(share, before + time.perf_counter() - began))
-
                 costs = evaluate(self.jde.ask(), self.jde.costs, tell)
                 self.jde.tell(costs)
-                self._remember()
+                self.remember()
                 self.wall_s = before + time.perf_counter() - began
                 if checkpoint is not None:
                     self.save(checkpoint)
@@ -100,15 +206,20 @@ class Search:
             self.interrupted = True
         self.wall_s = before + time.perf_counter() - began
 
-    def _remember(self) -> None:
+    def remember(self) -> None:
+        """Note the costs of the generation that the optimiser was told last."""
         finite = self.jde.costs[np.isfinite(self.jde.costs)]
         self.best_cost.append(float(self.jde.best_cost))
         self.median_cost.append(float(np.median(finite)) if len(finite) else np.nan)
         self.best.append(self.jde.best)
 
-    def _progress(self, share: float, wall_s: float) -> Progress:
-        best = self.jde.best if np.isfinite(self.jde.best_cost) else np.empty(0)
-        return Progress(len(self.best_cost), share, float(self.jde.best_cost), best, self.jde.evaluations, wall_s)
+    def _best_text(self) -> str:
+        text = f"cost {self.jde.best_cost:.5g}"
+        if self.space is None or not np.isfinite(self.jde.best_cost):
+            return text
+        values = list(zip(self.space.names, self.space.values(self.jde.best), strict=True))
+        more = ", …" if len(values) > _SHOWN_VALUES else ""
+        return f"{text}: {', '.join(f'{n} {v:.4g}' for n, v in values[:_SHOWN_VALUES])}{more}"
 
     def save(self, path: Path) -> None:
         """Write a checkpoint, whole or not at all."""
@@ -125,17 +236,17 @@ class Search:
 
     @classmethod
     def load(cls, path: Path, identity: Mapping[str, str]) -> tuple[Search, dict[str, str]]:
-        """Continue from a checkpoint.
+        """Read a checkpoint.
 
         Args:
             path: the file.
-            identity: what the fit asked for now is; the checkpoint must be of the same.
+            identity: the digests of the search that is asked for now; the checkpoint must have the same.
 
         Returns:
-            The search, and the versions that it began with.
+            The search, and the versions of the packages that it began with.
 
         Raises:
-            CheckpointError: no checkpoint, a damaged one, or that of another fit; the message says what differs.
+            CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
         """
         try:
             with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
@@ -144,93 +255,89 @@ class Search:
             differs = [name for name in identity if was.get(name) != identity[name]]
             if differs:
                 raise CheckpointError(
-                    f"{path} is the checkpoint of another fit: it differs in {', '.join(differs)}; "
-                    "ask for the same again, or leave out --resume to begin anew"
+                    f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
+                    "ask for the same search again, or begin anew without resume"
                 )
             jde = Jde.restore({k.removeprefix("jde_"): v for k, v in data.items() if k.startswith("jde_")})
-            search = cls(
-                jde,
-                identity,
-                list(data["fit_best_cost"]),
-                list(data["fit_median_cost"]),
-                list(data["fit_best"]),
-                float(data["fit_wall_s"]),
-            )
+            best_cost, median_cost, best = (list(data[f"fit_{name}"]) for name in ("best_cost", "median_cost", "best"))
+            search = cls(jde, identity, None, best_cost, median_cost, best, float(data["fit_wall_s"]))
             return search, json.loads(str(data["fit_versions"]))
         except CheckpointError:
             raise
         except Exception as error:  # a damaged archive fails in many ways, all of which mean the same
-            raise CheckpointError(f"{path} is no checkpoint of a fit, or a damaged one ({str(error)[:100]!a})") from error
+            raise CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
 
-    def trace(self) -> FitTrace:
-        """How it went."""
-        return FitTrace(
-            np.array(self.best_cost), np.array(self.median_cost), np.array(self.best), self.jde.population, self.jde.costs
-        )
+    def outcome(self) -> dict[str, Any]:
+        """Return the fields of a `SearchData` that only the search decides."""
+        jde = self.jde
+        best_cost, median_cost, best = (np.array(x) for x in (self.best_cost, self.median_cost, self.best))
+        return {
+            "status": "interrupted" if self.interrupted else "finished",
+            "stopped_by": jde.finished or "interrupt",
+            "cost": float(jde.best_cost),
+            "evaluations": jde.evaluations,
+            "generations": jde.generation,
+            "wall_s": self.wall_s,
+            "trace": SearchTrace(best_cost, median_cost, best, jde.population, jde.costs),
+            "versions": store.versions(),
+        }
 
 
-def begin(
-    checkpoint: Path,
-    who: Mapping[str, str],
-    size: int,
+def search_for(
+    problem: SearchProblem,
     settings: JdeSettings,
-    seed: int,
-    first: FloatArray | None,
-    resume: bool,
+    options: SearchOptions,
+    start: FloatArray | None = None,
+    progress: Report = silent,
+    evaluate: Evaluate | None = None,
 ) -> Search:
-    """A new search, or the one that a checkpoint holds.
+    """Search from the beginning, or from a checkpoint, until a stop rule holds or Ctrl-C is pressed.
 
     Args:
-        checkpoint: the file.
-        who: digests of all that decides the outcome, by what they are of.
-        size: how many parameters there are.
-        settings: of the optimiser.
-        seed: of the optimiser.
-        first: (k, n) candidates for the first population.
-        resume: whether to continue from the file.
+        problem: rates the candidates.
+        settings: the optimiser's.
+        options: seed, threads and checkpoint.
+        start: (k, n) candidates for the first population.
+        progress: called as the search goes on.
+        evaluate: rates a generation in the place of `problem.costs`, such as a cluster.
+
+    Returns:
+        The search with at least one candidate of finite cost.
 
     Raises:
-        ValueError: settings that make no sense, or the checkpoint of another search.
+        ValueError: settings that make no sense, a folder that cannot be written, or the checkpoint of another search.
+        KeyboardInterrupt: it was interrupted before it found anything.
+        SsmrError: every candidate was impossible or failed.
     """
-    if not resume:
-        return Search(Jde(size, settings, seed, first), who)
-    if not checkpoint.is_file():
-        cli.warn(f"there is no {checkpoint} to resume from; the search begins anew")
-        return Search(Jde(size, settings, seed, first), who)
-    search, versions = Search.load(checkpoint, who)
-    now = store.versions()
-    differs = [f"{package} {was}, now {now.get(package)}" for package, was in versions.items() if was != now.get(package)]
-    if differs:
-        cli.warn(f"the search began with other versions, so its course may differ: {'; '.join(differs)}")
+    plain = {**problem.identity(), "settings of the search": asdict(settings)}
+    plain |= {"start": None if start is None else start.tolist(), "seed": options.seed}
+    identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
+    if options.resume and options.checkpoint is None:
+        raise ValueError("resume needs a checkpoint to continue from")
+    search = _loaded(options.checkpoint, identity) if options.resume and options.checkpoint is not None else None
+    if search is None:
+        search = Search(Jde(len(problem.space), settings, options.seed, start), identity)
+    search.space = problem.space
+    if options.checkpoint is not None:
+        store.make_folder(options.checkpoint.parent)
+    here: Evaluate = lambda points, limits, on_share: problem.costs(points, limits, options.threads, on_share)  # noqa: E731
+    search.run(evaluate or here, options.checkpoint, progress)
+    if not np.isfinite(search.jde.best_cost):
+        if search.interrupted:
+            raise KeyboardInterrupt
+        raise SsmrError("every candidate was impossible or failed; change the bounds, or the values that are held")
     return search
 
 
-@contextlib.contextmanager
-def shown(space: ParameterSpace, settings: JdeSettings) -> Iterator[Callable[[Progress], None]]:
-    """A progress bar on a terminal, a line every few seconds elsewhere: generation, cost, best values, speed."""
-    bar: Bar = cli.progress()
-    began, last, first = time.perf_counter(), [time.perf_counter()], [-1]
-
-    def show(progress: Progress) -> None:
-        if first[0] < 0:
-            first[0] = progress.evaluations
-        rate = (progress.evaluations - first[0]) / max(time.perf_counter() - began, 1e-9)
-        text = f"cost {progress.best_cost:.5g}"
-        if len(progress.best):
-            values = space.values(progress.best)
-            few = ", ".join(f"{n} {v:.4g}" for n, v in list(zip(space.names, values, strict=True))[:4])
-            text += f"  {few}{', …' if len(space) > 4 else ''}  {rate:.1f}/s"
-        bar.update(task, completed=progress.generation + progress.share, description=text)
-        if bar.disable and time.perf_counter() - last[0] > LOG_EVERY_S:
-            last[0] = time.perf_counter()
-            left = (
-                (settings.generations + 1 - progress.generation - progress.share)
-                / max(progress.generation + progress.share, 1e-9)
-                * progress.wall_s
-            )
-            done = f"generation {max(progress.generation - 1, 0)} of {settings.generations}"
-            print(f"{done}  {text}  at most {left:.0f} s left", file=sys.stderr, flush=True)
-
-    with bar:
-        task = bar.add_task("first generation", total=settings.generations + 1)
-        yield show
+def _loaded(checkpoint: Path, identity: Mapping[str, str]) -> Search | None:
+    """Return the search that a checkpoint holds; None where there is no such file."""
+    log = logging.getLogger("validation.fit")
+    if not checkpoint.is_file():
+        log.warning("there is no %s to resume from; the search begins anew", checkpoint)
+        return None
+    search, versions = Search.load(checkpoint, identity)
+    now = store.versions()
+    differs = [f"{package} {was}, now {now.get(package)}" for package, was in versions.items() if was != now.get(package)]
+    if differs:
+        log.warning("the search began with other versions, so its course may differ: %s", "; ".join(differs))
+    return search

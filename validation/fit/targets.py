@@ -1,14 +1,15 @@
-"""SOURCE on the fit's command line -> motions to make, and motions held out."""
+"""The sources of a fit: motions to fit to, and motions that are held out to judge the fit."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import CommandKind
+from ssmr.types import CommandKind, Plant
 from validation.fit.objective import Target
 from validation.motion.driving import drive
 from validation.motion.sources import Source, open_source
@@ -20,100 +21,111 @@ _KINDS: dict[Input, tuple[tuple[str, CommandKind], ...]] = {
     "wheels": (("wheels", "wheels"),),
     "both": (("wheels", "wheels"), ("commands", "twist")),
 }
+Span = tuple[float | None, float | None]
 
 
-def parse_sources(text: str, what: str) -> tuple[str, ...]:
-    """Comma-separated sources, none twice; an existing file whose name has commas is one source.
+@dataclass(frozen=True)
+class FitSources:
+    """Which parts of which sources a fit uses, and how they drive the plant."""
 
-    Raises:
-        ValueError: none, or one twice.
-    """
-    names = (text,) if Path(text).exists() else tuple(part.strip() for part in text.split(",") if part.strip())
-    if not names or len(set(names)) != len(names):
-        raise ValueError(f"{what} '{text}' names {'a source twice' if names else 'no source'}")
-    return names
+    input: Input = "commands"
+    """Inputs of a recording that drive the plant: commands, measured wheel rates, or both, each in its turn."""
+    start_at: float | None = None
+    """Leave out what was recorded before this time [s]. None leaves out nothing."""
+    until: float | None = None
+    """Leave out what was recorded after this time [s]. None leaves out nothing."""
+    held_out: tuple[str, ...] = ()
+    """Sources to judge the fit on. A recording that is also fitted to stands for its parts before `start_at` and after
+    `until`."""
 
 
 def is_scenario(name: str) -> bool:
-    """Whether a source is one of the thesis' trajectories, and no recording."""
+    """Return whether a source is one of the thesis' trajectories, and no recording."""
     return name.partition("@")[0] in TRAJECTORIES
 
 
-def train_targets(
-    names: Sequence[str], profile: Profile, given: Input, start: float | None, stop: float | None
-) -> tuple[Target, ...]:
-    """What the fit is held to.
+def open_targets(
+    names: Sequence[str], profile: Profile, options: FitSources
+) -> tuple[tuple[Target, ...], tuple[Target, ...]]:
+    """Open the sources of a fit; a plant that drives scenarios is built once.
+
+    A scenario that is held out is driven by the plant that drives the fit's own scenario, unless it names another.
 
     Args:
-        names: sources.
+        names: the sources to fit to.
         profile: gives the plant that drives a scenario its numbers.
-        given: what of a recording drives the fitted plant.
-        start: leave out what was recorded before [s].
-        stop: leave out what was recorded after [s].
+        options: held-out sources, inputs and time span.
+
+    Returns:
+        The targets to fit to, and those that are held out.
 
     Raises:
-        ValueError: a source that cannot be read or lacks what is asked for.
+        ValueError: a source is missing, named twice, cannot be read, or lacks what is asked for.
         SsmrError: the plant that drives a scenario diverged.
     """
-    if all(map(is_scenario, names)) and (start is not None or stop is not None):
-        raise ValueError(f"--from and --until cut recordings; {', '.join(names)} are scenarios")
+    for what, given in (("to", names), ("held_out", options.held_out)):
+        if len(set(given)) != len(given) or (what == "to" and not given):
+            raise ValueError(f"{what} names {'a source twice' if given else 'no source'}")
+    start, until = options.start_at, options.until
+    if all(map(is_scenario, names)) and (start is not None or until is not None):
+        raise ValueError(f"start_at and until cut recordings; {', '.join(names)} are scenarios")
+    truth_of = _truth(profile)
     found: list[Target] = []
     for name in names:
         if is_scenario(name):
-            if given != "commands":
-                raise ValueError(f"{name} has no measured wheel rates; --input {given} needs a recording")
-            found.append(_resolved(open_source(name), name, profile))
+            if options.input != "commands":
+                raise ValueError(f"{name} has no measured wheel rates; input {options.input} needs a recording")
+            found.append(truth_of(open_source(name), name))
         else:
-            found += _recorded(name, profile, given, [(start, stop)])
-    return tuple(found)
+            found += _recorded(name, options.input, [(start, until)], truth_of)
+    return tuple(found), tuple(_held_out(names, options, truth_of))
 
 
-def held_out_targets(
-    names: Sequence[str],
-    train: Sequence[str],
-    profile: Profile,
-    given: Input,
-    start: float | None,
-    stop: float | None,
-) -> tuple[Target, ...]:
-    """What the fit is judged on: a scenario by the plant that made the fit's own scenario, unless it names another; of a
-    recording that was also fitted to, what lies outside --from and --until.
+Resolve = Callable[[Source, str], Target]
 
-    Raises:
-        ValueError: a source that cannot be read, or of which nothing is left.
-        SsmrError: the plant that drives a scenario diverged.
-    """  # noqa: D205
-    driver = next((name.partition("@")[2] for name in train if is_scenario(name)), "")
-    found: list[Target] = []
-    for name in names:
+
+def _held_out(names: Sequence[str], options: FitSources, truth_of: Resolve) -> list[Target]:
+    """Return the targets to judge a fit to `names` on."""
+    driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
+    held_out: list[Target] = []
+    for name in options.held_out:
         if is_scenario(name):
             full = f"{name}@{driver}" if driver and "@" not in name else name
-            if full in train or name in train:
+            if full in names or name in names:
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
-            found.append(_resolved(open_source(full), name, profile))
-        elif Path(name).resolve() in [Path(t).resolve() for t in train]:
-            spans = [*([(None, start)] if start is not None else []), *([(stop, None)] if stop is not None else [])]
+            held_out.append(truth_of(open_source(full), name))
+        elif Path(name).resolve() in [Path(n).resolve() for n in names]:
+            ends: list[Span] = [(None, options.start_at), (options.until, None)]
+            spans = [span for span in ends if span != (None, None)]
             if not spans:
-                raise ValueError(f"{name} is fitted to as a whole; nothing of it is held out without --from or --until")
-            found += _recorded(name, profile, given, spans)
+                raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
+            held_out += _recorded(name, options.input, spans, truth_of)
         else:
-            found += _recorded(name, profile, given, [(None, None)])
-    return tuple(found)
+            held_out += _recorded(name, options.input, [(None, None)], truth_of)
+    return held_out
 
 
-def _recorded(name: str, profile: Profile, given: Input, spans: Sequence[tuple[float | None, float | None]]) -> list[Target]:
-    """A recording, once for each input; several spans of it are one target."""
+def _recorded(name: str, given: Input, spans: Sequence[Span], truth_of: Resolve) -> list[Target]:
+    """Return a recording once for each input; several spans of it are one target."""
     targets = []
     for word, kind in _KINDS[given]:
         parts = [open_source(name, kind, start, stop) for start, stop in spans]
         whole = replace(parts[0], pieces=tuple(piece for part in parts for piece in part.pieces))
-        label = f"{name} ({word})" if len(_KINDS[given]) > 1 else name
-        targets.append(_resolved(whole, label, profile))
+        targets.append(truth_of(whole, f"{name} ({word})" if len(_KINDS[given]) > 1 else name))
     return targets
 
 
-def _resolved(source: Source, label: str, profile: Profile) -> Target:
-    if source.reference == "recording":
-        return Target(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
-    plant, point = make_plant(profile, source.reference), profile.plants[source.reference].tracked_point
-    return Target(label, source, tuple(drive(plant, piece, point, source.sample_dt) for piece in source.pieces))
+def _truth(profile: Profile) -> Resolve:
+    """Return a function that finds the true motion of a source: the recorded one, or that of the scenario's plant."""
+
+    @cache
+    def plant(name: str) -> Plant:
+        return make_plant(profile, name)
+
+    def resolve(source: Source, label: str) -> Target:
+        if source.reference == "recording":
+            return Target(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
+        made, point = plant(source.reference), profile.plants[source.reference].tracked_point
+        return Target(label, source, tuple(drive(made, piece, point, source.sample_dt) for piece in source.pieces))
+
+    return resolve

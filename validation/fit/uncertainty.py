@@ -1,4 +1,4 @@
-"""How well a fit determines its parameters: curvature at the optimum, with errors that belong together kept together.
+"""Standard errors of fitted parameters: curvature at the optimum, with errors that belong together kept together.
 
 The motion is linearised about the optimum (2 n + 1 motions). Errors of neighbouring windows share poses, commands and
 ground, so a block of time is one observation: the sandwich H^-1 G H^-1 with the curvature H of a robust sum of errors and
@@ -13,14 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.fit.objective import Problem, Residuals
+from validation.fit.objective import SignedErrors
+from validation.fit.problem import FitProblem
 
 METHOD = "curvature at the optimum, scatter of {blocks} blocks of time (robust sandwich); where they say nothing, the bounds"
-STEP = 0.01
+_STEP = 0.01
 """Step of the central differences, in the unit cube."""
 IGNORANCE = 12.0**-0.5
 """Standard deviation of a number of which its bounds are all that is known, in the unit cube."""
@@ -35,33 +35,33 @@ WORTH_TELLING = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """How far the data leave the parameters open."""
+    """Uncertainty of fitted parameters."""
 
     standard_error: FloatArray
-    """(n,) of the values; NaN where the motion could not be computed beside the optimum."""
+    """(n,) standard errors of the values; NaN where the motion could not be computed beside the optimum."""
     interval: FloatArray
-    """(n, 2) of the values: 95 % of a normal distribution, within the bounds."""
+    """(n, 2) 95 % intervals of the values by a normal distribution, within the bounds."""
     correlation: FloatArray
-    """(n, n)."""
+    """(n, n) correlation of the errors."""
     share: FloatArray
     """(n,) standard error over the width of the bounds, in the unit cube [1]."""
     method: str
-    """How, in words."""
+    """Method in words."""
 
 
-def estimate(problem: Problem, point: FloatArray, workers: int = 1) -> Uncertainty:
-    """Standard errors and correlations at a point.
+def estimate(problem: FitProblem, point: FloatArray, workers: int = 1) -> Uncertainty:
+    """Estimate standard errors and correlations at a point.
 
     Args:
-        problem: what was fitted.
+        problem: the fit's problem.
         point: (n,) the optimum, in the unit cube.
         workers: threads; the result does not depend on it.
     """
     n = len(point)
-    below, above = np.maximum(point - STEP, 0.0), np.minimum(point + STEP, 1.0)
+    below, above = np.maximum(point - _STEP, 0.0), np.minimum(point + _STEP, 1.0)
     beside = [np.where(np.arange(n) == i, end, point) for i in range(n) for end in (below, above)]
-    found = problem.residuals(np.vstack([point[None], np.array(beside)]), workers)
-    rows, jacobian = _linearised(found, above - below, problem.settings.yaw_weight)
+    found = problem.errors(np.vstack([point[None], np.array(beside)]), workers)
+    rows, jacobian = _linearised(found, above - below, problem.cost.yaw_weight)
     known = np.array(np.isfinite(jacobian).all(axis=(0, 1)) & np.isfinite(rows).all())
     covariance = np.full((n, n), np.nan)
     if known.any():
@@ -79,17 +79,17 @@ def estimate(problem: Problem, point: FloatArray, workers: int = 1) -> Uncertain
     )
 
 
-def _linearised(found: Residuals, width: FloatArray, yaw_weight: float) -> tuple[FloatArray, FloatArray]:
-    """(K, 3) residuals at the point in metres, yaw weighted, and their (K, 3, n) derivatives along the cube's axes."""
+def _linearised(found: SignedErrors, width: FloatArray, yaw_weight: float) -> tuple[FloatArray, FloatArray]:
+    """Return (K, 3) errors at the point in metres, yaw weighted, and their (K, 3, n) derivatives along the cube's axes."""
     stacked = np.concatenate([found.position, yaw_weight * found.yaw[..., None]], axis=2)
     return stacked[0], np.moveaxis((stacked[2::2] - stacked[1::2]) / width[:, None, None], 0, 2)
 
 
 def _sandwich(rows: FloatArray, jacobian: FloatArray, weight: FloatArray, block: FloatArray) -> FloatArray:
-    """(n, n) covariance in the unit cube.
+    """Return the (n, n) covariance in the unit cube.
 
     The curvature of the ignorance, R = (noise / IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
-    direction that no residual sees gets IGNORANCE, one that all see is not touched, and none gets more: where the scatter
+    direction that no error sees gets IGNORANCE, one that all see is not touched, and none gets more: where the scatter
     of a few blocks claims more than the bounds allow, the bounds say more than it.
     """
     n = jacobian.shape[2]
@@ -115,20 +115,30 @@ def _sandwich(rows: FloatArray, jacobian: FloatArray, weight: FloatArray, block:
     return np.asarray((axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T)
 
 
+def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
+    """Return a sentence for each parameter that a search left at a bound, with advice that can be followed."""
+    out = []
+    for p, at_bound, x in zip(space.parameters, space.at_bound(point), point, strict=True):
+        if at_bound:
+            end, bound, limit = ("lower", p.lower, p.least) if x < 0.5 else ("upper", p.upper, p.greatest)
+            if bound == limit:
+                advice = f"values {'below' if end == 'lower' else 'above'} are impossible; fix it there, or look for a cause"
+            else:
+                advice = "give it wider bounds, or fix it"
+            out.append(f"{p.name} ended at its {end} bound, {p.text(bound)}: {advice}.")
+    return out
+
+
 def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty | None) -> tuple[str, ...]:
-    """What the fit cannot say, in plain words.
+    """Return sentences on what the fit cannot say.
 
     Args:
         model: the plant.
-        space: what was searched.
+        space: the parameters that were searched.
         point: (n,) the optimum, in the unit cube.
         uncertainty: of the values; None where it was not estimated.
     """
-    out = []
-    for name, p, at_bound, x in zip(space.names, space.parameters, space.at_bound(point), point, strict=True):
-        if at_bound:
-            end, bound = ("lower", p.lower) if x < 0.5 else ("upper", p.upper)
-            out.append(f"{name} ended at its {end} bound, {bound:g} {p.unit}: widen its --bounds, or fix it.")
+    out = bound_sentences(space, point)
     if uncertainty is None:
         return tuple(out)
     vague = [n for n, s in zip(space.names, uncertainty.share, strict=True) if s > VAGUE]
@@ -145,14 +155,16 @@ def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty:
     touched = {*vague, *(name for group, _ in entangled for name in group)}
     if model == "mujoco" and "friction" in touched:
         out.append(
-            "How a robot turns fixes the ratio of lateral to longitudinal friction, not the friction itself, which shows "
-            "only where torque saturates, the wheel loop gives way or the robot slides outwards: take it from elsewhere."
+            "The way a robot turns determines the ratio of lateral to longitudinal friction, not the friction itself. "
+            "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: measure it otherwise."
         )
     return tuple(out)
 
 
 def _groups(names: Sequence[str], uncertainty: Uncertainty) -> list[tuple[list[str], str]]:
-    """Parameters linked by correlations beyond ENTANGLED, and how strong these are, in words."""
+    """Return the groups of parameters linked by correlations beyond ENTANGLED, and the strength of these in words."""
+    from scipy.sparse.csgraph import connected_components
+
     size, share = np.abs(uncertainty.correlation), uncertainty.share
     linked = (size > ENTANGLED) & (np.maximum.outer(share, share) > WORTH_TELLING) & ~np.eye(len(names), dtype=bool)
     count, label = connected_components(linked, directed=False)

@@ -5,26 +5,18 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
 
 import numpy as np
 
-from ssmr.control.loop import LoopSettings
-from ssmr.search.jde import JdeSettings
 from validation import cli
-from validation.fit.search import Evaluate
+from validation.fit.search import SearchOptions
 from validation.plants.profile import load
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.study.tables.run import METRICS, TABLES, Entry, draw_tables, study_tables
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
-from validation.track.gains import load_gains
-from validation.track.tracking import make_robot
-from validation.track.waypoint_files import open_reference
-from validation.tune.figure import draw_tune
 from validation.tune.result import TuneResult
-from validation.tune.run import K_U, SIZES
-from validation.tune.tuning import Asked, Case, TuneCost, TuneProblem, conclude, make_tuning_space
+from validation.tune.run import tune
 
 PROFILE, PLANT = "thesis-lab", "improved"
 TUNED_ON = ("generic", 0.25)
@@ -55,36 +47,23 @@ CAPTIONS: Mapping[str, str] = {
 # ----------------------------------------------------------------------------------------------------------------- tunings
 
 
-def tune(controller: str, seed: int, context: Context) -> TuneResult:
-    """A search for a controller's gains, as Sec. 4.3.3 and 4.4.3 describe it; goes on from its state where there is one.
+def tuned(controller: str, seed: int, context: Context) -> TuneResult:
+    """Search a controller's gains as Sec. 4.3.3 and 4.4.3 did; go on from the search's state where there is one.
 
     Raises:
         KeyboardInterrupt: the search was interrupted; its state is on disk.
         SsmrError: no candidate kept the reference.
     """
-    settings, profile = context.settings, load(PROFILE)
-    robot = make_robot(profile, PLANT)
-    name, speed = TUNED_ON
-    _, waypoints = open_reference(name, speed)
-    case = Case(f"{name} at {speed:g} m/s, {PLANT}", name, waypoints, robot, LoopSettings())
-    space = make_tuning_space(controller, None, False, {})
-    cost = TuneCost(k_u=K_U.get(controller, 0.0), guard=0.0, seeds=(NOISE_SEED,))
-    problem = TuneProblem(profile, load_gains(controller, "published"), space, (case,), cost)
-    jde = JdeSettings(
-        population=settings.tune_population or SIZES[controller][0],
-        generations=SIZES[controller][1] if settings.tune_generations is None else settings.tune_generations,
-    )
-    evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731
-    search = searched(context, f"search-{seed}", problem.identity(jde, seed, None), space, jde, seed, evaluate)
-    options = {
-        **{k: v for k, v in asdict(cost).items() if k != "seeds"},
-        "noise_seeds": list(cost.seeds),
-        "feedback": case.settings.feedback,
-        "disturbance": case.settings.disturbance,
-        **{k: v for k, v in asdict(jde).items() if k != "target"},
-        "from_scratch": True,
-    }
-    return conclude(search, problem, Asked((), seed, options), context.workers)
+    settings, (name, speed) = context.settings, TUNED_ON
+    return searched(
+        context,
+        f"search-{seed}",
+        lambda search, progress: tune(
+            controller, f"{name}@{speed:g}", PROFILE, plants=(PLANT,), held_out=(), gains="published", from_scratch=True,
+            guard=0.0, seeds=(NOISE_SEED,), population=settings.tune_population, generations=settings.tune_generations,
+            search=SearchOptions(**search, seed=seed), progress=progress,
+        ),
+    )  # fmt: skip
 
 
 def _tune_section(controller: str) -> Section:
@@ -92,9 +71,9 @@ def _tune_section(controller: str) -> Section:
 
     def run(context: Context) -> Findings:
         seeds = range(context.settings.seed, context.settings.seed + context.settings.tune_seeds)
-        results = [tune(controller, seed, context) for seed in seeds]
+        results = [tuned(controller, seed, context) for seed in seeds]
         best = min(results, key=lambda r: r.cost)
-        figure = draw_tune(best)
+        figure = best.figure()
         picture = context.picture(
             "tune", figure, f"The {controller.upper()} with the gains of the cheapest search, beside the published ones."
         )
@@ -105,7 +84,7 @@ def _tune_section(controller: str) -> Section:
             f"Population {best.options['population']}, at most {best.options['generations']} generations, generic "
             f"reference at {TUNED_ON[1]:g} m/s, the improved model with noise and disturbance. Ours are the gains of "
             "the cheapest search, the spread is the standard deviation over all.",
-            *best.notes,
+            *best.notes(),
         )
         numbers = {"searches": [{"seed": r.seed, "cost": r.cost, "gains": dict(r.gains)} for r in results]}
         return Findings({number: gain_table(controller, results)}, notes=notes, pictures=(picture,), numbers=numbers)

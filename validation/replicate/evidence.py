@@ -13,19 +13,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
-from ssmr.search.jde import JdeSettings
-from ssmr.search.space import ParameterSpace
 from validation import cli, store
-from validation.fit.search import CheckpointError, Evaluate, Search, begin, shown
+from validation.fit.data import SearchData
+from validation.fit.search import CheckpointError
+from validation.progress import Report
 from validation.robots.husky import xml_path
 from validation.show.drawing import save_figure
 from validation.show.tables import Cell, Grid
 from validation.thesis.verdicts import Pair
 
+R = TypeVar("R", bound=SearchData)
 SCHEMA = "ssmr.evidence/1"
 SECTIONS, FIGURES = "sections", "figures"
 """Folders in that of the results."""
@@ -150,33 +151,28 @@ class Context:
         return self.folder / SECTIONS / f"{self.key}-{name}.{self.digest[:12]}.npz"
 
 
-def searched(context: Context, name: str, who: Mapping[str, str], space: ParameterSpace, jde: JdeSettings, seed: int,
-             evaluate: Evaluate) -> Search:  # fmt: skip
+def searched(context: Context, name: str, search: Callable[[dict[str, Any], Report], R]) -> R:
     """Search to the end, from where a search of the same name and digest stopped, if there is one.
 
     Args:
-        context: of the section.
-        name: of the search.
-        who: digests of all that decides its outcome.
-        space: what is searched.
-        jde: settings of the optimiser.
-        seed: of the optimiser.
-        evaluate: rates a generation.
+        context: settings and folder of the section.
+        name: name of the search.
+        search: makes the result, with these options of the search and this callback for progress.
 
     Raises:
         KeyboardInterrupt: it was stopped; its state is on disk.
     """
     state = context.checkpoint(name)
-    try:
-        search = begin(state, who, len(space), jde, seed, None, resume=state.is_file())
-    except CheckpointError as error:
-        cli.warn(f"{error}; the search begins anew")
-        search = begin(state, who, len(space), jde, seed, None, resume=False)
-    with shown(space, jde) as show:
-        search.run(evaluate, state, show)
-    if search.interrupted:
+    options = {"checkpoint": state, "workers": context.workers}
+    with cli.shown(context.key) as show:
+        try:
+            result = search({**options, "resume": state.is_file()}, show)
+        except CheckpointError as error:
+            cli.warn(f"{error}; the search begins anew")
+            result = search({**options, "resume": False}, show)
+    if result.status == "interrupted":
         raise KeyboardInterrupt
-    return search
+    return result
 
 
 @dataclass(frozen=True)

@@ -13,19 +13,14 @@ from dataclasses import asdict
 import numpy as np
 
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
-from ssmr.search.jde import JdeSettings
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import store
-from validation.fit.figure import fit_figure
-from validation.fit.fitting import Asked, conclude, identity
-from validation.fit.objective import CostSettings, Problem
-from validation.fit.report import is_vague
-from validation.fit.result import FitResult, FittedParameter, Scored
-from validation.fit.search import Evaluate
-from validation.fit.targets import held_out_targets, train_targets
+from validation.fit.data import FittedParameter, Scored
+from validation.fit.result import FitResult
+from validation.fit.run import FitSearch, fit
+from validation.fit.table import is_vague
 from validation.plants.profile import load, make_plant
-from validation.plants.searchable import default_free, make_space
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.replicate.response_figure import Responses, draw_responses
 from validation.thesis import published
@@ -53,24 +48,23 @@ CHATTER = 3.0
 acceleration alternates at least so many times as often (one added to both counts)."""
 
 
-def fit(model: str, context: Context) -> FitResult:
-    """A model's parameters, as Sec. 3.5.4-3.5.6 found them; goes on from the search's state where there is one.
+def fitted(model: str, context: Context) -> FitResult:
+    """Fit a model's parameters as Sec. 3.5.4-3.5.6 did; go on from the search's state where there is one.
 
     Raises:
         KeyboardInterrupt: the search was interrupted; its state is on disk.
         SsmrError: a plant diverged.
     """
     settings = context.settings
-    base = load(PROFILE)
-    targets = train_targets((FITTED_TO,), base, "commands", None, None)
-    judged = held_out_targets(HELD_OUT, (FITTED_TO,), base, "commands", None, None)
-    space = make_space(model, default_free(model, "scenario"), {})
-    problem = Problem(model, base.plants[model], space, targets, CostSettings("path"))
-    jde = JdeSettings(population=settings.fit_population, generations=settings.fit_generations)
-    evaluate: Evaluate = lambda points, limits, tell: problem.costs(points, limits, context.workers, tell)  # noqa: E731
-    search = searched(context, "search", identity(problem, jde, settings.seed, None), space, jde, settings.seed, evaluate)
-    options = {"objective": "path", **{k: v for k, v in asdict(jde).items() if k != "target"}}
-    return conclude(search, problem, Asked(base, FITTED_TO, judged, settings.seed, options), context.workers)
+    population, generations = settings.fit_population, settings.fit_generations
+    return searched(
+        context,
+        "search",
+        lambda search, progress: fit(
+            model, FITTED_TO, PROFILE, held_out=HELD_OUT, objective="path", population=population, generations=generations,
+            search=FitSearch(**search, seed=settings.seed), progress=progress,
+        ),
+    )  # fmt: skip
 
 
 def _fit_section(model: str) -> Section:
@@ -78,11 +72,11 @@ def _fit_section(model: str) -> Section:
     called = CALLED.get(model, model)
 
     def run(context: Context) -> Findings:
-        result = fit(model, context)
+        result = fitted(model, context)
         pictures = (
             context.picture(
                 "fit",
-                fit_figure(result),
+                result.figure(),
                 f"The {called} model fitted to trajectory 4 as the MuJoCo Husky drives it: the search, the parameters "
                 "between their bounds with 95 % bars, their correlations, and the paths.",
             ),
@@ -91,7 +85,7 @@ def _fit_section(model: str) -> Section:
         reduced = " (reduced: --quick)" if context.settings.quick else ""
         return Findings(
             {parameters: parameter_table(parameters, model, result), distances: distance_table(distances, model, result)},
-            notes=(f"The search took {budget}{reduced}; cost {result.cost:.4g}, seed {result.seed}.", *result.notes),
+            notes=(f"The search took {budget}{reduced}; cost {result.cost:.4g}, seed {result.seed}.", *result.remarks),
             pictures=pictures,
             numbers={
                 "cost": result.cost,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from validation.fit.report import number_text, unit_text
+from validation.fit.table import number_text, unit_text
 from validation.replicate.evidence import Findings, Section, Table
 from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid, Unit
 from validation.thesis.verdicts import FACTOR, Pair, RowVerdict, Verdict, judge, of_row, short

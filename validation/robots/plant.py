@@ -118,6 +118,14 @@ class MujocoPlant:
         self._prescribed: mujoco.MjModel | None = None
         self.reset(State())
 
+    def with_drive(self, drive: Drive) -> MujocoPlant:
+        """Return the same robot, on the same ground and with the same physics, with another drive.
+
+        Raises:
+            ValueError: the drive does not go with the physics step.
+        """
+        return MujocoPlant(self.calibration, drive, terrain=self.terrain, strict=self._strict, settings=self._settings)
+
     def _prescribed_wheels(self) -> mujoco.MjModel:
         """The same robot with wheels that turn as they are told, whatever torque that takes."""
         if self._prescribed is None:

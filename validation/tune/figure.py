@@ -12,13 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.control.loop import ClosedRun
-from validation.fit.figure import SearchLooks, footer_text, search_rows
-from validation.fit.report import effort, ending
+from validation.fit.search_figure import SearchLooks, draw_title, footer_text, search_rows
 from validation.show.drawing import (
     ALARM,
     BESIDE_INK,
     NARROW,
-    QUIET,
     REFERENCE_DASHES,
     REFERENCE_INK,
     Ink,
@@ -41,34 +39,25 @@ from validation.show.drawing import (
 )
 from validation.show.tables import length_unit, shortened
 from validation.track.report import gains_text
-from validation.tune.report import against, cost_text, held_gains, label_text, source, tune_notes
-from validation.tune.result import Followed, TuneResult
+from validation.tune.data import TuneData, TunedRun
+from validation.tune.table import against, cost_text, run_text, tune_notes
 
 MAX_TRAIN, MAX_HELD_OUT, MAX_ABREAST = 8, 4, 4
 """How many references have a panel of their path, and how many panels stand in a row."""
 
 _HEADER_IN, _GAP_IN, _SECTION_IN, _FOOTER_IN = 0.84, 0.1, 0.3, 0.26
 _PATHS_IN = {1: 3.4, 2: 3.3, 3: 3.1, 4: 2.75}  # height of a row of paths by how many stand in it
-_HEADING_IN = 9.3  # width of the heading at most
 
 
-def _plants(result: TuneResult) -> list[str]:
+def _plants(result: TuneData) -> list[str]:
     return list(dict.fromkeys(f.plant for f in (*result.train, *result.held_out)))
 
 
-def _draw_header(result: TuneResult, ax: Axes) -> None:
-    """Title, what it took, how it ended, and the legend of paths."""
-    ax.set_axis_off()
-    names = [Path(name).name for name in source(result).split(",")]
-    lead = f"{result.controller} tuned on "
-    heading = ax.text(0.0, 1.0, f"{lead}{shortened(', '.join(names), 90)}", transform=ax.transAxes, fontsize=14.0,
-                      fontweight="bold", va="top")  # fmt: skip
-    narrow(heading, _HEADING_IN, lead)
-    finished = result.status == "finished"
-    ax.text(1.0, 1.0, ending(result), transform=ax.transAxes, ha="right", va="top", fontsize=10.5,
-            fontweight="normal" if finished else "bold", color=QUIET if finished else ALARM)  # fmt: skip
-    about = f"{effort(result)} · against {against(result)}"
-    ax.text(0.0, 0.64, shortened(about, 150), transform=ax.transAxes, va="top", color="0.25")
+def _draw_header(result: TuneData, ax: Axes) -> None:
+    """Draw the title, how the search ended, and the legend of paths."""
+    names = [Path(name).name for name in result.source.split(",")]
+    about = f"compared with {against(result)}"
+    draw_title(result, f"{result.controller} tuned on ", shortened(", ".join(names), 90), about, ax)
     handles: list[Artist] = [
         Line2D([], [], color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES),
         Line2D([], [], color=BESIDE_INK, linewidth=1.3),
@@ -88,7 +77,7 @@ def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, a
         draw_loss(ax, x[-1], y[-1], f"{gid} lost")
 
 
-def _quality(followed: Followed) -> tuple[str, str]:
+def _quality(followed: TunedRun) -> tuple[str, str]:
     """Cost and d_rms of the tuned gains and of the baseline, a line each."""
     f = followed
     unit = length_unit([f.tuned_metrics.path.d_rms_m, f.baseline_metrics.path.d_rms_m])
@@ -102,7 +91,7 @@ def _quality(followed: Followed) -> tuple[str, str]:
     )
 
 
-def _draw_path(followed: Followed, held_out: bool, ax: Axes) -> None:
+def _draw_path(followed: TunedRun, held_out: bool, ax: Axes) -> None:
     """The reference, the robot with the tuned gains, and with the baseline's."""
     f = followed
     inset(ax, above=0.36)
@@ -117,7 +106,7 @@ def _draw_path(followed: Followed, held_out: bool, ax: Axes) -> None:
     figure = ax.get_figure(root=True)
     assert figure is not None
     box = ax.get_window_extent()
-    title = ax.set_title(label_text(f, 80), pad=31.0, fontsize=10.0)
+    title = ax.set_title(run_text(f, 80), pad=31.0, fontsize=10.0)
     narrow(title, (min(box.x1 + 0.3 * figure.dpi, figure.bbox.x1 - 0.1 * figure.dpi) - box.x0) / figure.dpi)
     for k, (text, lost) in enumerate(zip(_quality(f), (f.tuned.lost, f.baseline.lost), strict=True)):
         ax.annotate(text, (0.0, 1.0), (0.0, 17.0 - 12.0 * k), xycoords="axes fraction", textcoords="offset points",
@@ -126,7 +115,7 @@ def _draw_path(followed: Followed, held_out: bool, ax: Axes) -> None:
         corner_note(ax, "held out")
 
 
-def _path_rows(result: TuneResult) -> tuple[list[Row], list[str]]:
+def _path_rows(result: TuneData) -> tuple[list[Row], list[str]]:
     """Rows of paths, and in words what found no room."""
     panels: list[Panel] = [partial(_draw_path, f, False) for f in result.train[:MAX_TRAIN]]
     panels += [partial(_draw_path, f, True) for f in result.held_out[:MAX_HELD_OUT]]
@@ -139,11 +128,11 @@ def _path_rows(result: TuneResult) -> tuple[list[Row], list[str]]:
         part = panels[k : k + abreast]
         share = 1.0 / abreast
         rows.append(Row(_PATHS_IN[abreast], tuple((share, panel) for panel in part)))
-    without = [label_text(f) for f in (*result.train[MAX_TRAIN:], *result.held_out[MAX_HELD_OUT:])]
+    without = [run_text(f) for f in (*result.train[MAX_TRAIN:], *result.held_out[MAX_HELD_OUT:])]
     return rows, [f"Without a picture of their own: {', '.join(without)}."] if without else []
 
 
-def draw_tune(result: TuneResult) -> Figure:
+def tune_figure(result: TuneData) -> Figure:
     """Everything about a tuning that can be seen in one look, 1600 px wide.
 
     Args:
@@ -156,7 +145,7 @@ def draw_tune(result: TuneResult) -> Figure:
     paths, left_out = _path_rows(result)
     ink: Ink = ink_of(result.train[0].plant) if result.train else "0.1"
     looks = SearchLooks(result, ink, "Gains", "baseline", before_cost=result.baseline_cost)
-    held = held_gains(result)
+    held = result.held_gains
     notes = [*tune_notes(result), *left_out, *([f"Gains that were held: {gains_text(held)}."] if held else [])]
     rows = [
         text_row(_HEADER_IN, partial(_draw_header, result)),

@@ -1,85 +1,68 @@
-"""What a comparison, a fit, a tracked reference or a tuning found: frozen values that programs make and sinks take."""
+"""The result of a tuning, which prints, draws and saves itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ssmr.control.loop import ClosedRun
-from ssmr.types import Trajectory
-from validation.fit.result import FittedParameter, FitTrace
-from validation.track.result import TrackMetrics
+from validation import store
+from validation.show.result import Result
+from validation.show.tables import Grid
+from validation.track.gains import dump_gains
+from validation.tune.data import TuneData
+from validation.tune.table import runs_dict, tune_grids, tune_notes
 
-
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """One reference, followed with the tuned gains and with those that the tuning is held against."""
-
-    label: str
-    """Reference, speed and plant in words: `generic at 0.25 m/s, improved`."""
-    reference: str
-    """As the user named it."""
-    speed: float
-    """Mean speed of the reference [m/s]."""
-    plant: str
-    """Which plant was the robot."""
-    target: Trajectory
-    """The whole reference."""
-    tuned: ClosedRun
-    """With the tuned gains; it may have been lost."""
-    tuned_metrics: TrackMetrics
-    """Of `tuned`."""
-    tuned_cost: float
-    """Infinite where it was lost."""
-    baseline: ClosedRun
-    """With the gains it is held against."""
-    baseline_metrics: TrackMetrics
-    """Of `baseline`."""
-    baseline_cost: float
-    """Infinite where it was lost."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
-class TuneResult:
-    """What a tuning found."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TuneResult(TuneData, Result):
+    """Tuned gains, and how they follow references beside the gains of before; see `TuneData` for its fields."""
 
-    controller: str
-    """`pid`, `lqr`, `lqr-scheduled` or `smc`."""
-    profile: str
-    """Name of the profile that gave the plants' parameters."""
-    seed: int
-    """Of the search, and of noise and disturbance."""
-    status: str
-    """`finished` or `interrupted`."""
-    stopped_by: str
-    """`generations`, `improvement`, `target`, or `interrupt`."""
-    cost: float
-    """Of the best candidate, over all of `train`."""
-    baseline_name: str
-    """Name of the gain set that the tuning is held against."""
-    baseline_cost: float
-    """Its cost; infinite where it loses a reference."""
-    cost_name: str
-    """`path` (the thesis') or `time`."""
-    evaluations: int
-    """Candidates rated."""
-    generations: int
-    """Completed after the initial population."""
-    wall_s: float
-    """Time that the search took [s]."""
-    parameters: tuple[FittedParameter, ...]
-    """What was searched; `before` is the baseline's."""
-    gains: Mapping[str, float]
-    """All gains of the controller, searched or held."""
-    notes: tuple[str, ...]
-    """Plain sentences: gains at their bounds, lost references."""
-    train: tuple[Followed, ...]
-    """What the cost is made of."""
-    held_out: tuple[Followed, ...]
-    """What the tuning has not seen."""
-    trace: FitTrace
-    """How the search went."""
-    options: Mapping[str, object]
-    """How it was run."""
-    versions: Mapping[str, str]
-    """Of this project, Python and the packages that decide numbers."""
+    program = "tune"
+
+    def grids(self) -> Sequence[Grid]:
+        """Return the gains within their bounds, and the tuned gains beside those of before on each reference."""
+        return tune_grids(self)
+
+    def notes(self) -> Sequence[str]:
+        """Return what the tables do not say, sentence by sentence."""
+        return tune_notes(self)
+
+    def figure(self) -> Figure:
+        """Return the tuning as one picture."""
+        from validation.tune.figure import tune_figure
+
+        return tune_figure(self)
+
+    def save(self, folder: str | Path, *, recording: bool = False) -> list[Path]:
+        """Write gains.toml, tune.png and, last, tune.json; return their paths.
+
+        Raises:
+            OSError: the folder cannot be made or written.
+        """
+        path = Path(folder) / "gains.toml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = dump_gains(self.gain_set)
+        store.write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+        return [path, *super().save(folder, recording=recording)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what tune.json holds: null stands for every number that is not finite, as the cost of a lost reference."""
+        document = {
+            "schema": "ssmr.tune/1",
+            "controller": self.controller,
+            "source": self.source,
+            **self.shared_dict(),
+            "notes": list(self.notes()),
+            "baseline": self.baseline_name,
+            "baseline_cost": self.baseline_cost,
+            "gains": dict(self.gains),
+            "train": runs_dict(self.train),
+            "held_out": runs_dict(self.held_out),
+        }
+        found: dict[str, Any] = store.plain(document)
+        return found

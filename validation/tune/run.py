@@ -1,62 +1,192 @@
-"""`python -m validation.tune CONTROLLER`: a controller's gains by differential evolution, along references, on any plant."""
+"""Tune a controller's gains by differential evolution."""
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ssmr.control.loop import LoopSettings
+from ssmr.control.laws import CONTROLLERS
+from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.types import FloatArray
-from validation import cli, store
-from validation.track.gains import DEFAULT, GainSet, dump_gains, load_gains, names
-from validation.track.tracking import Robot, odometry_of, require_practicable
+from validation.fit.data import FittedParameter
+from validation.fit.search import FreeParameters, SearchOptions, put_options, search_for
+from validation.fit.uncertainty import bound_sentences
+from validation.plants.profile import Profile, load_profile
+from validation.progress import Progress, Report, silent
+from validation.track.gains import DEFAULT, GainSet, load_gains, names
+from validation.track.tracking import Robot, make_controller, make_robot, odometry_of, require_practicable
 from validation.track.waypoint_files import open_reference
-from validation.tune.report import tune_document
+from validation.tune.cost import TuneCost
+from validation.tune.problem import TuneCase, TuneProblem
 from validation.tune.result import TuneResult
-from validation.tune.tuning import Case, TuneProblem, tuned_gains
+from validation.tune.space import make_tuning_space
 
-SIZES = {"pid": (100, 150), "lqr": (50, 300), "smc": (100, 150)}
-"""Default population and generations; Tab. 4.3, 4.20."""
-USUAL_SIZE = (50, 150)
-"""Those of any other controller."""
-MUJOCO_SIZE = (24, 20)
-"""The same where a MuJoCo Husky is among the plants: a run of it costs a hundred times that of a planar model."""
-K_U = {"lqr": 50.0}
-"""Weight of |1 - u_RMS|; Tab. 4.20. The PID's cost has no such term."""
-HELD_OUT = ("line@0.25", "line@0.5", "circle@0.25", "circle@0.5", "sine@0.25", "sine@0.5", "generic@0.25", "generic@0.5")
-"""What a tuning is judged on unless the user says otherwise, but for what it is tuned on."""
+SIZES: Mapping[str, tuple[int, int]] = {"pid": (100, 150), "lqr": (50, 300), "smc": (100, 150)}
+"""Usual population and number of generations by controller; Tab. 4.3, 4.20."""
+_OTHER_SIZE = (50, 150)
+_MUJOCO_SIZE = (24, 20)  # a run of it costs a hundred times that of a planar model
+_K_U: Mapping[str, float] = {"lqr": 50.0}  # Tab. 4.20; the PID's cost has no such term
+HELD_OUT = tuple(f"{name}@{speed}" for name in ("line", "circle", "sine", "generic") for speed in (0.25, 0.5))
+"""References that a tuning is judged on unless others are named, except those it is tuned on."""
 
 
-def parse_references(text: str, speed: float | None) -> tuple[tuple[str, float | None], ...]:
-    """`circle@0.5,generic` as names with speeds [m/s]; `speed` for those without.
+@dataclass(frozen=True)
+class TuneTask:
+    """The robots, references and noise that a controller is tuned and judged with."""
+
+    plants: tuple[str, ...] = ("improved",)
+    """Plants that the controller must drive; the cost is the mean over all."""
+    speed: float = 0.25
+    """Speed of references that name none [m/s]."""
+    held_out: tuple[str, ...] | None = None
+    """References to judge the gains on. None takes line, circle, sine and generic at 0.25 and 0.5 m/s, except those that are
+    tuned on."""
+    feedback: Feedback = "noisy"
+    """Pose and speed that the controller sees: truth, noisy or ekf."""
+    noise: bool = True
+    """Noise in the feedback, and random disturbances of the yaw rate."""
+    lookahead: float = 0.0
+    """Distance at which the robot keeps behind its target [m]."""
+
+    def loop(self) -> LoopSettings:
+        """Return the settings of the closed loop."""
+        return LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise, lookahead=self.lookahead)
+
+
+@dataclass(frozen=True)
+class TuneParameters(FreeParameters):
+    """Which gains are tuned, and which the search begins with."""
+
+    gains: str | None = None
+    """Name or path of the gain set to begin with, to hold what is not searched, and to compare the outcome with. None takes
+    the published set, or the controller's defaults where there is none."""
+    all: bool = False
+    """Search the gains too that the thesis sets by hand: feedforward, K_alpha, K_y, K_I."""
+    from_scratch: bool = False
+    """Leave the gains it begins with out of the first population."""
+
+
+def tune(
+    controller: str,
+    references: str | Sequence[str] = "generic",
+    profile: Profile | str = "thesis-lab",
+    *,
+    task: TuneTask | None = None,
+    parameters: TuneParameters | None = None,
+    cost: TuneCost | None = None,
+    search: SearchOptions | None = None,
+    progress: Report = silent,
+    **options: Any,
+) -> TuneResult:
+    """Tune a controller by self-adaptive differential evolution (jDE), and compare it with the gains it began with.
+
+    Every field of the four groups of options can be given by its own name too: `tune("lqr", "circle@0.5",
+    generations=5, plants=("improved", "mujoco"))`. Ctrl-C ends the search; the result then holds the best found so far.
+
+    Args:
+        controller: name of the controller.
+        references: the reference it must follow, or several: `generic`, `circle@0.5` with its speed [m/s], or a file's path.
+        profile: the plants' parameters, or the name or path of a profile.
+        task: plants, held-out references, and noise.
+        parameters: the gains to search, with their bounds.
+        cost: what is made small.
+        search: sizes, seed, threads and checkpoint of the search.
+        progress: called as the search goes on.
+        options: fields of the four groups by name.
 
     Raises:
-        UserError: an empty list, or something that is no speed.
+        ValueError: a name, number or file that cannot be used; the message says which.
+        TypeError: an unknown option.
+        SsmrError: every candidate lost a reference or failed the stability guard.
+        KeyboardInterrupt: interrupted before any candidate was rated.
+    """
+    task, parameters, cost, search = put_options(
+        options, task or TuneTask(), parameters or TuneParameters(), cost or TuneCost(), search or SearchOptions()
+    )
+    if controller not in CONTROLLERS:
+        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(CONTROLLERS)}")
+    chosen = profile if isinstance(profile, Profile) else load_profile(profile)
+    base = _base_gains(controller, parameters)
+    make_controller(chosen, base)
+    free = [n for n in parameters.free or () if n not in parameters.fix] if parameters.free is not None else None
+    space = make_tuning_space(controller, free, parameters.all, parameters.bounds)
+    if any(name in parameters.fix for name in space.names):
+        kept = [name for name in space.names if name not in parameters.fix]
+        space = make_tuning_space(controller, kept, parameters.all, parameters.bounds)
+    settings = search.settings(*(_MUJOCO_SIZE if "mujoco" in task.plants else SIZES.get(controller, _OTHER_SIZE)))
+    robots = [make_robot(chosen, name) for name in task.plants]
+    if not references:
+        raise ValueError("no reference is named; name one such as generic or circle@0.5")
+    wanted = _references([references] if isinstance(references, str) else references, task.speed)
+    judged = _references(HELD_OUT if task.held_out is None else task.held_out, task.speed)
+    judged = [pair for pair in judged if task.held_out is not None or pair not in wanted]
+    k_u = _K_U.get(controller, 0.0) if cost.k_u is None else cost.k_u
+    cost = replace(cost, k_u=k_u, seeds=(search.seed,) if cost.seeds is None else cost.seeds)
+    problem = TuneProblem(chosen, base, space, _cases(wanted, robots, task.loop()), cost)
+    held_out = _cases(judged, robots, task.loop())
+    start = None if parameters.from_scratch else _first_point(problem)
+    found = search_for(problem, settings, search, start, progress)
+    total = settings.generations + 1
+    progress(Progress(total, total, "tuned and earlier gains on every reference"))
+    tuned, threads = problem.gains(found.jde.best), search.threads
+    values, at_bound = space.values(found.jde.best), space.at_bound(found.jde.best)
+    result = TuneResult(
+        controller=controller,
+        begun_with=chosen.name,
+        gain_set=tuned,
+        seed=search.seed,
+        cost_name=cost.cost,
+        baseline_name=base.name,
+        baseline_cost=problem.base_cost(threads),
+        parameters=tuple(
+            FittedParameter(p.name, p.unit, float(v), p.lower, p.upper, p.scale, float(base.values[p.name]), bool(b))
+            for p, v, b in zip(space.parameters, values, at_bound, strict=True)
+        ),
+        remarks=tuple(bound_sentences(space, found.jde.best)),
+        train=tuple(problem.compared(case, tuned, threads) for case in problem.cases),
+        held_out=tuple(problem.compared(case, tuned, threads) for case in held_out),
+        options=_record(cost, task, parameters, search.record(settings)),
+        **found.outcome(),
+    )
+    return replace(result, gain_set=_with_provenance(result))
+
+
+def _base_gains(controller: str, parameters: TuneParameters) -> GainSet:
+    """Return the gains that a tuning begins with: those named, else the published, else the defaults; with those held.
+
+    Raises:
+        ValueError: unknown gains.
+    """
+    published = f"{controller}-published" in names(controller)
+    base = load_gains(controller, parameters.gains or ("published" if published else DEFAULT))
+    unknown = [name for name in parameters.fix if name not in base.values]
+    if unknown:
+        raise ValueError(f"{controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}")
+    return GainSet(controller, base.name, {**base.values, **parameters.fix}) if parameters.fix else base
+
+
+def _references(wanted: Sequence[str], speed: float) -> list[tuple[str, float]]:
+    """Return names and speeds [m/s] of references such as `circle@0.5`; `speed` where none is named.
+
+    Raises:
+        ValueError: a speed that is no number.
     """
     out = []
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        name, at, given = part.rpartition("@")
-        if not at:
-            out.append((part, speed))
-            continue
+    for text in wanted:
+        name, at, given = text.rpartition("@")
         try:
-            number = float(given)
+            out.append((name, float(given)) if at else (text, speed))
         except ValueError as error:
-            raise cli.UserError(f"'{part}' is no REFERENCE@SPEED such as circle@0.5") from error
-        out.append((name, number))
-    if not out:
-        raise cli.UserError(f"no reference is named in '{text}'; such as generic or circle@0.5,sine@0.25")
-    return tuple(out)
+            raise ValueError(f"'{text}' is no REFERENCE@SPEED such as circle@0.5") from error
+    return out
 
 
-def make_cases(
-    wanted: Sequence[tuple[str, float | None]], robots: Sequence[Robot], settings: LoopSettings
-) -> tuple[Case, ...]:
-    """Every robot on every reference.
+def _cases(wanted: Sequence[tuple[str, float]], robots: Sequence[Robot], settings: LoopSettings) -> tuple[TuneCase, ...]:
+    """Return every robot on every reference.
 
     Raises:
         ValueError: a reference that cannot be read, or that no wheel can follow.
@@ -67,38 +197,57 @@ def make_cases(
         for robot in robots:
             require_practicable(waypoints, robot.drive, label)
             around = replace(settings, filter=odometry_of(robot.drive))
-            out.append(Case(f"{label} at {waypoints.speed:.3g} m/s, {robot.name}", name, waypoints, robot, around))
+            out.append(TuneCase(f"{label} at {waypoints.speed:.3g} m/s, {robot.name}", name, waypoints, robot, around))
     return tuple(out)
 
 
-def baseline_of(controller: str, gains: str | None, held: dict[str, float]) -> GainSet:
-    """The gains that a tuning begins with: those named, else the published, else the defaults; with those that are held.
-
-    Raises:
-        ValueError: unknown gains.
-    """
-    published = f"{controller}-published" in names(controller)
-    base = load_gains(controller, gains or ("published" if published else DEFAULT))
-    unknown = [name for name in held if name not in base.values]
-    if unknown:
-        raise ValueError(f"{controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}")
-    return GainSet(controller, base.name, {**base.values, **held}) if held else base
-
-
-def first_point(problem: TuneProblem) -> FloatArray:
-    """(1, n) the gains it begins with, moved into the bounds where they lie outside."""
+def _first_point(problem: TuneProblem) -> FloatArray:
+    """Return the (1, n) gains to begin with, moved into the bounds where they lie outside."""
     values = np.array([problem.base.values[name] for name in problem.space.names])
     return problem.space.points(np.clip(values, problem.space.lower, problem.space.upper))[None]
 
 
-def write(result: TuneResult, name: str, folder: Path) -> list[Path]:
-    """Write tune.png, gains.toml and, last, tune.json; return what was written."""
-    from validation.compare.figure import save_figure
-    from validation.tune.figure import draw_tune
+def _record(cost: TuneCost, task: TuneTask, parameters: TuneParameters, search: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options as a result file holds them."""
+    weights = {"name": cost.cost, **{k: v for k, v in asdict(cost).items() if k not in ("cost", "seeds")}}
+    around = task.loop()
+    return {
+        **weights,
+        "noise_seeds": list(cost.seeds or ()),
+        "feedback": around.feedback,
+        "disturbance": around.disturbance,
+        "lookahead_m": around.lookahead,
+        "fixed": dict(parameters.fix) or None,
+        **search,
+        "from_scratch": parameters.from_scratch,
+    }
 
-    written = [folder / "tune.png", folder / "gains.toml", folder / "tune.json"]
-    save_figure(draw_tune(result), written[0])
-    text = dump_gains(tuned_gains(result, name, datetime.datetime.now(datetime.UTC).date().isoformat()))
-    store.write_atomic(written[1], lambda temporary: temporary.write_text(text, encoding="utf-8"))
-    store.write_json(written[2], tune_document(result))
-    return written
+
+def _with_provenance(result: TuneResult) -> GainSet:
+    """Return the tuned gains as a set that says how it was found."""
+    followed: dict[str, Any] = {
+        run.label: {"d_rms_m": run.tuned_metrics.path.d_rms_m, "cost": run.tuned_cost}
+        for run in (*result.train, *result.held_out)
+        if not run.tuned.lost
+    }
+    searched = [p.name for p in result.parameters]
+    provenance = {
+        "tuned_on": [run.label for run in result.train],
+        "searched": searched,
+        "by_hand": [n for n in result.gains if n not in searched],
+        "profile": result.begun_with,
+        "cost_name": result.cost_name,
+        "cost": result.cost,
+        "baseline": result.baseline_name,
+        **({"baseline_cost": result.baseline_cost} if np.isfinite(result.baseline_cost) else {}),
+        "status": result.status,
+        "seed": result.seed,
+        "evaluations": result.evaluations,
+        "generations": result.generations,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "options": {k: v for k, v in result.options.items() if v is not None},
+        "versions": dict(result.versions),
+        "followed": followed,
+    }
+    source = f"tuned by validation.tune on {', '.join(run.label for run in result.train)}"
+    return GainSet(result.controller, f"{result.controller}-tuned", result.gains, provenance, source)

@@ -19,7 +19,7 @@ from validation.show.tables import NOTHING, Cell, Grid, markdown_table
 from validation.track.gains import load_gains, names
 from validation.track.tracking import make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import REFERENCES, open_reference
-from validation.tune.tuning import TuneCost, costs_of
+from validation.tune.cost import TuneCost, costs_of
 
 SCHEMA = "ssmr.study/1"
 SPEEDS = (0.25, 0.5)

@@ -1,17 +1,15 @@
-"""A fit as tables and sentences: for the terminal (rich), and for a report (markdown)."""
+"""A fit as tables, and as sentences."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-from rich.table import Table
 
 from ssmr.metrics.paths import HorizonErrors, PathMetrics
 from validation.compare.table import COLUMNS
-from validation.fit.result import FitResult, FittedParameter, Scored
+from validation.fit.data import FitData, FittedParameter, Scored, SearchData
 from validation.show.tables import (
     DEGREES,
     METRES,
@@ -24,32 +22,28 @@ from validation.show.tables import (
     markdown_table,
     one_line,
     option_text,
-    rich_table,
     shortened,
     unit_of,
 )
 
-Search = Any
-"""The result of a fit or of a tuning."""
-
 VAGUE_SHARE = 0.5
-"""An interval wider than this share of the bounds, as they were searched, says little."""
+"""A parameter whose interval takes up a greater share of the space between its bounds is marked as uncertain."""
 KNOWN_DIGITS = 4
 """Significant digits of a number whose error is not known."""
 MOST_DIGITS = 7
-"""Significant digits at most: a smaller error is that of a fit to itself, and nobody reads more."""
+"""Greatest number of significant digits: only a fit to a model's own motion has smaller errors."""
 SHOWN_HORIZONS = (2.0, 6.0, 30.0)
-"""Horizons in tables [s]; where there is none of them, all that there are."""
-LONGEST_LABEL = 32
-"""Characters of a source's name."""
+"""Horizons in tables [s]; all that were scored where none of these was."""
+LONGEST_SOURCE = 32
+"""Greatest number of characters of a source's name."""
 STOPPED = {
     "generations": "all generations done",
     "improvement": "no more improvement",
     "target": "target reached",
     "interrupt": "interrupted",
 }
-"""Why a search ended, in words."""
-AT_BOUND, VAGUE = "at bound", "vague"
+"""Reasons why a search ended, in words."""
+AT_BOUND, VAGUE = "at bound", "uncertain"
 
 _METRICS: tuple[tuple[str, Quantity, Callable[[PathMetrics], float]], ...] = (
     ("d_rms", "length", lambda m: m.d_rms_m),
@@ -64,25 +58,13 @@ _HORIZONS: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] = (
 )
 
 
-def cube_share(p: FittedParameter, value: float) -> float:
-    """Where a value lies between the bounds of the search, as they were searched: 0 at the lower, 1 at the upper one.
-
-    Args:
-        p: the parameter.
-        value: in its unit; on a logarithmic scale what is not positive lies infinitely far below.
-    """
-    if p.scale == "log":
-        return math.log(value / p.lower) / math.log(p.upper / p.lower) if value > 0.0 else -math.inf
-    return (value - p.lower) / (p.upper - p.lower)
-
-
 def is_vague(p: FittedParameter) -> bool:
-    """Whether the 95 % interval takes up more than `VAGUE_SHARE` of the bounds."""
-    return p.interval_95 is not None and cube_share(p, p.interval_95[1]) - cube_share(p, p.interval_95[0]) > VAGUE_SHARE
+    """Return whether the 95 % interval takes up more than `VAGUE_SHARE` of the space between the bounds."""
+    return p.interval_95 is not None and p.share(p.interval_95[1]) - p.share(p.interval_95[0]) > VAGUE_SHARE
 
 
 def value_text(p: FittedParameter) -> str:
-    """The value with its standard error, as `0.523 ± 0.004`; the error's size decides how many digits both have.
+    """Return the value with its standard error, as `0.523 ± 0.004`; the error's size decides how many digits both have.
 
     An error keeps two digits up to 0.35, 3.5, 35 ... and one beyond: rounding then takes no more than a seventh of it.
     """
@@ -100,35 +82,35 @@ def value_text(p: FittedParameter) -> str:
 
 
 def number_text(value: float) -> str:
-    """A number whose error is not known; `off` for the infinite value of a limit that is off."""
+    """Return a number whose error is not known; `off` for the infinite value of a limit that is off."""
     if math.isinf(value):
         return "off"
     return f"{value:.{KNOWN_DIGITS}g}" if math.isfinite(value) else NOTHING
 
 
 def unit_text(unit: str) -> str:
-    """A unit as it follows a number: nothing for a pure one."""
+    """Return a unit as it follows a number: nothing for a pure number."""
     return "" if unit == "1" else unit
 
 
-def label_text(scored: Scored, most: int = LONGEST_LABEL) -> str:
-    """A source without the folders it lies in, in at most `most` characters."""
+def source_text(scored: Scored, most: int = LONGEST_SOURCE) -> str:
+    """Return a source's name without its folders, in at most `most` characters."""
     return shortened(Path(scored.label).name, most)
 
 
 def flags(p: FittedParameter) -> list[str]:
-    """What to be wary of in a parameter."""
+    """Return warnings about a parameter."""
     return [AT_BOUND] * p.at_bound + [VAGUE] * is_vague(p)
 
 
-def ending(result: Search) -> str:
-    """How the search ended, in words."""
+def ending(result: SearchData) -> str:
+    """Return the reason why the search ended, in words."""
     why = STOPPED.get(result.stopped_by, result.stopped_by)
     return why if result.status == "finished" else f"INTERRUPTED after {_counted(result.generations, 'generation')}"
 
 
-def effort(result: Search) -> str:
-    """Cost, and what it took to find it."""
+def effort(result: SearchData) -> str:
+    """Return the cost and the effort of the search, in words."""
     done = f"{_counted(result.evaluations, 'evaluation')} in {_counted(result.generations, 'generation')}"
     cost = f"{result.cost:.4g}" if math.isfinite(result.cost) else NOTHING
     return f"{result.cost_name} cost {cost} · {done} · {result.wall_s:.1f} s · seed {result.seed}"
@@ -139,15 +121,23 @@ def _counted(n: int, what: str) -> str:
 
 
 def parameter_grid(parameters: Sequence[FittedParameter], what: str, before: str) -> Grid:
-    """What a search found, row by row; `what` it is and what it was `before`, as the header says it."""
+    """Return the parameters row by row; `what` and `before` name the first column and the one of earlier values."""
     known = any(p.standard_error is not None for p in parameters)
     value = "value ±\u00a0standard\u00a0error" if known else "value"
-    names = (what, "unit", value, "lower bound", "upper bound", before, "beware")
+    names = (what, "unit", value, "lower bound", "upper bound", before, "warning")
     rows = [
         tuple(
             map(
                 Cell,
-                (p.name, p.unit, value_text(p), f"{p.lower:g}", f"{p.upper:g}", number_text(p.before), ", ".join(flags(p))),
+                (
+                    p.name,
+                    unit_text(p.unit),
+                    value_text(p),
+                    f"{p.lower:g}",
+                    f"{p.upper:g}",
+                    number_text(p.before),
+                    ", ".join(flags(p)),
+                ),
             )
         )
         for p in parameters
@@ -155,16 +145,16 @@ def parameter_grid(parameters: Sequence[FittedParameter], what: str, before: str
     return Grid(tuple((name, "") for name in names), (tuple(rows),), left=2)
 
 
-def _rows(result: FitResult) -> list[list[tuple[str, PathMetrics, dict[float, HorizonErrors]]]]:
-    """What there are scores of, fitted to and held out: source, metrics, errors by horizon."""
-    train = [(label_text(s), s.metrics, dict(s.horizons)) for s in result.train]
+def _rows(result: FitData) -> list[list[tuple[str, PathMetrics, dict[float, HorizonErrors]]]]:
+    """Return source, metrics and errors by horizon of what was fitted to, and of what was held out."""
+    train = [(source_text(s), s.metrics, dict(s.horizons)) for s in result.train]
     if len(train) > 1:
         train.append(("all fitted to", result.train_metrics, dict(result.train_horizons)))
-    held_out = [(f"held out: {label_text(s)}", s.metrics, dict(s.horizons)) for s in result.held_out]
+    held_out = [(f"held out: {source_text(s)}", s.metrics, dict(s.horizons)) for s in result.held_out]
     return [group for group in (train, held_out) if group]
 
 
-def _score_grid(result: FitResult) -> Grid:
+def _score_grid(result: FitData) -> Grid:
     groups = _rows(result)
     scores = [metrics for group in groups for _, metrics, _ in group]
     lengths = [value(m) for _, quantity, value in _METRICS if quantity == "length" for m in scores]
@@ -177,8 +167,8 @@ def _score_grid(result: FitResult) -> Grid:
     return Grid(tuple(header), tuple(tuple(cells(label, m) for label, m, _ in group) for group in groups), left=1)
 
 
-def _horizon_grid(result: FitResult) -> Grid | None:
-    """Medians by horizon; None where nothing was recorded."""
+def _horizon_grid(result: FitData) -> Grid | None:
+    """Return medians by horizon; None where there are no recordings."""
     groups = [[row for row in group if row[2]] for group in _rows(result)]
     known = sorted({h for group in groups for _, _, errors in group for h in errors})
     shown = [h for h in known if h in SHOWN_HORIZONS] or known
@@ -193,89 +183,51 @@ def _horizon_grid(result: FitResult) -> Grid | None:
     return Grid(tuple(header), tuple(tuple(cells(k, e) for k, _, e in group) for group in groups if group), left=1)
 
 
-def fit_tables(result: FitResult) -> list[Table]:
-    """A fit for a terminal of 110 columns or more.
-
-    Args:
-        result: what was found.
-
-    Returns:
-        The parameters with their standard errors; the scores on each source, fitted to and held out; and, where there are
-        recordings, median errors of the relative pose by horizon.
-    """
-    title = f"{result.model} fitted to {one_line(result.source)} · begun with profile {one_line(result.profile)}"
-    tables = [
-        rich_table(parameter_grid(result.parameters, "parameter", "before"), title, f"{effort(result)}\n{ending(result)}\n")
+def fit_grids(result: FitData) -> list[Grid]:
+    """Return the parameters, the scores on each source, and median errors by horizon where there are recordings."""
+    title = f"{result.model} fitted to {one_line(result.source)} · begun with profile {one_line(result.begun_with)}"
+    parameters = parameter_grid(result.parameters, "parameter", "before")
+    grids = [
+        replace(parameters, title=title, caption=f"{effort(result)}\n{ending(result)}\n"),
+        replace(_score_grid(result), title="Scores of the fitted plant"),
     ]
-    tables.append(rich_table(_score_grid(result), "Scores of the fitted plant", ""))
     horizons = _horizon_grid(result)
     if horizons is not None:
-        tables.append(rich_table(horizons, "Median error of the relative pose after a horizon", ""))
-    return tables
+        grids.append(replace(horizons, title="Median error of the relative pose after a horizon"))
+    return grids
 
 
-def fit_notes(result: FitResult) -> list[str]:
-    """What the tables do not say, sentence by sentence.
-
-    Args:
-        result: what was found.
-
-    Returns:
-        That it was interrupted, if it was; the fit's own notes; how the standard errors were found.
-    """
+def fit_notes(result: FitData) -> list[str]:
+    """Return what the tables do not say, sentence by sentence."""
     notes = []
     if result.status != "finished":
         notes.append("The fit was interrupted: these are the best numbers so far, without standard errors.")
-    notes += [one_line(note) for note in result.notes]
+    notes += [one_line(note) for note in result.remarks]
     if result.uncertainty_method:
-        notes.append(f"Standard errors by: {one_line(result.uncertainty_method)}.")
+        notes.append(f"Standard errors come from: {one_line(result.uncertainty_method)}.")
     return notes
 
 
-def _bullets(lines: Sequence[str]) -> list[str]:
-    return [f"- {line}" for line in lines]
-
-
-def fit_markdown(result: FitResult) -> str:
-    """The whole fit as GitHub-flavoured markdown.
-
-    Args:
-        result: what was found.
-
-    Returns:
-        How it was run, the tables of `fit_tables`, the sentences of `fit_notes`, and what each metric means.
-    """
+def fit_markdown(result: FitData) -> str:
+    """Return the whole fit as markdown: options, tables, sentences, and the meaning of each metric."""
     options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in result.options.items() if v is not None)
     versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in result.versions.items())
     lines = [
         "# Fit",
         "",
-        *_bullets(
-            [
-                f"plant: {code_span(result.model)}",
-                f"source: {code_span(result.source)}",
-                f"begun with profile: {code_span(result.profile)}",
-                effort(result),
-                f"status: {ending(result)}",
-                f"options: {code_span(options) if options else 'none'}",
-                f"versions: {code_span(versions) if versions else 'unknown'}",
-            ]
-        ),
-        "",
-        "## Parameters",
-        "",
-        *markdown_table(parameter_grid(result.parameters, "parameter", "before")),
-        "",
-        "## Scores",
-        "",
-        *markdown_table(_score_grid(result)),
+        f"- plant: {code_span(result.model)}",
+        f"- source: {code_span(result.source)}",
+        f"- begun with profile: {code_span(result.begun_with)}",
+        f"- {effort(result)}",
+        f"- status: {ending(result)}",
+        f"- options: {code_span(options) if options else 'none'}",
+        f"- versions: {code_span(versions) if versions else 'unknown'}",
     ]
-    horizons = _horizon_grid(result)
-    if horizons is not None:
-        lines += ["", "Median error of the relative pose after a horizon:", "", *markdown_table(horizons)]
-    notes = fit_notes(result)
-    if notes:
-        lines += ["", "## Notes", "", *_bullets(notes)]
+    for heading, grid in zip(("Parameters", "Scores", "Errors by horizon"), fit_grids(result), strict=False):
+        lines += ["", f"## {heading}", ""]
+        lines += [f"{grid.title}:", ""] * (heading == "Errors by horizon")
+        lines += markdown_table(grid)
+    lines += ["", "## Notes", "", *(f"- {note}" for note in fit_notes(result))] if fit_notes(result) else []
     names = [name for name, _, _ in _METRICS]
     lines += ["", "## What the metrics mean", ""]
     lines += [f"- **{column.name}**: {column.meaning}." for column in COLUMNS if column.name in names]

@@ -1,0 +1,140 @@
+"""The problem of a fit: points of the unit cube in, costs out.
+
+A cost is a sum over the pieces of all targets, and no term is negative. So a candidate whose sum over the first pieces
+exceeds its parent's whole cost can never be selected, and the rest of it need not be driven: the outcome is the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
+from typing import TypeVar
+
+import numpy as np
+
+from ssmr.search.space import ParameterSpace
+from ssmr.types import FloatArray
+from validation.fit.objective import FitCost, SignedErrors, Target, make_raters
+from validation.plants.kind import PlantProfile
+from validation.plants.population import Population, make_population, shares
+from validation.plants.searchable import with_values
+
+_T = TypeVar("_T")
+
+
+class FitProblem:
+    """A `SearchProblem`: how well candidates of one plant make the targets' motions."""
+
+    def __init__(
+        self, model: str, base: PlantProfile, space: ParameterSpace, targets: Sequence[Target], cost: FitCost
+    ) -> None:
+        """Prepare the scoring windows.
+
+        Args:
+            model: the plant that is fitted.
+            base: its numbers where they are not searched.
+            space: the parameters that are searched.
+            targets: the motions that it is fitted to.
+            cost: the distance that is made small; an objective that is None is chosen by the targets.
+
+        Raises:
+            ValueError: the sources are too short for the cost.
+        """
+        self.model, self.base, self.space, self.targets = model, base, space, tuple(targets)
+        recorded = any(target.source.reference == "recording" for target in self.targets)
+        self.cost = replace(cost, objective=cost.objective or ("horizon" if recorded else "path"))
+        self._raters = make_raters(self.cost, self.targets)
+
+    def identity(self) -> dict[str, object]:
+        """Return all that decides the costs, by name."""
+        data = hashlib.sha256()
+        for target in self.targets:
+            data.update(target.label.rpartition("/")[2].encode())
+            for piece, truth in zip(target.source.pieces, target.truth, strict=True):
+                for array in (piece.commands.values, truth.t, truth.pose):
+                    data.update(np.ascontiguousarray(array).tobytes())
+        return {
+            "model": self.model,
+            "parameters or bounds": self.space.limits(),
+            "profile": asdict(self.base),
+            "objective": asdict(self.cost),
+            "sources": data.hexdigest(),
+        }
+
+    def candidate(self, point: FloatArray) -> PlantProfile | None:
+        """Return the plant that an (n,) point of the unit cube stands for; None where its numbers are impossible."""
+        try:
+            return with_values(self.model, self.base, self.space.names, self.space.values(point))
+        except ValueError:
+            return None
+
+    def costs(
+        self,
+        points: FloatArray,
+        limits: FloatArray | None = None,
+        workers: int = 1,
+        on_share: Callable[[float], object] | None = None,
+    ) -> FloatArray:
+        """Rate candidates, see `SearchProblem.costs`."""
+        candidates = [self.candidate(p) for p in points]
+        bounds = np.full(len(points), np.inf) if limits is None else limits
+        done = [0.0]
+
+        def tell(share: float) -> None:
+            done[0] += share
+            if on_share is not None:
+                on_share(done[0])
+
+        def rate(which: Sequence[int]) -> FloatArray:
+            population = make_population(self.model, [candidates[i] for i in which], workers)
+            return self._costs_of(population, bounds[np.array(which)], lambda s: tell(s * len(which) / len(points)))
+
+        costs = np.empty(len(points))
+        for which, found in self._side_by_side(rate, len(points), workers):
+            costs[which] = found
+        return costs
+
+    def _costs_of(self, population: Population, limits: FloatArray, tell: Callable[[float], object]) -> FloatArray:
+        """Drive a population piece by piece and return its costs; `tell` gets the share of each piece when it is done."""
+        costs = np.zeros(len(limits))
+        total = sum(piece.commands.duration for target in self.targets for piece in target.source.pieces)
+        for target, raters in zip(self.targets, self._raters, strict=True):
+            for piece, rater in zip(target.source.pieces, raters, strict=True):
+                live = np.flatnonzero((costs == 0.0) | (np.isfinite(costs) & (costs <= limits)))
+                if len(live):
+                    terms = rater.cost(population.poses(list(live), piece, target.source.sample_dt))
+                    costs[live] += np.where(np.isfinite(terms), terms, np.inf)
+                tell(piece.commands.duration / total)
+        return costs
+
+    def _side_by_side(self, work: Callable[[Sequence[int]], _T], size: int, workers: int) -> list[tuple[Sequence[int], _T]]:
+        """Let `work` do the shares of `size` candidates; an interrupt drops those that have not begun."""
+        parts, at_once = shares(self.model, size, workers)
+        pool = ThreadPoolExecutor(at_once)
+        try:
+            return list(zip(parts, pool.map(work, parts), strict=True))
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    def errors(self, points: FloatArray, workers: int = 1) -> SignedErrors:
+        """Return the signed errors of candidates over all pieces; NaN for one that is impossible or diverges."""
+        candidates = [self.candidate(p) for p in points]
+
+        def drive_all(which: Sequence[int]) -> list[SignedErrors]:
+            population = make_population(self.model, [candidates[i] for i in which], workers)
+            return [
+                rater.errors(population.poses(range(len(which)), piece, target.source.sample_dt))
+                for target, raters in zip(self.targets, self._raters, strict=True)
+                for piece, rater in zip(target.source.pieces, raters, strict=True)
+            ]
+
+        by_share = [found for _, found in self._side_by_side(drive_all, len(points), workers)]
+        pieces = by_share[0]
+        return SignedErrors(
+            np.concatenate([np.concatenate([p.position for p in found], axis=1) for found in by_share]),
+            np.concatenate([np.concatenate([p.yaw for p in found], axis=1) for found in by_share]),
+            np.concatenate([p.weight for p in pieces]),
+            np.concatenate([p.block for p in pieces]),
+        )

@@ -1,0 +1,74 @@
+"""Values that a tuning finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ssmr.control.loop import ClosedRun
+from ssmr.types import Trajectory
+from validation.fit.data import SearchData
+from validation.track.gains import GainSet
+from validation.track.result import TrackMetrics
+
+
+@dataclass(frozen=True, eq=False)
+class TunedRun:
+    """One reference, followed with the tuned gains and with those of before."""
+
+    label: str
+    """Reference, speed and plant in words: `generic at 0.25 m/s, improved`."""
+    reference: str
+    """The reference as the user named it."""
+    speed: float
+    """Mean speed of the reference [m/s]."""
+    plant: str
+    """Name of the plant that was the robot."""
+    target: Trajectory
+    """The whole reference."""
+    tuned: ClosedRun
+    """The run with the tuned gains; it may have been lost."""
+    tuned_metrics: TrackMetrics
+    """Metrics of `tuned`."""
+    tuned_cost: float
+    """Cost of `tuned`; infinite where it was lost."""
+    baseline: ClosedRun
+    """The run with the gains of before."""
+    baseline_metrics: TrackMetrics
+    """Metrics of `baseline`."""
+    baseline_cost: float
+    """Cost of `baseline`; infinite where it was lost."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TuneData(SearchData):
+    """Tuned gains, and how they follow references beside the gains of before."""
+
+    controller: str
+    """Name of the controller."""
+    gain_set: GainSet
+    """All gains of the controller, searched or held, with their provenance."""
+    baseline_name: str
+    """Name of the gain set that the tuned one is compared with."""
+    baseline_cost: float
+    """Its cost; infinite where it loses a reference."""
+    train: tuple[TunedRun, ...]
+    """Runs along the references that it was tuned on."""
+    held_out: tuple[TunedRun, ...]
+    """Runs along references that the tuning has not seen."""
+
+    @property
+    def gains(self) -> Mapping[str, float]:
+        """All gains by name."""
+        return self.gain_set.values
+
+    @property
+    def source(self) -> str:
+        """The references that it was tuned on, each once, separated by commas."""
+        return ",".join(dict.fromkeys(run.reference for run in self.train))
+
+    @property
+    def held_gains(self) -> dict[str, float]:
+        """The gains that were not searched."""
+        searched = {p.name for p in self.parameters}
+        return {name: value for name, value in self.gains.items() if name not in searched}

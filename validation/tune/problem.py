@@ -1,0 +1,164 @@
+"""The problem of a tuning: points of the unit cube in, costs of closed loops along references out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from ssmr.control.laws import Controller
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.waypoints import Waypoints
+from ssmr.search.space import ParameterSpace
+from ssmr.types import FloatArray, Trajectory
+from validation.plants.profile import Profile
+from validation.robots.plant import MujocoPlant
+from validation.track.gains import GainSet
+from validation.track.tracking import Robot, make_controller, rate, run_robots
+from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
+from validation.tune.data import TunedRun
+
+
+@dataclass(frozen=True, eq=False)
+class TuneCase:
+    """One robot on one reference."""
+
+    label: str
+    """Reference, speed and plant in words: `generic at 0.25 m/s, improved`."""
+    reference: str
+    """The reference as the user named it."""
+    waypoints: Waypoints
+    """The reference itself."""
+    robot: Robot
+    """The plant."""
+    settings: LoopSettings
+    """Feedback, noise, disturbance and periods of the loop."""
+
+    @property
+    def target(self) -> Trajectory:
+        """The whole reference, sampled at the ticks of the position loop."""
+        return self.waypoints.trajectory(self.settings.position_period)
+
+
+def delayed(robot: Robot, more: float) -> Robot:
+    """Return the same robot, on the same ground and with the same physics, that acts on its commands `more` later [s]."""
+    late = replace(robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more)
+    body = robot.body
+    return replace(robot, body=body.with_drive(late) if isinstance(body, MujocoPlant) else replace(body, drive=late))
+
+
+class TuneProblem:
+    """A `SearchProblem`: how well candidates for a controller's gains follow references."""
+
+    def __init__(
+        self, profile: Profile, base: GainSet, space: ParameterSpace, cases: Sequence[TuneCase], cost: TuneCost
+    ) -> None:
+        """Sample the references, and delay each robot for the stability guard.
+
+        Args:
+            profile: gives model-based laws their model.
+            base: the gains that are not searched, and that the tuned ones are compared with.
+            space: the gains that are searched.
+            cases: the robots and references that the cost is the mean of.
+            cost: what is made small.
+        """
+        self.profile, self.base, self.space, self.cases, self.cost = profile, base, space, tuple(cases), cost
+        self._seeds = cost.seeds or (0,)
+        self._targets = [case.target for case in self.cases]
+        self._late = [delayed(case.robot, cost.guard) if cost.guard > 0.0 else None for case in self.cases]
+
+    def gains(self, point: FloatArray) -> GainSet:
+        """Return all gains that an (n,) point of the unit cube stands for."""
+        found = dict(zip(self.space.names, map(float, self.space.values(point)), strict=True))
+        return GainSet(self.base.controller, "tuned", {**self.base.values, **found})
+
+    def controller(self, point: FloatArray) -> Controller | None:
+        """Return the law that an (n,) point stands for; None where there is none."""
+        try:
+            return make_controller(self.profile, self.gains(point))
+        except ValueError:
+            return None
+
+    def costs(
+        self,
+        points: FloatArray,
+        limits: FloatArray | None = None,
+        workers: int = 1,
+        on_share: Callable[[float], object] | None = None,
+    ) -> FloatArray:
+        """Rate candidates case by case, see `SearchProblem.costs`.
+
+        Returns:
+            (S,) means over the cases; infinite for a candidate that loses a reference, or fails the guard.
+        """
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1, user_api="blas"):
+            laws = [self.controller(p) for p in points]
+        bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
+        sums = np.array([np.inf if law is None else 0.0 for law in laws])
+        total = float(sum(case.waypoints.duration for case in self.cases))
+        done = 0.0
+        for k, case in enumerate(self.cases):
+            live = [i for i in range(len(points)) if np.isfinite(sums[i]) and (sums[i] == 0.0 or sums[i] <= bounds[i])]
+            if live:
+                sums[live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
+            done += case.waypoints.duration / total
+            if on_share is not None:
+                on_share(done)
+        return sums / len(self.cases)
+
+    def _case_costs(self, k: int, laws: Sequence[Controller], workers: int, guarded: bool = True) -> FloatArray:
+        """Return the (S,) costs of candidates on one case, the mean over the seeds."""
+        case, target, late = self.cases[k], self._targets[k], self._late[k]
+        found = np.zeros(len(laws))
+
+        def runs(robot: Robot, some: Sequence[Controller], seeds: Sequence[int]) -> list[ClosedRun]:
+            n = len(some)
+            return run_robots([robot] * n, some, [case.settings] * n, case.waypoints, seeds, workers)
+
+        for seed in self._seeds:
+            costs = costs_of(runs(case.robot, laws, [seed]), target, case.waypoints.speed, self.cost)
+            found += costs / len(self._seeds)
+        some = [int(i) for i in np.flatnonzero(np.isfinite(found))]
+        if late is not None and guarded and some:
+            for i, run in zip(some, runs(late, [laws[i] for i in some], self._seeds[:1]), strict=True):
+                if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
+                    found[i] = np.inf
+        return found
+
+    def base_cost(self, workers: int) -> float:
+        """Return the cost of the gains of before, without the guard; infinite where they lose a reference."""
+        law = make_controller(self.profile, self.base)
+        costs = [float(self._case_costs(k, [law], workers, guarded=False)[0]) for k in range(len(self.cases))]
+        return float(np.mean(costs))
+
+    def compared(self, case: TuneCase, tuned: GainSet, workers: int) -> TunedRun:
+        """Drive one case with the tuned gains and with those of before, with the first seed's noise."""
+        runs, measures, costs = [], [], []
+        for gains in (tuned, self.base):
+            law = make_controller(self.profile, gains)
+            (run,) = run_robots([case.robot], [law], [case.settings], case.waypoints, self._seeds[:1], workers)
+            runs.append(run)
+            measures.append(rate(run, case.waypoints, case.robot))
+            costs.append(float(costs_of([run], case.target, case.waypoints.speed, self.cost)[0]))
+        return TunedRun(
+            case.label, case.reference, case.waypoints.speed, case.robot.name, case.target, runs[0], measures[0], costs[0],
+            runs[1], measures[1], costs[1],
+        )  # fmt: skip
+
+    def identity(self) -> dict[str, object]:
+        """Return all that decides the costs, by name."""
+        return {
+            "controller": self.base.controller,
+            "gains that are held": sorted((k, v) for k, v in self.base.values.items() if k not in self.space.names),
+            "parameters or bounds": self.space.limits(),
+            "profile": [(name, asdict(plant)) for name, plant in sorted(self.profile.plants.items())],
+            "references or plants": [
+                (c.reference, c.robot.name, repr(c.robot.terrain), c.waypoints.t.tobytes(), c.waypoints.xy.tobytes())
+                for c in self.cases
+            ],
+            "feedback, noise or disturbance": [repr(case.settings) for case in self.cases],
+            "cost": asdict(self.cost),
+        }

@@ -1,0 +1,110 @@
+"""A tuning as tables, and as sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from validation.fit.table import effort, ending, parameter_grid
+from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened
+from validation.track.report import MEASURES, gains_text, lost_text, metrics_document, units_of
+from validation.track.result import TrackMetrics
+from validation.tune.data import TuneData, TunedRun
+
+_SHOWN = ("d_rms", "d_haus", "d_ratio", "e_rho rms", "saturated")
+"""Measures in the table of references."""
+_LONGEST_RUN = 40
+"""Greatest number of characters of a reference's name with its speed and plant."""
+
+
+def run_text(run: TunedRun, most: int = _LONGEST_RUN) -> str:
+    """Return reference, speed and plant, without the folders of a file, in at most `most` characters."""
+    return shortened(run.label.replace(run.reference, Path(run.reference).name), most)
+
+
+def cost_text(cost: float, lost: bool) -> str:
+    """Return a cost as it is written; `lost` where the robot was lost."""
+    return "lost" if lost else f"{cost:.4g}" if math.isfinite(cost) else NOTHING
+
+
+def against(result: TuneData) -> str:
+    """Return the name and cost of the gains of before, and the change of the cost."""
+    if not math.isfinite(result.baseline_cost):
+        return f"{one_line(result.baseline_name)}, which loses a reference"
+    known = result.baseline_cost > 0.0 and math.isfinite(result.cost)
+    change = f": {result.cost / result.baseline_cost - 1.0:+.1%}".replace("-", "−") if known else ""
+    return f"{one_line(result.baseline_name)} at {result.baseline_cost:.4g}{change}"
+
+
+def _score_grid(result: TuneData) -> Grid:
+    """Return the tuned gains and those of before on each reference; the better of each measure is emphasised."""
+    measures = [m for m in MEASURES if m.name in _SHOWN]
+    every = [metrics for f in (*result.train, *result.held_out) for metrics in (f.tuned_metrics, f.baseline_metrics)]
+    units = units_of(measures, every)
+    wanted = {"d_ratio": "one"}
+    header = [
+        ("reference", ""),
+        ("gains", ""),
+        ("cost", ""),
+        *((m.name, u.symbol) for m, u in zip(measures, units, strict=True)),
+    ]
+
+    def rows(f: TunedRun, held_out: bool) -> tuple[tuple[Cell, ...], ...]:
+        pair: dict[str, tuple[float, bool, TrackMetrics]] = {
+            "tuned": (f.tuned_cost, f.tuned.lost, f.tuned_metrics),
+            "baseline": (f.baseline_cost, f.baseline.lost, f.baseline_metrics),
+        }
+        kept = [name for name, (_, lost, _) in pair.items() if not lost]
+        costs = {name: cost_text(cost, lost) for name, (cost, lost, _) in pair.items()}
+        best = best_of(costs, {name: pair[name][0] for name in kept}, "low")
+        columns = [{name: Cell(text, name in best) for name, text in costs.items()}]
+        for m, unit in zip(measures, units, strict=True):
+            values = {name: m.value(metrics) for name, (_, _, metrics) in pair.items()}
+            texts = {name: unit.text(value) for name, value in values.items()}
+            best = best_of(texts, {name: values[name] for name in kept}, "one" if wanted.get(m.name) else "low")
+            columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+        label = f"{'held out: ' * held_out}{run_text(f)}"
+        return tuple(
+            (Cell(label if k == 0 else ""), Cell(name), *(column[name] for column in columns)) for k, name in enumerate(pair)
+        )
+
+    groups = [rows(f, False) for f in result.train] + [rows(f, True) for f in result.held_out]
+    return Grid(tuple(header), tuple(groups), left=2)
+
+
+def tune_grids(result: TuneData) -> list[Grid]:
+    """Return the gains within their bounds, and the tuned gains beside those of before on each reference."""
+    caption = f"{effort(result)}\ncompared with {against(result)}\n{ending(result)}\n"
+    if result.held_gains:
+        caption = f"held: {gains_text(result.held_gains)}\n{caption}"
+    title = f"{result.controller} tuned on {one_line(result.source)} · profile {one_line(result.begun_with)}"
+    return [
+        replace(parameter_grid(result.parameters, "gain", "baseline"), title=title, caption=caption),
+        replace(_score_grid(result), title=f"Tuned gains compared with {one_line(result.baseline_name)}"),
+    ]
+
+
+def tune_notes(result: TuneData) -> list[str]:
+    """Return what the tables do not say, or should not be overlooked in them, sentence by sentence."""
+    notes = []
+    if result.status != "finished":
+        notes.append("The tuning was interrupted: these are the best gains so far.")
+    for f in (*result.train, *result.held_out):
+        for who, run in (("tuned gains lose", f.tuned), (f"gains {one_line(result.baseline_name)} lose", f.baseline)):
+            if run.lost:
+                notes.append(f"The {who} {run_text(f)}: {lost_text(run)}.")
+    return notes + [one_line(note) for note in result.remarks]
+
+
+def runs_dict(runs: Sequence[TunedRun]) -> dict[str, Any]:
+    """Return the runs as tune.json holds them."""
+    return {
+        run.label: {
+            "tuned": {**metrics_document(run.tuned_metrics), "cost": run.tuned_cost, "lost": run.tuned.lost},
+            "baseline": {**metrics_document(run.baseline_metrics), "cost": run.baseline_cost, "lost": run.baseline.lost},
+        }
+        for run in runs
+    }

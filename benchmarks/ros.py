@@ -358,7 +358,7 @@ def in_process(seeds: Sequence[int], *, noise: bool) -> list[float]:
     if not noise:
         settings = replace(settings, sensors=SensorModel(0.0, 0.0))
     runs = run_robots([robot] * len(seeds), [law] * len(seeds), [settings] * len(seeds), waypoints, list(seeds))
-    return [rate(run, waypoints, robot).path.d_rms_m for run in runs]
+    return [rate(run, waypoints, robot)["d_rms_m"] for run in runs]
 
 
 def measure_circle(watcher: Watcher, repeats: int) -> list[Finding]:

@@ -27,7 +27,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.rows import MissingError, Row, alternate, optional, report
 from ssmr.errors import SsmrError
-from ssmr.metrics.paths import compare_paths
+from ssmr.metrics.declared import compare_paths
 from ssmr.models import improved, linear
 from ssmr.models.law import PlanarRobot
 from ssmr.models.table import PLANAR_MODELS, planar_law

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
-from ssmr.metrics.paths import horizon_windows, relative_pose_error
+from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.robot.skid_turn import TRACK, WHEEL_X, WHEEL_Y, WHEELBASE, turn_on_the_spot
 from ssmr.types import CommandKind, FloatArray
 from validation.logs.recording_csv import read_csv

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.types import Plant
 from validation.plants.profile import PLANTS, Profile, load, make_plant
 
@@ -63,3 +64,8 @@ def strict_arithmetic() -> Iterator[None]:
 def make(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
     """A maker of each plant in turn, with the lab's numbers."""
     return lambda: make_plant(lab, request.param)
+
+
+def metrics_of(*values: float) -> Metrics:
+    """Metrics of paths with these values, in the order of their table."""
+    return Metrics(zip(METRICS, values, strict=True))

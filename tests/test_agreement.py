@@ -46,7 +46,7 @@ def driven(profile: Profile, source: str, reference: str, plant: str) -> PlantRe
 @pytest.mark.parametrize("trajectory", TRAJECTORIES)
 def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(lab: Profile, trajectory: str) -> None:
     result = driven(lab, trajectory, "improved", "mujoco")
-    assert result.metrics.d_rms_m <= limit("improved", trajectory)
+    assert result.metrics["d_rms_m"] <= limit("improved", trajectory)
     assert result.health is not None
     assert result.health.ok
 
@@ -55,7 +55,7 @@ def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(lab: Profil
 @pytest.mark.parametrize("model", MODELS)
 def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, trajectory: str) -> None:
     """The published parameters belong to a robot that MuJoCo stands for: no nearer than twice the real one's distance."""
-    assert driven(lab, trajectory, "mujoco", model).metrics.d_rms_m <= 2.0 * limit(model, trajectory)
+    assert driven(lab, trajectory, "mujoco", model).metrics["d_rms_m"] <= 2.0 * limit(model, trajectory)
 
 
 @pytest.fixture(scope="module", params=MODELS)
@@ -69,7 +69,7 @@ def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     search.run(lambda points, limits, _: problem.costs(points, limits, 2))
     found = with_values(model, lab.plants[model], list(space.names), space.values(search.jde.best))
     fitted = Profile(lab.name, "", {**lab.plants, model: found}, {})
-    return model, {t: driven(fitted, t, "mujoco", model).metrics.d_rms_m for t in TRAJECTORIES}
+    return model, {t: driven(fitted, t, "mujoco", model).metrics["d_rms_m"] for t in TRAJECTORIES}
 
 
 def test_models_fitted_to_mujoco_are_as_near_as_the_thesis_came(

@@ -25,7 +25,7 @@ from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING, is_lost
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings, SensorModel
 from ssmr.geometry import wrap_angle
-from ssmr.metrics.paths import compare_paths
+from ssmr.metrics.declared import compare_paths
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.models.table import PLANAR_MODELS

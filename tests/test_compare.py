@@ -14,7 +14,7 @@ import pytest
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import shift_reference, shift_state
-from ssmr.metrics.paths import PathMetrics
+from ssmr.metrics.declared import Metrics
 from ssmr.types import State
 from tests.conftest import data_folder
 from validation import cli
@@ -72,8 +72,8 @@ def test_every_plant_is_held_against_the_reference(lab: Profile) -> None:
     assert list(found.plants) == ["mujoco", "improved", "coulomb", "linear", "kinematic"]
     assert found.reference_name == "mujoco"
     own = found.plants["mujoco"].metrics
-    assert own == PathMetrics(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-    assert all(0.0 < found.plants[name].metrics.d_rms_m < 0.5 for name in found.plants if name != "mujoco")
+    assert own == Metrics(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    assert all(0.0 < found.plants[name].metrics["d_rms_m"] < 0.5 for name in found.plants if name != "mujoco")
     assert found.plants["mujoco"].health is not None
     assert found.plants["mujoco"].health.ok
 
@@ -81,7 +81,7 @@ def test_every_plant_is_held_against_the_reference(lab: Profile) -> None:
 def test_the_lab_husky_is_near_the_published_model_on_trajectory_4(lab: Profile) -> None:
     found = compare("traj4@improved", lab, ("mujoco",))
     assert found.reference_name == "improved"
-    assert found.plants["mujoco"].metrics.d_rms_m <= 0.03
+    assert found.plants["mujoco"].metrics["d_rms_m"] <= 0.03
 
 
 @pytest.mark.parametrize("settings", [CompareSettings(), CompareSettings(noise=True, disturbance=True, seed=5)])
@@ -100,7 +100,7 @@ def test_noise_and_disturbance_change_the_result_and_so_does_the_seed(lab: Profi
         CompareSettings(disturbance=True, seed=1),
     ]
     found = {
-        compare("traj2", lab, ("improved", "coulomb"), "improved", s).plants["coulomb"].metrics.sync_rms_m for s in kinds
+        compare("traj2", lab, ("improved", "coulomb"), "improved", s).plants["coulomb"].metrics["sync_rms_m"] for s in kinds
     }
     assert len(found) == len(kinds)
 
@@ -110,7 +110,7 @@ def test_a_plant_is_found_again_in_its_own_recording(lab: Profile, plant: str, t
     """Through CSV and back: what is left is the estimated speed of the start, and interpolation."""
     source = open_source(str(recorded(lab, plant, tmp_path)))
     found = compare(source, lab, (plant,), settings=CompareSettings(horizons=(2.0, 6.0)))
-    assert found.plants[plant].metrics.sync_rms_m < 0.01
+    assert found.plants[plant].metrics["sync_rms_m"] < 0.01
     assert found.plants[plant].horizons[6.0].position_median_m < 0.01
     assert found.plants[plant].horizons[2.0].n == 8
 
@@ -121,7 +121,7 @@ def test_wheel_rates_leave_less_to_guess_than_commands(lab: Profile, tmp_path: P
     (tmp_path / "p.toml").write_text('schema = "ssmr.profile/1"\n[drive]\ndelay_v = 0.5\ndelay_w = 0.5\n')
     late = load(str(tmp_path / "p.toml"))
     by_commands, by_wheels = (
-        compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics.sync_rms_m
+        compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics["sync_rms_m"]
         for kind in ("twist", "wheels")
     )
     assert by_wheels < 0.02 < 0.05 < by_commands  # wheel rates are held for a sample, 15 mm of travel

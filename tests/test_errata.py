@@ -12,7 +12,8 @@ import pytest
 from ssmr.control.law import Observation
 from ssmr.control.waypoints import Target, position_errors
 from ssmr.geometry import wrap_angle
-from ssmr.metrics.paths import compare_paths, path_length
+from ssmr.metrics.declared import compare_paths
+from ssmr.metrics.paths import path_length
 from ssmr.models import linear
 from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.friction import stop_at_zero_crossing
@@ -44,7 +45,7 @@ def lab_run(parameters: object, scenario: str = "traj4", drive: Drive | None = N
 def distance(one: Trajectory, other: Trajectory) -> float:
     """d_rms from the shorter path to the longer [m]: as the thesis measured, whose robot drove less far than its models."""
     short, long = sorted((one, other), key=lambda m: path_length(m.xy))
-    return compare_paths(long, short).d_rms_m
+    return compare_paths(long, short)["d_rms_m"]
 
 
 def test_defaults_are_the_published_parameters() -> None:

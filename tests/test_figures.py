@@ -21,15 +21,16 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from ssmr.geometry import compose, relative
-from ssmr.metrics.paths import HorizonErrors, PathMetrics
+from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import CommandKind, Commands, FloatArray, Trajectory
+from tests.conftest import metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare import figure as figures
 from validation.compare.figure import MAX_WINDOWS, comparison_figure, save_figure
 from validation.robots.plant import Health
 
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
-METRICS = PathMetrics(0.0145, 0.0250, 1.0312, 0.98, 0.0151, 0.0260, 0.0202, 0.0349)
+METRICS = metrics_of(0.0145, 0.0250, 1.0312, 0.98, 0.0151, 0.0260, 0.0202, 0.0349)
 SECONDS = 3.0  # of processor time: what rendering may take
 
 TITLES = {

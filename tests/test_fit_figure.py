@@ -17,7 +17,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from ssmr.metrics.paths import HorizonErrors, compare_pieces
+from ssmr.metrics.declared import compare_pieces
+from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import FloatArray
 from tests.test_figures import lines, motion, texts, written
 from validation.fit.data import FittedParameter, Scored, SearchTrace

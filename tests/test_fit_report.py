@@ -108,7 +108,7 @@ def test_every_source_has_its_scores() -> None:
     assert [row[0] for row in rows] == [*labels, "all fitted to", *(f"held out: {label}" for label in labels)]
     every = [*(s.metrics for s in made.train), made.train_metrics, *(s.metrics for s in made.held_out)]
     for row, m in zip(rows, every, strict=True):
-        wanted = (m.d_rms_m, m.d_haus_m, m.d_ratio, m.sync_rms_m, m.yaw_rms_rad)
+        wanted = (m["d_rms_m"], m["d_haus_m"], m["d_ratio"], m["sync_rms_m"], m["yaw_rms_rad"])
         for heading, cell, value in zip(header[1:], row[1:], wanted, strict=True):
             got, rounding = in_si(heading, cell)
             assert got == pytest.approx(value, abs=rounding)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import copy
 import math
 
 import numpy as np
@@ -14,26 +14,21 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
+from ssmr.metrics.declared import METRICS, compare_paths, compare_pieces
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
-    TIME_TOLERANCE,
-    PathMetrics,
+    PathMeasures,
     bend_ratio_kernel,
     bending_energy,
-    compare_paths,
-    horizon_errors,
-    horizon_windows,
-    nearest_distances,
+    measure_paths,
+    nearest_squared,
     one_sided_kernel,
     path_length,
-    path_metrics_kernel,
-    relative_pose_error,
-    sync_rms,
-    sync_rms_kernel,
-    yaw_rms,
 )
+from ssmr.metrics.poses import TIME_TOLERANCE, horizon_errors, horizon_windows, relative_pose_error, sync_rms_kernel
 from ssmr.types import FloatArray, Trajectory
+from tests.conftest import metrics_of
 
 ROUNDOFF = 1e-12  # relative, and in metres for paths of some metres: algebraic identities and other libraries' distances
 RIGID = 1e-9  # relative: a rigid motion rounds each coordinate, and the bending energy divides that by the spacing squared
@@ -49,6 +44,34 @@ paths = st.one_of(
     arrays(np.float64, st.tuples(st.integers(1, 90), st.just(2)), elements=coordinates),
     arrays(np.float64, st.tuples(st.integers(1, 90), st.just(2)), elements=coarse),
 )
+
+
+def nearest_distances(points: FloatArray, path: FloatArray) -> FloatArray:
+    """The compiled search: (N,) distances from points to the closest sample of a path."""
+    steps = np.hypot(*np.diff(path[:, :2], axis=0).T)
+    return np.sqrt(nearest_squared(points, path, float(steps.max()) if len(steps) else 0.0))
+
+
+def measured(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
+    """All measures of two paths, (N, 2) and (M, 2), or more columns."""
+    poses = [np.column_stack([path[:, :2], np.zeros(len(path))]) for path in (candidate, reference)]
+    return measure_paths(np.arange(float(len(candidate))), poses[0], np.arange(float(len(reference))), poses[1])
+
+
+def geometric(candidate: FloatArray, reference: FloatArray) -> tuple[float, ...]:
+    """Its measures of paths; those at equal times are left out."""
+    m = measured(candidate, reference)
+    return m.d_rms, m.d_haus, *m.lengths, *m.bendings, m.d_rms_symmetric, m.d_haus_symmetric
+
+
+def sync_rms(candidate: Trajectory, reference: Trajectory) -> float:
+    """The metric of that name."""
+    return compare_paths(candidate, reference)["sync_rms_m"]
+
+
+def yaw_rms(candidate: Trajectory, reference: Trajectory) -> float:
+    """The metric of that name."""
+    return compare_paths(candidate, reference)["yaw_rms_rad"]
 
 
 def all_pairs(points: FloatArray, path: FloatArray) -> FloatArray:
@@ -165,15 +188,6 @@ def test_nearest_distances_of_no_points_are_none():
     assert nearest_distances(np.zeros((0, 2)), np.zeros((1, 2))).shape == (0,)
 
 
-@pytest.mark.parametrize("bad", [np.zeros((0, 2)), np.array([[0.0, np.nan]]), np.array([[-np.inf, 0.0], [0.0, 0.0]])])
-def test_nearest_distances_refuse_paths_without_numbers(bad: FloatArray):
-    with pytest.raises(ValueError, match="finite"):
-        nearest_distances(np.zeros((1, 2)), bad)
-    if len(bad) > 0:
-        with pytest.raises(ValueError, match="finite"):
-            nearest_distances(bad, np.zeros((1, 2)))
-
-
 # Length and bending energy -------------------------------------------------------------------------------------------------
 
 
@@ -269,7 +283,7 @@ def test_bending_energy_refuses_a_spacing_that_is_no_distance(spacing: float):
 @given(seed=seeds)
 def test_a_path_equals_itself(seed: int):
     a = drive(seed)
-    assert compare_paths(a, a) == PathMetrics(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    assert compare_paths(a, a) == metrics_of(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @quick
@@ -280,7 +294,7 @@ def test_a_path_equals_itself(seed: int):
 def test_a_common_rigid_motion_changes_nothing(seed: int, pose: tuple[float, float, float]):
     a, b = drive(seed), drive(seed + 1)
     before, after = compare_paths(a, b), compare_paths(moved(a, pose), moved(b, pose))
-    np.testing.assert_allclose(dataclasses.astuple(after), dataclasses.astuple(before), rtol=RIGID, atol=RIGID)
+    np.testing.assert_allclose(list(after.values()), list(before.values()), rtol=RIGID, atol=RIGID)
 
 
 @quick
@@ -289,20 +303,22 @@ def test_the_metrics_are_ordered_and_the_symmetric_ones_symmetric(seed: int, n: 
     a, b = drive(seed), drive(seed + 1, n)
     there, back = compare_paths(a, b), compare_paths(b, a)
     for m in (there, back):
-        assert 0.0 <= m.d_rms_m <= m.d_haus_m * (1.0 + ROUNDOFF)
-        assert m.d_rms_symmetric_m <= m.d_haus_symmetric_m * (1.0 + ROUNDOFF)
-    assert there.d_haus_symmetric_m == back.d_haus_symmetric_m == max(there.d_haus_m, back.d_haus_m)
-    assert there.d_rms_symmetric_m == pytest.approx(back.d_rms_symmetric_m, rel=ROUNDOFF)
-    assert there.d_rms_symmetric_m == pytest.approx(math.hypot(there.d_rms_m, back.d_rms_m) / math.sqrt(2.0), rel=ROUNDOFF)
-    assert there.d_ratio * back.d_ratio == pytest.approx(1.0, rel=ROUNDOFF)
+        assert 0.0 <= m["d_rms_m"] <= m["d_haus_m"] * (1.0 + ROUNDOFF)
+        assert m["d_rms_symmetric_m"] <= m["d_haus_symmetric_m"] * (1.0 + ROUNDOFF)
+    assert there["d_haus_symmetric_m"] == back["d_haus_symmetric_m"] == max(there["d_haus_m"], back["d_haus_m"])
+    assert there["d_rms_symmetric_m"] == pytest.approx(back["d_rms_symmetric_m"], rel=ROUNDOFF)
+    assert there["d_rms_symmetric_m"] == pytest.approx(
+        math.hypot(there["d_rms_m"], back["d_rms_m"]) / math.sqrt(2.0), rel=ROUNDOFF
+    )
+    assert there["d_ratio"] * back["d_ratio"] == pytest.approx(1.0, rel=ROUNDOFF)
 
 
 @quick
 @given(seed=seeds)
 def test_samples_at_the_same_instant_are_no_closer_than_the_closest(seed: int):
     m = compare_paths(drive(seed), drive(seed + 1))
-    assert m.d_rms_m <= m.sync_rms_m * (1.0 + ROUNDOFF)
-    assert m.yaw_rms_rad <= np.pi
+    assert m["d_rms_m"] <= m["sync_rms_m"] * (1.0 + ROUNDOFF)
+    assert m["yaw_rms_rad"] <= np.pi
 
 
 @quick
@@ -312,9 +328,9 @@ def test_distances_scale_and_the_length_ratio_does_not(seed: int, scale: float):
     grown = [trajectory(p.t, p.pose * [scale, scale, 1.0]) for p in (a, b)]
     before, after = compare_paths(a, b), compare_paths(*grown)
     for name in ("d_rms_m", "d_haus_m", "d_rms_symmetric_m", "d_haus_symmetric_m", "sync_rms_m"):
-        assert getattr(after, name) == pytest.approx(scale * getattr(before, name), rel=ROUNDOFF)
-    assert after.d_ratio == pytest.approx(before.d_ratio, rel=ROUNDOFF)
-    assert after.yaw_rms_rad == before.yaw_rms_rad
+        assert after[name] == pytest.approx(scale * before[name], rel=ROUNDOFF)
+    assert after["d_ratio"] == pytest.approx(before["d_ratio"], rel=ROUNDOFF)
+    assert after["yaw_rms_rad"] == before["yaw_rms_rad"]
 
 
 @quick
@@ -323,8 +339,8 @@ def test_hausdorff_distances_are_scipys(seed: int):
     a, b = drive(seed), drive(seed + 1, 250)
     m = compare_paths(a, b)
     from_reference, from_candidate = directed_hausdorff(b.xy, a.xy)[0], directed_hausdorff(a.xy, b.xy)[0]
-    assert m.d_haus_m == pytest.approx(from_reference, rel=ROUNDOFF)
-    assert m.d_haus_symmetric_m == pytest.approx(max(from_reference, from_candidate), rel=ROUNDOFF)
+    assert m["d_haus_m"] == pytest.approx(from_reference, rel=ROUNDOFF)
+    assert m["d_haus_symmetric_m"] == pytest.approx(max(from_reference, from_candidate), rel=ROUNDOFF)
 
 
 def test_which_way_round():
@@ -334,18 +350,23 @@ def test_which_way_round():
     t = np.arange(4.0)
     there = compare_paths(trajectory(t, candidate), trajectory(t[:3], reference))
     back = compare_paths(trajectory(t[:3], reference), trajectory(t, candidate))
-    assert (there.d_rms_m, there.d_haus_m, there.d_haus_symmetric_m) == (0.0, 0.0, 3.0)
-    assert (back.d_rms_m, back.d_haus_m, back.d_haus_symmetric_m) == (1.5, 3.0, 3.0)  # root of the mean of 0, 0, 0 and 9
-    assert there.d_rms_symmetric_m == back.d_rms_symmetric_m == math.sqrt(0.5 * 9.0 / 4.0)
-    assert there.d_ratio == 5.0 / 2.0
-    assert back.d_ratio == 2.0 / 5.0
+    assert (there["d_rms_m"], there["d_haus_m"], there["d_haus_symmetric_m"]) == (0.0, 0.0, 3.0)
+    assert (back["d_rms_m"], back["d_haus_m"], back["d_haus_symmetric_m"]) == (
+        1.5,
+        3.0,
+        3.0,
+    )  # root of the mean of 0, 0, 0 and 9
+    assert there["d_rms_symmetric_m"] == back["d_rms_symmetric_m"] == math.sqrt(0.5 * 9.0 / 4.0)
+    assert there["d_ratio"] == 5.0 / 2.0
+    assert back["d_ratio"] == 2.0 / 5.0
 
 
 @pytest.mark.parametrize(("fine", "coarse"), [(0.01, 0.02), (0.007, 0.05)])
 def test_one_curve_sampled_at_two_rates_differs_by_half_a_step(fine: float, coarse: float):
     a, b = circle(2.0, 6.0, fine), circle(2.0, 6.0, coarse)
-    _, d_haus, d_ratio, e_bend_ratio, _, _ = path_metrics_kernel(b, a[2:-10])
-    assert d_haus <= 0.5 * coarse
+    m = measured(b, a[2:-10])
+    d_ratio, e_bend_ratio = m.lengths[0] / m.lengths[1], m.bendings[0] / m.bendings[1]
+    assert m.d_haus <= 0.5 * coarse
     assert d_ratio == pytest.approx(1.0, abs=0.03)  # the 12 samples left out, so that the coarse path covers the fine one
     assert e_bend_ratio == pytest.approx(d_ratio, rel=CURVATURE)
 
@@ -353,25 +374,24 @@ def test_one_curve_sampled_at_two_rates_differs_by_half_a_step(fine: float, coar
 def test_the_ratios_are_those_of_length_and_bending_energy():
     a, b = drive(5), drive(6)
     m = compare_paths(a, b)
-    assert m.d_ratio == path_length(a.xy) / path_length(b.xy)
-    assert m.e_bend_ratio == bending_energy(a.xy) / bending_energy(b.xy)
-    assert path_metrics_kernel(a.pose, b.pose) == dataclasses.astuple(m)[:6]
+    assert m["d_ratio"] == path_length(a.xy) / path_length(b.xy)
+    assert m["e_bend_ratio"] == bending_energy(a.xy) / bending_energy(b.xy)
 
 
 def test_ratios_are_finite_where_the_reference_stands_still():
     still, moving = trajectory(np.arange(401.0), np.zeros((401, 3))), drive(7)
-    assert compare_paths(still, still).d_ratio == 1.0
-    assert compare_paths(still, still).e_bend_ratio == 1.0
-    assert compare_paths(moving, still).d_ratio == path_length(moving.xy) / LENGTH_FLOOR
-    assert compare_paths(moving, still).e_bend_ratio == bending_energy(moving.xy) / BENDING_FLOOR
-    assert compare_paths(still, moving).d_ratio == 0.0
-    assert compare_paths(still, moving).e_bend_ratio == 0.0
+    assert compare_paths(still, still)["d_ratio"] == 1.0
+    assert compare_paths(still, still)["e_bend_ratio"] == 1.0
+    assert compare_paths(moving, still)["d_ratio"] == path_length(moving.xy) / LENGTH_FLOOR
+    assert compare_paths(moving, still)["e_bend_ratio"] == bending_energy(moving.xy) / BENDING_FLOOR
+    assert compare_paths(still, moving)["d_ratio"] == 0.0
+    assert compare_paths(still, moving)["e_bend_ratio"] == 0.0
 
 
 def test_two_straight_paths_have_the_same_bending():
     t = np.linspace(0.0, 10.0, 501)
     a, b = (trajectory(t, np.column_stack([v * t, 0.3 * t, np.zeros(501)])) for v in (0.5, 0.7))
-    assert compare_paths(a, b).e_bend_ratio == 1.0
+    assert compare_paths(a, b)["e_bend_ratio"] == 1.0
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e100])
@@ -379,9 +399,9 @@ def test_the_kernel_answers_a_diverged_candidate_with_nan(bad: float):
     reference = drive(1).pose
     candidate = reference.copy()
     candidate[200:, 1] = bad
-    assert np.all(np.isnan(path_metrics_kernel(candidate, reference)))
-    assert np.all(np.isnan(path_metrics_kernel(reference, candidate)))
-    assert np.all(np.isnan(path_metrics_kernel(np.zeros((0, 2)), reference)))
+    assert np.all(np.isnan(geometric(candidate, reference)))
+    assert np.all(np.isnan(geometric(reference, candidate)))
+    assert np.all(np.isnan(geometric(np.zeros((0, 2)), reference)))
 
 
 @pytest.mark.parametrize("far", [1e6, 1e15, 1e30, 1e74])
@@ -389,7 +409,7 @@ def test_the_kernel_comes_back_from_any_finite_path(far: float):
     reference = drive(1).pose
     candidate = reference.copy()
     candidate[200:, :2] += far * np.cos(np.arange(201 * 2.0)).reshape(201, 2)
-    assert np.all(np.isfinite(path_metrics_kernel(candidate, reference)))
+    assert np.all(np.isfinite(geometric(candidate, reference)))
 
 
 # Synchronised errors -------------------------------------------------------------------------------------------------------
@@ -444,7 +464,7 @@ def test_stamps_that_differ_by_rounding_are_the_same():
 def test_single_samples_can_be_compared():
     one = trajectory(np.array([3.0]), np.array([[1.0, 2.0, 0.5]]))
     other = trajectory(np.array([3.0]), np.array([[4.0, 6.0, 0.0]]))
-    assert compare_paths(one, other) == PathMetrics(5.0, 5.0, 1.0, 1.0, 5.0, 5.0, 5.0, 0.5)
+    assert compare_paths(one, other) == metrics_of(5.0, 5.0, 1.0, 1.0, 5.0, 5.0, 5.0, 0.5)
 
 
 @pytest.mark.parametrize("compare", [sync_rms, yaw_rms, compare_paths])
@@ -509,8 +529,8 @@ def test_synchronised_errors_are_evos_absolute_pose_errors(seed: int):
     candidate, reference = drive(seed), drive(seed + 10)
     m = compare_paths(candidate, reference)
     for relation, ours in (
-        (evo.PoseRelation.translation_part, m.sync_rms_m),
-        (evo.PoseRelation.rotation_angle_rad, m.yaw_rms_rad),
+        (evo.PoseRelation.translation_part, m["sync_rms_m"]),
+        (evo.PoseRelation.rotation_angle_rad, m["yaw_rms_rad"]),
     ):
         ape = evo.APE(relation)
         ape.process_data((evo_trajectory(reference), evo_trajectory(candidate)))
@@ -623,7 +643,37 @@ def test_the_parts_are_those_of_the_whole() -> None:
         np.cumsum(rng.normal(0.01, 0.02, (300, 2)), axis=0),
         np.full((3, 2), np.nan),
     ):
-        whole = path_metrics_kernel(candidate, reference)
-        assert np.array_equal(one_sided_kernel(candidate, reference), whole[:3], equal_nan=True)
-        if np.isfinite(whole[3]):
-            assert bend_ratio_kernel(candidate, reference) == whole[3]
+        whole = measured(candidate, reference)
+        if np.isnan(whole.d_rms):
+            assert np.all(np.isnan(one_sided_kernel(candidate, reference)))
+            continue
+        found = {name: METRICS[name].pool([METRICS[name].of(whole)], [400]) for name in METRICS}
+        assert one_sided_kernel(candidate, reference) == (found["d_rms_m"], found["d_haus_m"], found["d_ratio"])
+        assert bend_ratio_kernel(candidate, reference) == found["e_bend_ratio"]
+
+
+# Declarations and pieces ---------------------------------------------------------------------------------------------------
+
+
+def test_metrics_are_read_only_and_say_what_there_is():
+    m = metrics_of(*range(8))
+    assert dict(m) == dict(zip(METRICS, range(8), strict=True))
+    assert m == metrics_of(*range(8)) != metrics_of(*range(1, 9))
+    assert copy.deepcopy(m) == m
+    with pytest.raises(TypeError):
+        m["d_rms_m"] = 1.0
+    with pytest.raises(KeyError, match="there are: d_rms_m, d_haus_m"):
+        m["d_rms"]
+    assert all(metric.name == name and metric.meaning for name, metric in METRICS.items())
+
+
+def test_pieces_are_pooled_as_declared():
+    whole = drive(3), drive(4)
+    one, other = compare_paths(*whole), compare_paths(whole[1], whole[0])
+    both = compare_pieces(whole, whole[::-1])
+    assert compare_pieces(whole[:1], whole[1:]) == one
+    assert both["d_rms_m"] == pytest.approx(math.sqrt(0.5 * (one["d_rms_m"] ** 2 + other["d_rms_m"] ** 2)), rel=ROUNDOFF)
+    assert both["d_haus_m"] == max(one["d_haus_m"], other["d_haus_m"])
+    assert both["d_ratio"] == both["e_bend_ratio"] == 1.0
+    with pytest.raises(ValueError, match="nothing to compare"):
+        compare_pieces([], [])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssmr.metrics.paths import compare_paths
+from ssmr.metrics.declared import compare_paths
 from ssmr.types import State, Trajectory
 from tests.conftest import EXACT, ROUNDOFF
 from validation.fit.objective import FitCost, Target, make_raters, windows
@@ -85,7 +85,7 @@ def test_path_cost_is_equation_3_1(lab: Profile) -> None:
         m = compare_paths(
             drive(plant, target.source.pieces[0], candidate.tracked_point, target.source.sample_dt), target.truth[0]
         )
-        assert cost == pytest.approx(20 * m.d_rms_m + 8 * m.d_haus_m + 5 * abs(1 - m.d_ratio), rel=1e-9)
+        assert cost == pytest.approx(20 * m["d_rms_m"] + 8 * m["d_haus_m"] + 5 * abs(1 - m["d_ratio"]), rel=1e-9)
 
 
 def test_sync_cost_is_what_comparisons_print(lab: Profile) -> None:
@@ -99,7 +99,7 @@ def test_sync_cost_is_what_comparisons_print(lab: Profile) -> None:
         m = compare_paths(
             drive(plant, target.source.pieces[0], candidate.tracked_point, target.source.sample_dt), target.truth[0]
         )
-        assert cost == pytest.approx(m.sync_rms_m + 0.5 * m.yaw_rms_rad, rel=1e-9)
+        assert cost == pytest.approx(m["sync_rms_m"] + 0.5 * m["yaw_rms_rad"], rel=1e-9)
 
 
 def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> None:

@@ -21,9 +21,8 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from ssmr.metrics.paths import PathMetrics
 from ssmr.types import Commands, FloatArray, Trajectory
-from tests.conftest import ROUNDOFF
+from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare import rerun as rerun_log
 from validation.compare.rerun import open_viewer, write_recording
@@ -36,7 +35,7 @@ SINGLE = 2.0**-22
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
 RADIUS = 0.165
 REPORT = "# Report\n\n| plant | d_rms |\n|-|-|\n| mujoco | 0 |\n"
-UNRATED = PathMetrics(*[0.0] * 8)
+UNRATED = metrics_of(*[0.0] * 8)
 
 
 @pytest.fixture(autouse=True)

@@ -15,9 +15,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ssmr.metrics.paths import HorizonErrors, PathMetrics
+from ssmr.metrics.declared import Metrics
+from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import Commands, Trajectory
-from tests.conftest import ROUNDOFF
+from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare.table import COLUMNS, headline, report_markdown
 from validation.robots.plant import Health
@@ -26,13 +27,13 @@ from validation.show.tables import BEST_STYLE, NOTHING, length_unit, rich_table
 TERMINAL = 110  # columns: what the tables must fit
 HEALTHY, UNHEALTHY = Health(0.9, 0.03), Health(0.0, 0.3)
 STANDSTILL = Trajectory(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 2)))
-METRICS = PathMetrics(0.0145, 0.0250, 1.0312, 0.98, 0.0151, 0.0260, 0.0202, 0.0349)
+METRICS = metrics_of(0.0145, 0.0250, 1.0312, 0.98, 0.0151, 0.0260, 0.0202, 0.0349)
 ERRORS = HorizonErrors(24, 0.074, 0.131, 0.0915, 0.2401)
 
 
 def plant(
     name: str,
-    metrics: PathMetrics = METRICS,
+    metrics: Metrics = METRICS,
     horizons: Mapping[float, HorizonErrors] | None = None,
     speed: float = 100.0,
     health: Health | None = None,
@@ -100,12 +101,12 @@ def in_si(header: str, text: str) -> tuple[float, float]:
 
 lengths = st.floats(0.0, 50.0)
 ratios = st.floats(0.01, 50.0)
-metrics = st.builds(PathMetrics, lengths, lengths, ratios, ratios, lengths, lengths, lengths, st.floats(0.0, math.pi))
+metrics = st.builds(metrics_of, lengths, lengths, ratios, ratios, lengths, lengths, lengths, st.floats(0.0, math.pi))
 errors = st.builds(HorizonErrors, st.integers(1, 999), lengths, lengths, st.floats(0.0, math.pi), st.floats(0.0, math.pi))
 
 
 @given(st.lists(metrics, min_size=1, max_size=5), st.floats(1e-3, 1e6))
-def test_every_metric_of_every_plant_is_there_to_its_last_digit(values: list[PathMetrics], speed: float) -> None:
+def test_every_metric_of_every_plant_is_there_to_its_last_digit(values: list[Metrics], speed: float) -> None:
     names = ("mujoco", "improved", "coulomb", "linear", "kinematic")
     c = comparison(*(plant(n, m, speed=speed) for n, m in zip(names, values, strict=False)), reference="mujoco")
     header, rows, best = rich_rows(comparison_table(c))
@@ -113,15 +114,16 @@ def test_every_metric_of_every_plant_is_there_to_its_last_digit(values: list[Pat
     assert [row[0].removesuffix(" (ref)") for row in rows] == list(c.plants)
     for row, result in zip(rows, c.plants.values(), strict=True):
         for column, heading, cell in zip(COLUMNS, header[1:], row[1:], strict=True):
-            assert heading.startswith(column.name)
+            assert heading.startswith(column.label)
             value, rounding = in_si(heading, cell)
-            if column.quantity == "speed-up":
+            if column.unit == "×":
                 rounding = max(rounding, 0.005 * speed)  # three digits are known
-            assert value == pytest.approx(column.value(result), abs=rounding, rel=ROUNDOFF)
+            known = {**result.metrics, "real_time_factor": result.real_time_factor}
+            assert value == pytest.approx(known[column.name], abs=rounding, rel=ROUNDOFF)
 
 
 @given(st.lists(metrics, min_size=5, max_size=5))
-def test_the_terminal_shows_all_within_its_width(values: list[PathMetrics]) -> None:
+def test_the_terminal_shows_all_within_its_width(values: list[Metrics]) -> None:
     names = ("mujoco", "improved", "coulomb", "linear", "kinematic")
     speeds = (1e-2, 1.0, 73.9, 1e4, 123456.0)
     c = comparison(*(plant(n, m, speed=s) for n, m, s in zip(names, values, speeds, strict=True)), reference="kinematic")
@@ -161,9 +163,9 @@ def test_without_horizons_there_is_no_table_of_them() -> None:
 
 
 def test_the_best_of_each_column_is_marked_and_the_reference_only_for_speed() -> None:
-    worse = PathMetrics(0.02, 0.03, 0.5, 1.9, 0.02, 0.03, 0.03, 0.04)
-    ideal = PathMetrics(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-    better_ratio = replace(worse, d_ratio=1.9, e_bend_ratio=0.5, yaw_rms_rad=0.03)
+    worse = metrics_of(0.02, 0.03, 0.5, 1.9, 0.02, 0.03, 0.03, 0.04)
+    ideal = metrics_of(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    better_ratio = Metrics({**worse, "d_ratio": 1.9, "e_bend_ratio": 0.5, "yaw_rms_rad": 0.03})
     c = comparison(
         plant("mujoco", ideal, speed=900.0), plant("linear", worse, speed=10.0), plant("coulomb", better_ratio, speed=20.0),
         reference="mujoco",
@@ -185,7 +187,7 @@ def test_who_competes_with_nobody_is_not_the_best(reference: str) -> None:
 
 
 def test_what_is_no_number_is_a_dash_and_never_the_best() -> None:
-    broken = replace(METRICS, d_rms_m=math.nan, d_ratio=math.inf, e_bend_ratio=0.0)
+    broken = Metrics({**METRICS, "d_rms_m": math.nan, "d_ratio": math.inf, "e_bend_ratio": 0.0})
     c = comparison(plant("mujoco", broken, {6.0: replace(ERRORS, yaw_median_rad=math.nan)}, speed=math.inf), plant("linear"))
     report = report_markdown(c)
     table, by_horizon = comparison_table(c), horizon_table(c)
@@ -237,7 +239,7 @@ def test_the_report_says_how_it_was_run_and_what_each_metric_means() -> None:
     ):
         assert what in text
     for column in COLUMNS:
-        assert len(re.findall(rf"^- \*\*{re.escape(column.name)}\*\*: .*\.$", text, flags=re.MULTILINE)) == 1
+        assert len(re.findall(rf"^- \*\*{re.escape(column.label)}\*\*: .*\.$", text, flags=re.MULTILINE)) == 1
     assert text.endswith(".\n")
 
 

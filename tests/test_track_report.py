@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ssmr.metrics.declared import Metrics
 from tests.test_fit_report import read, tables_of
 from tests.test_rerun_log import SINGLE, run_rerun
 from tests.test_tables import TERMINAL, in_si, markdown_tables, rendered, rich_rows
@@ -19,7 +20,7 @@ from tests.test_track_figure import CASES, followed, lost
 from tests.test_tune_figure import CASES as TUNINGS
 from validation import store
 from validation.fit.table import number_text, value_text
-from validation.track.report import MEASURES, as_document, track_markdown, track_notes, track_tables
+from validation.track.report import SHOWN_METRICS, as_document, track_markdown, track_notes, track_tables
 from validation.track.rerun import TRAIL_HEIGHT, write_track_rerun
 from validation.tune.table import tune_notes
 
@@ -55,13 +56,13 @@ def test_tables_hold_every_measure_in_both_forms_and_fit_a_terminal(name: str) -
     for k, r in enumerate(made):
         assert rows[k][0] == others[k][0] == r.plant + " (lost)" * r.run.lost
         cells = dict(zip(header[1:] + more[1:], rows[k][1:] + others[k][1:], strict=True))
-        for measure in MEASURES:
-            ((heading, cell),) = [(h, c) for h, c in cells.items() if h.partition(" [")[0] == measure.name]
-            if measure.kind == "share":
-                assert float(cell) == pytest.approx(100.0 * measure.value(r.metrics), abs=0.051)
+        for measure in SHOWN_METRICS:
+            ((heading, cell),) = [(h, c) for h, c in cells.items() if h.partition(" [")[0] == measure.label]
+            if measure.unit == "share":
+                assert float(cell) == pytest.approx(100.0 * r.metrics[measure.name], abs=0.051)
             else:
                 got, rounding = in_si(heading, cell)
-                assert got == pytest.approx(measure.value(r.metrics), abs=rounding)
+                assert got == pytest.approx(r.metrics[measure.name], abs=rounding)
     for table in tables:
         assert all(len(line) <= TERMINAL for line in rendered(table).splitlines())
 
@@ -71,7 +72,7 @@ def test_notes_say_who_was_lost_saturated_or_far_away() -> None:
     made = followed("sine", "linear")
     note = track_notes([lost(made, 150)])[0]
     assert "linear was lost at t = 1.19 s" in note
-    saturated = replace(made, metrics=replace(made.metrics, saturated_fraction=0.3))
+    saturated = replace(made, metrics=Metrics({**made.metrics, "saturated_fraction": 0.3}))
     assert any("at its limit 30% of the time" in note for note in track_notes([saturated]))
     assert any("keep 0.2 m behind" in note for note in track_notes(CASES["four"]()))
     for name in CASES:
@@ -100,21 +101,21 @@ def test_the_document_keeps_the_contract(name: str, tmp_path: Path) -> None:
     assert document["speed_m_s"] == first.speed
     assert document["gains"] == dict(first.gains)
     assert set(document["metrics"]) == METRICS
-    assert document["metrics"]["d_rms_m"] == first.metrics.path.d_rms_m
-    assert document["metrics"]["saturated_fraction"] == first.metrics.saturated_fraction
+    assert document["metrics"]["d_rms_m"] == first.metrics["d_rms_m"]
+    assert document["metrics"]["saturated_fraction"] == first.metrics["saturated_fraction"]
     assert set(document["options"]) == set(first.options)
     assert document["versions"] == dict(first.versions)
     assert document["real_time_factor"] == pytest.approx(first.run.t[-1] / first.wall_s)
     assert list(document.get("beside", {})) == [r.plant for r in made[1:]]
     for r in made[1:]:
         assert set(document["beside"][r.plant]) > METRICS
-        assert document["beside"][r.plant]["e_y_rms_m"] == r.metrics.e_y_rms_m
+        assert document["beside"][r.plant]["e_y_rms_m"] == r.metrics["e_y_rms_m"]
     assert all(map(math.isfinite, numbers(document)))
 
 
 def test_numbers_that_are_not_finite_are_null() -> None:
     made = followed("line", "kinematic")
-    worst = replace(made.metrics, e_y_rms_m=math.nan)
+    worst = Metrics({**made.metrics, "e_y_rms_m": math.nan})
     document = as_document([replace(made, metrics=worst, wall_s=0.0, options={"limit": [math.inf, 1.0]})])
     assert document["metrics"]["e_y_rms_m"] is None
     assert document["real_time_factor"] is None
@@ -153,7 +154,7 @@ def test_the_tuning_document_keeps_the_contract(name: str, tmp_path: Path) -> No
                 found = document[key][f.label][who]
                 assert set(found) == METRICS | {"cost", "lost"}
                 assert found["cost"] == (cost if math.isfinite(cost) else None)
-                assert found["d_haus_m"] == metrics.path.d_haus_m
+                assert found["d_haus_m"] == metrics["d_haus_m"]
     assert all(map(math.isfinite, numbers(document)))
 
 

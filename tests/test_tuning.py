@@ -15,7 +15,7 @@ import pytest
 
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.references import circle, line
-from ssmr.metrics.paths import compare_paths
+from ssmr.metrics.declared import compare_paths
 from tests.conftest import EXACT, ROUNDOFF
 from validation import cli
 from validation.plants.profile import Profile, ProfileError
@@ -68,8 +68,14 @@ def test_the_cost_is_that_of_the_thesis(lab: Profile) -> None:
     p, one = problem(lab, weights), case(lab)
     (run,) = run_robots([one.robot], [make_controller(lab, p.base)], [QUIET], one.waypoints, [0])
     m = compare_paths(run.motion, one.target)
-    u_rms = rate(run, one.waypoints, one.robot).u_rms_ratio
-    wanted = 100 * m.d_rms_m + 15 * m.d_haus_m + 10 * abs(1 - m.d_ratio) + 10 * abs(1 - m.e_bend_ratio) + 50 * abs(1 - u_rms)
+    u_rms = rate(run, one.waypoints, one.robot)["u_rms_ratio"]
+    wanted = (
+        100 * m["d_rms_m"]
+        + 15 * m["d_haus_m"]
+        + 10 * abs(1 - m["d_ratio"])
+        + 10 * abs(1 - m["e_bend_ratio"])
+        + 50 * abs(1 - u_rms)
+    )
     assert p.costs(published_point(p)[None])[0] == pytest.approx(wanted, rel=1e-9)  # the point went through the unit cube
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from distributed import Client, LocalCluster, as_completed
 
-from ssmr.metrics.paths import compare_paths
+from ssmr.metrics.declared import compare_paths
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT
 from ssmr.types import State
@@ -34,7 +34,7 @@ def one_surface(friction: float, terrain: str) -> dict[str, float]:
         truth = husky.run(scenario.commands(), State(), SAMPLE_DT)
         for name, distances in found.items():
             motion = make_plant(profile, name).run(scenario.commands(), State(), SAMPLE_DT)
-            distances.append(compare_paths(motion, truth).d_rms_m)
+            distances.append(compare_paths(motion, truth)["d_rms_m"])
     return {name: float(np.mean(distances)) for name, distances in found.items()}
 
 

@@ -1,4 +1,4 @@
-"""How far a candidate motion lies from a reference: the thesis' metrics (Sec. 1.6), synchronised and relative pose errors.
+"""Distances between the path of a candidate motion and that of a reference: what the thesis' metrics (Sec. 1.6) are made of.
 
 Which way round. The candidate is the simulated motion, the reference the measured or wanted one. The thesis leaves it open
 (Sec. 1.6 writes d_B / d_A), so it is fixed here once, as Sec. 3.5.3 and Algorithm 2 use it:
@@ -16,17 +16,14 @@ Kernels compiled with `jit` read columns 0 and 1 of what they are given, so (M, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ssmr._jit import jit
-from ssmr.geometry import relative, wrap_angle
-from ssmr.types import FloatArray, Trajectory, frozen_array
-
-IndexArray = NDArray[np.intp]
+from ssmr.metrics.poses import sync_rms_kernel
+from ssmr.types import FloatArray, frozen_array
 
 BENDING_SPACING = 0.1
 """Distance between the points at which curvature is taken [m]: noise of size s adds about 6 s^2 / d^4 per metre, so with
@@ -35,28 +32,19 @@ LENGTH_FLOOR = 1e-3
 """A path shorter than this has no length to compare with [m]: a robot that stands still."""
 BENDING_FLOOR = 1e-3
 """A path of less bending energy is straight [1/m]: 10 m along a circle of 100 m radius."""
-TIME_TOLERANCE = 1e-9
-"""Stamps closer than this are the same instant [s]: rounding of k * dt, far under any sampling period."""
-
 _BATCH = 32
 """Neighbouring points that share one walk along the path; of 8, 16, 24 and 32 the fastest for 1000 samples."""
 _SLACK = 1e-12
 """Relative slack of a bound on distances: thousands of roundings wide, and too thin to cost a visit."""
-_LARGEST = 1e75
+LARGEST = 1e75
 """Coordinates beyond this count as not finite [m]: their fourth powers would overflow."""
-
-
-@jit
-def _wrapped(angle: float) -> float:
-    """An angle [rad] less whole turns, within [-pi, pi]; the sign at half a turn does not matter to a size."""
-    return angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
 
 
 @jit
 def _is_measurable(xy: FloatArray) -> bool:
     """Whether a path has samples and all of them are finite."""
     for i in range(xy.shape[0]):
-        if not (abs(xy[i, 0]) <= _LARGEST and abs(xy[i, 1]) <= _LARGEST):
+        if not (abs(xy[i, 0]) <= LARGEST and abs(xy[i, 1]) <= LARGEST):
             return False
     return xy.shape[0] > 0
 
@@ -76,7 +64,7 @@ def _steps(xy: FloatArray) -> tuple[float, float, float]:
 
 
 @jit
-def _nearest_squared(points: FloatArray, path: FloatArray, longest_step: float) -> FloatArray:
+def nearest_squared(points: FloatArray, path: FloatArray, longest_step: float) -> FloatArray:
     """Square of the distance from each of (N, 2) points to the closest sample of the (M, 2) path, (N,) [m^2].
 
     Consecutive points lie close together, so a batch of them shares one walk: from the sample nearest to the previous batch
@@ -148,29 +136,6 @@ def _descend(at_x: float, at_y: float, x: FloatArray, y: FloatArray, start: int)
 
 
 @jit
-def nearest_distances(points: FloatArray, path: FloatArray) -> FloatArray:
-    """Distance from each point to the closest sample of a path. Exact; fast where the points are themselves a path.
-
-    A `jit` kernel, so other kernels may call it.
-
-    Args:
-        points: (N, 2) positions [m].
-        path: (M, 2) positions [m], in order.
-
-    Returns:
-        (N,) distances [m].
-
-    Raises:
-        ValueError: the path has no sample, or a coordinate is not finite.
-    """
-    if not _is_measurable(path):
-        raise ValueError("the path must have samples, all of them finite")
-    if points.shape[0] > 0 and not _is_measurable(points):
-        raise ValueError("the points must be finite")
-    return np.sqrt(_nearest_squared(points, path, _steps(path)[2]))
-
-
-@jit
 def _bending(xy: FloatArray, spacing: float) -> float:
     """`bending_energy` without its checks."""
     total, squares, _ = _steps(xy)
@@ -211,7 +176,7 @@ def _bending(xy: FloatArray, spacing: float) -> float:
 
 
 @jit
-def _ratio(candidate: float, reference: float, floor: float) -> float:
+def ratio(candidate: float, reference: float, floor: float) -> float:
     """Candidate over reference, always finite: 1 where both are under the floor, which else is the least divisor."""
     if candidate < floor and reference < floor:
         return 1.0
@@ -233,131 +198,80 @@ def one_sided_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> tupl
         return math.nan, math.nan, math.nan
     candidate_length, _, candidate_step = _steps(candidate_xy)
     reference_length, _, _ = _steps(reference_xy)
-    to_candidate = _nearest_squared(reference_xy, candidate_xy, candidate_step)
-    ratio = _ratio(candidate_length, reference_length, LENGTH_FLOOR)
-    return math.sqrt(np.mean(to_candidate)), math.sqrt(np.max(to_candidate)), ratio
+    to_candidate = nearest_squared(reference_xy, candidate_xy, candidate_step)
+    lengths = ratio(candidate_length, reference_length, LENGTH_FLOOR)
+    return math.sqrt(np.mean(to_candidate)), math.sqrt(np.max(to_candidate)), lengths
 
 
 @jit
 def bend_ratio_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> float:
     """e_bend_ratio of paths that `one_sided_kernel` could measure, for use from other kernels."""
-    return _ratio(_bending(candidate_xy, BENDING_SPACING), _bending(reference_xy, BENDING_SPACING), BENDING_FLOOR)
+    return ratio(_bending(candidate_xy, BENDING_SPACING), _bending(reference_xy, BENDING_SPACING), BENDING_FLOOR)
+
+
+class PathMeasures(NamedTuple):
+    """All that the path metrics are made of, measured on one pair of motions in one pass."""
+
+    samples: int
+    """Number of samples of the reference."""
+    common: int
+    """Number of the reference's stamps within the candidate's span; the errors at equal times are over them."""
+    d_rms: float
+    """Root mean square distance from the reference's samples to the closest of the candidate's [m]."""
+    d_haus: float
+    """The largest of those distances [m]."""
+    d_rms_symmetric: float
+    """Root of the mean of both directions' mean squares [m]."""
+    d_haus_symmetric: float
+    """The larger of both directions' largest distances [m]."""
+    lengths: tuple[float, float]
+    """Lengths of candidate and reference [m]."""
+    bendings: tuple[float, float]
+    """Bending energies of candidate and reference [1/m]."""
+    sync_rms: float
+    """Root mean square distance at equal times [m]."""
+    yaw_rms: float
+    """Root mean square of the wrapped heading difference at equal times [rad]."""
 
 
 @jit
-def path_metrics_kernel(
-    candidate_xy: FloatArray, reference_xy: FloatArray
-) -> tuple[float, float, float, float, float, float]:
-    """The geometric metrics of `PathMetrics`, for use from other kernels: it never raises.
-
-    Args:
-        candidate_xy: (N, 2) positions [m].
-        reference_xy: (M, 2) positions [m].
-
-    Returns:
-        d_rms [m], d_haus [m], d_ratio, e_bend_ratio, d_rms_symmetric [m], d_haus_symmetric [m]. All are NaN where a path has
-        no sample or one that is not finite (or beyond 1e75 m), as a diverged candidate has.
-    """
-    if not (_is_measurable(candidate_xy) and _is_measurable(reference_xy)):
-        return math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
-    candidate_length, _, candidate_step = _steps(candidate_xy)
-    reference_length, _, reference_step = _steps(reference_xy)
-    to_candidate = _nearest_squared(reference_xy, candidate_xy, candidate_step)
-    to_reference = _nearest_squared(candidate_xy, reference_xy, reference_step)
-    mean, largest = np.mean(to_candidate), np.max(to_candidate)
-    return (
-        math.sqrt(mean),
-        math.sqrt(largest),
-        _ratio(candidate_length, reference_length, LENGTH_FLOOR),
-        bend_ratio_kernel(candidate_xy, reference_xy),
-        math.sqrt(0.5 * (mean + np.mean(to_reference))),
-        math.sqrt(max(largest, np.max(to_reference))),
-    )
-
-
-@jit
-def sync_rms_kernel(
+def measure_paths(
     candidate_t: FloatArray, candidate_pose: FloatArray, reference_t: FloatArray, reference_pose: FloatArray
-) -> tuple[float, float, int]:
-    """RMS errors at equal stamps, for use from other kernels: it never raises.
+) -> PathMeasures:
+    """Measure a candidate against a reference, for use from other kernels too: it never raises.
 
     Args:
         candidate_t: (N,) strictly increasing stamps [s].
-        candidate_pose: (N, 3) x [m], y [m], yaw [rad]; interpolated linearly, yaw the short way round.
-        reference_t: (M,) strictly increasing stamps [s]; those beyond the candidate's span are left out.
+        candidate_pose: (N, 3) x [m], y [m], yaw [rad].
+        reference_t: (M,) strictly increasing stamps [s].
         reference_pose: (M, 3) x [m], y [m], yaw [rad].
 
     Returns:
-        Position RMS [m], yaw RMS [rad] (of wrapped differences), and the number of stamps they are taken over; with none of
-        them, NaN and NaN. A stamp that both have is compared as it is, without interpolation.
+        The measures. Those of the paths are NaN where a path has no sample or one that is not finite (or beyond 1e75 m), as
+        a diverged candidate has; those at equal times are NaN where there is no common stamp.
     """
-    last = candidate_t.shape[0] - 1
-    position, heading, n, k = 0.0, 0.0, 0, 0
-    for i in range(reference_t.shape[0]):
-        t = reference_t[i]
-        if not (last >= 0 and candidate_t[0] - TIME_TOLERANCE <= t <= candidate_t[last] + TIME_TOLERANCE):
-            continue
-        while k < last and candidate_t[k + 1] <= t:
-            k += 1
-        x, y, yaw = candidate_pose[k, 0], candidate_pose[k, 1], candidate_pose[k, 2]
-        if k < last and t > candidate_t[k]:
-            weight = (t - candidate_t[k]) / (candidate_t[k + 1] - candidate_t[k])
-            x += weight * (candidate_pose[k + 1, 0] - x)
-            y += weight * (candidate_pose[k + 1, 1] - y)
-            yaw += weight * _wrapped(candidate_pose[k + 1, 2] - yaw)
-        position += (x - reference_pose[i, 0]) ** 2 + (y - reference_pose[i, 1]) ** 2
-        heading += _wrapped(yaw - reference_pose[i, 2]) ** 2
-        n += 1
-    return (math.sqrt(position / n), math.sqrt(heading / n), n) if n > 0 else (math.nan, math.nan, 0)
-
-
-@jit
-def _compare(
-    candidate_t: FloatArray, candidate_pose: FloatArray, reference_t: FloatArray, reference_pose: FloatArray
-) -> tuple[tuple[float, float, float, float, float, float], tuple[float, float, int]]:
-    """All of `compare_paths` in one call."""
-    return (
-        path_metrics_kernel(candidate_pose, reference_pose),
-        sync_rms_kernel(candidate_t, candidate_pose, reference_t, reference_pose),
+    n = reference_pose.shape[0]
+    sync, yaw, common = sync_rms_kernel(candidate_t, candidate_pose, reference_t, reference_pose)
+    if not (_is_measurable(candidate_pose) and _is_measurable(reference_pose)):
+        none = (math.nan, math.nan)
+        return PathMeasures(n, common, math.nan, math.nan, math.nan, math.nan, none, none, sync, yaw)
+    candidate_length, _, candidate_step = _steps(candidate_pose)
+    reference_length, _, reference_step = _steps(reference_pose)
+    to_candidate = nearest_squared(reference_pose, candidate_pose, candidate_step)
+    to_reference = nearest_squared(candidate_pose, reference_pose, reference_step)
+    mean, largest = np.mean(to_candidate), np.max(to_candidate)
+    return PathMeasures(
+        n,
+        common,
+        math.sqrt(mean),
+        math.sqrt(largest),
+        math.sqrt(0.5 * (mean + np.mean(to_reference))),
+        math.sqrt(max(largest, np.max(to_reference))),
+        (candidate_length, reference_length),
+        (_bending(candidate_pose, BENDING_SPACING), _bending(reference_pose, BENDING_SPACING)),
+        sync,
+        yaw,
     )
-
-
-@dataclass(frozen=True)
-class PathMetrics:
-    """A candidate against a reference; the module's head says which way round."""
-
-    d_rms_m: float
-    """RMS over the reference's samples of the distance to the closest sample of the candidate (Sec. 1.6) [m]."""
-    d_haus_m: float
-    """The largest of those distances: the one-sided Hausdorff distance (Sec. 1.6) [m]."""
-    d_ratio: float
-    """Length of the candidate / length of the reference; 1 where both stand still (`LENGTH_FLOOR`), and finite always."""
-    e_bend_ratio: float
-    """Bending energy likewise; 1 where both are straight (`BENDING_FLOOR`), and finite always."""
-    d_rms_symmetric_m: float
-    """Root of the mean of both directions' mean squares [m]: each direction weighs the same, however many its samples."""
-    d_haus_symmetric_m: float
-    """The larger of both directions' Hausdorff distances [m]."""
-    sync_rms_m: float
-    """RMS of the distance between both at the same instant [m]."""
-    yaw_rms_rad: float
-    """RMS of the wrapped difference of headings at the same instant [rad]."""
-
-
-@dataclass(frozen=True)
-class HorizonErrors:
-    """What relative pose errors over windows of one horizon come to."""
-
-    n: int
-    """How many windows there are."""
-    position_median_m: float
-    """Median of the position errors [m]."""
-    position_p95_m: float
-    """95th percentile of the position errors, linear between ranks [m]."""
-    yaw_median_rad: float
-    """Median of the yaw errors [rad]."""
-    yaw_p95_rad: float
-    """95th percentile of the yaw errors, linear between ranks [rad]."""
 
 
 def path_length(xy: ArrayLike) -> float:
@@ -395,184 +309,3 @@ def bending_energy(xy: ArrayLike, spacing: float = BENDING_SPACING) -> float:
     if not (math.isfinite(spacing) and spacing > 0.0):
         raise ValueError(f"the spacing must be positive, got {spacing} m")
     return float(_bending(frozen_array(xy, "xy", (None, 2)), float(spacing)))
-
-
-def _synchronised(candidate: Trajectory, reference: Trajectory) -> tuple[float, float]:
-    position, heading, n = sync_rms_kernel(candidate.t, candidate.pose, reference.t, reference.pose)
-    _require_common_stamps(candidate, reference, n)
-    return float(position), float(heading)
-
-
-def _require_common_stamps(candidate: Trajectory, reference: Trajectory, n: int) -> None:
-    if n == 0:
-        raise ValueError(
-            f"no stamp of the reference, {reference.t[0]} to {reference.t[-1]} s, "
-            f"lies within the candidate's span, {candidate.t[0]} to {candidate.t[-1]} s"
-        )
-
-
-def sync_rms(candidate: Trajectory, reference: Trajectory) -> float:
-    """RMS of the distance between both at the reference's stamps [m], over their common span.
-
-    The candidate is interpolated linearly, unless it has the very stamp.
-
-    Raises:
-        ValueError: no stamp of the reference lies within the candidate's span.
-    """
-    return _synchronised(candidate, reference)[0]
-
-
-def yaw_rms(candidate: Trajectory, reference: Trajectory) -> float:
-    """RMS of the wrapped difference of headings at the reference's stamps [rad], over their common span.
-
-    The candidate is interpolated linearly, the short way round, unless it has the very stamp.
-
-    Raises:
-        ValueError: no stamp of the reference lies within the candidate's span.
-    """
-    return _synchronised(candidate, reference)[1]
-
-
-def compare_paths(candidate: Trajectory, reference: Trajectory) -> PathMetrics:
-    """All metrics of a candidate against a reference.
-
-    The geometric ones compare the whole paths, whatever their stamps; the synchronised ones their common span.
-
-    Raises:
-        ValueError: no stamp of the reference lies within the candidate's span, or a coordinate is beyond 1e75 m.
-    """
-    geometric, (sync, yaw, n) = _compare(candidate.t, candidate.pose, reference.t, reference.pose)
-    _require_common_stamps(candidate, reference, n)
-    if math.isnan(geometric[0]):
-        raise ValueError(f"a coordinate is beyond {_LARGEST} m")
-    rms, haus, ratio, bending, rms_symmetric, haus_symmetric = geometric
-    return PathMetrics(rms, haus, ratio, bending, rms_symmetric, haus_symmetric, sync, yaw)
-
-
-def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajectory]) -> PathMetrics:
-    """The metrics over several stretches that nothing joins: a recording with gaps.
-
-    Mean squares are weighted by the reference's samples, Hausdorff distances are the greatest of all, lengths and bending
-    energies are added up before their ratios are taken. One piece gives what `compare_paths` gives.
-
-    Raises:
-        ValueError: not as many candidates as references, none at all, or what `compare_paths` raises.
-    """
-    pairs = list(zip(candidates, references, strict=True))
-    if not pairs:
-        raise ValueError("there is nothing to compare")
-    parts = [compare_paths(candidate, reference) for candidate, reference in pairs]
-    if len(parts) == 1:
-        return parts[0]
-    weights = np.array([len(reference) for reference in references], dtype=np.float64)
-
-    def pooled(name: str) -> float:
-        return math.sqrt(np.average([getattr(part, name) ** 2 for part in parts], weights=weights))
-
-    lengths = np.sum([[path_length(m.xy) for m in pair] for pair in pairs], axis=0)
-    energies = np.sum([[bending_energy(m.xy) for m in pair] for pair in pairs], axis=0)
-    return PathMetrics(
-        d_rms_m=pooled("d_rms_m"),
-        d_haus_m=max(part.d_haus_m for part in parts),
-        d_ratio=_ratio(lengths[0], lengths[1], LENGTH_FLOOR),
-        e_bend_ratio=_ratio(energies[0], energies[1], BENDING_FLOOR),
-        d_rms_symmetric_m=pooled("d_rms_symmetric_m"),
-        d_haus_symmetric_m=max(part.d_haus_symmetric_m for part in parts),
-        sync_rms_m=pooled("sync_rms_m"),
-        yaw_rms_rad=pooled("yaw_rms_rad"),
-    )
-
-
-def relative_pose_error(
-    candidate_pose: ArrayLike, reference_pose: ArrayLike, starts: ArrayLike, ends: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Error of the motion from index i to index j, whatever the error at i: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j).
-
-    P is the candidate and Q the reference. The error of a dead reckoning over a horizon, free of the drift before it.
-
-    Args:
-        candidate_pose: (M, 3) x [m], y [m], yaw [rad].
-        reference_pose: (M, 3) likewise, at the same instants.
-        starts: (W,) indices i.
-        ends: (W,) indices j.
-
-    Returns:
-        (W,) sizes of E's translation [m] and (W,) of its rotation [rad, within 0 and pi].
-
-    Raises:
-        ValueError: shapes do not match, a number is not finite, or an index is out of range.
-    """
-    p = frozen_array(candidate_pose, "candidate_pose", (None, 3))
-    q = frozen_array(reference_pose, "reference_pose", (len(p), 3))
-    i, j = _indices(starts, "starts", len(p)), _indices(ends, "ends", len(p))
-    if len(i) != len(j):
-        raise ValueError(f"there are {len(i)} starts and {len(j)} ends")
-    error = relative(relative(q[i], q[j]), relative(p[i], p[j]))
-    return np.hypot(error[:, 0], error[:, 1]), np.abs(wrap_angle(error[:, 2]))
-
-
-def _indices(values: ArrayLike, name: str, size: int) -> IndexArray:
-    array = np.asarray(values)
-    if array.ndim != 1 or (array.size > 0 and not np.issubdtype(array.dtype, np.integer)):
-        raise ValueError(f"{name} must be a list of integers")
-    if array.size > 0 and not (array.min() >= 0 and array.max() < size):
-        raise ValueError(f"{name} must lie within 0 and {size - 1}, got {array.min()} to {array.max()}")
-    return array.astype(np.intp)
-
-
-def horizon_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = None) -> tuple[IndexArray, IndexArray]:
-    """Cut a gap-free record into consecutive windows of one length.
-
-    The first window starts at the first usable sample; each ends at the first usable sample at least `horizon` later (less
-    `TIME_TOLERANCE`), where the next one starts. What is left at the end is no window.
-
-    Args:
-        t: (M,) strictly increasing stamps [s].
-        horizon: the length wanted [s].
-        usable: (M,) which samples may begin or end a window, such as those with a fresh pose; None for all.
-
-    Returns:
-        (W,) start indices and (W,) end indices; empty where not even one window fits.
-
-    Raises:
-        ValueError: the horizon is not positive, time does not increase, or `usable` is no mask of M.
-    """
-    stamps = frozen_array(t, "t", (None,))
-    if np.any(np.diff(stamps) <= 0.0):
-        raise ValueError("t must increase")
-    if not (math.isfinite(horizon) and horizon > TIME_TOLERANCE):
-        raise ValueError(f"the horizon must be longer than {TIME_TOLERANCE} s, got {horizon} s")
-    mask = np.ones(len(stamps), dtype=np.bool_) if usable is None else np.asarray(usable)
-    if mask.shape != stamps.shape or mask.dtype != np.bool_:
-        raise ValueError(f"usable must be {len(stamps)} booleans, got {mask.dtype} of shape {mask.shape}")
-    index = np.flatnonzero(mask)
-    at = stamps[index]
-    edges = [0] if len(index) > 0 else []
-    while edges:
-        k = int(np.searchsorted(at, at[edges[-1]] + horizon - TIME_TOLERANCE))
-        if k == len(index):
-            break
-        edges.append(k)
-    return index[edges[:-1]], index[edges[1:]]
-
-
-def horizon_errors(position: ArrayLike, yaw: ArrayLike) -> HorizonErrors:
-    """Sum up the relative pose errors of all windows of one horizon.
-
-    Args:
-        position: (n,) position errors [m], of all segments together.
-        yaw: (n,) yaw errors [rad] of the same windows.
-
-    Returns:
-        Medians and 95th percentiles.
-
-    Raises:
-        ValueError: there is no window, lengths differ, or a number is not finite.
-    """
-    p = frozen_array(position, "position errors", (None,))
-    if len(p) == 0:
-        raise ValueError("there is no window to sum up")
-    r = frozen_array(yaw, "yaw errors", (len(p),))
-    position_median, position_p95 = np.percentile(p, (50.0, 95.0))
-    yaw_median, yaw_p95 = np.percentile(r, (50.0, 95.0))
-    return HorizonErrors(len(p), float(position_median), float(position_p95), float(yaw_median), float(yaw_p95))

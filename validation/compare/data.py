@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ssmr.metrics.paths import HorizonErrors, PathMetrics
+from ssmr.metrics.declared import Metrics
+from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import Commands, Trajectory
 from validation.robots.plant import Health
 from validation.robots.terrain import FLAT, Terrain
@@ -21,7 +22,7 @@ class PlantResult:
     """Name of the plant, such as `improved`."""
     pieces: tuple[Trajectory, ...]
     """Its motion, one piece for each gap-free stretch of the source, at the same stamps as the reference's piece."""
-    metrics: PathMetrics
+    metrics: Metrics
     """Distances from the reference, over all pieces."""
     horizons: Mapping[float, HorizonErrors]
     """Errors of the relative pose, by horizon [s]; empty where the reference is a plant."""

@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics.paths import horizon_windows, relative_pose_error
+from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.compare.data import ComparisonData
 from validation.compare.table import HEADLINE_HORIZON, headline

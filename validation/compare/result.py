@@ -59,7 +59,7 @@ class Comparison(ComparisonData, Result):
 
 
 def _plant_entry(result: PlantResult) -> dict[str, Any]:
-    entry = {**asdict(result.metrics), "wall_s": result.wall_s, "real_time_factor": result.real_time_factor}
+    entry: dict[str, Any] = {**result.metrics, "wall_s": result.wall_s, "real_time_factor": result.real_time_factor}
     if result.horizons:
         entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in result.horizons.items()}
     if result.health is not None:

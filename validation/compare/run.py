@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ssmr.metrics.paths import compare_pieces
+from ssmr.metrics.declared import compare_pieces
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.robot.vehicle import Vehicle
 from ssmr.types import Commands, Plant, State, Trajectory

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from ssmr.metrics.paths import HorizonErrors
-from validation.compare.data import ComparisonData, PlantResult
+from ssmr.metrics.declared import METRICS, Metric
+from ssmr.metrics.poses import HorizonErrors
+from validation.compare.data import ComparisonData
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT
 from validation.show.tables import (
@@ -16,74 +17,27 @@ from validation.show.tables import (
     PERCENT,
     Cell,
     Grid,
-    Quantity,
     Unit,
-    Wanted,
     best_of,
     code_span,
     length_unit,
     markdown_table,
+    meanings,
     one_line,
     option_text,
-    unit_of,
+    units_of,
 )
 
 HEADLINE_HORIZON = 6.0
 """The horizon whose errors stand for a plant where only one has room [s]; else the one closest to it."""
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A metric of a plant: how it is called, read, written and judged."""
-
-    name: str
-    quantity: Quantity
-    wanted: Wanted
-    value: Callable[[PlantResult], float]
-    meaning: str
-
-
-COLUMNS = (
-    _Column(
-        "d_rms", "length", "low", lambda r: r.metrics.d_rms_m,
-        "root mean square, over the reference's samples, of the distance to the closest sample of the plant; "
-        "one-sided: leaving the reference's path after having covered it costs nothing",
-    ),
-    _Column(
-        "d_haus", "length", "low", lambda r: r.metrics.d_haus_m,
-        "the largest of those distances, the one-sided Hausdorff distance: from the reference to the plant",
-    ),
-    _Column(
-        "d_ratio", "ratio", "one", lambda r: r.metrics.d_ratio,
-        "length of the plant's path over that of the reference; above 1 the plant drives farther",
-    ),
-    _Column(
-        "e_bend ratio", "ratio", "one", lambda r: r.metrics.e_bend_ratio,
-        "bending energy (curvature squared, summed along the path) of the plant over that of the reference; "
-        "above 1 the plant's path is more curved",
-    ),
-    _Column(
-        "d_rms sym", "length", "low", lambda r: r.metrics.d_rms_symmetric_m,
-        "d_rms of both directions, from the reference to the plant and back, each with the same weight",
-    ),
-    _Column(
-        "d_haus sym", "length", "low", lambda r: r.metrics.d_haus_symmetric_m,
-        "the larger of the Hausdorff distances of both directions",
-    ),
-    _Column(
-        "sync rms", "length", "low", lambda r: r.metrics.sync_rms_m,
-        "root mean square of the distance between plant and reference at the same instant",
-    ),
-    _Column(
-        "yaw rms", "angle", "low", lambda r: r.metrics.yaw_rms_rad,
-        "root mean square of the difference between the headings of plant and reference at the same instant, wrapped",
-    ),
-    _Column(
-        "real time", "speed-up", "high", lambda r: r.real_time_factor,
-        "simulated time over the time that simulating took; above 1 the plant is faster than the clock",
-    ),
+REAL_TIME = Metric(
+    "real_time_factor", "real time", "×", "high",
+    "simulated time over the time that simulating took; above 1 the simulation is faster than the clock",
 )  # fmt: skip
-"""What a comparison says about each plant, in the order of its table."""
+COLUMNS = (*METRICS.values(), REAL_TIME)
+"""Metrics of each plant, in the order of the table."""
 
 HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] = (
     ("position median", METRES, lambda e: e.position_median_m),
@@ -107,14 +61,13 @@ def _plant_grid(comparison: ComparisonData) -> Grid:
     plants = comparison.plants
     columns: list[dict[str, Cell]] = []
     header = [("plant", "")]
-    lengths = [c.value(r) for c in COLUMNS if c.quantity == "length" for r in plants.values()]
-    for column in COLUMNS:
-        values = {name: column.value(result) for name, result in plants.items()}
-        unit = unit_of(column.quantity, lengths if column.quantity == "length" else list(values.values()))
+    every = {name: {**result.metrics, REAL_TIME.name: result.real_time_factor} for name, result in plants.items()}
+    for metric, unit in zip(COLUMNS, units_of(COLUMNS, list(every.values())), strict=True):
+        values = {name: row[metric.name] for name, row in every.items()}
         texts = {name: unit.text(value) for name, value in values.items()}
-        judged = {n: v for n, v in values.items() if n != comparison.reference_name or column.quantity == "speed-up"}
-        best = best_of(texts, judged, column.wanted)
-        header.append((column.name, unit.symbol))
+        judged = {n: v for n, v in values.items() if n != comparison.reference_name or metric is REAL_TIME}
+        best = best_of(texts, judged, metric.wanted)
+        header.append((metric.label, unit.symbol))
         columns.append({name: Cell(text, name in best) for name, text in texts.items()})
     rows = []
     for name in plants:
@@ -234,8 +187,9 @@ def headline(comparison: ComparisonData, name: str) -> str:
         coarse = replace(length, decimals=0) if length.symbol == "mm" else replace(length, decimals=2)
         yaw = replace(DEGREES, decimals=1, significant=2).text(errors.yaw_median_rad).removesuffix(".0")
         return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
-    length = length_unit([result.metrics.d_rms_m])
-    return f"d_rms {length.text(result.metrics.d_rms_m)} {length.symbol}"
+    d_rms = result.metrics["d_rms_m"]
+    length = length_unit([d_rms])
+    return f"d_rms {length.text(d_rms)} {length.symbol}"
 
 
 def report_markdown(comparison: ComparisonData) -> str:
@@ -270,5 +224,5 @@ def report_markdown(comparison: ComparisonData) -> str:
         if grid is not None:
             lines += ["", f"## {title}", "", *markdown_table(grid), "", caption]
     lines += ["", "## What the metrics mean", ""]
-    lines += [f"- **{column.name}**: {column.meaning}." for column in COLUMNS]
+    lines += meanings(COLUMNS)
     return "\n".join(lines) + "\n"

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.metrics.paths import HorizonErrors, PathMetrics
+from ssmr.metrics.declared import Metrics
+from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
 
@@ -139,7 +140,7 @@ class Scored:
     """The fitted plant's motion, at the same stamps."""
     before: tuple[Trajectory, ...]
     """The same plant's motion with the numbers of before the fit; empty where it could not be driven."""
-    metrics: PathMetrics
+    metrics: Metrics
     """Distances of `motion` from `truth`, over all pieces."""
     horizons: Mapping[float, HorizonErrors]
     """Errors of the relative pose, by horizon [s]; empty where the truth is a plant's motion."""
@@ -161,7 +162,7 @@ class FitData(SearchData):
     """Method of the standard errors in words; empty where there are none."""
     train: tuple[Scored, ...]
     """Scores on each source that it was fitted to."""
-    train_metrics: PathMetrics
+    train_metrics: Metrics
     """Metrics over all of `train`."""
     train_horizons: Mapping[float, HorizonErrors]
     """Errors by horizon over all of `train`."""
@@ -186,8 +187,8 @@ class FitData(SearchData):
         }
 
 
-def _scores(metrics: PathMetrics, horizons: Mapping[float, HorizonErrors]) -> dict[str, Any]:
-    out: dict[str, Any] = asdict(metrics)
+def _scores(metrics: Metrics, horizons: Mapping[float, HorizonErrors]) -> dict[str, Any]:
+    out: dict[str, Any] = dict(metrics)
     if horizons:
         out["horizons"] = {f"{h:g}": asdict(errors) for h, errors in horizons.items()}
     return out

@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.geometry import relative
-from ssmr.metrics.paths import HorizonErrors, compare_pieces, horizon_windows, relative_pose_error
+from ssmr.metrics.declared import compare_pieces
+from ssmr.metrics.poses import HorizonErrors, horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import FitData, Scored
@@ -135,9 +136,9 @@ def _quality(stretch: _Stretch) -> str:
                 f" · {1e3 * errors.position_median_m:.0f} mm, {math.degrees(errors.yaw_median_rad):.1f}° in {horizon:g} s"
             )
         return text
-    was = compare_pieces(before, scored.truth).d_rms_m if before else math.nan
-    unit = length_unit([scored.metrics.d_rms_m, was])
-    text = f"d_rms {unit.text(scored.metrics.d_rms_m)} {unit.symbol}"
+    was = compare_pieces(before, scored.truth)["d_rms_m"] if before else math.nan
+    unit = length_unit([scored.metrics["d_rms_m"], was])
+    text = f"d_rms {unit.text(scored.metrics['d_rms_m'])} {unit.symbol}"
     return text + (f", before {unit.text(was)} {unit.symbol}" if before else "")
 
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ssmr._jit import jit_parallel
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics.paths import IndexArray, horizon_windows, one_sided_kernel
-from ssmr.types import FloatArray, Trajectory
+from ssmr.metrics.paths import one_sided_kernel
+from ssmr.metrics.poses import horizon_windows
+from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.motion.sources import Piece, Source
 
 Objective = Literal["path", "sync", "horizon"]

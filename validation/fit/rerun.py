@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ssmr.metrics.paths import compare_pieces
+from ssmr.metrics.declared import compare_pieces
 from ssmr.types import Trajectory
 from validation.compare.data import ComparisonData, PlantResult
 from validation.compare.rerun import History, write_recording

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ssmr.errors import SsmrError
-from ssmr.metrics.paths import compare_pieces
+from ssmr.metrics.declared import compare_pieces
 from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
@@ -283,5 +283,5 @@ def _summary(scored: Sequence[Scored]) -> dict[str, Any]:
             errors = s.horizons[6.0]
             out[label] = {"position_median_6s_m": errors.position_median_m, "yaw_median_6s_rad": errors.yaw_median_rad}
         else:
-            out[label] = {"d_rms_m": s.metrics.d_rms_m, "sync_rms_m": s.metrics.sync_rms_m}
+            out[label] = {"d_rms_m": s.metrics["d_rms_m"], "sync_rms_m": s.metrics["sync_rms_m"]}
     return out

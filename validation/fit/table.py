@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ssmr.metrics.paths import HorizonErrors, PathMetrics
-from validation.compare.table import COLUMNS
+from ssmr.metrics.declared import METRICS, Metrics
+from ssmr.metrics.poses import HorizonErrors
 from validation.fit.data import FitData, FittedParameter, Scored, SearchData
 from validation.show.tables import (
     DEGREES,
@@ -16,14 +16,14 @@ from validation.show.tables import (
     NOTHING,
     Cell,
     Grid,
-    Quantity,
     Unit,
     code_span,
     markdown_table,
+    meanings,
     one_line,
     option_text,
     shortened,
-    unit_of,
+    units_of,
 )
 
 VAGUE_SHARE = 0.5
@@ -45,13 +45,7 @@ STOPPED = {
 """Reasons why a search ended, in words."""
 AT_BOUND, VAGUE = "at bound", "uncertain"
 
-_METRICS: tuple[tuple[str, Quantity, Callable[[PathMetrics], float]], ...] = (
-    ("d_rms", "length", lambda m: m.d_rms_m),
-    ("d_haus", "length", lambda m: m.d_haus_m),
-    ("d_ratio", "ratio", lambda m: m.d_ratio),
-    ("sync rms", "length", lambda m: m.sync_rms_m),
-    ("yaw rms", "angle", lambda m: m.yaw_rms_rad),
-)
+_METRICS = tuple(METRICS[name] for name in ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad"))
 _HORIZONS: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] = (
     ("position", METRES, lambda e: e.position_median_m),
     ("yaw", DEGREES, lambda e: e.yaw_median_rad),
@@ -145,7 +139,7 @@ def parameter_grid(parameters: Sequence[FittedParameter], what: str, before: str
     return Grid(tuple((name, "") for name in names), (tuple(rows),), left=2)
 
 
-def _rows(result: FitData) -> list[list[tuple[str, PathMetrics, dict[float, HorizonErrors]]]]:
+def _rows(result: FitData) -> list[list[tuple[str, Metrics, dict[float, HorizonErrors]]]]:
     """Return source, metrics and errors by horizon of what was fitted to, and of what was held out."""
     train = [(source_text(s), s.metrics, dict(s.horizons)) for s in result.train]
     if len(train) > 1:
@@ -157,12 +151,11 @@ def _rows(result: FitData) -> list[list[tuple[str, PathMetrics, dict[float, Hori
 def _score_grid(result: FitData) -> Grid:
     groups = _rows(result)
     scores = [metrics for group in groups for _, metrics, _ in group]
-    lengths = [value(m) for _, quantity, value in _METRICS if quantity == "length" for m in scores]
-    units = [unit_of(q, lengths if q == "length" else [value(m) for m in scores]) for _, q, value in _METRICS]
-    header = [("source", "")] + [(name, unit.symbol) for (name, _, _), unit in zip(_METRICS, units, strict=True)]
+    units = units_of(_METRICS, scores)
+    header = [("source", "")] + [(metric.label, unit.symbol) for metric, unit in zip(_METRICS, units, strict=True)]
 
-    def cells(label: str, metrics: PathMetrics) -> tuple[Cell, ...]:
-        return Cell(label), *(Cell(u.text(value(metrics))) for (_, _, value), u in zip(_METRICS, units, strict=True))
+    def cells(label: str, metrics: Metrics) -> tuple[Cell, ...]:
+        return Cell(label), *(Cell(u.text(metrics[m.name])) for m, u in zip(_METRICS, units, strict=True))
 
     return Grid(tuple(header), tuple(tuple(cells(label, m) for label, m, _ in group) for group in groups), left=1)
 
@@ -228,7 +221,5 @@ def fit_markdown(result: FitData) -> str:
         lines += [f"{grid.title}:", ""] * (heading == "Errors by horizon")
         lines += markdown_table(grid)
     lines += ["", "## Notes", "", *(f"- {note}" for note in fit_notes(result))] if fit_notes(result) else []
-    names = [name for name, _, _ in _METRICS]
-    lines += ["", "## What the metrics mean", ""]
-    lines += [f"- **{column.name}**: {column.meaning}." for column in COLUMNS if column.name in names]
+    lines += ["", "## What the metrics mean", "", *meanings(_METRICS)]
     return "\n".join(lines) + "\n"

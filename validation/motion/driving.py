@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ssmr.geometry import shift_reference, shift_state
-from ssmr.metrics.paths import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
+from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Plant, State, Trajectory
 from validation.motion.sources import Piece, Source
 

@@ -131,7 +131,7 @@ def distance_table(number: str, model: str, result: FitResult) -> Table:
     scored: dict[str, Scored] = {s.label.partition("@")[0]: s for s in (*result.held_out, *result.train)}
     rows = {}
     for row in printed:
-        metrics = asdict(scored[row].metrics)
+        metrics = scored[row].metrics
         rows[row] = {
             metric: Pair(_number(printed[row].get(metric)), _number(metrics[metric]), rule, _unit(metric))
             for metric, rule in METRICS.items()

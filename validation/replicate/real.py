@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ssmr.metrics.paths import horizon_windows, path_length, relative_pose_error
+from ssmr.metrics.paths import path_length
+from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.types import CommandKind
 from validation.compare.figure import comparison_figure
 from validation.compare.result import Comparison

@@ -25,7 +25,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Affine2D
 
-from ssmr.metrics.paths import HorizonErrors
+from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import FloatArray
 from validation.show.palette import CONTROLLER_PALETTE, colour, mix
 from validation.store import write_atomic

@@ -13,12 +13,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ssmr.metrics.declared import Metric, MetricUnit
 from validation.words import code_span as code_span
 from validation.words import one_line as one_line
 from validation.words import shortened as shortened
-
-Quantity = Literal["length", "ratio", "angle", "speed-up"]
-Wanted = Literal["low", "one", "high"]
 
 NOTHING = "–"
 """What a number that is not finite is written as."""
@@ -89,20 +87,34 @@ def length_unit(values: Iterable[float]) -> Unit:
     return Unit("mm", 1e3, 3 if 1e-6 <= largest < 0.01 else 1)
 
 
-def unit_of(quantity: Quantity, values: Sequence[float]) -> Unit:
-    """How to write all values of a quantity in one table."""
-    if quantity == "length":
+def unit_of(unit: MetricUnit, values: Sequence[float]) -> Unit:
+    """Return how to write all values that have this unit in one table."""
+    if unit == "m":
         return length_unit(values)
-    if quantity == "angle":
+    if unit == "rad":
         return DEGREES
+    if unit == "share":
+        return PERCENT
     largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
-    if quantity == "ratio":
+    if unit == "1":
         return Unit("1", 1.0, 4 if largest < 100.0 else 2)
     return Unit("×", 1.0, 0 if largest >= 100.0 else 2, significant=3)
 
 
-def best_of(texts: Mapping[str, str], values: Mapping[str, float], wanted: Wanted) -> set[str]:
-    """Names of the best of what is comparable, ties as written included; nobody where there is nobody to beat."""
+def units_of(metrics: Iterable[Metric], rows: Sequence[Mapping[str, float]]) -> list[Unit]:
+    """Return how to write each metric in a table of these rows; all lengths alike."""
+    listed = list(metrics)
+    lengths = [row[m.name] for m in listed if m.unit == "m" for row in rows]
+    return [unit_of(m.unit, lengths if m.unit == "m" else [row[m.name] for row in rows]) for m in listed]
+
+
+def meanings(metrics: Iterable[Metric]) -> list[str]:
+    """Return the legend of a report: one line of markdown for each metric."""
+    return [f"- **{metric.label}**: {metric.meaning}." for metric in metrics]
+
+
+def best_of(texts: Mapping[str, str], values: Mapping[str, float], wanted: Literal["low", "one", "high"]) -> set[str]:
+    """Return the names of the best, ties as written included; none where there are not two to compare."""
 
     def badness(value: float) -> float:
         if wanted == "one":

@@ -44,8 +44,8 @@ from validation.show.drawing import (
     stacked,
     text_row,
 )
-from validation.show.tables import DEGREES, Unit, length_unit, shortened
-from validation.track.report import MEASURES, gains_text, headline, lost_text, require_comparable, units_of
+from validation.show.tables import DEGREES, Unit, length_unit, shortened, units_of
+from validation.track.report import SHOWN_METRICS, gains_text, headline, lost_text, require_comparable
 from validation.track.result import TrackResult
 
 LIMITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -124,15 +124,15 @@ def _draw_measures(results: Sequence[TrackResult], ax: Axes) -> None:
     """The robots, a line each, and what is said about them: the legend of plants too."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(len(results) + 0.5, -1.5))
-    units = units_of(MEASURES, [r.metrics for r in results])
-    step = (1.0 - _NAMES_SHARE) / len(MEASURES)
-    for k, (measure, unit) in enumerate(zip(MEASURES, units, strict=True)):
+    units = units_of(SHOWN_METRICS, [r.metrics for r in results])
+    step = (1.0 - _NAMES_SHARE) / len(SHOWN_METRICS)
+    for k, (measure, unit) in enumerate(zip(SHOWN_METRICS, units, strict=True)):
         right = _NAMES_SHARE + (k + 1) * step
         symbol = "" if unit.symbol == "1" else f" [{unit.symbol}]"
-        words = "\n".join(filter(None, measure.name.rpartition(" ")[::2]))
+        words = "\n".join(filter(None, measure.label.rpartition(" ")[::2]))
         ax.text(right, 0.36, f"{words}{symbol}", ha="right", va="bottom", fontsize=8.0, color=QUIET, linespacing=1.1)
         for row, r in enumerate(results, start=1):
-            ax.text(right, row, unit.text(measure.value(r.metrics)), ha="right", va="center", fontsize=9.5)
+            ax.text(right, row, unit.text(r.metrics[measure.name]), ha="right", va="center", fontsize=9.5)
     ax.axhline(0.44, color="0.8", linewidth=0.7)
     for row, r in enumerate(results, start=1):
         ax.plot([0.002, 0.03], [row, row], color=ink_of(r.plant), linewidth=2.4, clip_on=False)

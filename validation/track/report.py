@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -14,9 +13,20 @@ from rich.table import Table
 from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH
 from validation import store
-from validation.compare.table import COLUMNS
-from validation.show.tables import Cell, Grid, Unit, code_span, markdown_table, one_line, option_text, rich_table, unit_of
-from validation.track.result import TrackMetrics, TrackResult
+from validation.compare.table import REAL_TIME
+from validation.show.tables import (
+    Cell,
+    Grid,
+    code_span,
+    markdown_table,
+    meanings,
+    one_line,
+    option_text,
+    rich_table,
+    unit_of,
+    units_of,
+)
+from validation.track.result import TRACK_METRICS, TrackResult
 
 SCHEMA = "ssmr.track/1"
 MOST = 5
@@ -25,62 +35,12 @@ MUCH_SATURATED = 0.05
 """A robot at its limits for a greater share of time than this follows them rather than its controller."""
 UNSETTLED = 0.5
 """Speeds whose root mean square is off the reference's by a greater share than this are not those that were asked for."""
-PERCENT = Unit("%", 100.0, 1)
-
-Kind = Literal["length", "ratio", "angle", "share"]
-
-
-@dataclass(frozen=True)
-class Measure:
-    """One number that says how well a reference was followed."""
-
-    name: str
-    kind: Kind
-    value: Callable[[TrackMetrics], float]
-    meaning: str
-
-
-_MEANINGS = {column.name: column.meaning.replace("the plant", "the robot") for column in COLUMNS}
-MEASURES = (
-    Measure("d_rms", "length", lambda m: m.path.d_rms_m, _MEANINGS["d_rms"]),
-    Measure("d_haus", "length", lambda m: m.path.d_haus_m, _MEANINGS["d_haus"]),
-    Measure("d_ratio", "ratio", lambda m: m.path.d_ratio, _MEANINGS["d_ratio"]),
-    Measure("e_bend ratio", "ratio", lambda m: m.path.e_bend_ratio, _MEANINGS["e_bend ratio"]),
-    Measure("sync rms", "length", lambda m: m.path.sync_rms_m, _MEANINGS["sync rms"].replace("plant", "robot")),
-    Measure("yaw rms", "angle", lambda m: m.path.yaw_rms_rad, _MEANINGS["yaw rms"].replace("plant", "robot")),
-    Measure(
-        "e_rho rms", "length", lambda m: m.e_rho_rms_m,
-        "root mean square of the distance to the moving target, as the controller sees it; negative where it lies behind",
-    ),
-    Measure("e_y rms", "length", lambda m: m.e_y_rms_m, "root mean square of the target's offset to the left"),
-    Measure(
-        "e_alpha rms", "angle", lambda m: m.e_alpha_rms_rad,
-        "root mean square of the reference's heading less the robot's; "
-        f"it counts as zero where the target is farther than {ALPHA_SWITCH:g} m",
-    ),
-    Measure(
-        "u rms ratio", "ratio", lambda m: m.u_rms_ratio,
-        "root mean square of the robot's speed over the mean speed of the reference",
-    ),
-    Measure(
-        "saturated", "share", lambda m: m.saturated_fraction,
-        "share of time in which a torque or a command was at its limit",
-    ),
-)  # fmt: skip
-"""What is said about each robot, in the order of the tables."""
+SHOWN_METRICS = tuple(TRACK_METRICS[name] for name in (
+    "d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad",
+    "e_rho_rms_m", "e_y_rms_m", "e_alpha_rms_rad", "u_rms_ratio", "saturated_fraction",
+))  # fmt: skip
+"""Metrics of each robot in tables and pictures."""
 _OF_THE_PATH = 6  # so many of them compare the robot's motion with the reference's
-
-
-def units_of(measures: Sequence[Measure], metrics: Sequence[TrackMetrics]) -> list[Unit]:
-    """How to write each measure; all lengths alike."""
-    lengths = [m.value(of) for m in measures if m.kind == "length" for of in metrics]
-
-    def unit(m: Measure) -> Unit:
-        if m.kind == "share":
-            return PERCENT
-        return unit_of(m.kind, lengths if m.kind == "length" else [m.value(of) for of in metrics])
-
-    return [unit(m) for m in measures]
 
 
 def require_comparable(results: Sequence[TrackResult]) -> None:
@@ -123,13 +83,13 @@ def _grids(results: Sequence[TrackResult]) -> tuple[Grid, Grid]:
     """The path and the pace; what the controller sees, and what it costs."""
     labels = [Cell(f"{r.plant} (lost)" if r.run.lost else r.plant) for r in results]
     metrics = [r.metrics for r in results]
-    units = units_of(MEASURES, metrics)
+    units = units_of(SHOWN_METRICS, metrics)
     columns = [
-        ((m.name, unit.symbol), [Cell(unit.text(m.value(of))) for of in metrics])
-        for m, unit in zip(MEASURES, units, strict=True)
+        ((m.label, unit.symbol), [Cell(unit.text(of[m.name])) for of in metrics])
+        for m, unit in zip(SHOWN_METRICS, units, strict=True)
     ]
     factors = [real_time_factor(r) for r in results]
-    columns.append((("real time", "×"), [Cell(unit_of("speed-up", factors).text(f)) for f in factors]))
+    columns.append((("real time", "×"), [Cell(unit_of("×", factors).text(f)) for f in factors]))
 
     def grid(which: Sequence[tuple[tuple[str, str], list[Cell]]]) -> Grid:
         header = (("plant", ""), *(name for name, _ in which))
@@ -163,10 +123,10 @@ def track_notes(results: Sequence[TrackResult]) -> list[str]:
         m = r.metrics
         if r.run.lost:
             notes.append(f"{r.plant} was {lost_text(r.run)}: its numbers are those of the time before.")
-        if m.saturated_fraction > MUCH_SATURATED:
-            notes.append(f"{r.plant}: a torque or the command was at its limit {m.saturated_fraction:.0%} of the time.")
-        if not r.run.lost and abs(m.u_rms_ratio - 1.0) > UNSETTLED:
-            notes.append(f"{r.plant}: its speed was {m.u_rms_ratio:.2f} times that of the reference, by root mean square.")
+        if m["saturated_fraction"] > MUCH_SATURATED:
+            notes.append(f"{r.plant}: a torque or the command was at its limit {m['saturated_fraction']:.0%} of the time.")
+        if not r.run.lost and abs(m["u_rms_ratio"] - 1.0) > UNSETTLED:
+            notes.append(f"{r.plant}: the root mean square of its speed was {m['u_rms_ratio']:.2f} times the reference's.")
         beyond = float(np.mean(np.abs(r.run.column("e_rho")) > ALPHA_SWITCH)) if len(r.run.t) else 0.0
         if beyond > 0.0:
             notes.append(
@@ -211,9 +171,7 @@ def track_markdown(results: Sequence[TrackResult]) -> str:
     notes = track_notes(results)
     if notes:
         lines += ["", "## Notes", "", *(f"- {one_line(note)}" for note in notes)]
-    lines += ["", "## What the metrics mean", ""]
-    lines += [f"- **{m.name}**: {m.meaning}." for m in MEASURES]
-    lines += [f"- **real time**: {_MEANINGS['real time'].replace('the robot', 'the simulation')}."]
+    lines += ["", "## What the metrics mean", "", *meanings((*SHOWN_METRICS, REAL_TIME))]
     return "\n".join(lines) + "\n"
 
 
@@ -224,18 +182,6 @@ def real_time_factor(result: TrackResult) -> float:
     """Simulated over wall time; infinite where no time was taken."""
     simulated = float(result.run.t[-1]) if len(result.run.t) else 0.0
     return simulated / result.wall_s if result.wall_s > 0.0 else math.inf
-
-
-def metrics_document(metrics: TrackMetrics) -> dict[str, Any]:
-    """All numbers by the names of the files; those of the path first."""
-    return {
-        **asdict(metrics.path),
-        "e_rho_rms_m": metrics.e_rho_rms_m,
-        "e_y_rms_m": metrics.e_y_rms_m,
-        "e_alpha_rms_rad": metrics.e_alpha_rms_rad,
-        "u_rms_ratio": metrics.u_rms_ratio,
-        "saturated_fraction": metrics.saturated_fraction,
-    }
 
 
 def _of_one(result: TrackResult) -> dict[str, Any]:
@@ -261,12 +207,12 @@ def as_document(results: Sequence[TrackResult]) -> dict[str, Any]:
         "gains_name": first.gains_name,
         "gains": dict(first.gains),
         "seed": first.seed,
-        "metrics": metrics_document(first.metrics),
+        "metrics": dict(first.metrics),
         **_of_one(first),
         "options": dict(first.options),
         "versions": dict(first.versions),
     }
     if others:
-        document["beside"] = {r.plant: {**metrics_document(r.metrics), **_of_one(r)} for r in others}
+        document["beside"] = {r.plant: {**r.metrics, **_of_one(r)} for r in others}
     found: dict[str, Any] = store.plain(document)
     return found

@@ -6,27 +6,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ssmr.control.loop import ClosedRun
-from ssmr.metrics.paths import PathMetrics
+from ssmr.control.waypoints import ALPHA_SWITCH
+from ssmr.metrics.declared import METRICS, Metric, Metrics
 from ssmr.types import Trajectory
 from validation.robots.terrain import FLAT, Terrain
 
-
-@dataclass(frozen=True)
-class TrackMetrics:
-    """How well a reference was followed: the thesis' figures, and those that see time and errors."""
-
-    path: PathMetrics
-    """Distances of the robot's path from the reference, and errors at equal times."""
-    e_rho_rms_m: float
-    """Root mean square of the signed distance to the target [m]."""
-    e_y_rms_m: float
-    """Of the offset across [m]."""
-    e_alpha_rms_rad: float
-    """Of the heading error, zero beyond 0.4 m from the target [rad]."""
-    u_rms_ratio: float
-    """Root mean square of speed over the reference's mean speed [1] (Sec. 4.4.3)."""
-    saturated_fraction: float
-    """Share of time in which a side's torque, or a command, was at its limit [1]."""
+TRACK_METRICS: Mapping[str, Metric] = {
+    **METRICS,
+    **{metric.name: metric for metric in (
+        Metric(
+            "e_rho_rms_m", "e_rho rms", "m", "low",
+            "root mean square of the distance to the moving target, as the controller sees it; it is negative behind",
+        ),
+        Metric("e_y_rms_m", "e_y rms", "m", "low", "root mean square of the target's offset to the left"),
+        Metric(
+            "e_alpha_rms_rad", "e_alpha rms", "rad", "low",
+            "root mean square of the reference's heading less the robot's; "
+            f"it counts as zero where the target is farther than {ALPHA_SWITCH:g} m",
+        ),
+        Metric(
+            "u_rms_ratio", "u rms ratio", "1", "one",
+            "root mean square of the robot's speed over the mean speed of the reference (Sec. 4.4.3)",
+        ),
+        Metric(
+            "saturated_fraction", "saturated", "share", "low",
+            "share of time in which a torque or a command was at its limit",
+        ),
+    )},
+}  # fmt: skip
+"""Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +61,7 @@ class TrackResult:
     """What happened, tick by tick."""
     target: Trajectory
     """The reference at the same ticks."""
-    metrics: TrackMetrics
+    metrics: Metrics
     """How well."""
     wall_s: float
     """Time that simulating took [s]."""

@@ -16,7 +16,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings
-from ssmr.metrics.paths import PathMetrics, compare_paths
+from ssmr.metrics.declared import Metrics, compare_paths
 from ssmr.models.linear import matrices
 from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
@@ -28,7 +28,7 @@ from validation.robots.loops import HuskyLoop, run_husky_loops
 from validation.robots.plant import MujocoPlant
 from validation.robots.terrain import FLAT, Terrain
 from validation.track.gains import GainSet
-from validation.track.result import TrackMetrics, TrackResult
+from validation.track.result import TrackResult
 
 AT_LIMIT = 0.999
 """From this share of a limit on, a torque or a command counts as saturated."""
@@ -128,25 +128,26 @@ def _first(motion: Trajectory, n: int) -> Trajectory:
     return Trajectory(motion.t[:n], motion.pose[:n], motion.twist[:n], motion.wheels[:n])
 
 
-def rate(run: ClosedRun, waypoints: Waypoints, robot: Robot) -> TrackMetrics:
+def rate(run: ClosedRun, waypoints: Waypoints, robot: Robot) -> Metrics:
     """How well a run followed its reference; one that was lost is held against the whole of it all the same."""
     return rate_within(run, waypoints, robot.side_limit, robot.drive.v_max, robot.drive.w_max)
 
 
-def rate_within(run: ClosedRun, waypoints: Waypoints, side_limit: float, v_max: float, w_max: float) -> TrackMetrics:
+def rate_within(run: ClosedRun, waypoints: Waypoints, side_limit: float, v_max: float, w_max: float) -> Metrics:
     """The same by the limits of a side's torque [N m], of speed [m/s] and of yaw rate [rad/s]."""
     target = reference_of(run, waypoints, whole=True)
-    path: PathMetrics = compare_paths(run.motion, target)
     rms = lambda name: float(np.sqrt(np.mean(np.square(run.column(name)))))  # noqa: E731
     torque = np.abs(run.columns("torque_left", "torque_right")) >= AT_LIMIT * side_limit
     asked = (np.abs(run.column("v_cmd")) >= AT_LIMIT * v_max) | (np.abs(run.column("w_cmd")) >= AT_LIMIT * w_max)
-    return TrackMetrics(
-        path,
-        rms("e_rho"),
-        rms("e_y"),
-        rms("e_alpha"),
-        rms("v_x") / max(waypoints.speed, 1e-9),
-        float(np.mean(torque.any(axis=1) | asked)),
+    return Metrics(
+        {
+            **compare_paths(run.motion, target),
+            "e_rho_rms_m": rms("e_rho"),
+            "e_y_rms_m": rms("e_y"),
+            "e_alpha_rms_rad": rms("e_alpha"),
+            "u_rms_ratio": rms("v_x") / max(waypoints.speed, 1e-9),
+            "saturated_fraction": float(np.mean(torque.any(axis=1) | asked)),
+        }
     )
 
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ssmr.control.loop import ClosedRun
+from ssmr.metrics.declared import Metrics
 from ssmr.types import Trajectory
 from validation.fit.data import SearchData
 from validation.track.gains import GainSet
-from validation.track.result import TrackMetrics
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +28,13 @@ class TunedRun:
     """The whole reference."""
     tuned: ClosedRun
     """The run with the tuned gains; it may have been lost."""
-    tuned_metrics: TrackMetrics
+    tuned_metrics: Metrics
     """Metrics of `tuned`."""
     tuned_cost: float
     """Cost of `tuned`; infinite where it was lost."""
     baseline: ClosedRun
     """The run with the gains of before."""
-    baseline_metrics: TrackMetrics
+    baseline_metrics: Metrics
     """Metrics of `baseline`."""
     baseline_cost: float
     """Cost of `baseline`; infinite where it was lost."""

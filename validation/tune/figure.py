@@ -80,14 +80,14 @@ def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, a
 def _quality(followed: TunedRun) -> tuple[str, str]:
     """Cost and d_rms of the tuned gains and of the baseline, a line each."""
     f = followed
-    unit = length_unit([f.tuned_metrics.path.d_rms_m, f.baseline_metrics.path.d_rms_m])
+    unit = length_unit([f.tuned_metrics["d_rms_m"], f.baseline_metrics["d_rms_m"]])
 
     def text(name: str, cost: float, lost: bool, d_rms: float) -> str:
         return f"{name}: {'' if lost else 'cost '}{cost_text(cost, lost)}, d_rms {unit.text(d_rms)} {unit.symbol}"
 
     return (
-        text("tuned", f.tuned_cost, f.tuned.lost, f.tuned_metrics.path.d_rms_m),
-        text("baseline", f.baseline_cost, f.baseline.lost, f.baseline_metrics.path.d_rms_m),
+        text("tuned", f.tuned_cost, f.tuned.lost, f.tuned_metrics["d_rms_m"]),
+        text("baseline", f.baseline_cost, f.baseline.lost, f.baseline_metrics["d_rms_m"]),
     )
 
 

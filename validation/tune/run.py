@@ -226,7 +226,7 @@ def _record(cost: TuneCost, task: TuneTask, parameters: TuneParameters, search: 
 def _with_provenance(result: TuneResult) -> GainSet:
     """Return the tuned gains as a set that says how it was found."""
     followed: dict[str, Any] = {
-        run.label: {"d_rms_m": run.tuned_metrics.path.d_rms_m, "cost": run.tuned_cost}
+        run.label: {"d_rms_m": run.tuned_metrics["d_rms_m"], "cost": run.tuned_cost}
         for run in (*result.train, *result.held_out)
         if not run.tuned.lost
     }

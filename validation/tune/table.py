@@ -8,13 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ssmr.metrics.declared import Metrics
 from validation.fit.table import effort, ending, parameter_grid
-from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened
-from validation.track.report import MEASURES, gains_text, lost_text, metrics_document, units_of
-from validation.track.result import TrackMetrics
+from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened, units_of
+from validation.track.report import gains_text, lost_text
+from validation.track.result import TRACK_METRICS
 from validation.tune.data import TuneData, TunedRun
 
-_SHOWN = ("d_rms", "d_haus", "d_ratio", "e_rho rms", "saturated")
+_SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m", "saturated_fraction")
 """Measures in the table of references."""
 _LONGEST_RUN = 40
 """Greatest number of characters of a reference's name with its speed and plant."""
@@ -41,19 +42,18 @@ def against(result: TuneData) -> str:
 
 def _score_grid(result: TuneData) -> Grid:
     """Return the tuned gains and those of before on each reference; the better of each measure is emphasised."""
-    measures = [m for m in MEASURES if m.name in _SHOWN]
+    measures = [TRACK_METRICS[name] for name in _SHOWN]
     every = [metrics for f in (*result.train, *result.held_out) for metrics in (f.tuned_metrics, f.baseline_metrics)]
     units = units_of(measures, every)
-    wanted = {"d_ratio": "one"}
     header = [
         ("reference", ""),
         ("gains", ""),
         ("cost", ""),
-        *((m.name, u.symbol) for m, u in zip(measures, units, strict=True)),
+        *((m.label, u.symbol) for m, u in zip(measures, units, strict=True)),
     ]
 
     def rows(f: TunedRun, held_out: bool) -> tuple[tuple[Cell, ...], ...]:
-        pair: dict[str, tuple[float, bool, TrackMetrics]] = {
+        pair: dict[str, tuple[float, bool, Metrics]] = {
             "tuned": (f.tuned_cost, f.tuned.lost, f.tuned_metrics),
             "baseline": (f.baseline_cost, f.baseline.lost, f.baseline_metrics),
         }
@@ -62,9 +62,9 @@ def _score_grid(result: TuneData) -> Grid:
         best = best_of(costs, {name: pair[name][0] for name in kept}, "low")
         columns = [{name: Cell(text, name in best) for name, text in costs.items()}]
         for m, unit in zip(measures, units, strict=True):
-            values = {name: m.value(metrics) for name, (_, _, metrics) in pair.items()}
+            values = {name: metrics[m.name] for name, (_, _, metrics) in pair.items()}
             texts = {name: unit.text(value) for name, value in values.items()}
-            best = best_of(texts, {name: values[name] for name in kept}, "one" if wanted.get(m.name) else "low")
+            best = best_of(texts, {name: values[name] for name in kept}, m.wanted)
             columns.append({name: Cell(text, name in best) for name, text in texts.items()})
         label = f"{'held out: ' * held_out}{run_text(f)}"
         return tuple(
@@ -103,8 +103,8 @@ def runs_dict(runs: Sequence[TunedRun]) -> dict[str, Any]:
     """Return the runs as tune.json holds them."""
     return {
         run.label: {
-            "tuned": {**metrics_document(run.tuned_metrics), "cost": run.tuned_cost, "lost": run.tuned.lost},
-            "baseline": {**metrics_document(run.baseline_metrics), "cost": run.baseline_cost, "lost": run.baseline.lost},
+            "tuned": {**run.tuned_metrics, "cost": run.tuned_cost, "lost": run.tuned.lost},
+            "baseline": {**run.baseline_metrics, "cost": run.baseline_cost, "lost": run.baseline.lost},
         }
         for run in runs
     }

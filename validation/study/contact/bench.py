@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 from ssmr.errors import DivergedError, SsmrError
-from ssmr.metrics.paths import compare_paths, horizon_windows
+from ssmr.metrics.declared import compare_paths
+from ssmr.metrics.poses import horizon_windows
 from ssmr.robot.skid_turn import TRACK, turn_on_the_spot
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.motion.driving import drive, score_horizons
@@ -335,7 +336,7 @@ class _Trial:
         rim = _STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
         ahead = [motion.twist[motion.t >= _SURGE_LEAD, 0].max() for motion in (motions["traj3"], turned)]
         apart = {
-            model: {name: compare_paths(motions[name], reference).d_rms_m for name, reference in paths.items()}
+            model: {name: compare_paths(motions[name], reference)["d_rms_m"] for name, reference in paths.items()}
             for model, paths in self.bench.models.items()
         }
         self.end = motions["traj4"].xy[-1]

@@ -119,8 +119,8 @@ def study_gains(
                             reference,
                             speed,
                             float(np.mean(costs_of(mine, target, waypoints.speed, COST))) if rated else None,
-                            float(np.mean([r.path.d_rms_m for r in rated])) if rated else None,
-                            float(np.mean([r.e_rho_rms_m for r in rated])) if rated else None,
+                            float(np.mean([r["d_rms_m"] for r in rated])) if rated else None,
+                            float(np.mean([r["e_rho_rms_m"] for r in rated])) if rated else None,
                             lost,
                         )
                     )

@@ -45,13 +45,13 @@ def errors_of(run: ClosedRun, waypoints: Waypoints, robot: Robot, ticks: int) ->
     """Return the errors of a run that would have lasted `ticks` periods of the position loop."""
     if not run.lost:
         metrics = rate(run, waypoints, robot)
-        return RunErrors(metrics.path.d_rms_m, metrics.e_rho_rms_m, None)
+        return RunErrors(metrics["d_rms_m"], metrics["e_rho_rms_m"], None)
     kept = ClosedRun(run.t[:-1], run.table[:-1], True)  # the last tick is out of bounds and says nothing
     lost_at = float(run.t[-1]) if len(run.t) else 0.0
     if len(kept.t) < 2:
         return RunErrors(LOST, LOST, lost_at)
     squares = np.sum(np.minimum(np.square(kept.column("e_rho")), LOST**2)) + (ticks - len(kept.t)) * LOST**2
-    return RunErrors(min(rate(kept, waypoints, robot).path.d_rms_m, LOST), math.sqrt(squares / ticks), lost_at)
+    return RunErrors(min(rate(kept, waypoints, robot)["d_rms_m"], LOST), math.sqrt(squares / ticks), lost_at)
 
 
 def cvar(values: Sequence[float], level: float = CVAR_LEVEL) -> float:

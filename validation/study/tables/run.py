@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from ssmr.control.loop import ClosedRun, LoopSettings
-from ssmr.metrics.paths import PathMetrics, compare_paths
+from ssmr.metrics.declared import Metrics, compare_paths
 from validation import store
 from validation.plants.profile import Profile
 from validation.show.drawing import draw_footer, inset, put_together, side_by_side, text_row
@@ -107,17 +107,17 @@ def _entry(
             )
         return runs[key]
 
-    def followed(plant: str) -> list[PathMetrics]:
+    def followed(plant: str) -> list[Metrics]:
         robot = make_robot(profile, plant)
-        return [rate(run, waypoints, robot).path for run in driven(plant) if not run.lost]
+        return [rate(run, waypoints, robot) for run in driven(plant) if not run.lost]
 
-    husky: list[PathMetrics] = []
+    husky: list[Metrics] = []
     if content["comparison"] == "reference_vs_simulated":
         found, husky = followed("improved"), followed("mujoco")
     else:
         both = zip(driven("improved"), driven("mujoco"), strict=True)
         found = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
-    table = np.array([[getattr(m, name) for name in METRICS] for m in found]).reshape(-1, len(METRICS))
+    table = np.array([[m[name] for name in METRICS] for m in found]).reshape(-1, len(METRICS))
     rows = list(content["rows"])
     suspect = content.get("note", "") if content.get("suspect") else ""
     if number == "4.23":
@@ -135,7 +135,7 @@ def _entry(
         dict(zip(METRICS, map(float, table.std(axis=0)), strict=True)) if len(table) else {},
         seeds - len(table),
         seeds,
-        {name: float(np.mean([getattr(m, name) for m in husky])) for name in METRICS} if husky else {},
+        {name: float(np.mean([m[name] for m in husky])) for name in METRICS} if husky else {},
     )
 
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from ssmr.control.loop import LoopSettings
 from ssmr.errors import SsmrError
-from ssmr.metrics.paths import compare_paths, horizon_windows, relative_pose_error
+from ssmr.metrics.declared import compare_paths
+from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.robot.loads import static_loads
 from ssmr.robot.vehicle import Vehicle
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
@@ -145,7 +146,7 @@ def model_errors(
                 errors = relative_pose_error(motion.pose, truth.pose, *horizon_windows(truth.t, horizon))
                 position.append(errors[0])
                 yaw.append(errors[1])
-                distances.append(compare_paths(motion, truth).d_rms_m)
+                distances.append(compare_paths(motion, truth)["d_rms_m"])
         if distances:
             medians = float(np.median(np.concatenate(position))), float(np.median(np.concatenate(yaw)))
             yield ModelErrors(axis, value, plant, *medians, float(np.mean(distances)), failed)
@@ -169,7 +170,7 @@ def _track(
     n = len(laws)
     runs = [(r, run_robots([r] * n, laws, [loop] * n, waypoints, [options.seed], workers)) for r in robots]
     for k, name in enumerate(names):
-        distances = [rate(each[k], waypoints, robot).path.d_rms_m for robot, each in runs if not each[k].lost]
+        distances = [rate(each[k], waypoints, robot)["d_rms_m"] for robot, each in runs if not each[k].lost]
         yield TrackerErrors(axis, value, name, float(np.mean(distances)) if distances else None, len(runs) - len(distances))
 
 

@@ -1,0 +1,188 @@
+"""Every metric, declared once: its name, unit, meaning, what is wanted of it, and how it is computed and pooled.
+
+A metric of paths is one row of `METRICS`. Tables, pictures, reports and JSON files read that table, so a new metric is one
+new row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasures, measure_paths, ratio
+from ssmr.types import Trajectory
+
+MetricUnit = Literal["m", "rad", "1", "share", "×"]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """The declaration of a metric."""
+
+    name: str
+    """Key in results and JSON files, with its unit: `d_rms_m`."""
+    label: str
+    """Heading of its column: `d_rms`."""
+    unit: MetricUnit
+    """Unit of the value: metres, radians, a plain ratio, a share of time, or a multiple of real time."""
+    wanted: Literal["low", "one", "high"]
+    """Direction in which it is better: towards zero, towards one, or upwards."""
+    meaning: str
+    """One sentence without its end, for the legend of a report."""
+
+
+@dataclass(frozen=True)
+class PathMetric(Metric):
+    """A metric of a candidate's path against a reference's."""
+
+    of: Callable[[PathMeasures], Any]
+    """Part of the measures of one piece that it is made of."""
+    pool: Callable[[Sequence[Any], Sequence[int]], float]
+    """Value over all pieces, from those parts and the numbers of samples of the reference."""
+
+
+class Metrics(Mapping[str, float]):
+    """Values by the name of their metric; read-only."""
+
+    __slots__ = ("_values",)
+
+    def __init__(self, values: Mapping[str, float] | Iterable[tuple[str, float]]) -> None:
+        """Keep a copy of the values."""
+        self._values = MappingProxyType(dict(values))
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a metric.
+
+        Raises:
+            KeyError: there is no such metric; the message lists all.
+        """
+        try:
+            return self._values[name]
+        except KeyError:
+            raise KeyError(f"no metric '{name}'; there are: {', '.join(self._values)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over names."""
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        """Return the number of metrics."""
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        """Return the values as they are written in code."""
+        return f"Metrics({dict(self._values)!r})"
+
+    def __reduce__(self) -> tuple[type[Metrics], tuple[dict[str, float]]]:
+        """Copy and send by value."""
+        return Metrics, (dict(self._values),)
+
+
+def _mean_square(values: Sequence[float], samples: Sequence[int]) -> float:
+    """Pool root mean squares: their squares are averaged, weighted by the reference's samples."""
+    if len(values) == 1:
+        return values[0]
+    return math.sqrt(np.average([value**2 for value in values], weights=np.array(samples, dtype=np.float64)))
+
+
+def _greatest(values: Sequence[float], samples: Sequence[int]) -> float:
+    """Pool largest distances: the greatest of all."""
+    return max(values)
+
+
+def _ratio_of_totals(floor: float) -> Callable[[Sequence[tuple[float, float]], Sequence[int]], float]:
+    """Pool amounts of candidate and reference: add them up before the ratio is taken; under `floor` an amount is nothing."""
+
+    def pool(amounts: Sequence[tuple[float, float]], samples: Sequence[int]) -> float:
+        candidate, reference = np.sum(amounts, axis=0)
+        return float(ratio(candidate, reference, floor))
+
+    return pool
+
+
+METRICS: Mapping[str, PathMetric] = MappingProxyType({metric.name: metric for metric in (
+    PathMetric(
+        "d_rms_m", "d_rms", "m", "low",
+        "root mean square, over the reference's samples, of the distance to the closest sample of the robot's path; "
+        "one-sided: leaving the reference's path after having covered it costs nothing",
+        lambda m: m.d_rms, _mean_square,
+    ),
+    PathMetric(
+        "d_haus_m", "d_haus", "m", "low",
+        "the largest of those distances, the one-sided Hausdorff distance from the reference to the robot's path",
+        lambda m: m.d_haus, _greatest,
+    ),
+    PathMetric(
+        "d_ratio", "d_ratio", "1", "one",
+        "length of the robot's path over that of the reference; above 1 the robot drives farther",
+        lambda m: m.lengths, _ratio_of_totals(LENGTH_FLOOR),
+    ),
+    PathMetric(
+        "e_bend_ratio", "e_bend ratio", "1", "one",
+        "bending energy (curvature squared, summed along the path) of the robot's path over that of the reference; "
+        "above 1 the robot's path is more curved",
+        lambda m: m.bendings, _ratio_of_totals(BENDING_FLOOR),
+    ),
+    PathMetric(
+        "d_rms_symmetric_m", "d_rms sym", "m", "low",
+        "d_rms of both directions, from the reference to the robot and back, each with the same weight",
+        lambda m: m.d_rms_symmetric, _mean_square,
+    ),
+    PathMetric(
+        "d_haus_symmetric_m", "d_haus sym", "m", "low",
+        "the larger of the Hausdorff distances of both directions",
+        lambda m: m.d_haus_symmetric, _greatest,
+    ),
+    PathMetric(
+        "sync_rms_m", "sync rms", "m", "low",
+        "root mean square of the distance between robot and reference at the same instant",
+        lambda m: m.sync_rms, _mean_square,
+    ),
+    PathMetric(
+        "yaw_rms_rad", "yaw rms", "rad", "low",
+        "root mean square of the difference between the headings of robot and reference at the same instant, wrapped",
+        lambda m: m.yaw_rms, _mean_square,
+    ),
+)})  # fmt: skip
+"""Metrics of a candidate's path, by name, in the order of all tables. Ratios are candidate over reference."""
+
+
+def compare_paths(candidate: Trajectory, reference: Trajectory) -> Metrics:
+    """Return all of `METRICS` of a candidate against a reference.
+
+    The geometric ones compare the whole paths, whatever their stamps; those at equal times the common span.
+
+    Raises:
+        ValueError: no stamp of the reference lies within the candidate's span, or a coordinate is beyond 1e75 m.
+    """
+    return compare_pieces([candidate], [reference])
+
+
+def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
+    """Return all of `METRICS` over several stretches that nothing joins, such as a recording with gaps.
+
+    Raises:
+        ValueError: not as many candidates as references, none at all, or what `compare_paths` raises.
+    """
+    measured = [_measured(candidate, reference) for candidate, reference in zip(candidates, references, strict=True)]
+    if not measured:
+        raise ValueError("there is nothing to compare")
+    samples = [m.samples for m in measured]
+    return Metrics({name: metric.pool([metric.of(m) for m in measured], samples) for name, metric in METRICS.items()})
+
+
+def _measured(candidate: Trajectory, reference: Trajectory) -> PathMeasures:
+    measures = measure_paths(candidate.t, candidate.pose, reference.t, reference.pose)
+    if measures.common == 0:
+        raise ValueError(
+            f"no stamp of the reference, {reference.t[0]} to {reference.t[-1]} s, "
+            f"lies within the candidate's span, {candidate.t[0]} to {candidate.t[-1]} s"
+        )
+    if math.isnan(measures.d_rms):
+        raise ValueError(f"a coordinate is beyond {LARGEST} m")
+    return measures

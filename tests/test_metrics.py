@@ -15,7 +15,17 @@ from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
 from ssmr.metrics.declared import METRICS, compare_paths, compare_pieces
-from ssmr.metrics.paths import BENDING_FLOOR, LENGTH_FLOOR, PathMeasures, bend_ratio_kernel, bending_energy, measure_paths, nearest_squared, one_sided_kernel, path_length
+from ssmr.metrics.paths import (
+    BENDING_FLOOR,
+    LENGTH_FLOOR,
+    PathMeasures,
+    bend_ratio_kernel,
+    bending_energy,
+    measure_paths,
+    nearest_squared,
+    one_sided_kernel,
+    path_length,
+)
 from ssmr.metrics.poses import TIME_TOLERANCE, horizon_errors, horizon_windows, relative_pose_error, sync_rms_kernel
 from ssmr.types import FloatArray, Trajectory
 from tests.conftest import metrics_of

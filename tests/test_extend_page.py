@@ -53,6 +53,7 @@ def write_step(folder: Path, kind: str, path: str, text: str) -> None:
     file = folder / path
     if kind == "python":
         assert not file.exists(), path
+        file.parent.mkdir(exist_ok=True)
     file.write_text(text if kind == "python" else patched(file.read_text(encoding="utf-8"), text), encoding="utf-8")
 
 

@@ -1,0 +1,56 @@
+"""Candidates of a plant that has no compiled loop for populations: they are driven one after another."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ssmr.errors import SsmrError
+from ssmr.geometry import shift_reference, shift_state
+from ssmr.types import FloatArray, Plant
+from validation.plants.kind import PlantProfile, Stretch
+
+
+class OneByOne:
+    """Candidates that are driven one after another; the caller spreads them over threads."""
+
+    def __init__(
+        self, build: Callable[[PlantProfile], Plant], candidates: Sequence[PlantProfile | None], workers: int
+    ) -> None:
+        """Keep the candidates; each is built when it is first driven.
+
+        Args:
+            build: function that builds the plant from its numbers.
+            candidates: numbers of each candidate; None stands for one that cannot be built.
+            workers: no effect.
+        """
+        self._build, self._candidates = build, candidates
+        self._plants: dict[int, Plant | None] = {}
+
+    def _plant(self, i: int) -> Plant | None:
+        """Return the plant of a candidate; None where its numbers are impossible."""
+        if i not in self._plants:
+            candidate = self._candidates[i]
+            try:
+                self._plants[i] = None if candidate is None else self._build(candidate)
+            except ValueError:
+                self._plants[i] = None
+        return self._plants[i]
+
+    def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
+        """Drive some of the candidates, see `Population.poses`."""
+        samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        out = np.full((len(which), samples, 3), np.nan)
+        for row, i in enumerate(which):
+            plant, candidate = self._plant(i), self._candidates[i]
+            if plant is not None and candidate is not None:
+                x, y = candidate.tracked_point
+                with contextlib.suppress(SsmrError):
+                    motion = plant.run(piece.commands, shift_state(piece.start, (-x, -y)), sample_dt)
+                    pose = shift_reference(motion.pose, (x, y))
+                    if piece.t is not None:
+                        pose = np.column_stack([np.interp(piece.t, motion.t + piece.t[0], column) for column in pose.T])
+                    out[row] = pose
+        return out

@@ -27,7 +27,7 @@ from rich.table import Table
 
 from benchmarks.rows import MissingError, optional
 from ssmr.control.loop import LoopSettings
-from ssmr.estimation.ekf import SensorModel
+from ssmr.estimation.sensing import SensorModel
 from ssmr.types import State
 from validation import cli, store
 from validation.plants.profile import load, make_plant

@@ -18,7 +18,9 @@ from typing import Any
 import pytest
 
 from ssmr.control.laws import LAWS
-from ssmr.estimation.ekf import BiasSettings, EkfSettings, SensorModel
+from ssmr.estimation.bias import BiasSettings
+from ssmr.estimation.ekf import EkfSettings
+from ssmr.estimation.sensing import SensorModel
 from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle

@@ -10,23 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.estimation.ekf import (
-    BiasSettings,
-    EkfSettings,
-    SensorModel,
-    covariance,
-    filter_step,
-    initial_memory,
-    learn_bias,
-    predict,
-    run_ekf,
-    run_filter,
-    sense,
-    simulate_sensors,
-    update,
-    update_gyro,
-    update_wheels,
-)
+from ssmr.estimation.bias import BiasSettings, learn_bias
+from ssmr.estimation.ekf import Belief, EkfSettings, filter_log, filter_step, initial_belief, predict, run_ekf, update
+from ssmr.estimation.sensing import SensorLog, SensorModel, SensorSample, sense, simulate_sensors
 from ssmr.geometry import compose, rotate_body_to_world
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.robot.drive import wheel_rates
@@ -39,17 +25,19 @@ from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 STOCK = EkfSettings()
 SURE = (0.02, 0.03, 0.05, 0.04, 0.06)
 """Standard deviations of a start that is roughly known."""
+QUIET = EkfSettings(process_position=0.0, process_yaw=0.0, process_v=0.0, process_yaw_rate=0.0).packed()
+"""No process noise."""
 numbers = st.floats(-3.0, 3.0)
 
 
-def memory_of(mean: FloatArray, p: FloatArray) -> FloatArray:
-    return np.concatenate([mean, p.ravel()])
-
-
-def random_memory(seed: int) -> FloatArray:
+def random_belief(seed: int) -> Belief:
     rng = np.random.default_rng(seed)
     root = 0.3 * rng.standard_normal((5, 5))
-    return memory_of(rng.standard_normal(5), root @ root.T)
+    return Belief(rng.standard_normal(5), root @ root.T)
+
+
+def copied(belief: Belief) -> Belief:
+    return Belief(belief.mean.copy(), belief.covariance.copy())
 
 
 def motion(mean: FloatArray, dt: float) -> FloatArray:
@@ -73,9 +61,9 @@ def jacobian_of_the_kernel(mean: FloatArray, dt: float) -> FloatArray:
     """Read off it: a start of which one number alone is uncertain ends with f f', f that number's column, whose own is 1."""
     columns = []
     for j in range(5):
-        memory = memory_of(mean, np.diag(np.eye(5)[j]))
-        predict(memory, dt, (0.0, 0.0, 0.0, 0.0))
-        columns.append(covariance(memory)[j].copy())
+        belief = Belief(mean.copy(), np.diag(np.eye(5)[j]))
+        predict(belief, dt, QUIET)
+        columns.append(belief.covariance[j])
     return np.column_stack(columns)
 
 
@@ -158,9 +146,9 @@ def test_a_changing_speed_is_followed_to_second_order_too() -> None:
 @given(st.lists(numbers, min_size=5, max_size=5), st.floats(0.001, 1.0))
 def test_the_jacobian_is_the_derivative_of_the_motion(state: list[float], dt: float) -> None:
     mean, h = np.array(state), 1e-5
-    memory = memory_of(mean, np.eye(5))
-    predict(memory, dt, (0.0, 0.0, 0.0, 0.0))
-    assert np.allclose(memory[:5], motion(mean, dt), rtol=ROUNDOFF, atol=ROUNDOFF)
+    belief = Belief(mean.copy(), np.eye(5))
+    predict(belief, dt, QUIET)
+    assert np.allclose(belief.mean, motion(mean, dt), rtol=ROUNDOFF, atol=ROUNDOFF)
     differences = np.column_stack([(motion(mean + h * e, dt) - motion(mean - h * e, dt)) / (2 * h) for e in np.eye(5)])
     assert np.allclose(jacobian_of_the_kernel(mean, dt), differences, rtol=DERIVATIVE, atol=DERIVATIVE)
     assert np.allclose(jacobian_of_the_kernel(mean, dt), jacobian(mean, dt), rtol=ROUNDOFF, atol=ROUNDOFF)
@@ -169,102 +157,101 @@ def test_the_jacobian_is_the_derivative_of_the_motion(state: list[float], dt: fl
 @given(st.integers(0, 1000), st.floats(0.001, 0.2), numbers, numbers, numbers)
 def test_it_is_the_textbook_filter(seed: int, dt: float, left: float, right: float, gyro: float) -> None:
     s = EkfSettings(process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4, variance_gyro=0.05)
-    memory = random_memory(seed)
-    mean, p = memory[:5].copy(), covariance(memory).copy()
+    belief = random_belief(seed)
+    mean, p = copied(belief)
     for k in range(5):
-        sensed = (left + k, right, gyro - 0.1 * k)
-        filter_step(memory, *sensed, dt, s.packed())
+        sensed = SensorSample(left + k, right, gyro - 0.1 * k)
+        filter_step(belief, sensed, dt, s.packed())
         mean, p = textbook_step(mean, p, sensed, dt, s)
-        assert np.allclose(memory[:5], mean, rtol=1e-10, atol=1e-10)
-        assert np.allclose(covariance(memory), p, rtol=1e-10, atol=1e-10)
+        assert np.allclose(belief.mean, mean, rtol=1e-10, atol=1e-10)
+        assert np.allclose(belief.covariance, p, rtol=1e-10, atol=1e-10)
 
 
 def test_one_update_is_joseph_s_form() -> None:
     for index in range(5):
-        memory = random_memory(index)
-        p = covariance(memory).copy()
-        update(memory, index, 0.3, 0.02)
+        belief = random_belief(index)
+        p = belief.covariance.copy()
+        update(belief, index, 0.3, 0.02)
         k = p[:, index] / (p[index, index] + 0.02)
         m = np.eye(5) - np.outer(k, np.eye(5)[index])
-        assert np.allclose(covariance(memory), m @ p @ m.T + 0.02 * np.outer(k, k), rtol=ROUNDOFF, atol=ROUNDOFF)
+        assert np.allclose(belief.covariance, m @ p @ m.T + 0.02 * np.outer(k, k), rtol=ROUNDOFF, atol=ROUNDOFF)
 
 
 def test_a_step_is_predict_wheels_and_gyro_in_this_order() -> None:
-    one, two = random_memory(3), random_memory(3)
-    filter_step(one, 4.0, 5.0, 0.2, 0.02, STOCK.packed())
-    same = random_memory(3)
-    filter_step(same, 4.0, 5.0, 0.2, 0.02, tuple(STOCK.packed()))
-    predict(two, 0.02, process_of(STOCK))
-    update_wheels(two, 0.5 * 0.1651 * 9.0, 0.5 * 0.1651 / 0.275, STOCK.variance_v, STOCK.variance_wheel_yaw_rate)
-    update_gyro(two, 0.2, STOCK.variance_gyro)
-    assert np.allclose(one, two, rtol=ROUNDOFF, atol=ROUNDOFF)
-    assert np.array_equal(one, same)
+    one, two = random_belief(3), random_belief(3)
+    filter_step(one, SensorSample(4.0, 5.0, 0.2), 0.02, STOCK.packed())
+    predict(two, 0.02, STOCK.packed())
+    update(two, 3, 0.5 * 0.1651 * 9.0, STOCK.variance_v)
+    update(two, 4, 0.5 * 0.1651 / 0.275, STOCK.variance_wheel_yaw_rate)
+    update(two, 4, 0.2, STOCK.variance_gyro)
+    assert np.allclose(one.mean, two.mean, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert np.allclose(one.covariance, two.covariance, rtol=ROUNDOFF, atol=ROUNDOFF)
 
 
 def test_the_compiled_filter_is_its_own_source() -> None:
     t, _ = circle(0.02, 1.0)
     rng, out = np.random.default_rng(1), np.empty((len(t), 8))
     left, right, gyro = rng.normal(5.0, 0.1, (3, len(t)))
-    memory = initial_memory(State(), SURE)
+    one, two = initial_belief(State(), SURE), initial_belief(State(), SURE)
     for k in range(len(t)):
-        filter_step.py_func(memory, left[k], right[k], gyro[k], t[k] - t[max(k - 1, 0)], STOCK.packed())
-    again = initial_memory(State(), SURE)
-    run_filter(t, left, right, gyro, STOCK.packed(), again, out)
-    assert np.allclose(memory, again, rtol=ROUNDOFF, atol=ROUNDOFF)
-    assert np.allclose(out[-1], [*again[:5], *np.sqrt(again[5:18:6])], rtol=ROUNDOFF)
+        filter_step.py_func(one, SensorSample(left[k], right[k], gyro[k]), t[k] - t[max(k - 1, 0)], STOCK.packed())
+    filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), two, out)
+    assert np.allclose(one.mean, two.mean, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert np.allclose(one.covariance, two.covariance, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert np.allclose(out[-1], [*two.mean, *np.sqrt(np.diag(two.covariance)[:3])], rtol=ROUNDOFF)
 
 
 @given(numbers, numbers, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
 def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: float, cut: float) -> None:
-    p = covariance(random_memory(7))
-    whole = memory_of(np.array([0.3, 0.4, yaw, v, 0.0]), p)
-    parts = whole.copy()
-    process = (0.1, 0.2, 0.3, 0.4)
+    whole = Belief(np.array([0.3, 0.4, yaw, v, 0.0]), random_belief(7).covariance)
+    parts = copied(whole)
+    process = EkfSettings(process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4).packed()
     predict(whole, dt, process)
     predict(parts, cut * dt, process)
     predict(parts, dt - cut * dt, process)
-    assert np.allclose(whole, parts, rtol=ROUNDOFF, atol=10 * ROUNDOFF)  # two steps of some forty operations
+    for one, two in zip(whole, parts, strict=True):
+        assert np.allclose(one, two, rtol=ROUNDOFF, atol=10 * ROUNDOFF)  # two steps of some forty operations
 
 
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.02, 0.5]), st.sampled_from([1.0, 30.0, 1000.0]))
 def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild: float) -> None:
     rng, n = np.random.default_rng(seed), 1000
-    memory, out = initial_memory(State()), np.empty((n, 8))
+    belief, out = initial_belief(State()), np.empty((n, 8))
     for _ in range(100):
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
         gyro[rng.random(n) < 0.3] = np.nan
-        run_filter(t, left, right, gyro, STOCK.packed(), memory, out)
-        p = covariance(memory)
+        filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), belief, out)
+        p = belief.covariance
         assert np.array_equal(p, p.T)
-        assert np.all(np.isfinite(memory))
+        assert np.all(np.isfinite(belief.mean))
         scale = 1.0 / np.sqrt(np.diag(p))
         np.linalg.cholesky(p * np.outer(scale, scale))  # raises unless positive definite
 
 
 def test_a_sharp_measurement_of_a_wide_guess_leaves_a_positive_variance() -> None:
     """P R/S and not P - P P/S, of which 24 orders of magnitude below P nothing would be left."""
-    memory = memory_of(np.zeros(5), 0.5e12 * (np.eye(5) + np.ones((5, 5))))
-    update(memory, 3, 1.0, 1e-12)
-    assert np.allclose(covariance(memory)[3], 1e-12 * np.array([0.5, 0.5, 0.5, 1.0, 0.5]), rtol=ROUNDOFF, atol=0.0)
-    assert np.array_equal(covariance(memory), covariance(memory).T)
-    assert memory[3] == 1.0
+    mean, p = belief = Belief(np.zeros(5), 0.5e12 * (np.eye(5) + np.ones((5, 5))))
+    update(belief, 3, 1.0, 1e-12)
+    assert np.allclose(p[3], 1e-12 * np.array([0.5, 0.5, 0.5, 1.0, 0.5]), rtol=ROUNDOFF, atol=0.0)
+    assert np.array_equal(p, p.T)
+    assert mean[3] == 1.0
 
 
 @given(numbers, numbers, numbers)
 def test_no_frame_is_preferred(x: float, y: float, yaw: float) -> None:
     rng, n = np.random.default_rng(5), 200
     t = np.cumsum(rng.uniform(0.01, 0.03, n))
-    log = rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T
+    log = SensorLog(t, *rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T.copy())
     out, moved = np.empty((n, 8)), np.empty((n, 8))
-    memory, elsewhere = initial_memory(State(v_x=0.5)), initial_memory(State(x, y, yaw, v_x=0.5))
-    run_filter(t, *log, STOCK.packed(), memory, out)
-    run_filter(t, *log, STOCK.packed(), elsewhere, moved)
+    here, elsewhere = initial_belief(State(v_x=0.5)), initial_belief(State(x, y, yaw, v_x=0.5))
+    filter_log(log, STOCK.packed(), here, out)
+    filter_log(log, STOCK.packed(), elsewhere, moved)
     assert np.allclose(moved[:, :3], compose([x, y, yaw], out[:, :3]), rtol=0.0, atol=1e-11)
     turn = np.eye(5)
     turn[:2, :2] = rotate_body_to_world(np.eye(2), yaw).T
-    assert np.allclose(covariance(elsewhere), turn @ covariance(memory) @ turn.T, rtol=1e-9, atol=1e-12)
+    assert np.allclose(elsewhere.covariance, turn @ here.covariance @ turn.T, rtol=1e-9, atol=1e-12)
 
 
 def test_left_and_right_are_mirror_images() -> None:
@@ -299,7 +286,7 @@ class Fleet:
         rng, s = np.random.default_rng(2024), replace(STOCK, process_yaw=1e-4)  # enough of every noise to be seen
         start = np.array([0.5, -0.3, 0.4, 0.6, 0.2])
         truth = start + SURE * rng.standard_normal((self.RUNS, 5))
-        memories = np.array([initial_memory(State(*start[:4], 0.0, start[4]), SURE)] * self.RUNS)
+        beliefs = [initial_belief(State(*start[:4], 0.0, start[4]), SURE) for _ in range(self.RUNS)]
         h = self.DT / self.PARTS
         root = np.sqrt(
             h * np.array([s.process_position, s.process_position, s.process_yaw, s.process_v, s.process_yaw_rate])
@@ -312,13 +299,13 @@ class Fleet:
             for _ in range(self.PARTS):
                 truth = motion(truth.T, h).T + root * rng.standard_normal((self.RUNS, 5))
             sensed = truth[:, [3, 4, 4]] + np.sqrt(variances) * rng.standard_normal((self.RUNS, 3))
-            for i, memory in enumerate(memories):
-                predict(memory, self.DT, process_of(s))
+            for i, belief in enumerate(beliefs):
+                predict(belief, self.DT, s.packed())
                 for j, (state, value, r) in enumerate(zip((3, 4, 4), sensed[i], variances, strict=True)):
-                    self.nis[k, i, j] = (value - memory[state]) ** 2 / (memory[5 + 6 * state] + r)
-                    update(memory, state, value, r)
-            self.errors[k] = truth - memories[:, :5]
-            self.p[k] = memories[:, 5:].reshape(-1, 5, 5)
+                    self.nis[k, i, j] = (value - belief.mean[state]) ** 2 / (belief.covariance[state, state] + r)
+                    update(belief, state, value, r)
+                self.errors[k, i] = truth[i] - belief.mean
+                self.p[k, i] = belief.covariance
 
 
 @pytest.fixture(scope="module")
@@ -458,9 +445,9 @@ def test_bad_logs_are_refused() -> None:
         with pytest.raises(ValueError, match=name):
             run_ekf(t, *log, STOCK, State())
     with pytest.raises(ValueError, match="negative"):
-        initial_memory(State(), (0.0, -1.0, 0.0, 0.0, 0.0))
+        initial_belief(State(), (0.0, -1.0, 0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="start"):
-        initial_memory(State(x=np.nan))
+        initial_belief(State(x=np.nan))
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,23 @@ import numpy as np
 
 from ssmr._jit import jit, named_like
 from ssmr.control.laws import Controller
-from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, LOST, NO_DRAWS, SPINNING, Draws, Tracker, Truth, is_lost, tick
+from ssmr.control.tick import (
+    FRESH_MIND,
+    LOG_COLUMNS,
+    LOST,
+    NO_DRAWS,
+    NO_NUMBERS,
+    SPINNING,
+    Draws,
+    Tracker,
+    Truth,
+    is_lost,
+    tick,
+)
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
-from ssmr.estimation import ekf
+from ssmr.estimation.ekf import Belief, EkfSettings, initial_belief
+from ssmr.estimation.sensing import SensorModel
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import whole_steps
 from ssmr.robot.sensors import SensorNoise, yaw_disturbance
@@ -45,9 +58,9 @@ class LoopSettings:
     encoders and gyro."""
     noise: SensorNoise = field(default_factory=SensorNoise)
     """Of the noisy feedback."""
-    sensors: ekf.SensorModel = field(default_factory=ekf.SensorModel)
+    sensors: SensorModel = field(default_factory=SensorModel)
     """Of the EKF's encoders and gyro."""
-    filter: ekf.EkfSettings = field(default_factory=ekf.EkfSettings)
+    filter: EkfSettings = field(default_factory=EkfSettings)
     """Of the EKF."""
     disturbance: bool = True
     """Push the yaw at random (Sec. 3.4.5)."""
@@ -140,7 +153,8 @@ class Trackers(NamedTuple):
     course: Any
     lookaheads: FloatArray
     by_filter: bool
-    beliefs: FloatArray
+    beliefs: Belief
+    """(S, 5) means and (S, 5, 5) covariances."""
     filters: FloatArray
     noises: FloatArray
     gyro_biases: FloatArray
@@ -152,10 +166,12 @@ class Trackers(NamedTuple):
 @jit
 def tracker_of(trackers: Trackers, i: int) -> Tracker:
     """Return the `Tracker` of loop `i`."""
+    beliefs = trackers.beliefs
     return Tracker(
         trackers.laws[i], trackers.gains[i], trackers.course, trackers.lookaheads[i], trackers.by_filter,
-        trackers.beliefs[i], trackers.filters[i], named_like(NO_DRAWS, trackers.noises[i]), trackers.gyro_biases[i],
-        trackers.position_steps, trackers.velocity_steps, trackers.dt,
+        Belief(beliefs.mean[i], beliefs.covariance[i]), named_like(NO_NUMBERS, trackers.filters[i]),
+        named_like(NO_DRAWS, trackers.noises[i]), trackers.gyro_biases[i], trackers.position_steps,
+        trackers.velocity_steps, trackers.dt,
     )  # fmt: skip
 
 
@@ -177,7 +193,7 @@ def make_trackers(
         waypoints.course(),
         np.array([s.lookahead for s in settings]),
         settings[0].feedback == "ekf",
-        np.array([ekf.initial_memory(state)] * len(settings)),
+        Belief(*(np.array([part] * len(settings)) for part in initial_belief(state))),
         np.array([s.filter.packed() for s in settings]),
         np.array([s.deviations() for s in settings]),
         np.array([s.sensors.gyro_bias for s in settings]),

@@ -17,7 +17,8 @@ from ssmr._jit import jit, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
-from ssmr.estimation import ekf
+from ssmr.estimation.ekf import YAW, Belief, FilterNumbers, V, W, X, Y, filter_step
+from ssmr.estimation.sensing import SensorErrors, sense
 from ssmr.types import FloatArray
 
 LOST = 3.0
@@ -67,9 +68,9 @@ class Tracker(NamedTuple):
     """Distance at which the robot keeps behind its target [m]."""
     by_filter: bool
     """Whether the controller sees the estimate of the EKF."""
-    belief: FloatArray
-    """Memory of the EKF, which advances in place."""
-    filter: FloatArray
+    belief: Belief
+    """State of the EKF, which advances in place."""
+    filter: FilterNumbers
     """`EkfSettings.packed()`."""
     noise: Draws
     """Standard deviations of the feedback and of the sensors."""
@@ -124,7 +125,8 @@ class LogRow(NamedTuple):
 
 
 NO_DRAWS = Draws(*(0.0,) * 8)
-"""Template for `named_like`."""
+NO_NUMBERS = FilterNumbers(*(0.0,) * 9)
+"""Templates for `named_like`."""
 LOG_COLUMNS = LogRow._fields
 """Names of the columns of a run's log."""
 FRESH_MIND = Mind(
@@ -139,16 +141,16 @@ FRESH_MIND = Mind(
 
 @jit
 def observe(tracker: Tracker, truth: Truth, draws: Draws, elapsed: float) -> Observation:
-    """Return what the controller sees of the truth; the EKF's memory, if it is used, advances by `elapsed` [s]."""
+    """Return what the controller sees of the truth; the EKF's belief, if it is used, advances by `elapsed` [s]."""
     noise = tracker.noise
     if tracker.by_filter:
-        left, right, gyro = ekf.sense(
+        sample = sense(
             truth.left, truth.right, truth.w, (draws.left, draws.right, draws.gyro),
-            (noise.left, noise.gyro, tracker.gyro_bias),
+            SensorErrors(noise.left, noise.gyro, tracker.gyro_bias),
         )  # fmt: skip
-        belief = tracker.belief
-        ekf.filter_step(belief, left, right, gyro, elapsed, tracker.filter)
-        return Observation(belief[0], belief[1], belief[2], belief[3], belief[4])
+        filter_step(tracker.belief, sample, elapsed, tracker.filter)
+        mean = tracker.belief.mean
+        return Observation(mean[X], mean[Y], mean[YAW], mean[V], mean[W])
     return Observation(
         truth.x + noise.x * draws.x,
         truth.y + noise.y * draws.y,

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ssmr._jit import source
-from ssmr.estimation.ekf import EkfSettings, learn_bias, run_ekf
+from ssmr.estimation.bias import learn_bias
+from ssmr.estimation.ekf import EkfSettings, run_ekf
 from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates

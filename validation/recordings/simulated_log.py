@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssmr.estimation.ekf import SensorModel, simulate_sensors
+from ssmr.estimation.sensing import SensorModel, simulate_sensors
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulate import SAMPLE_DT

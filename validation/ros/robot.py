@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ssmr.estimation import ekf
+from ssmr.estimation.ekf import EkfSettings, filter_step, initial_belief
+from ssmr.estimation.sensing import SensorErrors, SensorModel, sense
 from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
 from ssmr.types import FloatArray, State
@@ -34,7 +35,7 @@ class SensorSettings:
 
     noise: bool = True
     """Whether encoders and gyro have the noise of `model`."""
-    model: ekf.SensorModel = field(default_factory=ekf.SensorModel)
+    model: SensorModel = field(default_factory=SensorModel)
     """Their noise."""
     disturbance: bool = False
     """Push the yaw at random (Sec. 3.4.5)."""
@@ -59,10 +60,10 @@ class SimulatedRobot:
         self.steps = 0
         self._sensed_at = 0
         drive = plant.drive
-        self.filter = ekf.EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
+        self.filter = EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
         self._numbers = self.filter.packed()
-        self._deviations = settings.model.packed() if settings.noise else (0.0, 0.0, 0.0)
-        self._belief = ekf.initial_memory(State())
+        self._deviations = settings.model.packed() if settings.noise else SensorErrors(0.0, 0.0, 0.0)
+        self.belief = initial_belief(State())
         self._wheel_pose = np.zeros(3)
         self._wheel_twist: Twist = STAND_STILL
         self._gyro = np.zeros(3)
@@ -101,10 +102,10 @@ class SimulatedRobot:
         """Read encoders and gyro, and let wheel odometry and filter take them in."""
         dt, self._sensed_at = (self.steps - self._sensed_at) * self.dt, self.steps
         s, draws = self.state, self._noise.standard_normal(5)
-        left, right, gyro = ekf.sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._deviations)
-        ekf.filter_step(self._belief, left, right, gyro, dt, self._numbers)
-        self._gyro = np.array([*(self._plant.imu()[0][:2] + self._deviations[1] * draws[3:]), gyro])
-        v, w = (float(rate) for rate in body_rates(left, right, self.filter.half_track, self.filter.radius))
+        sample = sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._deviations)
+        filter_step(self.belief, sample, dt, self._numbers)
+        self._gyro = np.array([*(self._plant.imu()[0][:2] + self._deviations.gyro_std * draws[3:]), sample.gyro])
+        v, w = (float(rate) for rate in body_rates(sample.left, sample.right, self.filter.half_track, self.filter.radius))
         heading = self._wheel_pose[2] + 0.5 * dt * w
         self._wheel_pose = self._wheel_pose + dt * np.array([v * math.cos(heading), v * math.sin(heading), w])
         self._wheel_twist = v, w
@@ -119,9 +120,9 @@ class SimulatedRobot:
         Raises:
             ValueError: a number is not finite.
         """
-        memory = ekf.initial_memory(State(*map(float, pose)))
-        ekf.covariance(memory)[:3, :3] = covariance
-        self._belief = memory
+        belief = initial_belief(State(*map(float, pose)))
+        belief.covariance[:3, :3] = covariance
+        self.belief = belief
 
     @property
     def pose(self) -> FloatArray:
@@ -130,10 +131,10 @@ class SimulatedRobot:
 
     def believed(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Pose (3,), twist, and (3, 3) covariances of both, of the filter."""
-        b, p = self._belief, ekf.covariance(self._belief)
+        mean, p = self.belief
         twist_cov = np.diag([0.0, SIDE_SLIP_VARIANCE, 0.0])
         twist_cov[np.ix_((0, 2), (0, 2))] = p[3:, 3:]
-        return b[:3].copy(), (float(b[3]), float(b[4])), p[:3, :3].copy(), twist_cov
+        return mean[:3].copy(), (float(mean[3]), float(mean[4])), p[:3, :3].copy(), twist_cov
 
     def wheels(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """The same by wheel odometry alone."""

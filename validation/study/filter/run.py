@@ -20,7 +20,8 @@ import numpy as np
 
 from ssmr.control.loop import LoopSettings, make_clock
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.ekf import EkfSettings, SensorModel, run_ekf, simulate_sensors
+from ssmr.estimation.ekf import EkfSettings, run_ekf
+from ssmr.estimation.sensing import SensorModel, simulate_sensors
 from ssmr.geometry import relative, wrap_angle
 from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray, State, Trajectory

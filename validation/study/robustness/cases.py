@@ -24,7 +24,7 @@ from ssmr.control.laws import CONTROLLERS
 from ssmr.control.loop import POSITION_PERIOD, Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.ekf import SensorModel
+from ssmr.estimation.sensing import SensorModel
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.sensors import SensorNoise

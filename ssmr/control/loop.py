@@ -153,8 +153,10 @@ class Trackers(NamedTuple):
     course: Any
     lookaheads: FloatArray
     by_filter: bool
-    beliefs: Belief
-    """(S, 5) means and (S, 5, 5) covariances."""
+    means: FloatArray
+    """(S, 5) means of the beliefs; a parallel loop takes no nested tuples of arrays."""
+    covariances: FloatArray
+    """(S, 5, 5) covariances of the beliefs."""
     filters: FloatArray
     noises: FloatArray
     gyro_biases: FloatArray
@@ -166,10 +168,9 @@ class Trackers(NamedTuple):
 @jit
 def tracker_of(trackers: Trackers, i: int) -> Tracker:
     """Return the `Tracker` of loop `i`."""
-    beliefs = trackers.beliefs
     return Tracker(
         trackers.laws[i], trackers.gains[i], trackers.course, trackers.lookaheads[i], trackers.by_filter,
-        Belief(beliefs.mean[i], beliefs.covariance[i]), named_like(NO_NUMBERS, trackers.filters[i]),
+        Belief(trackers.means[i], trackers.covariances[i]), named_like(NO_NUMBERS, trackers.filters[i]),
         named_like(NO_DRAWS, trackers.noises[i]), trackers.gyro_biases[i], trackers.position_steps,
         trackers.velocity_steps, trackers.dt,
     )  # fmt: skip
@@ -183,7 +184,7 @@ def make_trackers(
     Raises:
         ValueError: no regulator exists for a controller's weights.
     """
-    rows = [c.packed() for c in controllers]
+    rows, belief = [c.packed() for c in controllers], initial_belief(state)
     gains = np.zeros((len(rows), max(map(len, rows))))
     for row, packed in zip(gains, rows, strict=True):
         row[: len(packed)] = packed
@@ -193,7 +194,8 @@ def make_trackers(
         waypoints.course(),
         np.array([s.lookahead for s in settings]),
         settings[0].feedback == "ekf",
-        Belief(*(np.array([part] * len(settings)) for part in initial_belief(state))),
+        np.array([belief.mean] * len(settings)),
+        np.array([belief.covariance] * len(settings)),
         np.array([s.filter.packed() for s in settings]),
         np.array([s.deviations() for s in settings]),
         np.array([s.sensors.gyro_bias for s in settings]),

@@ -37,9 +37,7 @@ class Environment:
     disturbance: cli.Flag = False
     """Push all plants with the same random yaw acceleration."""
     terrain: Annotated[str, cli.option(metavar="GROUND")] = "flat"
-    """Ground that the MuJoCo Husky stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM or split:FRICTION_RATIO. There are more
-    keys: ramp:slope_deg=5,toward_deg=90 or rough:height_mm=5,length_mm=300,seed=1 or
-    split:friction_ratio=0.5,edge_deg=0,edge_m=0. The planar models know only level ground of one friction."""
+    """Ground under the MuJoCo Husky: flat, ramp:DEG, rough:MM or split:RATIO; see docs/terrain.md for more keys."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,7 @@ class Options:
     """The options of `python -m validation.compare`."""
 
     source: Annotated[str, tyro.conf.Positional, cli.option(metavar="SOURCE")]
-    """Motion to drive: traj1, traj2, traj3 or traj4; traj4@improved to compare with that plant; or the path of a recording
-    (.csv, .bag, .mcap, or the folder of a ROS 2 bag)."""
+    """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, or the path of a recording."""
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default=f"all: {','.join(PLANTS)}")] = PLANTS
     """Plants to drive, separated by commas."""

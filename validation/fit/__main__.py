@@ -25,8 +25,7 @@ class Sources(FitSources):
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was recorded after this time [s]."""
     held_out: Annotated[cli.Names, cli.option(metavar="SOURCE,...", default="none")] = ()
-    """Sources to judge the fit on, separated by commas. A recording that is also fitted to stands for its parts outside
-    --from and --until."""
+    """Sources to test on, separated by commas. A fitted recording stands for its parts outside --from and --until."""
 
 
 def _start(text: str) -> dict[str, float]:
@@ -54,8 +53,7 @@ class Cost(FitCost):
     """Options for the cost."""
 
     objective: Annotated[Objective | None, cli.option(default="path for scenarios, horizon for recordings")] = None
-    """Errors that are made small: path (Eq. 3.1), sync (at equal times) or horizon (of the relative pose after some
-    seconds)."""
+    """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative poses, seconds later)."""
     horizons: cli.Numbers = (2.0, 6.0)
 
 
@@ -96,8 +94,7 @@ class Options:
     model: Annotated[str, tyro.conf.Positional, cli.one_of(PLANTS)]
     """Plant to fit."""
     to: Annotated[str, cli.option(metavar="SOURCE,...")]
-    """Source to fit it to, or several separated by commas: traj4@mujoco (the scenario as that plant drives it), or the path
-    of a recording."""
+    """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     sources: Annotated[Sources, tyro.conf.OmitArgPrefixes] = Sources()
     parameters: Annotated[Parameters, tyro.conf.OmitArgPrefixes] = Parameters()
@@ -107,10 +104,11 @@ class Options:
 
 
 def main(options: Options) -> None:
-    """Fit a plant's parameters to motions by self-adaptive differential evolution (jDE).
+    """Fit a plant's parameters to motions by differential evolution (jDE).
 
-    Prints tables and writes fit.json, profile.toml, fit.png and, after every generation, checkpoint.npz.
-    Ctrl-C ends the search and writes the best found so far, marked as interrupted.
+    Prints tables; writes fit.json, profile.toml, fit.png and checkpoint.npz.
+
+    Ctrl-C ends the search and writes the best result found so far.
     """
     to, output = options.to, options.output
     sources = [to] if Path(to).exists() else [part.strip() for part in to.split(",") if part.strip()]

@@ -113,10 +113,11 @@ class ConvertOptions:
 
 
 def info(options: InfoOptions) -> None:
-    """Say what a log holds.
+    """Report what a log contains.
 
-    Prints topics or columns, rates, gaps, offsets of time, the gyro's bias, and
-    how far dead reckoning on the log comes from its positions.
+    Prints topics or columns, rates, gaps, time offsets and the gyro's bias.
+
+    Compares dead reckoning on the log with the positions in it.
     """
     simulation = options.simulation
     with cli.mistakes_are_users():
@@ -129,9 +130,9 @@ def info(options: InfoOptions) -> None:
 def convert(options: ConvertOptions) -> None:
     """Write a log in another format: .csv, .tum, .mcap or .bag.
 
-    .csv is a recording, .tum a trajectory for evo, .mcap a ROS 2 bag, .bag a ROS 1
-    bag. A recording has one clock; in bags every group of columns keeps its own
-    stamps, unless --rate is given.
+    A .tum file is a trajectory for evo, .mcap a ROS 2 bag, .bag a ROS 1 bag.
+
+    Bags keep the stamps of every group of columns, unless --rate is given.
     """
     changes, simulation = options.changes, options.simulation
     target = options.out or Path("runs") / "recordings" / f"{Path(options.source).stem}.csv"

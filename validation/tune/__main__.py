@@ -90,8 +90,7 @@ class Options:
     controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
     """Controller to tune."""
     reference: Annotated[cli.Names, cli.option(metavar="REF,...")] = ("generic",)
-    """References that it must follow, separated by commas: line, circle, sine or generic, each also with its speed as in
-    circle@0.5, or paths of waypoint files."""
+    """Paths to follow, separated by commas: line, circle, sine, generic, circle@0.5 with its speed, or waypoint files."""
     profile: Annotated[str, cli.profile_option()] = "thesis-lab"
     task: Annotated[Task, tyro.conf.OmitArgPrefixes] = Task()
     parameters: Annotated[Parameters, tyro.conf.OmitArgPrefixes] = Parameters()
@@ -101,10 +100,11 @@ class Options:
 
 
 def main(options: Options) -> None:
-    """Tune a controller by self-adaptive differential evolution (jDE), and compare it with the gains it began with.
+    """Tune the gains of a controller by differential evolution (jDE).
 
-    Prints tables and writes tune.json, gains.toml, tune.png and, after every generation, checkpoint.npz.
-    Ctrl-C ends the search and writes the best found so far, marked as interrupted.
+    Prints tables; writes tune.json, gains.toml, tune.png and checkpoint.npz.
+
+    Ctrl-C ends the search and writes the best result found so far.
     """
     plants, seed, output = options.task.plants, options.search.seed, options.output
     folder = output.out or Path("runs") / "tune" / f"{options.controller}-{'-'.join(plants)}"

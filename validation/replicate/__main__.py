@@ -1,78 +1,88 @@
-"""`python -m validation.replicate`: everything that the thesis reports, printed beside what this project gets."""
+"""The command line `python -m validation.replicate`."""
 
 from __future__ import annotations
 
-import os
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
 from validation import cli
-from validation.logs.formats import read_recording
-from validation.replicate import real as evidence_real
-from validation.replicate.evidence import (
-    FIGURES,
-    QUICK,
-    SECTIONS,
-    Settings,
-    choose,
-)
-from validation.replicate.report import document_of
-from validation.replicate.run import ALL, publish, run_all, write
-from validation.show.tables import rich_table
+from validation.replicate.evidence import QUICK_SETTINGS, ReplicationSettings, chosen_sections
+from validation.replicate.real import require_usable
+from validation.replicate.result import require_markdown
+from validation.replicate.run import ALL_SECTIONS, ReplicationInterrupted, replicate
 
 
-def main(
-    *,
-    quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    only: str = "",
-    recording: Path | None = None,
-    split: float | None = None,
-    seed: int = 1,
-    workers: int | None = None,
-    out: Path = Path("runs/replicate"),
-    docs: Path | None = None,
-    fresh: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-) -> None:
-    """Run everything that the thesis reports and write it beside what the thesis prints, with a verdict for each row.
+@dataclass(frozen=True)
+class RecordingOptions:
+    """Options of the last chapter, which compares the plants with a log of a real Husky."""
 
-    Writes replicate.json, replicate.md and replicate.html, one page that needs nothing else. Each section is kept in --out
-    as soon as it is done; asked again, only what is missing or was made otherwise runs. Ctrl-C keeps what is done, and
-    searches as far as they are.
+    recording: Annotated[Path | None, cli.option(metavar="PATH", default="none; the chapter then says so")] = None
+    """Log of a real Husky: a bag, or a CSV file with the columns t, x, y, yaw and enc_left, enc_right or cmd_v, cmd_w."""
+    split: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end of what husky-tile was fitted to")] = None
+    """Score what was recorded after this time by itself [s]."""
 
-    Args:
-        quick: Reduced budgets; under three minutes.
-        only: Sections or tables, comma-separated, such as 3.9,4.5 or times; a wrong name lists all.
-        recording: A real Husky's log (.csv with columns as in the README, or a bag) for the last chapter; without it that
-            chapter says so.
-        split: What was recorded after this time is scored by itself [s]; by default where the fit of husky-tile ended.
-        seed: Of the searches.
-        workers: Threads; nothing but times depends on it.
-        out: Folder for the results.
-        docs: Write the report there too, such as docs/results.md; its pictures go to img/ beside it.
-        fresh: Run everything anew, whatever is kept; searches too.
+
+@dataclass(frozen=True)
+class Output:
+    """Options for what is kept and written."""
+
+    out: Annotated[Path, cli.out_option("runs/replicate")] = Path("runs/replicate")
+    docs: Annotated[Path | None, cli.option(metavar="FILE.md", default="none")] = None
+    """Write the report there too, such as docs/results.md, with its pictures in img/ beside it."""
+    fresh: cli.Flag = False
+    """Run everything anew, searches too, whatever is kept."""
+
+
+@dataclass(frozen=True)
+class ReplicateCommand:
+    """The options of `python -m validation.replicate`."""
+
+    quick: cli.Flag = False
+    """Use reduced budgets, which take under three minutes."""
+    only: Annotated[cli.Names, cli.option(default="all")] = ()
+    """Sections or tables to run, such as 3.9,4.5 or times. A wrong name lists all sections."""
+    log: RecordingOptions = RecordingOptions()
+    seed: cli.Seed = 1
+    workers: cli.Workers = None
+    output: Output = field(default_factory=Output)
+
+
+def main(options: ReplicateCommand) -> None:
+    """Run everything that the thesis reports, and write it beside what the thesis prints, with a verdict for each row.
+
+    Writes replicate.json, replicate.md and replicate.html, one page that needs no other file. Each section is kept in the
+    folder --out as soon as it is finished: the next run takes it from there, unless its settings, inputs or code have
+    changed. Ctrl-C keeps what is finished, and searches as far as they are.
     """
+    log, output = options.log, options.output
     with cli.mistakes_are_users():
-        if seed < 0 or (workers is not None and workers < 1):
-            raise cli.UserError(f"--seed {seed} must not be negative and --workers {workers} must be positive")
-        if recording is not None:
-            evidence_real.inputs_of(read_recording(recording))
-        chosen = choose(ALL, only)
-        if docs is not None and docs.suffix != ".md":
-            raise cli.UserError(f"--docs {docs} is no markdown file; name one such as docs/results.md")
-    folder = cli.output_folder(out)
-    for name in (SECTIONS, FIGURES):
-        cli.output_folder(folder / name)
-    base = QUICK if quick else Settings()
-    settings = replace(base, seed=seed, recording=str(recording) if recording is not None else "", split=split)
-    found = run_all(chosen, settings, folder, workers or os.cpu_count() or 1, fresh=fresh)
-    document = document_of(found, settings, [s for s in ALL if s not in chosen])
-    written = write(folder, document, found, settings)
-    if docs is not None:
-        written += publish(docs, document, folder / FIGURES)
-    cli.report([rich_table(document.summary, document.title, "rows that the thesis prints, by verdict")], (), written)
+        chosen_sections(ALL_SECTIONS, options.only)
+        if log.recording is not None:
+            require_usable(log.recording)
+        if output.docs is not None:
+            require_markdown(output.docs)
+    settings = replace(
+        QUICK_SETTINGS if options.quick else ReplicationSettings(),
+        seed=options.seed,
+        recording="" if log.recording is None else str(log.recording),
+        split=log.split,
+    )
+    folder = cli.output_folder(output.out)
+    try:
+        with cli.shown("replicating") as progress:
+            result = replicate(
+                settings, options.only, folder, fresh=output.fresh, workers=options.workers, progress=progress
+            )
+    except ReplicationInterrupted as stop:
+        again = "the same command without --fresh" if output.fresh else "the same command"
+        cli.warn(f"{stop.done} of {stop.total} sections are kept in {folder}; {again} goes on from there")
+        raise
+    written = result.save(folder)
+    if output.docs is not None:
+        cli.output_folder(output.docs.parent)
+        written.append(result.publish(output.docs))
+    cli.report_result(result, written)
 
 
 if __name__ == "__main__":

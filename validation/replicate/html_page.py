@@ -1,4 +1,4 @@
-"""A report as one HTML page that needs nothing else: no picture, script, font or style comes from elsewhere."""
+"""A report as one HTML page that contains its pictures and styles, and loads nothing."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from validation.thesis.verdicts import STATUSES
 
 
 def status_class(cell: Cell) -> str:
-    """The style of a cell that says a verdict, such as `agrees` or `not-compared`; empty for any other cell."""
+    """Return the style of a cell with a verdict, such as `agrees` or `not-compared`; empty for any other cell."""
     return next((s.replace(" ", "-") for s in STATUSES if cell.text == s or cell.text.startswith((f"{s} [", f"{s}: "))), "")
 
 
 def prose(text: str) -> Markup:
-    """A sentence with its `code` as such, everything escaped."""
+    """Return a sentence as HTML: its `code` in code elements, everything else escaped."""
     pieces = [escape(piece) for piece in text.split("`")]
-    if len(pieces) % 2 == 0:  # a lonely backtick is one
+    if len(pieces) % 2 == 0:  # an unpaired backtick is text
         return escape(text)
     return Markup("").join(Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
 
 
 def picture_data(path: Path) -> str:
-    """A PNG file as a `data:` URI.
+    """Return a PNG file as a `data:` URI.
 
     Raises:
         OSError: it cannot be read.
@@ -36,11 +36,11 @@ def picture_data(path: Path) -> str:
 
 
 def render(document: Document, figures: Path) -> str:
-    """The page.
+    """Return the page.
 
     Args:
         document: the report; all of its texts are escaped.
-        figures: folder in which its pictures lie.
+        figures: folder of its pictures.
 
     Raises:
         OSError: a picture cannot be read.

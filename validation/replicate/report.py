@@ -1,4 +1,4 @@
-"""A replication as JSON, and as a document of chapters that is written as markdown or as one HTML page."""
+"""A replication as a document of chapters, which is written as markdown or as one HTML page."""
 
 from __future__ import annotations
 
@@ -6,34 +6,31 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from validation import store
-from validation.plants.profile import PLANTS
-from validation.replicate.evidence import Effort, Findings, Picture, Section, Settings
+from validation.replicate.evidence import Answer, Findings, Picture, ReplicationSettings, Section
 from validation.replicate.tables import REMARKS, Part, is_printed, parts_of, row_verdict, verdicts_of
 from validation.show.tables import Cell, Grid, markdown_table
-from validation.thesis.verdicts import RULES, STATUSES, UNEXPLAINED, Pair, RowVerdict, Verdict, short
+from validation.thesis.verdicts import RULES, STATUSES, UNEXPLAINED, short
 
-SCHEMA = "ssmr.replicate/1"
-TITLE = "The thesis' results beside this project's"
-GENERATED = "Written by `python -m validation.replicate`, never by hand."
+_TITLE = "The thesis' results beside this project's"
+_GENERATED = "Written by `python -m validation.replicate`, never by hand."
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """What stands under a heading."""
+    """One section of a replication, as the report shows it."""
 
     key: str
-    """Of its section; its anchor."""
+    """Key of its section, and anchor of its heading."""
     title: str
-    """Its heading."""
+    """Heading."""
     notes: tuple[str, ...] = ()
-    """Sentences, below the tables."""
+    """Sentences below the tables."""
     parts: tuple[Part, ...] = ()
-    """Its tables."""
+    """Tables."""
     pictures: tuple[Picture, ...] = ()
-    """In the end."""
+    """Pictures, at the end."""
 
 
 @dataclass(frozen=True)
@@ -41,22 +38,19 @@ class Document:
     """The whole report."""
 
     title: str
-    """Its name."""
+    """Heading of the report."""
     lead: tuple[str, ...]
     """Paragraphs before the chapters."""
     summary: Grid
-    """Verdicts by table of contents."""
+    """Number of rows by section and verdict."""
     chapters: tuple[Chapter, ...]
+    """Sections, in order."""
     foot: str
-    """How it was made."""
-
-
-Found = Sequence[tuple[Section, Findings, Effort]]
-"""What was found, in the order of the report."""
+    """Duration and versions."""
 
 
 def tally(findings: Findings) -> Counter[str]:
-    """How many rows that the thesis prints have which verdict."""
+    """Return how many of the rows that the thesis prints have which verdict."""
     count: Counter[str] = Counter()
     for number, table in findings.tables.items():
         verdicts = verdicts_of(number, table)
@@ -66,14 +60,11 @@ def tally(findings: Findings) -> Counter[str]:
     return count
 
 
-# --------------------------------------------------------------------------------------------------------------------- JSON
-
-
-def unexplained(found: Found) -> list[str]:
-    """Numbers that differ without a known reason: `Tab. 4.5 d_rms`."""
+def unexplained(answers: Sequence[Answer]) -> list[str]:
+    """Return the numbers that differ without a known reason, such as `Tab. 4.5 d_rms`."""
     out = []
-    for _, findings, _ in found:
-        for number, table in findings.tables.items():
+    for answer in answers:
+        for number, table in answer.findings.tables.items():
             several = len(table.rows) > 1
             for row, verdicts in verdicts_of(number, table).items():
                 names = [short(m) for m, v in verdicts.items() if v.reason == UNEXPLAINED]
@@ -82,93 +73,43 @@ def unexplained(found: Found) -> list[str]:
     return out
 
 
-def as_json(found: Found, settings: Settings) -> dict[str, Any]:
-    """replicate.json."""
-    tables: dict[str, Any] = {}
-    for _, findings, _ in found:
-        for number, table in findings.tables.items():
-            verdicts = verdicts_of(number, table)
-            tables[number] = {
-                "caption": table.caption,
-                "rows": {
-                    row: {m: _entry(p, verdicts[row][m]) for m, p in pairs.items()} for row, pairs in table.rows.items()
-                },
-                "verdicts": {row: _as_words(row_verdict(pairs, verdicts[row])) for row, pairs in table.rows.items()},
-            }
-    document = {
-        "schema": SCHEMA,
-        "quick": settings.quick,
-        "settings": {k: v for k, v in vars(settings).items() if k != "recording"} | {"recording": bool(settings.recording)},
-        "rules": dict(RULES),
-        "versions": store.versions(),
-        "tables": dict(sorted(tables.items(), key=lambda item: order_of(item[0]))),
-        "verdicts": {s: sum(tally(f)[s] for _, f, _ in found) for s in STATUSES},
-        "sections": {section.key: {**vars(effort), "numbers": findings.numbers} for section, findings, effort in found},
-    }
-    plain = store.plain(document)
-    assert isinstance(plain, dict)
-    return plain
-
-
-def _as_words(verdict: RowVerdict) -> dict[str, str]:
-    return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
-
-
-def order_of(number: str) -> tuple[int, ...]:
-    """Tables by number, what has none after them."""
-    parts = number.split(".")
-    return tuple(map(int, parts)) if all(p.isdigit() for p in parts) else (99, *map(ord, number))
-
-
-def _entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
-    entry: dict[str, Any] = {"published": pair.published, "ours": pair.ours, "unit": pair.unit, "spread": pair.spread}
-    entry |= {f"ours_{name}" if name in PLANTS else name: value for name, value in pair.beside.items()}
-    return entry | {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
-
-
-# ----------------------------------------------------------------------------------------------------------------- document
-
-
-def document_of(found: Found, settings: Settings, missing: Sequence[Section] = ()) -> Document:
-    """The report.
+def document_of(
+    answers: Sequence[Answer], settings: ReplicationSettings, left_out: Sequence[str] = ()
+) -> Document:
+    """Return the report.
 
     Args:
-        found: what the sections found.
-        settings: they ran with.
-        missing: sections that were not asked for.
+        answers: findings of the sections.
+        settings: settings that they ran with.
+        left_out: titles of sections that were not asked for.
     """
     chapters = tuple(
-        Chapter(section.key, _title(section), _notes(section, findings), parts_of(section, findings), findings.pictures)
-        for section, findings, _ in found
+        Chapter(a.section.key, _title(a.section), _notes(a), parts_of(a.section, a.findings), a.findings.pictures)
+        for a in answers
     )
-    total = Counter[str]()
-    for _, findings, _ in found:
-        total += tally(findings)
     lead = [
-        GENERATED
-        + (" With `--quick`: searches and seeds are reduced, and so is what can be said." if settings.quick else ""),
+        _GENERATED
+        + (" It was made with `--quick`: fewer generations and seeds, so less can be concluded." if settings.quick else ""),
         "Every table of the thesis that reports a result, with what this project gets for it. The thesis' robot is not "
-        "at hand: where it stood stands the MuJoCo Husky of profile thesis-lab, so distances between simulation and "
-        "reality are those of another reality.",
+        "available. The MuJoCo Husky of profile thesis-lab takes its place, so our distances between simulation and "
+        "robot are distances between two simulations.",
         "Verdicts. " + "; ".join(RULES.values()).capitalize() + ". Where ours has a spread, "
-        "distances and ratios within two standard deviations agree too, since what is printed is a single run. A row "
-        "is judged by its worst number. Reasons stand below each table, with the page of docs/ that shows them; "
-        "without a known reason a difference is called unexplained.",
+        "distances and ratios within two standard deviations agree too, since the thesis prints a single run. A row "
+        "gets the verdict of its worst number. Reasons stand below each table, with the page of docs/ that shows them; "
+        "a difference without a known reason is called unexplained.",
     ]
-    open_ = unexplained(found)
-    if open_:
+    if open_ := unexplained(answers):
         lead.append(f"Unexplained: {'; '.join(open_)}.")
-    if missing:
-        lead.append(f"Left out (--only): {', '.join(s.title for s in missing)}.")
-    wall, cpu = (sum(getattr(e, name) for _, _, e in found) for name in ("wall_s", "cpu_s"))
+    if left_out:
+        lead.append(f"Left out (--only): {', '.join(left_out)}.")
+    wall, cpu = (sum(getattr(a.effort, name) for a in answers) for name in ("wall_s", "cpu_s"))
     versions = ", ".join(f"{k} {v}" for k, v in store.versions().items())
     foot = f"All sections together took {wall / 60:.1f} minutes, {cpu / 60:.1f} of processor time. Versions: {versions}."
-    return Document(TITLE, tuple(lead), _summary(found, total), chapters, foot)
+    return Document(_TITLE, tuple(lead), _summary(answers), chapters, foot)
 
 
-def _notes(section: Section, findings: Findings) -> tuple[str, ...]:
-    remark = REMARKS.get(section.key)
-    return findings.notes if remark is None else (*findings.notes, remark)
+def _notes(answer: Answer) -> tuple[str, ...]:
+    return (*answer.findings.notes, *REMARKS.get(answer.section.key, ()))
 
 
 def _title(section: Section) -> str:
@@ -179,23 +120,25 @@ def _title(section: Section) -> str:
     return f"{section.title} ({numbers[0]}–{tables[-1]})" if len(tables) > 2 else f"{section.title} ({', '.join(numbers)})"
 
 
-def _summary(found: Found, total: Counter[str]) -> Grid:
+def _summary(answers: Sequence[Answer]) -> Grid:
     header = (("section", ""), *((status, "rows") for status in STATUSES))
-    rows = [
-        (Cell(_title(section)), *(Cell(str(count[s])) for s in STATUSES))
-        for section, findings, _ in found
-        if (count := tally(findings))
+    counts = {_title(a.section): tally(a.findings) for a in answers}
+    counts = {title: count for title, count in counts.items() if count}
+    total = sum(counts.values(), Counter[str]())
+    groups = [
+        tuple((Cell(title), *(Cell(str(count[s])) for s in STATUSES)) for title, count in part.items())
+        for part in (counts, {"all": total})
     ]
-    return Grid(header, (tuple(rows), ((Cell("all"), *(Cell(str(total[s])) for s in STATUSES)),)), left=1)
+    return Grid(header, tuple(groups), 1, _TITLE, "Number of rows that the thesis prints, by verdict.")
 
 
-def markdown(document: Document, figures: str, docs: str | None = None) -> str:
-    """The report as GitHub-flavoured markdown.
+def report_markdown(document: Document, figures: str, docs: str | None = None) -> str:
+    """Return the report as GitHub-flavoured markdown.
 
     Args:
         document: the report.
-        figures: where pictures lie, as seen from the file.
-        docs: where the pages of docs/ lie, as seen from the file, empty for beside it; None if they are not to be linked.
+        figures: path of the pictures, as seen from the file.
+        docs: path of the pages of docs/, as seen from the file, empty for the same folder; None to leave them unlinked.
     """
     lines = [f"# {document.title}", ""]
     for paragraph in document.lead:
@@ -216,5 +159,5 @@ def markdown(document: Document, figures: str, docs: str | None = None) -> str:
 
 
 def linked(text: str, docs: str) -> str:
-    """The text with the pages of docs/ that it names as links."""
+    """Return a text in which the pages of docs/ that it names are links."""
     return re.sub(r"(?<![\w/\[])(?<!\]\()docs/(\w+\.md)", lambda m: f"[{m[1]}]({docs}{m[1]})", text)

@@ -1,98 +1,106 @@
-"""`python -m validation.replicate`: everything that the thesis reports, printed beside what this project gets."""
+"""Run the sections of a replication, or take them from disk where they were run before."""
 
 from __future__ import annotations
 
-import shutil
-import sys
+import os
 import time
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
-from validation import cli, store
-from validation.replicate import control as evidence_control
-from validation.replicate import models as evidence_models
-from validation.replicate import real as evidence_real
+from validation.progress import Progress, Report, silent
+from validation.replicate.control import CONTROL_SECTIONS
 from validation.replicate.evidence import (
-    FIGURES,
-    SECTIONS,
+    FIGURE_FOLDER,
+    SECTION_FOLDER,
+    Answer,
     Context,
     Effort,
-    Findings,
+    ReplicationSettings,
     Section,
-    Settings,
+    chosen_sections,
     keep,
     kept,
 )
-from validation.replicate.html_page import render
-from validation.replicate.report import Document, Found, as_json, markdown
+from validation.replicate.models import MODEL_SECTIONS
+from validation.replicate.real import REAL_SECTIONS
+from validation.replicate.result import Replication
 
-ALL: tuple[Section, ...] = (*evidence_models.SECTIONS, *evidence_control.SECTIONS, *evidence_real.SECTIONS)
+ALL_SECTIONS: tuple[Section, ...] = (*MODEL_SECTIONS, *CONTROL_SECTIONS, *REAL_SECTIONS)
 """Every section, in the order of the report."""
 
+_DEFAULT = ReplicationSettings()
 
-def run_all(sections: Sequence[Section], settings: Settings, folder: Path, workers: int, *, fresh: bool = False) -> Found:
-    """What each section finds, now or before, told on standard error as it goes.
+
+class ReplicationInterrupted(KeyboardInterrupt):
+    """A replication was stopped; its finished sections, and its searches as far as they are, are on disk."""
+
+    def __init__(self, done: int, total: int) -> None:
+        """Keep how many of how many sections are finished."""
+        super().__init__(f"{done} of {total} sections are finished")
+        self.done, self.total = done, total
+
+
+def replicate(
+    settings: ReplicationSettings = _DEFAULT,
+    only: Sequence[str] = (),
+    folder: str | Path = "runs/replicate",
+    *,
+    fresh: bool = False,
+    workers: int | None = None,
+    progress: Report = silent,
+) -> Replication:
+    """Run everything that the thesis reports, and judge each row against what the thesis prints.
+
+    Each section is kept in `folder` as soon as it is finished. A later call with equal settings, inputs and code uses it
+    again, and an interrupted search goes on where it stopped.
+
+    Args:
+        settings: budgets, seeds and the recording; `QUICK_SETTINGS` takes under three minutes.
+        only: keys of sections or numbers of tables, such as `("3.9", "times")`; all sections if empty.
+        folder: where sections and pictures are kept; `Replication.save` writes the report beside them.
+        fresh: whether to run everything anew, whatever is kept.
+        workers: number of threads, all processors if not given; only times depend on it.
+        progress: called as sections and their searches proceed.
 
     Raises:
-        KeyboardInterrupt: stopped; what was done is kept.
-        SsmrError: a section failed; what was done before is kept.
+        ReplicationInterrupted: it was stopped; what is finished is kept.
+        SsmrError: a section failed; what was finished before is kept.
+        ValueError: `only` names what no section answers for, or the recording cannot be used.
     """
-    found: list[tuple[Section, Findings, Effort]] = []
-    for k, section in enumerate(sections, 1):
-        digest = section.digest(settings)
-        if fresh:
-            for state in (folder / SECTIONS).glob(f"{section.key}-*.npz"):
-                state.unlink()
-        before = None if fresh else kept(folder, section, digest)
-        if before is not None:
-            _tell(f"[{k}/{len(sections)}] {section.title}: kept from before")
-            found.append((section, *before))
-            continue
-        _tell(f"[{k}/{len(sections)}] {section.title} …")
+    sections = chosen_sections(ALL_SECTIONS, only)
+    place, answers = Path(folder), list[Answer]()
+    for name in (SECTION_FOLDER, FIGURE_FOLDER):
+        (place / name).mkdir(parents=True, exist_ok=True)
+    for section in sections:
+        tell = _part_of(progress, len(answers), len(sections), section.title)
+        context = Context(settings, place, section.key, section.digest(settings), workers or os.cpu_count() or 1, tell)
+        tell(Progress(0.0, 1.0, ""))
         try:
-            findings, effort = timed(section, Context(settings, folder, section.key, digest, workers))
-        except KeyboardInterrupt:
-            _tell(f"{len(found)} of {len(sections)} sections are kept in {folder}; the same command goes on from there")
-            raise
-        keep(folder, section, digest, settings, findings, effort)
-        found.append((section, findings, effort))
-        _tell(f"[{k}/{len(sections)}] {section.title}: {effort.wall_s:.0f} s, {effort.cpu_s:.0f} s of processor time")
-    return found
+            answers.append(_answer(section, context, fresh=fresh))
+        except KeyboardInterrupt as stop:
+            raise ReplicationInterrupted(len(answers), len(sections)) from stop
+    return Replication(settings, place, tuple(answers), tuple(s.title for s in ALL_SECTIONS if s not in sections))
 
 
-def timed(section: Section, context: Context) -> tuple[Findings, Effort]:
-    """What a section finds, and what it took."""
+def _part_of(progress: Report, done: int, total: int, title: str) -> Report:
+    """Return a callback for one section's progress that moves the whole replication's."""
+
+    def tell(now: Progress) -> None:
+        text = f"{title}, {now.text}" if now.text else title
+        progress(Progress(done + now.done / max(now.total, 1e-9), total, text))
+
+    return tell
+
+
+def _answer(section: Section, context: Context, *, fresh: bool) -> Answer:
+    """Return what a section found before, or run it and keep what it finds."""
+    if fresh:
+        for state in (context.folder / SECTION_FOLDER).glob(f"{section.key}-*.npz"):
+            state.unlink()
+    elif (before := kept(context.folder, section, context.digest)) is not None:
+        return before
     wall, cpu = time.perf_counter(), time.process_time()
     findings = section.run(context)
-    return findings, Effort(time.perf_counter() - wall, time.process_time() - cpu)
-
-
-def write(folder: Path, document: Document, found: Found, settings: Settings) -> list[Path]:
-    """Write replicate.html, replicate.md and, last, replicate.json; return what was written."""
-    page, text, numbers = (folder / f"replicate.{ending}" for ending in ("html", "md", "json"))
-    html = render(document, folder / FIGURES)
-    store.write_atomic(page, lambda temporary: temporary.write_text(html, encoding="utf-8"))
-    prose = markdown(document, f"{FIGURES}/")
-    store.write_atomic(text, lambda temporary: temporary.write_text(prose, encoding="utf-8"))
-    store.write_json(numbers, as_json(found, settings))
-    return [page, text, numbers]
-
-
-def publish(path: Path, document: Document, figures: Path) -> list[Path]:
-    """Write the report as a page of docs/, its pictures as `img/results-*.png` beside it; return the page.
-
-    Raises:
-        UserError: the folder cannot be written.
-    """
-    images = cli.output_folder(path.parent / "img")
-    prefix = f"{path.stem}-"
-    for picture in (p for chapter in document.chapters for p in chapter.pictures):
-        store.write_atomic(images / f"{prefix}{picture.file}", partial(shutil.copyfile, figures / picture.file))
-    text = markdown(document, f"img/{prefix}", "")
-    store.write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
-    return [path]
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    answer = Answer(section, findings, Effort(time.perf_counter() - wall, time.process_time() - cpu))
+    keep(context, answer)
+    return answer

@@ -1,4 +1,4 @@
-"""The tables of a replication as they are shown: printed and ours side by side, verdicts, and the reasons below."""
+"""The tables of a report: printed and own numbers side by side, a verdict for each row, and the reasons below."""
 
 from __future__ import annotations
 
@@ -11,68 +11,71 @@ from validation.replicate.evidence import Findings, Section, Table
 from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid, Unit
 from validation.thesis.verdicts import FACTOR, Pair, RowVerdict, Verdict, judge, of_row, short
 
-RATIO = Unit("", 1.0, 4)
+_RATIO = Unit("", 1.0, 4)
 
 
 @dataclass(frozen=True)
 class Part:
-    """A table with its caption and the reasons that its verdicts point to."""
+    """One table of a report."""
 
     caption: str
-    """What stands above it."""
+    """Caption above the table."""
     grid: Grid
-    """The table."""
+    """Header and cells."""
     reasons: tuple[str, ...] = ()
-    """What stands below it, by the numbers in its verdicts."""
+    """Reasons below the table, in the order of the numbers in its verdicts."""
 
 
 def verdicts_of(number: str, table: Table) -> dict[str, dict[str, Verdict]]:
-    """Of every number of a table, by row and metric."""
+    """Return the verdict on every number of a table, by row and metric."""
     return {row: {m: judge(number, row, m, pair) for m, pair in pairs.items()} for row, pairs in table.rows.items()}
 
 
 def row_verdict(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> RowVerdict:
-    """Of a row: over what the thesis tells to be judged; where that is nothing, over what is lost; else over all."""
+    """Return the verdict on a row.
+
+    It is that of the numbers which the thesis gives; where it gives none, of those that are lost; else of all.
+    """
     printed = {m: v for m, v in verdicts.items() if is_told(pairs[m]) and pairs[m].rule != "none"}
     return of_row(printed or {m: v for m, v in verdicts.items() if v.see} or dict(verdicts))
 
 
 def is_told(pair: Pair) -> bool:
-    """Whether the thesis has it, in numbers or in words."""
+    """Return whether the thesis gives it, in numbers or in words."""
     return pair.published is not None or pair.rule == "at_least"
 
 
 def is_printed(number: str, row: str, pairs: Mapping[str, Pair]) -> bool:
-    """Whether the thesis has such a row, lost ones among them."""
+    """Return whether the thesis has such a row; its numbers may be lost."""
     return any(is_told(p) or judge(number, row, m, p).see for m, p in pairs.items())
 
 
 class _Reasons:
-    """Reasons of a part, numbered as they come up."""
+    """The reasons below a table, numbered in the order in which its rows need them."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
 
     def number(self, verdict: Verdict) -> int:
-        """Of the verdict's reason."""
+        """Return the number of a verdict's reason."""
         text = f"{verdict.reason[0].upper()}{verdict.reason[1:]}{f' (docs/{verdict.see})' if verdict.see else ''}."
         if text not in self.texts:
             self.texts.append(text)
         return self.texts.index(text) + 1
 
     def cell(self, verdict: RowVerdict) -> Cell:
-        """The verdict's word and its reason, `differs [1]`; where numbers have different ones, `differs: d_rms [1], …`."""
+        """Return a verdict with the number of its reason: `differs [1]`, or `differs: d_rms [1], …` if metrics differ."""
         parts = [f"{', '.join(map(short, metrics))} [{self.number(v)}]".strip() for metrics, v in verdict.because]
         colon = ":" if any(metrics for metrics, _ in verdict.because) else ""
         return Cell(f"{verdict.status}{colon} {', '.join(parts)}".strip())
 
 
 def _metric_text(metric: str, value: float | None, unit: str) -> str:
-    """A number without its unit, a length in millimetres."""
+    """Return a number without its unit; a length is in millimetres."""
     if value is None:
         return NOTHING
     if metric.endswith("ratio"):
-        return RATIO.text(value)
+        return _RATIO.text(value)
     if unit == "m":
         return MILLIMETRES.text(value)
     decimals = {"%": 2, "s": 3}.get(unit)
@@ -80,14 +83,14 @@ def _metric_text(metric: str, value: float | None, unit: str) -> str:
 
 
 def _printed_text(metric: str, pair: Pair) -> str:
-    """What the thesis prints, or what its words are taken to mean."""
+    """Return the printed number, or the limit that the thesis' words are taken to mean."""
     if pair.rule == "at_least":
         return f"≥ {pair.beside['at_least']:g}"
     return _metric_text(metric, pair.published, pair.unit)
 
 
 def _spread_text(metric: str, pair: Pair) -> str:
-    """Ours with its spread."""
+    """Return our number with its spread."""
     own = _metric_text(metric, pair.ours, pair.unit)
     if pair.ours is None or pair.spread is None:
         return own
@@ -95,10 +98,10 @@ def _spread_text(metric: str, pair: Pair) -> str:
 
 
 def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
-    """Tables whose rows share their metrics: a row each, printed and ours side by side, and the verdict.
+    """Lay out tables whose rows have the same metrics: printed and own numbers side by side, and a verdict for each row.
 
     Returns:
-        The grid, and the reasons that its verdicts are numbered by.
+        The grid, and the reasons that its verdicts refer to by number.
     """
     metrics = list(dict.fromkeys(m for t in tables.values() for pairs in t.rows.values() for m in pairs))
     pairs_of = [pairs for t in tables.values() for pairs in t.rows.values()]
@@ -130,7 +133,7 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
 
 
 def tall_grid(table: Table, number: str, metric: str) -> tuple[Grid, tuple[str, ...]]:
-    """A table of parameters or gains: one number a row, each in its own unit, with what stands beside it."""
+    """Lay out a table of parameters or gains: one number in each row, with its own unit, bounds and further numbers."""
     names = list(
         dict.fromkeys(n for pairs in table.rows.values() for n in pairs[metric].beside if n not in ("lower", "upper"))
     )
@@ -157,7 +160,7 @@ def tall_grid(table: Table, number: str, metric: str) -> tuple[Grid, tuple[str, 
 
 
 def _with_error(pair: Pair) -> str:
-    """`0.523 ± 0.004`: the spread decides how many digits both have."""
+    """Return `0.523 ± 0.004`; the spread decides how many digits both have."""
     if pair.ours is None:
         return NOTHING
     if pair.spread is None or not pair.spread > 0.0:
@@ -166,7 +169,7 @@ def _with_error(pair: Pair) -> str:
     return f"{pair.ours:.{decimals}f} ± {pair.spread:.{decimals}f}"
 
 
-WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
+_WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "tables": (
         ("PID, reference against simulated", tuple(f"4.{i}" for i in range(5, 13))),
         ("PID, simulated against real", tuple(f"4.{i}" for i in range(13, 20))),
@@ -174,19 +177,22 @@ WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         ("LQR, simulated against real", tuple(f"4.{i}" for i in range(30, 37))),
     ),
 }
-"""Tables of a section that are shown as one, by section."""
+"""Tables of the thesis that are shown as one, by section."""
 
-REMARKS: Mapping[str, str] = {
-    "tables": "The picture is that of `python -m validation.study tables`, which asks only whether the printed accuracy "
-    f"is reached: green where d_rms is at most {FACTOR:g} times the printed one (simulated against real: at most that one).",
+REMARKS: Mapping[str, tuple[str, ...]] = {
+    "tables": (
+        "The picture is that of `python -m validation.study tables`, which only asks whether the printed accuracy is "
+        f"reached. A row is green where d_rms is at most {FACTOR:g} times the printed one (simulated against real: at most "
+        "equal).",
+    )
 }
-"""What has to be said of a section's pictures beside the verdicts of this report, by section."""
+"""Remarks on the pictures of a section, by section."""
 
 
 def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:
-    """A section's tables as they are shown."""
+    """Return a section's tables as they are shown."""
     parts, done = [], set[str]()
-    for caption, numbers in WIDE.get(section.key, ()):
+    for caption, numbers in _WIDE.get(section.key, ()):
         some = {n: findings.tables[n] for n in numbers if n in findings.tables}
         if some:
             parts.append(Part(f"Tab. {numbers[0]}–{numbers[-1]}. {caption}", *wide_grid(some)))
@@ -200,7 +206,7 @@ def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:
 
 
 def _laid_out(number: str, table: Table) -> tuple[Grid, tuple[str, ...]]:
-    """One table: tall where a metric's unit changes from row to row, a number a line where each row has its own metric."""
+    """Lay out one table, by whether its rows share their metrics, or one metric with different units, or nothing."""
     units: dict[str, set[str]] = {}
     for pairs in table.rows.values():
         for metric, pair in pairs.items():
@@ -213,7 +219,7 @@ def _laid_out(number: str, table: Table) -> tuple[Grid, tuple[str, ...]]:
 
 
 def _mixed(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
-    """Rows with one number each, of different metrics."""
+    """Lay out rows of one number each, of different metrics."""
     header = (
         ("row", ""),
         ("what", ""),

@@ -1,9 +1,10 @@
-"""The real robot's chapter: how far the plants of `husky-tile` are from a recorded drive, and where each one fails."""
+"""The chapter on the real robot: errors of the plants of `husky-tile` against a recorded drive, by speed and yaw rate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -19,80 +20,89 @@ from validation.logs.recording import Recording
 from validation.motion.sources import Source, source_of
 from validation.plants.profile import PLANTS, Profile, load
 from validation.replicate.evidence import Context, Findings, Picture, Section
-from validation.replicate.residual_figure import Residuals, draw_residuals
+from validation.replicate.residual_figure import BinnedErrors, draw_residuals
 from validation.show.tables import Cell, Grid
 
-PROFILE = "husky-tile"
-INPUTS: tuple[tuple[Literal["wheels", "commands"], CommandKind, str], ...] = (
+_PROFILE = "husky-tile"
+_DRIVEN_BY: tuple[tuple[Literal["wheels", "commands"], CommandKind, str], ...] = (
     ("wheels", "wheels", "measured wheel rates"),
     ("commands", "twist", "commands"),
 )
-SHOWN = (2.0, 6.0, 30.0)
+_HORIZONS = (2.0, 6.0, 30.0)
 """Horizons of the table [s]."""
-WINDOW = 2.0
-"""Length of the windows whose errors are laid out over speed and yaw rate [s]: commands last six."""
-SPEEDS = (0.0, 0.1, 0.2, 0.3, 0.6)
-YAW_RATES = (0.0, 0.1, 0.3, 0.6, 1.5)
-"""Edges of the bins [m/s], [rad/s]."""
-FEW = 5
-"""A bin with fewer windows is left empty."""
-NOT_RUN = (
+_WINDOW = 2.0
+"""Length of the windows whose errors are sorted by speed and yaw rate [s]; commands of the log last six seconds."""
+SPEED_EDGES = (0.0, 0.1, 0.2, 0.3, 0.6)
+YAW_RATE_EDGES = (0.0, 0.1, 0.3, 0.6, 1.5)
+"""Edges of the bins [m/s] and [rad/s]."""
+_FEW = 5
+"""Least number of windows of a bin; one with fewer is left empty."""
+_NOT_RUN = (
     "Not run: no recording was given. `python -m validation.replicate --recording PATH` drives every plant of profile "
     "husky-tile along the log of a real Husky, such as husky_tile_train.csv of the DRIVE data set (norlab-ulaval)."
 )
 
 
-def split_of(profile: Profile, given: float | None) -> float | None:
-    """Until when the recording was fitted to [s]: as given, else as the profile's provenance has it; None if neither."""
+def _split_of(profile: Profile, given: float | None) -> float | None:
+    """Return the end of the part that was fitted [s]: as given, else by the profile's provenance; None if neither says."""
     if given is not None:
         return given
     until = profile.provenance.get("mujoco", {}).get("until")
     return float(until) if until is not None else None
 
 
-def real(context: Context) -> Findings:
-    """Everything about the recording, or that there is none."""
+def _real(context: Context) -> Findings:
+    """Compare the plants with the recording; without one, say so."""
     settings = context.settings
     if not settings.recording:
-        return Findings(notes=(NOT_RUN,))
-    profile, recording = load(PROFILE), read_recording(settings.recording)
-    split = split_of(profile, settings.split)
-    parts = cut(recording, split)
+        return Findings(notes=(_NOT_RUN,))
+    profile, recording = load(_PROFILE), read_recording(settings.recording)
+    split = _split_of(profile, settings.split)
+    parts = _split_at(recording, split)
     inputs = inputs_of(recording)
     found: dict[tuple[str, str], Comparison] = {}
     pictures, worst, numbers = [], [], {}
     for input_, kind, words in inputs:
         sources = {part: source_of(piece, "recording", kind) for part, piece in parts.items()}
         for part, source in sources.items():
-            how = CompareSettings(input=input_, horizons=SHOWN)
+            how = CompareSettings(input=input_, horizons=_HORIZONS)
             found[input_, part] = compare(source, profile, PLANTS, None, how, context.workers)
         last = list(parts)[-1]
         caption = f"The plants driven by {words}, {last}: paths over windows, errors by horizon, yaw rate and speed."
         pictures.append(context.picture(f"paths-{input_}", comparison_figure(found[input_, last]), caption))
-        residuals = residuals_of([(found[input_, part], source) for part, source in sources.items()])
+        residuals = _binned([(found[input_, part], source) for part, source in sources.items()])
         pictures.append(_residual_picture(context, input_, words, residuals))
-        worst += [worst_of(residuals, words), *straight_of(residuals, profile, words)]
-        numbers[f"residuals_{input_}"] = as_numbers(residuals)
-    horizons = {input_: {part: _horizons(found[input_, part]) for part in parts} for input_, _, _ in inputs}
+        worst += [worst_of(residuals, words), *_straight_of(residuals, profile, words)]
+        numbers[f"residuals_{input_}"] = _as_numbers(residuals)
+    horizons = {input_: {part: _horizons_of(found[input_, part]) for part in parts} for input_, _, _ in inputs}
     return Findings(
         grids={
-            f"Median error of the relative pose by horizon, plant and input; windows: {_counts(found)}": horizon_grid(found),
-            "What was recorded": data_grid(recording, parts),
+            f"Median error of the relative pose by horizon, plant and input; windows: {_counts(found)}": _horizon_grid(found),
+            "What was recorded": _data_grid(recording, parts),
         },
-        notes=(f"{profile.description.rstrip('.')}.", *worst, *limits(recording, parts), *centre_of_mass(profile)),
+        notes=(f"{profile.description.rstrip('.')}.", *worst, *_limits_of_data(recording, parts), *_centre_of_mass(profile)),
         pictures=tuple(pictures),
         numbers={"profile": profile.name, "split_s": split, "horizons": horizons, **numbers},
     )
 
 
-def inputs_of(recording: Recording) -> list[tuple[Literal["wheels", "commands"], CommandKind, str]]:
-    """What of a recording can drive the plants.
+def require_usable(path: str | Path) -> None:
+    """Refuse a recording that cannot drive the plants.
 
     Raises:
-        ValueError: nothing, or it has no poses to hold them against.
+        ValueError: it cannot be read, or lacks signals or poses.
+    """
+    inputs_of(read_recording(path))
+
+
+def inputs_of(recording: Recording) -> list[tuple[Literal["wheels", "commands"], CommandKind, str]]:
+    """Return which signals of a recording can drive the plants.
+
+    Raises:
+        ValueError: it has neither wheel rates nor commands, or no poses to compare with.
     """
     there = {"wheels": recording.has_wheels, "commands": recording.has_commands}
-    found = [each for each in INPUTS if there[each[0]]]
+    found = [each for each in _DRIVEN_BY if there[each[0]]]
     if not found:
         raise ValueError(f"{recording.name} has neither wheel rates (enc_left, enc_right) nor commands (cmd_v, cmd_w)")
     for _, kind, _ in found:
@@ -100,14 +110,14 @@ def inputs_of(recording: Recording) -> list[tuple[Literal["wheels", "commands"],
     return found
 
 
-def cut(recording: Recording, split: float | None) -> dict[str, Recording]:
-    """By name, what was fitted to and what was held out; everything where nothing was split off."""
+def _split_at(recording: Recording, split: float | None) -> dict[str, Recording]:
+    """Return the parts of a recording by name: fitted and held out, or everything if it is not split."""
     if split is None or not float(recording.t[0]) < split < float(recording.t[-1]):
         return {"everything": recording}
     return {"fitted to": recording.cut(None, split), "held out": recording.cut(split, None)}
 
 
-def _horizons(comparison: Comparison) -> dict[str, Any]:
+def _horizons_of(comparison: Comparison) -> dict[str, Any]:
     return {
         name: {f"{h:g}": dict(vars(errors)) for h, errors in result.horizons.items()}
         for name, result in comparison.plants.items()
@@ -122,9 +132,9 @@ def _counts(found: Mapping[tuple[str, str], Comparison]) -> str:
     return "; ".join(f"{part} {text}" for part, text in counts.items())
 
 
-def horizon_grid(found: Mapping[tuple[str, str], Comparison]) -> Grid:
-    """Position [m] and yaw [rad] by horizon: plants by input and part; the best of each column of a group is emphasised."""
-    horizons = [h for h in SHOWN if all(h in r.horizons for c in found.values() for r in c.plants.values())]
+def _horizon_grid(found: Mapping[tuple[str, str], Comparison]) -> Grid:
+    """Return position [m] and yaw errors [rad] by input, part, plant and horizon; the best of a group is emphasised."""
+    horizons = [h for h in _HORIZONS if all(h in r.horizons for c in found.values() for r in c.plants.values())]
     header = [("input", ""), ("part", ""), ("plant", "")]
     header += [(f"{what} {h:g} s", unit) for h in horizons for what, unit in (("position", "m"), ("yaw", "rad"))]
     groups = []
@@ -148,8 +158,8 @@ def horizon_grid(found: Mapping[tuple[str, str], Comparison]) -> Grid:
     return Grid(tuple(header), tuple(groups), left=3)
 
 
-def data_grid(recording: Recording, parts: Mapping[str, Recording]) -> Grid:
-    """Extent of the recording and of its parts."""
+def _data_grid(recording: Recording, parts: Mapping[str, Recording]) -> Grid:
+    """Return duration, length and rates of the recording and of its parts."""
     header = (("part", ""), ("time", "s"), ("pieces", "1"), ("path", "m"), ("poses", "Hz"), ("speed p95", "m/s"),
               ("yaw rate p95", "rad/s"))  # fmt: skip
     rows = []
@@ -166,27 +176,21 @@ def data_grid(recording: Recording, parts: Mapping[str, Recording]) -> Grid:
 
 
 def _pieces(recording: Recording) -> Sequence[Any]:
-    """Recorded motions, piece by piece."""
+    """Return the recorded motions, one for each stretch without a gap."""
     kind = inputs_of(recording)[0][1]
     return [p.reference for p in source_of(recording, "recording", kind).pieces if p.reference is not None]
 
 
 def _motion(piece: Any) -> tuple[Any, Any]:
-    """(M,) sizes of speed [m/s] and of yaw rate [rad/s]."""
+    """Return the (M,) sizes of speed [m/s] and yaw rate [rad/s]."""
     return np.hypot(piece.twist[:, 0], piece.twist[:, 1]), np.abs(piece.twist[:, 2])
 
 
-# ------------------------------------------------------------------------------------------------------------- residuals
-
-
-def residuals_of(driven: Sequence[tuple[Comparison, Source]]) -> Residuals:
-    """Errors of every plant over consecutive windows, laid out over the recorded speed and yaw rate.
+def _binned(driven: Sequence[tuple[Comparison, Source]]) -> BinnedErrors:
+    """Return the median errors of every plant over consecutive windows, by recorded speed and yaw rate.
 
     Args:
         driven: comparisons with a recording, each with its source.
-
-    Returns:
-        For each plant the median size of position and yaw error of the windows of each bin; NaN where there are few.
     """
     speeds: list[float] = []
     rates: list[float] = []
@@ -195,7 +199,7 @@ def residuals_of(driven: Sequence[tuple[Comparison, Source]]) -> Residuals:
         for k, piece in enumerate(source.pieces):
             if piece.reference is None or piece.t is None:
                 continue
-            starts, ends = horizon_windows(piece.t, WINDOW, piece.fresh)
+            starts, ends = horizon_windows(piece.t, _WINDOW, piece.fresh)
             pose = piece.reference.pose
             for i, j in zip(starts, ends, strict=True):
                 span = float(piece.t[j] - piece.t[i])
@@ -204,37 +208,37 @@ def residuals_of(driven: Sequence[tuple[Comparison, Source]]) -> Residuals:
             for name, result in comparison.plants.items():
                 position, yaw = relative_pose_error(result.pieces[k].pose, pose, starts, ends)
                 errors.setdefault(name, []).extend(zip(position.tolist(), yaw.tolist(), strict=True))
-    column = np.digitize(rates, YAW_RATES) - 1
-    row = np.digitize(speeds, SPEEDS) - 1
-    shape = len(SPEEDS) - 1, len(YAW_RATES) - 1
+    column = np.digitize(rates, YAW_RATE_EDGES) - 1
+    row = np.digitize(speeds, SPEED_EDGES) - 1
+    shape = len(SPEED_EDGES) - 1, len(YAW_RATE_EDGES) - 1
     count = np.zeros(shape, dtype=np.int64)
     medians = {name: np.full((2, *shape), np.nan) for name in errors}
     for i, j in np.ndindex(*shape):
         inside = (row == i) & (column == j)
         count[i, j] = int(np.sum(inside))
-        if count[i, j] >= FEW:
+        if count[i, j] >= _FEW:
             for name, values in errors.items():
                 medians[name][:, i, j] = np.median(np.array(values)[inside], axis=0)
-    return Residuals(SPEEDS, YAW_RATES, count, medians, WINDOW)
+    return BinnedErrors(SPEED_EDGES, YAW_RATE_EDGES, count, medians, _WINDOW)
 
 
 def _fresh(fresh: Any, i: int, j: int) -> Any:
-    """(j - i + 1,) which samples of a window have a new pose; its ends have."""
+    """Return (j - i + 1,) which samples of a window have a new pose; its first and last have one."""
     return np.ones(j - i + 1, dtype=np.bool_) if fresh is None else fresh[i : j + 1]
 
 
-def _residual_picture(context: Context, input_: str, words: str, residuals: Residuals) -> Picture:
+def _residual_picture(context: Context, input_: str, words: str, residuals: BinnedErrors) -> Picture:
     caption = (
-        f"Where each plant fails, driven by {words}: median error over windows of {WINDOW:g} s, by the recorded speed "
-        "and yaw rate. The grey numbers on the left count the windows."
+        f"Errors by motion, plants driven by {words}: median over windows of {_WINDOW:g} s, by recorded speed and yaw "
+        "rate. The grey numbers on the left count the windows."
     )
     return context.picture(f"residuals-{input_}", draw_residuals(residuals, f"driven by {words}"), caption)
 
 
-def worst_of(residuals: Residuals, words: str) -> str:
-    """In a sentence, the bin in which each plant's yaw goes most astray."""
-    if not np.any(residuals.count >= FEW):
-        return f"Driven by {words}, no bin of speed and yaw rate holds {FEW} windows of {WINDOW:g} s."
+def worst_of(residuals: BinnedErrors, words: str) -> str:
+    """Return a sentence with the bin in which each plant has its greatest yaw error."""
+    if not np.any(residuals.count >= _FEW):
+        return f"Driven by {words}, no bin of speed and yaw rate holds {_FEW} windows of {_WINDOW:g} s."
     parts = []
     for name, (_, yaw) in residuals.medians.items():
         i, j = np.unravel_index(int(np.nanargmax(yaw)), yaw.shape)
@@ -242,27 +246,27 @@ def worst_of(residuals: Residuals, words: str) -> str:
             f"{name} {yaw[i, j]:.3f} rad at {residuals.speeds[i]:g}–{residuals.speeds[i + 1]:g} m/s and "
             f"{residuals.yaw_rates[j]:g}–{residuals.yaw_rates[j + 1]:g} rad/s (least {np.nanmin(yaw):.3f})"
         )
-    return f"Driven by {words}, yaw goes most astray in {WINDOW:g} s, as a median over a bin's windows: {'; '.join(parts)}."
+    return f"Driven by {words}, the greatest median yaw error of a bin after {_WINDOW:g} s is: {'; '.join(parts)}."
 
 
-def straight_of(residuals: Residuals, profile: Profile, words: str) -> list[str]:
-    """In a sentence, what plants make of driving straight and fast, where unequal wheel radii show; none without data."""
-    fast = [i for i in range(residuals.count.shape[0]) if residuals.count[i, 0] >= FEW]
+def _straight_of(residuals: BinnedErrors, profile: Profile, words: str) -> list[str]:
+    """Return a sentence on driving straight and fast, where unequal wheel radii matter; none without data."""
+    fast = [i for i in range(residuals.count.shape[0]) if residuals.count[i, 0] >= _FEW]
     if not fast:
         return []
     i = fast[-1]
     errors = ", ".join(f"{name} {yaw[i, 0]:.3f}" for name, (_, yaw) in residuals.medians.items())
     difference = float(profile.plants["mujoco"].parameters.radius_difference)
     return [
-        f"Driving straight (below {residuals.yaw_rates[1]:g} rad/s) at {residuals.speeds[i]:g} m/s and more, driven by "
-        f"{words}, yaw goes astray by {errors} rad. The Coulomb, improved and linear models have one wheel radius for "
+        f"Straight ahead (below {residuals.yaw_rates[1]:g} rad/s) at {residuals.speeds[i]:g} m/s and more, driven by {words}, "
+        f"the median yaw errors are {errors} rad. The Coulomb, improved and linear models have one wheel radius for "
         f"both sides; the MuJoCo Husky was fitted with a difference of {1e3 * difference:.1f} mm, and the kinematics "
         "have a factor for each side."
     ]
 
 
-def as_numbers(residuals: Residuals) -> dict[str, Any]:
-    """For `replicate.json`; null where there are few windows."""
+def _as_numbers(residuals: BinnedErrors) -> dict[str, Any]:
+    """Return the numbers for replicate.json, with null where there are few windows."""
 
     def plain(values: Any) -> Any:
         return [[None if math.isnan(v) else float(v) for v in line] for line in values]
@@ -277,28 +281,25 @@ def as_numbers(residuals: Residuals) -> dict[str, Any]:
     }
 
 
-# ------------------------------------------------------------------------------------------------------------ sentences
-
-
-def limits(recording: Recording, parts: Mapping[str, Recording]) -> list[str]:
-    """What the recording cannot tell, as far as it shows by itself."""
+def _limits_of_data(recording: Recording, parts: Mapping[str, Recording]) -> list[str]:
+    """Return sentences on what the recording cannot show."""
     speed, rate = (np.concatenate(x) for x in zip(*(_motion(p) for p in _pieces(recording)), strict=True))
     gaps = len(recording.segments()) - 1
     out = [
         f"Limits of the data: one robot on one floor, {gaps} gap{'s' * (gaps != 1)}; half of the time it moves at less than "
         f"{np.median(speed):.2f} m/s and turns at less than {np.median(rate):.2f} rad/s, and speed hardly exceeds "
-        f"{np.percentile(speed, 99.0):.2f} m/s. Of other grounds, loads or speeds it says nothing.",
-        "Poses and wheel rates are refreshed more seldom than they are logged (table above); windows begin and end at "
-        "fresh poses only. A median of n windows is uncertain by about 1.25 standard deviations over √n: where plants "
-        "differ by less than a tenth, the windows do not decide.",
+        f"{np.percentile(speed, 99.0):.2f} m/s. It says nothing about other grounds, loads or speeds.",
+        "New poses and wheel rates come less often than they are logged (table above); windows begin and end at new poses "
+        "only. The median of n windows is uncertain by about 1.25 standard deviations over √n, so differences between "
+        "plants of less than a tenth are not significant.",
     ]
     if len(parts) == 1:
-        out.append("Nothing of it is held out: what these plants were fitted to is scored with the rest.")
+        out.append("No part of it is held out: the part that these plants were fitted to is scored with the rest.")
     return out
 
 
-def centre_of_mass(profile: Profile) -> list[str]:
-    """The finding of docs/centre_of_mass.md, with the profile's own numbers."""
+def _centre_of_mass(profile: Profile) -> list[str]:
+    """Return the finding of docs/centre_of_mass.md with the profile's own numbers."""
     husky = profile.plants["mujoco"].parameters
     errors = profile.provenance.get("mujoco", {}).get("standard_errors", {})
 
@@ -308,13 +309,13 @@ def centre_of_mass(profile: Profile) -> list[str]:
         return f"{1e3 * abs(value):.0f}{spread} mm {positive if value >= 0.0 else negative}"
 
     return [
-        "Centre of mass (docs/centre_of_mass.md): fitted with friction alike in all directions it lies "
-        f"{place('x', 'before', 'behind')} the middle between the axles and "
-        f"{place('y', 'to the left', 'to the right')}. Neither of the maker's two places (85 mm to the right, 87 mm to "
-        "the rear) then explains the recording; but with 6 % less grip across than along, a centre in the very middle "
-        "does as well. Motion alone does not tell which; weighing the axles would."
+        "Centre of mass (docs/centre_of_mass.md): fitted with equal friction in all directions, it lies "
+        f"{place('x', 'ahead of', 'behind')} the middle between the axles and "
+        f"{place('y', 'to the left', 'to the right')}. The two places in the maker's robot descriptions (85 mm to the right, "
+        "87 mm to the rear) do not explain the recording then. But with 6 % less grip sideways than ahead, a centre in the "
+        "middle explains it as well. Motion alone cannot decide between these; weighing the axles would."
     ]
 
 
-SECTIONS = (Section("real", "A real Husky on tile", (), ("recording", "split"), real),)
-"""That of the real robot."""
+REAL_SECTIONS = (Section("real", "A real Husky on tile", (), ("recording", "split"), _real),)
+"""The section of the real robot."""

@@ -1,4 +1,4 @@
-"""Yaw accelerations and answers to steps as one picture: what Fig. 3.33 shows, of all models."""
+"""The picture of yaw accelerations (Fig. 3.33) and of step responses, for all models."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from matplotlib.lines import Line2D
 from ssmr.types import FloatArray, Trajectory
 from validation.show.drawing import QUIET, Panel, draw_footer, ink_of, line_legend, put_together, side_by_side, text_row
 
-SHOWN = 0.5
-"""How much of the trajectory is seen, around a reversal of the turn [s]."""
+_SHOWN = 0.5
+"""Duration of the part of the trajectory that is drawn, around a reversal of the turn [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """What is drawn."""
+    """Motions to draw."""
 
     driven: Mapping[str, Trajectory]
-    """By plant, its motion on trajectory 4, at every physics step."""
+    """Motion on trajectory 4 by plant, at every physics step."""
     speed: Mapping[str, Trajectory]
-    """Its answer to a step of speed."""
+    """Response to a step of the speed command, by plant."""
     yaw_rate: Mapping[str, Trajectory]
-    """Its answer to a step of yaw rate."""
+    """Response to a step of the yaw rate command, by plant."""
     step: tuple[float, float]
     """Commanded speed [m/s] and yaw rate [rad/s]."""
     profile: str
@@ -35,16 +35,16 @@ class Responses:
 
 
 def _reversal(motion: Trajectory) -> float:
-    """When the yaw rate changes its sign, nearest to the middle of the run [s]."""
+    """Return the time at which the yaw rate changes its sign nearest to the middle of the run [s]."""
     rate, t = motion.twist[:, 2], motion.t
     crossings = t[:-1][rate[1:] * rate[:-1] < 0.0]
     return float(crossings[np.argmin(np.abs(crossings - 0.5 * t[-1]))]) if len(crossings) else 0.5 * float(t[-1])
 
 
 def _seen(drawn: Responses, name: str) -> tuple[FloatArray, FloatArray]:
-    """Stamps [s] and yaw accelerations [rad/s2] of a plant around the first plant's reversal."""
+    """Return stamps [s] and yaw accelerations [rad/s2] of a plant around the first plant's reversal."""
     motion, middle = drawn.driven[name], _reversal(next(iter(drawn.driven.values())))
-    inside = np.abs(motion.t - middle) <= 0.5 * SHOWN
+    inside = np.abs(motion.t - middle) <= 0.5 * _SHOWN
     return motion.t[inside], motion.channels["yaw_acceleration_rad_s2"][inside]
 
 
@@ -62,14 +62,14 @@ def _draw_step(drawn: Mapping[str, Trajectory], column: int, command: float, tit
 
 
 def _reach(drawn: Responses) -> tuple[float, float]:
-    """Of the common ordinate [rad/s2]."""
+    """Return the limits of the common ordinate [rad/s2]."""
     every = np.concatenate([_seen(drawn, name)[1] for name in drawn.driven])
     spare = 0.06 * float(np.ptp(every))
     return float(every.min()) - spare, float(every.max()) + spare
 
 
 def draw_responses(drawn: Responses) -> Figure:
-    """Accelerations of each plant side by side, on one scale; below, the answers to steps."""
+    """Draw the accelerations of each plant side by side on one scale, and below them the step responses."""
     reach = _reach(drawn)
     above: list[Panel] = [partial(_draw_acceleration, drawn, name, reach) for name in drawn.driven]
     below: list[Panel] = [

@@ -1,6 +1,6 @@
-"""When a number of ours agrees with a printed one, and what is known about those that do not.
+"""Verdicts: whether a number of ours agrees with the printed one, and the known reasons where it does not.
 
-The rules are here, each stated once; the known reasons are in ``verdicts.toml`` beside this module, each with the page of
+The rules are here, each stated once. The known reasons are in ``verdicts.toml`` beside this module, each with the page of
 docs/ that shows it. A difference without a known reason is called unexplained.
 """
 
@@ -14,22 +14,22 @@ from functools import cache
 from importlib import resources
 from typing import Any, Literal, get_args
 
-SCHEMA = "ssmr.verdicts/1"
+_SCHEMA = "ssmr.verdicts/1"
 FACTOR = 1.5
-"""Distances within this factor of each other, either way, agree."""
+"""Greatest ratio of two distances that agree."""
 RATIO_REACH = 0.01
-"""Ratios of lengths within this of each other agree [1]."""
+"""Greatest difference of two ratios of lengths that agree [1]."""
 SPREADS = 2.0
-"""So many standard deviations, or standard errors, of ours agree too, where they are known."""
+"""Numbers agree within this many standard deviations, or standard errors, of ours."""
 ROUNDING = 1e-9
-"""Relative; what is no more than this beyond a limit is at it."""
+"""Relative tolerance of the limits, for rounding."""
 
 Rule = Literal["distance", "ratio", "spread", "at_least", "none"]
-"""`distance`: positive, the smaller the nearer. `ratio`: one is perfect. `spread`: a parameter, a gain, a change, which only
-its own uncertainty can judge. `at_least`: the thesis says in words that it is large, and `beside["at_least"]` is what that
-is taken to mean. `none`: shown for the record."""
+"""How two numbers are compared. `distance`: by their ratio. `ratio`: by their difference, since one is perfect. `spread`: by
+the uncertainty of ours. `at_least`: the thesis says in words that the number is large, which is taken to mean at least
+`beside["at_least"]`. `none`: not at all; the number is shown for the record."""
 Status = Literal["agrees", "nearer", "differs", "not compared"]
-"""`nearer`: it differs, to the better: a distance of ours is smaller than the printed one."""
+"""`nearer`: it differs, but a distance of ours is smaller than the printed one."""
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 RULES: Mapping[Rule, str] = {
@@ -38,8 +38,8 @@ RULES: Mapping[Rule, str] = {
     "spread": f"a parameter or a gain agrees within {SPREADS:g} standard errors, or standard deviations over seeds",
     "at_least": "what the thesis says in words agrees if ours is at least what the words are taken to mean",
 }
-"""The rules in words. Where ours has a spread, distances and ratios within two standard deviations agree too: what is
-printed is a single run."""
+"""The rules in words. Where ours has a spread, distances and ratios within two standard deviations agree too, since the
+thesis prints a single run."""
 
 
 @dataclass(frozen=True)
@@ -47,22 +47,22 @@ class Pair:
     """A printed number beside ours."""
 
     published: float | None
-    """None where the thesis has none."""
+    """Number of the thesis; None if it has none."""
     ours: float | None
-    """None where there is none to compare."""
+    """Number of this project; None if there is none to compare."""
     rule: Rule
-    """How they are judged."""
+    """Rule that compares them."""
     unit: str = "1"
-    """Of both."""
+    """Unit of both."""
     spread: float | None = None
-    """Standard error or standard deviation of ours; None where it is not known."""
+    """Standard error or standard deviation of ours; None if it is not known."""
     beside: Mapping[str, float] = field(default_factory=dict)
-    """More numbers of ours, for the record, by name."""
+    """Further numbers of ours by name, for the record."""
     obstacle: str = ""
-    """Why they cannot be compared, as the run itself found; empty where they can."""
+    """Reason found by the run why they cannot be compared; empty if they can."""
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check rule and numbers.
 
         Raises:
             ValueError: an unknown rule, or a number that is not finite.
@@ -76,55 +76,55 @@ class Pair:
 
 @dataclass(frozen=True)
 class Reason:
-    """What is known about numbers that differ, or cannot be compared."""
+    """A known reason why numbers differ, or cannot be compared."""
 
     tables: tuple[str, ...]
-    """Numbers of tables it is about."""
+    """Numbers of the tables that it is about."""
     text: str
-    """In words, without a full stop."""
+    """Reason in words, without a full stop."""
     see: str
     """Page of docs/ that shows it, perhaps with the number of an erratum: `errata.md, 30`."""
     rows: tuple[str, ...] = ()
-    """Only these rows; empty for all. One that ends in `*` means all that begin so."""
+    """Names of the rows that it is about, empty for all; one that ends in `*` means all that begin so."""
     metrics: tuple[str, ...] = ()
-    """Only these metrics; empty for all."""
+    """Names of the metrics that it is about, empty for all."""
     when: tuple[Status, ...] = ()
-    """Only for these verdicts; empty for all."""
+    """Verdicts that it explains, empty for all."""
     comparable: bool = True
-    """Whether the numbers can be compared in spite of it."""
+    """Whether the numbers can still be compared."""
 
     def concerns(self, table: str, row: str, metric: str) -> bool:
-        """Whether it is about this number."""
+        """Return whether it is about this number."""
         named = any(row == r or (r.endswith("*") and row.startswith(r[:-1])) for r in self.rows)
         return table in self.tables and (named or not self.rows) and (metric in self.metrics or not self.metrics)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a number of ours, or a row of them, stands to the print."""
+    """The verdict on one number."""
 
     status: Status
-    """In a word."""
+    """Verdict in a word."""
     reason: str = ""
-    """Why it differs or cannot be compared; empty where it agrees."""
+    """Reason why it differs or cannot be compared; empty if it agrees."""
     see: str = ""
     """Page of docs/ that shows it."""
 
 
 UNEXPLAINED = "unexplained"
-"""Said where no reason is known."""
+"""Reason of a difference for which no reason is known."""
 
 
 @cache
 def reasons() -> tuple[Reason, ...]:
-    """All known reasons, in the order in which they are asked.
+    """Return all known reasons; the first that fits is the one that counts.
 
     Raises:
-        ValueError: the file is of another schema than this module reads.
+        ValueError: the file has another schema than this module reads.
     """
     data = tomllib.loads(resources.files("validation.thesis").joinpath("verdicts.toml").read_text(encoding="utf-8"))
-    if data.get("schema") != SCHEMA:
-        raise ValueError(f"verdicts.toml has schema {data.get('schema')!r}, expected {SCHEMA!r}")
+    if data.get("schema") != _SCHEMA:
+        raise ValueError(f"verdicts.toml has schema {data.get('schema')!r}, expected {_SCHEMA!r}")
     return tuple(map(_reason, data["reason"]))
 
 
@@ -134,7 +134,7 @@ def _reason(entry: Mapping[str, Any]) -> Reason:
 
 
 def agrees(pair: Pair) -> bool:
-    """Whether two numbers that can be compared agree, by the pair's rule."""
+    """Return whether two numbers that can be compared agree by their rule."""
     assert pair.ours is not None
     if pair.rule == "at_least":
         return pair.ours >= pair.beside["at_least"]
@@ -151,14 +151,14 @@ def agrees(pair: Pair) -> bool:
 
 
 def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason] | None = None) -> Verdict:
-    """How one number of ours stands to the print.
+    """Return the verdict on one number of ours.
 
     Args:
-        table: the table's number.
-        row: of the table.
-        metric: of the row.
-        pair: the numbers.
-        known: reasons to look among; all of `verdicts.toml` if not given.
+        table: number of the table.
+        row: name of the row.
+        metric: name of the metric.
+        pair: printed and own number.
+        known: known reasons; those of `verdicts.toml` if not given.
     """
     about = [r for r in (reasons() if known is None else known) if r.concerns(table, row, metric)]
     barred = next((Verdict("not compared", r.text, r.see) for r in about if not r.comparable), None)
@@ -180,12 +180,12 @@ def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason]
 
 @dataclass(frozen=True)
 class RowVerdict:
-    """How a row of numbers stands to the print."""
+    """The verdict on a row of numbers."""
 
     status: Status
-    """That of its worst number; what cannot be compared decides only where nothing can."""
+    """Verdict of its worst number. Numbers that cannot be compared count only if none can."""
     because: tuple[tuple[tuple[str, ...], Verdict], ...]
-    """Its reasons, each with the metrics that it is about: none where it is about all of them."""
+    """Reasons, each with the metrics that it is about; with no metrics if it is about all."""
 
     @property
     def reason(self) -> str:
@@ -195,15 +195,15 @@ class RowVerdict:
 
     @property
     def see(self) -> str:
-        """All pages of docs/ that show them."""
+        """All pages of docs/ that show the reasons."""
         return "; ".join(dict.fromkeys(v.see for _, v in self.because if v.see))
 
 
 def of_row(verdicts: Mapping[str, Verdict]) -> RowVerdict:
-    """The verdict on a row.
+    """Return the verdict on a row.
 
     Args:
-        verdicts: on its numbers, by metric; at least one.
+        verdicts: verdicts on its numbers by metric, at least one.
     """
     judged = {m: v for m, v in verdicts.items() if v.status != "not compared"} or verdicts
     order: tuple[Status, ...] = ("not compared", "agrees", "nearer", "differs")
@@ -219,7 +219,7 @@ def of_row(verdicts: Mapping[str, Verdict]) -> RowVerdict:
 
 
 def short(metric: str) -> str:
-    """A metric's name without its unit's suffix."""
+    """Return a metric's name without the suffix of its unit."""
     for suffix in ("_m", "_s", "_percent", "_1"):
         if metric.endswith(suffix):
             return metric.removesuffix(suffix)

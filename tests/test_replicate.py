@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import os
@@ -18,36 +19,41 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROUNDOFF
+from validation import cli
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import write_csv
-from validation.replicate import __main__ as replicate
+from validation.progress import Progress
+from validation.replicate import QUICK_SETTINGS, Replication, ReplicationSettings, replicate
 from validation.replicate import control as evidence_control
 from validation.replicate import models as evidence_models
 from validation.replicate import real as evidence_real
+from validation.replicate.__main__ import main
 from validation.replicate.evidence import (
-    FIGURES,
-    QUICK,
-    SECTIONS,
+    FIGURE_FOLDER,
+    SECTION_FOLDER,
+    Answer,
     Context,
+    Effort,
     Findings,
     Picture,
     Section,
-    Settings,
     Table,
-    choose,
+    chosen_sections,
     kept,
 )
 from validation.replicate.html_page import prose, render, status_class
-from validation.replicate.report import as_json, document_of, linked, markdown, order_of, unexplained
+from validation.replicate.report import document_of, linked, report_markdown, unexplained
 from validation.replicate.residual_figure import draw_residuals
+from validation.replicate.result import order_of
+from validation.replicate.run import ALL_SECTIONS, run_sections
 from validation.show.tables import Cell
 from validation.study.tables.run import TABLES, Entry
 from validation.thesis import published
 from validation.thesis.verdicts import STATUSES, Pair
 
-SMALL = Settings(fit_population=8, fit_generations=4, noise_seeds=1, repeats=1)
+SMALL = ReplicationSettings(fit_population=8, fit_generations=4, noise_seeds=1, repeats=1)
 WANTED = {
     *("3.8", "3.9", "3.11", "3.12", "3.14", "3.15", "4.4", "4.21", "4.37", "4.38", "Sec. 3.6", "Fig. 3.33"),
     *(f"4.{i}" for i in (*range(5, 20), *range(22, 37))),
@@ -55,34 +61,34 @@ WANTED = {
 
 
 def section(key: str) -> Section:
-    return next(s for s in replicate.ALL if s.key == key)
+    return next(s for s in ALL_SECTIONS if s.key == key)
 
 
 def folders(path: Path) -> Path:
-    for name in (SECTIONS, FIGURES):
+    for name in (SECTION_FOLDER, FIGURE_FOLDER):
         (path / name).mkdir(parents=True)
     return path
 
 
-def run(keys: Sequence[str], folder: Path, settings: Settings = SMALL, *, fresh: bool = False) -> dict[str, Findings]:
-    found = replicate.run_all([section(k) for k in keys], settings, folder, 2, fresh=fresh)
-    return {s.key: findings for s, findings, _ in found}
+def run(keys: Sequence[str], folder: Path, settings: ReplicationSettings = SMALL) -> dict[str, Findings]:
+    found = run_sections([section(k) for k in keys], settings, folder, workers=2)
+    return {a.section.key: a.findings for a in found}
 
 
 # ----------------------------------------------------------------------------------------------------------------- sections
 
 
 def test_every_table_of_the_thesis_has_one_section_that_answers_for_it() -> None:
-    answered = [t for s in replicate.ALL for t in s.tables]
+    answered = [t for s in ALL_SECTIONS for t in s.tables]
     assert len(answered) == len(set(answered))
     assert set(answered) == WANTED
 
 
 def test_sections_are_chosen_by_key_and_by_table_in_their_own_order() -> None:
-    assert [s.key for s in choose(replicate.ALL, "4.9, times,3.9")] == ["fit-coulomb", "times", "tables"]
-    assert choose(replicate.ALL, "") == replicate.ALL
-    with pytest.raises(ValueError, match=r"'5\.1' is no section"):
-        choose(replicate.ALL, "times,5.1")
+    assert [s.key for s in chosen_sections(ALL_SECTIONS, ("4.9", "times", "3.9"))] == ["fit-coulomb", "times", "tables"]
+    assert chosen_sections(ALL_SECTIONS, ()) == ALL_SECTIONS
+    with pytest.raises(ValueError, match=r"'5\.1' in only is no section"):
+        chosen_sections(ALL_SECTIONS, ("times", "5.1"))
 
 
 @pytest.fixture
@@ -90,7 +96,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures cost more than small searches; an empty file stands for each."""
 
     def written(self: Context, name: str, figure: object, caption: str) -> Picture:
-        (self.folder / FIGURES / f"{name}.png").touch()
+        (self.folder / FIGURE_FOLDER / f"{name}.png").touch()
         return Picture(f"{name}.png", caption)
 
     monkeypatch.setattr(Context, "picture", written)
@@ -111,7 +117,7 @@ def test_a_broken_off_search_goes_on_to_the_same_end(tmp_path: Path, monkeypatch
         return real(self, *args)
 
     def findings(folder: Path) -> list[Findings]:
-        return [found for _, found, _ in replicate.run_all(both, SMALL, folder, 2)]
+        return [found for _, found, _ in run_sections(both, SMALL, folder, workers=2)]
 
     monkeypatch.setattr(FitProblem, "costs", counting)
     stopped = False
@@ -120,23 +126,23 @@ def test_a_broken_off_search_goes_on_to_the_same_end(tmp_path: Path, monkeypatch
     generations.clear()
     with pytest.raises(KeyboardInterrupt):
         findings(broken)
-    assert [p.name for p in (broken / SECTIONS).glob("*.json")] == ["fake.json"]
-    assert len(list((broken / SECTIONS).glob("fit-linear-*.npz"))) == 1
+    assert [p.name for p in (broken / SECTION_FOLDER).glob("*.json")] == ["fake.json"]
+    assert len(list((broken / SECTION_FOLDER).glob("fit-linear-*.npz"))) == 1
     stopped = False
     generations.clear()
     assert findings(broken) == undisturbed
     assert len(generations) == wanted - 2
     assert len(ran) == 2
-    assert not list((broken / SECTIONS).glob("*.npz"))
+    assert not list((broken / SECTION_FOLDER).glob("*.npz"))
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_a_damaged_search_begins_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_search_begins_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder, one = folders(tmp_path / "out"), section("fit-linear")
     state = Context(SMALL, folder, one.key, one.digest(SMALL), 1).checkpoint("search")
     state.write_bytes(b"no checkpoint")
     assert run(["fit-linear"], folder)["fit-linear"].tables
-    assert "begins anew" in capsys.readouterr().err
+    assert "begins anew" in caplog.text
 
 
 def fake(found: Findings, ran: list[str], needs: tuple[str, ...] = ("seed",)) -> Section:
@@ -162,13 +168,13 @@ def test_what_is_kept_is_used_again_only_for_the_same_question(tmp_path: Path) -
     folder, ran = folders(tmp_path / "out"), list[str]()
     one = fake(FOUND, ran)
     for settings, times in ((SMALL, 1), (SMALL, 1), (replace(SMALL, repeats=9), 1), (replace(SMALL, seed=7), 2), (SMALL, 3)):
-        ((_, found, _),) = replicate.run_all([one], settings, folder, 1)
+        ((_, found, _),) = run_sections([one], settings, folder)
         assert found == FOUND
         assert len(ran) == times
-    state = folder / SECTIONS / "fake-search.0123456789ab.npz"
+    state = folder / SECTION_FOLDER / "fake-search.0123456789ab.npz"
     state.touch()
     anew = replace(one, run=lambda context: (ran.append(f"state: {state.exists()}"), FOUND)[1])
-    replicate.run_all([anew], SMALL, folder, 1, fresh=True)
+    run_sections([anew], SMALL, folder, fresh=True)
     assert ran[3:] == ["state: False"]
 
 
@@ -176,9 +182,9 @@ def test_what_is_kept_is_used_again_only_for_the_same_question(tmp_path: Path) -
 def test_a_damaged_section_is_run_again(tmp_path: Path, damage: str) -> None:
     folder, ran = folders(tmp_path / "out"), list[str]()
     one = fake(FOUND, ran)
-    replicate.run_all([one], SMALL, folder, 1)
-    (folder / SECTIONS / "fake.json").write_text(damage, encoding="utf-8")
-    ((_, found, _),) = replicate.run_all([one], SMALL, folder, 1)
+    run_sections([one], SMALL, folder)
+    (folder / SECTION_FOLDER / "fake.json").write_text(damage, encoding="utf-8")
+    ((_, found, _),) = run_sections([one], SMALL, folder)
     assert (found, len(ran)) == (FOUND, 2)
 
 
@@ -196,8 +202,8 @@ def test_a_section_without_its_picture_or_with_foreign_findings_is_run_again(
     digest = section("accelerations").digest(SMALL)
     again = kept(folder, section("accelerations"), digest)
     assert again is not None
-    assert again[0] == findings
-    path = folder / SECTIONS / "accelerations.json"
+    assert again.findings == findings
+    path = folder / SECTION_FOLDER / "accelerations.json"
     whole = path.read_text(encoding="utf-8")
     document = json.loads(whole)
     document["findings"]["surprise"] = 1
@@ -205,7 +211,7 @@ def test_a_section_without_its_picture_or_with_foreign_findings_is_run_again(
     assert kept(folder, section("accelerations"), digest) is None
     path.write_text(whole, encoding="utf-8")
     assert kept(folder, section("accelerations"), digest) is not None
-    (folder / FIGURES / findings.pictures[0].file).unlink()
+    (folder / FIGURE_FOLDER / findings.pictures[0].file).unlink()
     assert kept(folder, section("accelerations"), digest) is None
 
 
@@ -227,7 +233,7 @@ def test_chattering_coulomb_and_smooth_improved_as_in_figure_3_33(accelerations:
     assert counts["improved"] == counts["linear"] == 0.0
     assert counts["coulomb"] is not None
     assert counts["coulomb"] > 100.0
-    delays = [rows[name]["speed_delay_s"].ours for name in evidence_models.TIMED]
+    delays = [rows[name]["speed_delay_s"].ours for name in ("coulomb", "improved", "linear", "mujoco")]
     assert all(d is not None and 0.2 < d < 0.3 for d in delays)  # 0.22 s of Tab. 3.8, and the first tenth of the rise
 
 
@@ -261,8 +267,8 @@ def test_a_change_in_percent_carries_both_spreads() -> None:
 
 
 def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
-    for controller, number in evidence_control.TUNINGS.items():
-        assert set(evidence_control.GAINS[controller]) == set(published.table(number)["rows"])
+    for controller, number in evidence_control.TUNED_TABLES.items():
+        assert set(evidence_control.GAIN_NAMES[controller]) == set(published.table(number)["rows"])
 
 
 def drive(t: np.ndarray, speed: float, rate: float) -> Recording:
@@ -286,15 +292,15 @@ def test_a_recording_without_commands_is_driven_by_its_wheels(tmp_path: Path) ->
     assert all(v[row][column] is not None for v in residuals["yaw_median_rad"].values())
     assert sum(v is not None for line in residuals["yaw_median_rad"]["mujoco"] for v in line) == 1
     page = render(
-        document_of([(section("real"), findings, replicate.Effort(1.0, 1.0))], settings), tmp_path / "out" / FIGURES
+        document_of([Answer(section("real"), findings, Effort(1.0, 1.0))], settings), tmp_path / "out" / FIGURE_FOLDER
     )
     assert page.count("data:image/png;base64,") == 2
 
 
 def test_residuals_of_nothing_are_drawn_and_said() -> None:
-    shape = len(evidence_real.SPEEDS) - 1, len(evidence_real.YAW_RATES) - 1
-    empty = evidence_real.Residuals(
-        evidence_real.SPEEDS, evidence_real.YAW_RATES, np.zeros(shape, dtype=np.int64),
+    shape = len(evidence_real.SPEED_EDGES) - 1, len(evidence_real.YAW_RATE_EDGES) - 1
+    empty = evidence_real.BinnedErrors(
+        evidence_real.SPEED_EDGES, evidence_real.YAW_RATE_EDGES, np.zeros(shape, dtype=np.int64),
         {"mujoco": np.full((2, *shape), np.nan)}, 2.0,
     )  # fmt: skip
     assert "no bin" in evidence_real.worst_of(empty, "wheels")
@@ -338,14 +344,23 @@ class Outside(HTMLParser):
             self.style += data
 
 
+FEW = replace(QUICK_SETTINGS, fit_population=8, fit_generations=3, repeats=2)
+SOME = ("3.9", "times", "real")
+
+
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small replication by the program itself."""
+def replication(tmp_path_factory: pytest.TempPathFactory) -> Replication:
+    """A small replication, written where it is kept."""
     out = tmp_path_factory.mktemp("replicate")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(replicate, "QUICK", replace(QUICK, fit_population=8, fit_generations=3, repeats=2))
-        replicate.main(quick=True, only="3.9,times,real", out=out, docs=out / "docs" / "results.md")
-    return out
+    found = replicate(FEW, SOME, out)
+    assert [p.name for p in found.save(out)] == ["replicate.html", "replicate.md", "replicate.json"]
+    found.publish(out / "docs" / "results.md")
+    return found
+
+
+@pytest.fixture(scope="module")
+def report(replication: Replication) -> Path:
+    return replication.folder
 
 
 def test_the_page_needs_nothing_else(report: Path) -> None:
@@ -391,7 +406,7 @@ def test_numbers_are_printed_beside_ours_with_a_verdict(report: Path) -> None:
 
 def test_what_is_unexplained_is_said_first() -> None:
     rows = {"line_0.25": {"d_rms_m": Pair(1.0, 9.0, "distance", "m"), "d_ratio": Pair(1.0, 1.0, "ratio")}}
-    found = [(section("tables"), Findings({"4.5": Table("a", rows)}), replicate.Effort(0.0, 0.0))]
+    found = [Answer(section("tables"), Findings({"4.5": Table("a", rows)}), Effort(0.0, 0.0))]
     assert unexplained(found) == ["Tab. 4.5 d_rms"]
     assert "Unexplained: Tab. 4.5 d_rms." in document_of(found, SMALL).lead
 
@@ -411,13 +426,50 @@ def test_markdown_holds_every_row_and_docs_link_their_pages(report: Path) -> Non
     assert linked("see docs/a.md, and [docs/b.md](docs/b.md)", "../") == "see [a.md](../a.md), and [docs/b.md](docs/b.md)"
 
 
-def test_a_second_run_keeps_everything_and_says_so(report: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = (report / "replicate.json").read_bytes()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(replicate, "QUICK", replace(QUICK, fit_population=8, fit_generations=3, repeats=2))
-        replicate.main(quick=True, only="3.9,times,real", out=report)
-    assert capsys.readouterr().err.count("kept from before") == 3
+def test_a_second_run_keeps_everything_and_says_so(report: Path) -> None:
+    before, said = (report / "replicate.json").read_bytes(), list[Progress]()
+    replicate(FEW, SOME, report, progress=said.append).save(report)
+    assert [now.text.rpartition(", ")[2] for now in said if now.done == int(now.done) > 0].count("kept from before") == 3
     assert (report / "replicate.json").read_bytes() == before
+
+
+def test_a_replication_shows_itself_and_saves_itself_elsewhere(replication: Replication, tmp_path: Path) -> None:
+    assert "agrees" in replication.table()
+    assert replication.figure().axes[1].patches
+    replication.save(tmp_path / "copy")
+    pictures = {p.name for p in (tmp_path / "copy" / FIGURE_FOLDER).iterdir()}
+    assert pictures == {picture.file for answer in replication.answers for picture in answer.findings.pictures}
+
+
+def test_editing_any_file_that_decides_numbers_changes_the_digest(tmp_path: Path) -> None:
+    """In whatever sub-folder it lies; only files that show findings are left out."""
+    root = Path(__file__).resolve().parents[1]
+    for name in ("ssmr", "validation", "models"):
+        shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    module = tmp_path / "validation/replicate/evidence.py"
+    spec = importlib.util.spec_from_file_location("copied_evidence", module)
+    assert spec is not None
+    assert spec.loader is not None
+    copied = importlib.util.module_from_spec(spec)
+    sys.modules["copied_evidence"] = copied
+    spec.loader.exec_module(copied)
+    before = copied.code_digest()
+    for name, decides in (
+        ("ssmr/models/linear.py", True),
+        ("validation/study/robustness/cases.py", True),
+        ("validation/plants/profiles/thesis-lab.toml", True),
+        ("validation/track/references/generic.csv", True),
+        ("validation/replicate/models.py", True),
+        ("validation/thesis/published.toml", True),
+        ("validation/thesis/verdicts.py", False),
+        ("validation/replicate/report.py", False),
+    ):
+        file = tmp_path / name
+        whole = file.read_bytes()
+        file.write_bytes(whole + b"\n")
+        copied.code_digest.cache_clear()
+        assert (copied.code_digest() != before) == decides, name
+        file.write_bytes(whole)
 
 
 def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_path: Path) -> None:
@@ -425,13 +477,13 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
     tables = {}
     for number in TABLES:
         rows = published.table(number)["rows"] or {"sine_0.50": {}}
-        rules = evidence_control.RULES
+        rules = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
         tables[number] = Table(
             number,
             {r: {m: Pair(v.get(m), 1.0 if number == "4.27" else v[m], rules[m]) for m in rules} for r, v in rows.items()},
         )
-    found = [(section("tables"), Findings(tables), replicate.Effort(0.0, 0.0))]
-    document = as_json(found, SMALL)
+    found = [Answer(section("tables"), Findings(tables), Effort(0.0, 0.0))]
+    document = Replication(SMALL, tmp_path, tuple(found)).as_dict()
     verdicts = {n: next(iter(t["verdicts"].values())) for n, t in document["tables"].items()}
     for number, verdict in verdicts.items():
         content = published.table(number)
@@ -440,15 +492,15 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
         assert known or verdict["see"]
     assert "lost" in verdicts["4.27"]["reason"]
     assert list(document["tables"]) == sorted(TABLES, key=order_of)
-    text = markdown(document_of(found, SMALL), "figures/")
+    text = report_markdown(document_of(found, SMALL), "figures/")
     assert all(f"| {number} |" in text for number in TABLES)
 
 
 def test_the_page_of_docs_is_a_whole_replication() -> None:
     """Nobody wrote it by hand, or published a quick or a partial one: titles and lead are those of this code."""
     text = (Path(__file__).resolve().parents[1] / "docs" / "results.md").read_text(encoding="utf-8")
-    found = [(s, Findings(), replicate.Effort(0.0, 0.0)) for s in replicate.ALL]
-    expected = document_of(found, Settings())
+    found = [Answer(s, Findings(), Effort(0.0, 0.0)) for s in ALL_SECTIONS]
+    expected = document_of(found, ReplicationSettings())
     assert text.startswith(f"# {expected.title}\n\n{expected.lead[0]}\n")
     for chapter in expected.chapters:
         assert f"\n## {chapter.title}\n" in text
@@ -466,7 +518,7 @@ def test_the_page_of_docs_is_a_whole_replication() -> None:
     [
         (["--only", "5.1"], "is no section"),
         (["--recording", "nowhere.csv"], "nowhere.csv"),
-        (["--seed", "-1"], "--seed -1"),
+        (["--seed", "-1"], "--seed"),
         (["--docs", "results.txt"], "no markdown file"),
     ],
 )
@@ -475,7 +527,7 @@ def test_mistakes_are_one_line(arguments: list[str], words: str, tmp_path: Path,
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["replicate", *arguments])
     with pytest.raises(SystemExit) as left:
-        replicate.cli.run(replicate.main, "python -m validation.replicate")
+        cli.run(main, "python -m validation.replicate")
     assert left.value.code == 2
     error = capsys.readouterr().err
     assert words in error
@@ -498,4 +550,4 @@ def test_an_interrupt_leaves_with_130_and_keeps_the_search(tmp_path: Path) -> No
     assert done.returncode == 130, done.stderr
     assert "0 of 1 sections are kept in out" in done.stderr
     assert "Traceback" not in done.stderr
-    assert len(list((tmp_path / "out" / SECTIONS).glob("fit-linear-search.*.npz"))) == 1
+    assert len(list((tmp_path / "out" / SECTION_FOLDER).glob("fit-linear-search.*.npz"))) == 1

@@ -1,16 +1,15 @@
-"""Chapter 4 anew: gains tuned as the thesis tuned them, and its tables of tracked references."""
+"""The sections on chapter 4: gains tuned as in the thesis, and its tables of tracked references."""
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 
 import numpy as np
 
-from validation import cli
 from validation.fit.search import SearchOptions
 from validation.plants.profile import load
+from validation.progress import Progress
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.study.tables.run import METRICS, TABLES, Entry, draw_tables, study_tables
 from validation.thesis import published
@@ -18,13 +17,13 @@ from validation.thesis.verdicts import Pair, Rule
 from validation.tune.result import TuneResult
 from validation.tune.run import tune
 
-PROFILE, PLANT = "thesis-lab", "improved"
-TUNED_ON = ("generic", 0.25)
-"""Sec. 4.3.3: always the generic trajectory."""
-NOISE_SEED = 0
-"""Of noise and disturbance in the loop that is tuned; the searches differ in theirs."""
-TUNINGS: Mapping[str, str] = {"pid": "4.4", "lqr": "4.21"}
-GAINS: Mapping[str, Mapping[str, str]] = {
+_PROFILE, _PLANT = "thesis-lab", "improved"
+_TUNED_ON = ("generic", 0.25)
+"""Reference and speed [m/s] that gains are tuned on (Sec. 4.3.3)."""
+_NOISE_SEED = 0
+"""Seed of noise and disturbance in the loop that is tuned; the searches have seeds of their own."""
+TUNED_TABLES: Mapping[str, str] = {"pid": "4.4", "lqr": "4.21"}
+GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
     "pid": {
         "K_P_rho": "k_p_rho", "K_I_rho": "k_i_rho", "K_P_y": "k_p_y", "K_I_y": "k_i_y", "K_P_alpha": "k_p_alpha",
         "K_I_alpha": "k_i_alpha", "K_P_u": "k_p_u", "K_I_u": "k_i_u", "K_P_omega": "k_p_w", "K_I_omega": "k_i_w",
@@ -35,16 +34,12 @@ GAINS: Mapping[str, Mapping[str, str]] = {
         "K_y": "k_y", "K_I_rho": "k_i_rho",
     },
 }  # fmt: skip
-"""What the gain sets call the thesis' gains."""
-TOLD = 5
-"""Where standard error is no terminal, every so many tables a line of progress appears."""
-RULES: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
-CAPTIONS: Mapping[str, str] = {
+"""Names of the thesis' gains in our gain sets, by controller."""
+_RULE_OF: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
+_CAPTIONS: Mapping[str, str] = {
     "reference_vs_simulated": "the improved model against the reference (beside it the MuJoCo Husky against the reference)",
     "simulated_vs_real": "the improved model against the robot (ours: against the MuJoCo Husky)",
 }
-
-# ----------------------------------------------------------------------------------------------------------------- tunings
 
 
 def tuned(controller: str, seed: int, context: Context) -> TuneResult:
@@ -54,20 +49,20 @@ def tuned(controller: str, seed: int, context: Context) -> TuneResult:
         KeyboardInterrupt: the search was interrupted; its state is on disk.
         SsmrError: no candidate kept the reference.
     """
-    settings, (name, speed) = context.settings, TUNED_ON
+    settings, (name, speed) = context.settings, _TUNED_ON
     return searched(
         context,
         f"search-{seed}",
         lambda search, progress: tune(
-            controller, f"{name}@{speed:g}", PROFILE, plants=(PLANT,), held_out=(), gains="published", from_scratch=True,
-            guard=0.0, seeds=(NOISE_SEED,), population=settings.tune_population, generations=settings.tune_generations,
+            controller, f"{name}@{speed:g}", _PROFILE, plants=(_PLANT,), held_out=(), gains="published", from_scratch=True,
+            guard=0.0, seeds=(_NOISE_SEED,), population=settings.tune_population, generations=settings.tune_generations,
             search=SearchOptions(**search, seed=seed), progress=progress,
         ),
     )  # fmt: skip
 
 
 def _tune_section(controller: str) -> Section:
-    number = TUNINGS[controller]
+    number = TUNED_TABLES[controller]
 
     def run(context: Context) -> Findings:
         seeds = range(context.settings.seed, context.settings.seed + context.settings.tune_seeds)
@@ -75,15 +70,17 @@ def _tune_section(controller: str) -> Section:
         best = min(results, key=lambda r: r.cost)
         figure = best.figure()
         picture = context.picture(
-            "tune", figure, f"The {controller.upper()} with the gains of the cheapest search, beside the published ones."
+            "tune",
+            figure,
+            f"The {controller.upper()} with the gains of the best search, beside the published ones.",
         )
         reduced = " (reduced: --quick)" if context.settings.quick else ""
         notes = (
             f"{len(results)} search{'es' * (len(results) > 1)}{reduced}, cost "
             f"{', '.join(f'{r.cost:.3f}' for r in results)}; with the published gains {best.baseline_cost:.3f}. "
             f"Population {best.options['population']}, at most {best.options['generations']} generations, generic "
-            f"reference at {TUNED_ON[1]:g} m/s, the improved model with noise and disturbance. Ours are the gains of "
-            "the cheapest search, the spread is the standard deviation over all.",
+            f"reference at {_TUNED_ON[1]:g} m/s, the improved model with noise and disturbance. Ours are the gains of "
+            "the search with the lowest cost; the spread is the standard deviation over all searches.",
             *best.notes(),
         )
         numbers = {"searches": [{"seed": r.seed, "cost": r.cost, "gains": dict(r.gains)} for r in results]}
@@ -94,19 +91,19 @@ def _tune_section(controller: str) -> Section:
 
 
 def gain_table(controller: str, results: list[TuneResult]) -> Table:
-    """The thesis' gains beside those of the cheapest search; below them the cost."""
-    number = TUNINGS[controller]
+    """Return the thesis' gains beside those of the search with the lowest cost, and below them the cost."""
+    number = TUNED_TABLES[controller]
     best = min(results, key=lambda r: r.cost)
     searched = {p.name: p for p in best.parameters}
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(number)["rows"].items():
-        name, unit = GAINS[controller][row], printed["unit"]
+        name, unit = GAIN_NAMES[controller][row], printed["unit"]
         published_value = float(printed.get("optimised", printed.get("value", math.nan)))
         spread = _deviation([float(r.gains[name]) for r in results])
         if name not in searched:
             obstacle = "set by hand in the thesis; taken over"
         elif spread is None:
-            obstacle = "a single search tells no spread"
+            obstacle = "a single search has no spread"
         else:
             obstacle = ""
         rows[row] = {"optimised": Pair(published_value, float(best.gains[name]), "spread", unit, spread, {}, obstacle)}
@@ -122,22 +119,15 @@ def _deviation(values: list[float]) -> float | None:
     return float(np.std(values, ddof=1)) if len(values) > 1 else None
 
 
-# ------------------------------------------------------------------------------------------------------------------ tables
+def _tracked(context: Context) -> Findings:
+    """Make Tab. 4.5-4.19 and 4.22-4.38."""
 
+    def tell(number: str) -> None:
+        context.progress(Progress(TABLES.index(number) + 1, len(TABLES), f"Tab. {number}"))
 
-def tables(context: Context) -> Findings:
-    """Tab. 4.5-4.19 and 4.22-4.38."""
-    with cli.progress() as bar:
-        task = bar.add_task("tables", total=len(TABLES))
-
-        def tell(number: str) -> None:
-            bar.update(task, advance=1, description=f"Tab. {number}")
-            if bar.disable and TABLES.index(number) % TOLD == TOLD - 1:
-                print(f"Tab. {number} done, {TABLES.index(number) + 1} of {len(TABLES)}", file=sys.stderr, flush=True)
-
-        study = study_tables(load(PROFILE), context.settings.noise_seeds, context.workers, tell)
+    study = study_tables(load(_PROFILE), context.settings.noise_seeds, context.workers, tell)
     found = {
-        e.table: Table(f"{e.controller.upper()}, {_where(e)}: {CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries
+        e.table: Table(f"{e.controller.upper()}, {_where(e)}: {_CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries
     }
     by_place = {(e.controller, e.reference, e.speed): e for e in study.entries if e.comparison == "simulated_vs_real"}
     found["4.37"] = Table(
@@ -145,9 +135,9 @@ def tables(context: Context) -> Findings:
     )
     found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", _changes(by_place))
     note = (
-        f"Means over {study.seeds} seeds of noise, each with its standard deviation: what is printed is a single run. "
-        "Published gains for the PID, the manual column of Tab. 4.21 for the LQR (Sec. 4.4.3). The simulation is "
-        "pushed at random as in the thesis; the MuJoCo Husky, which stands where the robot stood, is not."
+        f"Means over {study.seeds} seeds of noise, each with its standard deviation; the thesis prints a single run. "
+        "The PID has its published gains, the LQR the manual column of Tab. 4.21 (Sec. 4.4.3). The simulation is disturbed "
+        "at random as in the thesis; the MuJoCo Husky, which takes the robot's place, is not."
     )
     lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in study.entries if e.lost]
     caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {study.seeds} seeds), one table a row."
@@ -167,7 +157,7 @@ def _pairs(entry: Entry) -> dict[str, Pair]:
         metric: Pair(
             entry.printed.get(metric),
             entry.mean.get(metric),
-            RULES[metric],
+            _RULE_OF[metric],
             "m" if metric.endswith("_m") else "1",
             entry.deviation.get(metric) if entry.n > 1 else None,
             {"mujoco": entry.mujoco[metric]} if metric in entry.mujoco else {},
@@ -210,7 +200,7 @@ def _changes(entries: Places) -> dict[str, dict[str, Pair]]:
 
 
 def change_percent(before: Entry, after: Entry, metric: str) -> tuple[float | None, float | None]:
-    """100 (after / before - 1) of two means, and its standard deviation as that of single runs carries over [%]."""
+    """Return the change of a mean [%], and the standard deviation that follows from those of single runs [%]."""
     if not (before.mean and after.mean and before.mean[metric] > 0.0):
         return None, None
     ratio = after.mean[metric] / before.mean[metric]
@@ -218,8 +208,8 @@ def change_percent(before: Entry, after: Entry, metric: str) -> tuple[float | No
     return 100.0 * (ratio - 1.0), 100.0 * ratio * math.hypot(*share) if len(share) == 2 else None
 
 
-SECTIONS = (
-    *(_tune_section(controller) for controller in TUNINGS),
-    Section("tables", "Tracked references", (*TABLES, "4.37", "4.38"), ("noise_seeds",), tables),
+CONTROL_SECTIONS = (
+    *(_tune_section(controller) for controller in TUNED_TABLES),
+    Section("tables", "Tracked references", (*TABLES, "4.37", "4.38"), ("noise_seeds",), _tracked),
 )
-"""Those of chapter 4."""
+"""The sections on chapter 4."""

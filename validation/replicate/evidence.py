@@ -1,39 +1,42 @@
-"""What the parts of a replication find, and how it is kept on disk so that an interrupted one goes on where it stopped.
+"""The sections of a replication, and their findings, which are kept on disk so that an interrupted one goes on.
 
-A section is a part that runs by itself and answers for some of the thesis' tables. What it finds is kept as
-`sections/KEY.json`, its pictures beside it in `figures/`, each written whole or not at all, the JSON last; it is used again
-where settings, inputs, code and versions are the same, which one digest stands for.
+A section runs by itself and answers for some tables of the thesis. Its findings are kept as `sections/KEY.json` and its
+pictures in `figures/`, each written whole or not at all, the JSON file last. They are used again as long as settings,
+inputs, code and versions are the same; one digest of all these stands in the file.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from matplotlib.figure import Figure
 
-from validation import cli, store
+from validation import store
 from validation.fit.data import SearchData
 from validation.fit.search import CheckpointError
-from validation.progress import Report
+from validation.progress import Report, silent
 from validation.robots.husky import xml_path
 from validation.show.drawing import save_figure
 from validation.show.tables import Cell, Grid
 from validation.thesis.verdicts import Pair
 
-R = TypeVar("R", bound=SearchData)
-SCHEMA = "ssmr.evidence/1"
-SECTIONS, FIGURES = "sections", "figures"
-"""Folders in that of the results."""
-PRESENTATION = frozenset(
+_R = TypeVar("_R", bound=SearchData)
+_log = logging.getLogger(__name__)
+_SCHEMA = "ssmr.evidence/1"
+SECTION_FOLDER, FIGURE_FOLDER = "sections", "figures"
+"""Names of the folders inside that of the results."""
+_PRESENTATION = frozenset(
     {
         "replicate/__main__.py",
-        "replicate/run.py",
+        "replicate/result.py",
+        "replicate/summary_figure.py",
         "replicate/report.py",
         "replicate/tables.py",
         "replicate/html_page.py",
@@ -41,7 +44,7 @@ PRESENTATION = frozenset(
         "thesis/verdicts.py",
     }
 )
-"""Modules of `validation` that only judge and show what was found: a change to one of them makes nothing stale."""
+"""Paths of modules that only judge and show findings: after a change to one of them, kept findings are used again."""
 
 
 @dataclass(frozen=True)
@@ -49,109 +52,111 @@ class Table:
     """A table of the thesis beside ours."""
 
     caption: str
-    """What it holds, in this project's words."""
+    """Caption in this project's words."""
     rows: Mapping[str, Mapping[str, Pair]]
-    """By row, then by metric; rows and metrics are named as in `published.toml`."""
+    """Printed and own numbers by row and metric, which are named as in `published.toml`."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that was written."""
+    """A picture that was written."""
 
     file: str
-    """Its name in `figures/`."""
+    """Name of the file in `figures/`."""
     caption: str
-    """What is seen."""
+    """Description of what it shows."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What a section found."""
+    """The findings of a section."""
 
     tables: Mapping[str, Table] = field(default_factory=dict)
-    """By the thesis' number, or by section or figure where the thesis has no table."""
+    """Tables by their number in the thesis, or by its section or figure where it has no table."""
     grids: Mapping[str, Grid] = field(default_factory=dict)
-    """Tables with no counterpart in the thesis, by their captions."""
+    """Tables without a counterpart in the thesis, by caption."""
     notes: tuple[str, ...] = ()
-    """Sentences on how it was found and what to beware of."""
+    """Sentences on how the numbers were found, and on their limits."""
     pictures: tuple[Picture, ...] = ()
-    """In the order in which they are shown."""
+    """Pictures, in the order of the report."""
     numbers: Mapping[str, Any] = field(default_factory=dict)
-    """More numbers for `replicate.json`, ready for JSON."""
+    """Further numbers for replicate.json, ready for JSON."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What a section took."""
+    """The time that a section took."""
 
     wall_s: float
     """Time on the clock [s]."""
     cpu_s: float
-    """Of all processors together [s]."""
+    """Time of all processors together [s]."""
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What decides a replication's numbers, all of it."""
+class ReplicationSettings:
+    """Everything that decides the numbers of a replication."""
 
     quick: bool = False
-    """Reduced budgets; stands in every chapter that it concerns."""
+    """Whether budgets are reduced; the report says so in every chapter that it concerns."""
     seed: int = 1
-    """Of the searches."""
+    """Seed of the searches."""
     fit_population: int = 50
-    """Candidates of a fit; Tab. 3.7, 3.10, 3.13."""
+    """Number of candidates of a fit (Tab. 3.7, 3.10, 3.13)."""
     fit_generations: int = 300
-    """Of a fit at most; the same tables."""
+    """Greatest number of generations of a fit (Tab. 3.7, 3.10, 3.13)."""
     noise_seeds: int = 10
-    """Draws of noise and disturbance for each row of chapter 4."""
+    """Number of draws of noise and disturbance for each row of chapter 4."""
     tune_seeds: int = 3
-    """Searches for each controller's gains."""
+    """Number of searches for each controller's gains."""
     tune_population: int | None = None
-    """Candidates of a tuning; None for those of Tab. 4.3 and 4.20."""
+    """Number of candidates of a tuning; None for that of Tab. 4.3 and 4.20."""
     tune_generations: int | None = None
-    """Of a tuning at most; None likewise."""
+    """Greatest number of generations of a tuning; None for that of Tab. 4.3 and 4.20."""
     repeats: int = 25
-    """Of a simulation that is timed."""
+    """Number of runs of a simulation that is timed."""
     recording: str = ""
     """Path of a real robot's recording; empty for none."""
     split: float | None = None
-    """What was recorded after this time is scored by itself [s]; None: until where profile `husky-tile` was fitted."""
+    """Time after which the recording is scored by itself [s]; None for the end of what `husky-tile` was fitted to."""
 
 
-QUICK = Settings(
+QUICK_SETTINGS = ReplicationSettings(
     quick=True, fit_population=20, fit_generations=25, noise_seeds=2, tune_seeds=1, tune_population=20, tune_generations=12,
     repeats=7,
 )  # fmt: skip
-"""What `--quick` means."""
+"""Reduced budgets, which take under three minutes."""
 
 
 @dataclass(frozen=True)
 class Context:
-    """What a section gets to work with."""
+    """Everything that a section needs to run."""
 
-    settings: Settings
-    """Of the replication."""
+    settings: ReplicationSettings
+    """Settings of the replication."""
     folder: Path
-    """Of the results."""
+    """Folder of the results."""
     key: str
-    """Of the section."""
+    """Key of the section."""
     digest: str
-    """Of all that decides what it finds."""
+    """Digest of everything that decides its findings."""
     workers: int
-    """Threads; what is found does not depend on them, but for times."""
+    """Number of threads; only times depend on it."""
+    progress: Report = silent
+    """Callback for the progress of the section."""
 
     def picture(self, name: str, figure: Figure, caption: str) -> Picture:
-        """Write a figure."""
+        """Write a picture into the folder of the results."""
         file = f"{self.key}-{name}.png"
-        save_figure(figure, self.folder / FIGURES / file)
+        save_figure(figure, self.folder / FIGURE_FOLDER / file)
         return Picture(file, caption)
 
     def checkpoint(self, name: str) -> Path:
-        """Where a search of the section keeps its state; another digest has another file."""
-        return self.folder / SECTIONS / f"{self.key}-{name}.{self.digest[:12]}.npz"
+        """Return the file in which a search of the section keeps its state; its name depends on the digest."""
+        return self.folder / SECTION_FOLDER / f"{self.key}-{name}.{self.digest[:12]}.npz"
 
 
-def searched(context: Context, name: str, search: Callable[[dict[str, Any], Report], R]) -> R:
+def searched(context: Context, name: str, search: Callable[[dict[str, Any], Report], _R]) -> _R:
     """Search to the end, from where a search of the same name and digest stopped, if there is one.
 
     Args:
@@ -164,12 +169,11 @@ def searched(context: Context, name: str, search: Callable[[dict[str, Any], Repo
     """
     state = context.checkpoint(name)
     options = {"checkpoint": state, "workers": context.workers}
-    with cli.shown(context.key) as show:
-        try:
-            result = search({**options, "resume": state.is_file()}, show)
-        except CheckpointError as error:
-            cli.warn(f"{error}; the search begins anew")
-            result = search({**options, "resume": False}, show)
+    try:
+        result = search({**options, "resume": state.is_file()}, context.progress)
+    except CheckpointError as error:
+        _log.warning("%s; the search begins anew", error)
+        result = search({**options, "resume": False}, context.progress)
     if result.status == "interrupted":
         raise KeyboardInterrupt
     return result
@@ -177,21 +181,21 @@ def searched(context: Context, name: str, search: Callable[[dict[str, Any], Repo
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a replication."""
+    """One section of a replication, declared."""
 
     key: str
-    """Its name on the command line and on disk."""
+    """Name on the command line and on disk."""
     title: str
-    """In words."""
+    """Heading."""
     tables: tuple[str, ...]
-    """What it answers for."""
+    """Numbers of the tables that it answers for."""
     needs: tuple[str, ...]
-    """Which settings decide what it finds."""
+    """Names of the settings that decide its findings."""
     run: Callable[[Context], Findings]
-    """Find it."""
+    """Function that returns its findings."""
 
-    def digest(self, settings: Settings) -> str:
-        """Of settings, inputs, code and versions that decide what it finds."""
+    def digest(self, settings: ReplicationSettings) -> str:
+        """Return a digest of settings, inputs, code and versions, which decide its findings."""
         chosen = {name: getattr(settings, name) for name in self.needs}
         recording = chosen.get("recording")
         if recording:
@@ -204,45 +208,57 @@ class Section:
 
 @cache
 def code_digest() -> str:
-    """Of everything in this project that decides numbers: sources, models, profiles, gains, references, printed tables."""
+    """Return a digest of all files that decide numbers: sources, models, profiles, gains, references, printed tables."""
     package = Path(__file__).resolve().parents[1]
     kinds = ("*.py", "*.toml", "*.csv", "*.html")
     files = [*(package.parent / "ssmr").rglob("*.py"), *(p for kind in kinds for p in package.rglob(kind)), xml_path()]
     digest = hashlib.sha256()
     for path in sorted(files):
         name = path.relative_to(package).as_posix() if path.is_relative_to(package) else path.name
-        if name not in PRESENTATION:
+        if name not in _PRESENTATION:
             digest.update(name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
-def keep(folder: Path, section: Section, digest: str, settings: Settings, found: Findings, effort: Effort) -> None:
-    """Write what a section found, whole or not at all, and clear away its searches' states."""
+class Answer(NamedTuple):
+    """A section with its findings."""
+
+    section: Section
+    """The section that ran."""
+    findings: Findings
+    """Its findings."""
+    effort: Effort
+    """Time that it took."""
+
+
+def keep(context: Context, answer: Answer) -> None:
+    """Write a section's findings, whole or not at all, and remove the states of its searches."""
+    section = answer.section
     document = {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "section": section.key,
-        "digest": digest,
-        "settings": {name: getattr(settings, name) for name in section.needs},
+        "digest": context.digest,
+        "settings": {name: getattr(context.settings, name) for name in section.needs},
         "versions": store.versions(),
-        "effort": asdict(effort),
-        "findings": asdict(found),
+        "effort": asdict(answer.effort),
+        "findings": asdict(answer.findings),
     }
-    store.write_json(folder / SECTIONS / f"{section.key}.json", store.plain(document))
-    for state in (folder / SECTIONS).glob(f"{section.key}-*.npz"):
+    store.write_json(context.folder / SECTION_FOLDER / f"{section.key}.json", store.plain(document))
+    for state in (context.folder / SECTION_FOLDER).glob(f"{section.key}-*.npz"):
         state.unlink(missing_ok=True)
 
 
-def kept(folder: Path, section: Section, digest: str) -> tuple[Findings, Effort] | None:
-    """What the section found before, if it is of this digest and whole; None else."""
+def kept(folder: Path, section: Section, digest: str) -> Answer | None:
+    """Return a section's kept findings; None if there are none of this digest, or not all of them."""
     try:
-        document = json.loads((folder / SECTIONS / f"{section.key}.json").read_text(encoding="utf-8"))
-        if document["schema"] != SCHEMA or document["digest"] != digest:
+        document = json.loads((folder / SECTION_FOLDER / f"{section.key}.json").read_text(encoding="utf-8"))
+        if document["schema"] != _SCHEMA or document["digest"] != digest:
             return None
         found, effort = _findings(document["findings"]), Effort(**document["effort"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    whole = all((folder / FIGURES / picture.file).is_file() for picture in found.pictures)
-    return (found, effort) if whole else None
+    whole = all((folder / FIGURE_FOLDER / picture.file).is_file() for picture in found.pictures)
+    return Answer(section, found, effort) if whole else None
 
 
 def _findings(data: Mapping[str, Any]) -> Findings:
@@ -265,20 +281,19 @@ def _findings(data: Mapping[str, Any]) -> Findings:
 def _grid(data: Mapping[str, Any]) -> Grid:
     header = tuple((name, unit) for name, unit in data["header"])
     groups = tuple(tuple(tuple(Cell(**cell) for cell in row) for row in group) for group in data["groups"])
-    return Grid(header, groups, data["left"])
+    return Grid(header, groups, data["left"], data["title"], data["caption"])
 
 
-def choose(sections: Sequence[Section], wanted: str) -> tuple[Section, ...]:
-    """The sections that a list of keys and table numbers names, in their own order; all for an empty list.
+def chosen_sections(sections: Sequence[Section], names: Sequence[str]) -> tuple[Section, ...]:
+    """Return the sections with these keys or tables, in their own order; all sections if no name is given.
 
     Raises:
-        ValueError: a name that none answers to.
+        ValueError: no section has such a key or table.
     """
-    names = [part.strip() for part in wanted.split(",") if part.strip()]
     for name in names:
         if not any(name == s.key or name in s.tables for s in sections):
             known = ", ".join(s.key for s in sections)
             raise ValueError(
-                f"--only '{name}' is no section ({known}) and no table that one of them answers for, such as 3.9"
+                f"'{name}' in only is no section ({known}) and no table that one of them answers for, such as 3.9"
             )
     return tuple(s for s in sections if not names or s.key in names or any(t in names for t in s.tables))

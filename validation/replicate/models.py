@@ -1,6 +1,6 @@
-"""Chapter 3 anew: the models fitted to trajectory 4, judged on all four, timed, and their accelerations looked at.
+"""The sections on chapter 3: models fitted to trajectory 4 and judged on all four, simulation times, accelerations.
 
-The MuJoCo Husky of profile `thesis-lab` stands where the thesis' robot stood: its measured motion is not published.
+The MuJoCo Husky of profile `thesis-lab` takes the place of the thesis' robot, whose measured motion is not published.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from validation.replicate.response_figure import Responses, draw_responses
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
 
-PROFILE = "thesis-lab"
-FITTED_TO, HELD_OUT = "traj4@mujoco", ("traj1", "traj2", "traj3")
-FITS: Mapping[str, tuple[str, str]] = {"coulomb": ("3.8", "3.9"), "improved": ("3.11", "3.12"), "linear": ("3.14", "3.15")}
-"""Model to its tables: parameters, distances."""
-CALLED = {"coulomb": "Coulomb"}
-"""How a model is written, where that is not its name."""
-NAMES: Mapping[str, str] = {
+_PROFILE = "thesis-lab"
+_FITTED_TO, _HELD_OUT = "traj4@mujoco", ("traj1", "traj2", "traj3")
+_FITS: Mapping[str, tuple[str, str]] = {"coulomb": ("3.8", "3.9"), "improved": ("3.11", "3.12"), "linear": ("3.14", "3.15")}
+"""Tables of each model: parameters and distances."""
+_CALLED = {"coulomb": "Coulomb"}
+"""Spelling of a model in sentences, if it is not its name."""
+_NAMES: Mapping[str, str] = {
     "delay_u_s": "delay", "delay_w_s": "delay", "u_x": "u_x", "mu_c": "mu_c", "mu_s": "mu_s", "mu_d": "mu_d", "K_u": "k_u",
     "K_y": "k_y", "K_P_tau": "gain",
 }  # fmt: skip
-"""What the fit calls the thesis' parameters; it has one delay for both."""
-METRICS: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio", "e_bend_ratio": "none"}
-TIMED = ("coulomb", "improved", "linear", "mujoco")
-STEP = (0.5, 0.5)
-"""Speed [m/s] and, by itself, yaw rate [rad/s] that responses are measured to: of the trajectories' size."""
-STEP_TIME = 4.0
-"""How long a response is watched [s]."""
-CHATTER = 3.0
-"""Fig. 3.33 shows numerical artefacts of the Coulomb model that the improved one does not have: taken to mean that its yaw
-acceleration alternates at least so many times as often (one added to both counts)."""
+"""Names of the thesis' parameters in a fit, which has one delay for both of the thesis'."""
+_METRICS: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio", "e_bend_ratio": "none"}
+_TIMED = ("coulomb", "improved", "linear", "mujoco")
+_STEP = (0.5, 0.5)
+"""Steps of speed [m/s] and of yaw rate [rad/s] for the step responses, about as great as in the trajectories."""
+_STEP_TIME = 4.0
+"""Duration of a step response [s]."""
+_CHATTER = 3.0
+"""Fig. 3.33 shows numerical artefacts of the Coulomb model that the improved one does not have. This is taken to mean that
+its yaw acceleration alternates at least this many times as often (with one added to both counts)."""
 
 
 def fitted(model: str, context: Context) -> FitResult:
@@ -61,15 +61,15 @@ def fitted(model: str, context: Context) -> FitResult:
         context,
         "search",
         lambda search, progress: fit(
-            model, FITTED_TO, PROFILE, held_out=HELD_OUT, objective="path", population=population, generations=generations,
-            search=FitSearch(**search, seed=settings.seed), progress=progress,
+            model, _FITTED_TO, _PROFILE, held_out=_HELD_OUT, objective="path", population=population,
+            generations=generations, search=FitSearch(**search, seed=settings.seed), progress=progress,
         ),
     )  # fmt: skip
 
 
 def _fit_section(model: str) -> Section:
-    parameters, distances = FITS[model]
-    called = CALLED.get(model, model)
+    parameters, distances = _FITS[model]
+    called = _CALLED.get(model, model)
 
     def run(context: Context) -> Findings:
         result = fitted(model, context)
@@ -99,19 +99,19 @@ def _fit_section(model: str) -> Section:
 
 
 def parameter_table(number: str, model: str, result: FitResult) -> Table:
-    """The thesis' parameters beside those of a fit, with standard errors; what the fit moved besides below them."""
+    """Return the thesis' parameters beside the fitted ones; below them, parameters that only the fit has."""
     found = {p.name: p for p in result.parameters}
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(number)["rows"].items():
         unit, value = printed["unit"], float(printed["value"])
-        if row in NAMES:
-            rows[row] = {"value": _parameter_pair(value, unit, found[NAMES[row]])}
+        if row in _NAMES:
+            rows[row] = {"value": _parameter_pair(value, unit, found[_NAMES[row]])}
         else:
-            held = load(PROFILE).plants[model].drive.torque_limit
+            held = load(_PROFILE).plants[model].drive.torque_limit
             rows[row] = {"value": Pair(value, held, "spread", unit, obstacle="taken from the thesis, not searched")}
-    named = {NAMES[row] for row in rows if row in NAMES}
+    named = {_NAMES[row] for row in rows if row in _NAMES}
     rows |= {name: {"value": _parameter_pair(None, p.unit, p)} for name, p in found.items() if name not in named}
-    return Table(f"Parameters of the {CALLED.get(model, model)} model, fitted to trajectory 4", rows)
+    return Table(f"Parameters of the {_CALLED.get(model, model)} model, fitted to trajectory 4", rows)
 
 
 def _parameter_pair(value: float | None, unit: str, p: FittedParameter) -> Pair:
@@ -126,7 +126,7 @@ def _parameter_pair(value: float | None, unit: str, p: FittedParameter) -> Pair:
 
 
 def distance_table(number: str, model: str, result: FitResult) -> Table:
-    """Distances of the fitted model from the robot, or from what stands in its place, on trajectories 1-4."""
+    """Return the distances of the fitted model from the robot, for us the MuJoCo Husky, on trajectories 1-4."""
     printed = published.table(number)["rows"]
     scored: dict[str, Scored] = {s.label.partition("@")[0]: s for s in (*result.held_out, *result.train)}
     rows = {}
@@ -134,10 +134,10 @@ def distance_table(number: str, model: str, result: FitResult) -> Table:
         metrics = scored[row].metrics
         rows[row] = {
             metric: Pair(_number(printed[row].get(metric)), _number(metrics[metric]), rule, _unit(metric))
-            for metric, rule in METRICS.items()
+            for metric, rule in _METRICS.items()
         }
     return Table(
-        f"The {CALLED.get(model, model)} model, fitted on trajectory 4, against the robot (ours: the MuJoCo Husky)", rows
+        f"The {_CALLED.get(model, model)} model, fitted on trajectory 4, against the robot (ours: the MuJoCo Husky)", rows
     )
 
 
@@ -149,13 +149,10 @@ def _unit(metric: str) -> str:
     return "m" if metric.endswith("_m") else "1"
 
 
-# ------------------------------------------------------------------------------------------------------- simulation times
-
-
-def times(context: Context) -> Findings:
-    """Sec. 3.6: how long a simulation of trajectory 4 takes."""
-    profile, commands = load(PROFILE), TRAJECTORIES["traj4"].commands()
-    walls = {name: _wall(make_plant(profile, name), commands, context.settings.repeats) for name in TIMED}
+def _times(context: Context) -> Findings:
+    """Take the time of a simulation of trajectory 4 (Sec. 3.6)."""
+    profile, commands = load(_PROFILE), TRAJECTORIES["traj4"].commands()
+    walls = {name: _wall(make_plant(profile, name), commands, context.settings.repeats) for name in _TIMED}
     text = published.table("text")["rows"]
     hardware = "another machine and another simulator (Simulink)"
     rows: dict[str, dict[str, Pair]] = {}
@@ -179,7 +176,7 @@ def times(context: Context) -> Findings:
 
 
 def _wall(plant: Plant, commands: Commands, repeats: int) -> tuple[float, float]:
-    """Median and half the interquartile range of a run's processor time [s]: a quiet machine's time on the clock."""
+    """Return median and half the interquartile range of a run's processor time [s]."""
     plant.run(commands, State(), SAMPLE_DT)
     taken = []
     for _ in range(repeats):
@@ -190,17 +187,14 @@ def _wall(plant: Plant, commands: Commands, repeats: int) -> tuple[float, float]
     return float(median), float(0.5 * (high - low))
 
 
-# ----------------------------------------------------------------------------------------------------------- accelerations
-
-
-def accelerations(context: Context) -> Findings:
-    """Fig. 3.33: yaw acceleration of the models on trajectory 4, and how fast they answer a step of speed or yaw rate."""
-    profile = load(PROFILE)
-    plants = {name: make_plant(profile, name) for name in TIMED}
+def _accelerations(context: Context) -> Findings:
+    """Find yaw accelerations on trajectory 4 (Fig. 3.33), and delay and rise of step responses."""
+    profile = load(_PROFILE)
+    plants = {name: make_plant(profile, name) for name in _TIMED}
     driven = {name: plant.run(TRAJECTORIES["traj4"].commands(), State(), plant.dt) for name, plant in plants.items()}
-    steps = [_steps(plants, np.array([STEP[0], 0.0])), _steps(plants, np.array([0.0, STEP[1]]))]
+    steps = [_steps(plants, np.array([_STEP[0], 0.0])), _steps(plants, np.array([0.0, _STEP[1]]))]
     rows: dict[str, dict[str, Pair]] = {}
-    for name in TIMED:
+    for name in _TIMED:
         n = alternations(driven[name].channels["yaw_acceleration_rad_s2"])
         rows[name] = {"alternations": Pair(None, float(n), "none")}
         for k, (what, column) in enumerate((("speed", 0), ("yaw_rate", 2))):
@@ -209,43 +203,43 @@ def accelerations(context: Context) -> Findings:
             rows[name][f"{what}_rise_s"] = Pair(None, _number(rise), "none", "s")
     chatter = {name: 1.0 + (row["alternations"].ours or 0.0) for name, row in rows.items()}
     rows["coulomb over improved"] = {
-        "alternations": Pair(None, chatter["coulomb"] / chatter["improved"], "at_least", beside={"at_least": CHATTER})
+        "alternations": Pair(None, chatter["coulomb"] / chatter["improved"], "at_least", beside={"at_least": _CHATTER})
     }
-    figure = draw_responses(Responses(driven, steps[0], steps[1], STEP, profile.name))
+    figure = draw_responses(Responses(driven, steps[0], steps[1], _STEP, profile.name))
     caption = (
-        "Above, yaw acceleration on trajectory 4 where the turn reverses, at every physics step. Below, the answers to "
+        "Above, yaw acceleration on trajectory 4 where the turn reverses, at every physics step. Below, the responses to "
         "a step of speed and to a step of yaw rate, from rest."
     )
     notes = (
-        "Alternations: physics steps of trajectory 4 at which the yaw acceleration has another sign than at both its "
-        "neighbours. Delay: from the command to 10 % of the final value. Rise: from there to 90 %. Fig. 3.33 has no "
-        "numbers; what the thesis says of it, artefacts under Coulomb friction and none under the improved one, is "
-        f"taken to mean at least {CHATTER:g} times as many alternations, one added to both.",
+        "Alternations: physics steps of trajectory 4 at which the yaw acceleration has another sign than at the steps "
+        "before and after. Delay: from the command to 10 % of the final value. Rise: from there to 90 %. Fig. 3.33 has "
+        "no numbers. The thesis says that it shows artefacts with Coulomb friction and none with the improved friction; "
+        f"this is taken to mean at least {_CHATTER:g} times as many alternations, with one added to both counts.",
     )
-    table = Table("Yaw acceleration on trajectory 4, and answers to a step", rows)
+    table = Table("Yaw acceleration on trajectory 4, and step responses", rows)
     return Findings({"Fig. 3.33": table}, notes=notes, pictures=(context.picture("accelerations", figure, caption),))
 
 
 def alternations(acceleration: FloatArray) -> int:
-    """How many samples of an (M,) acceleration have another sign than both their neighbours: what chatter looks like."""
+    """Return how many samples of an (M,) acceleration have another sign than both neighbours, as they do in chatter."""
     sign = np.sign(acceleration)
     return int(np.sum((sign[1:-1] * sign[:-2] < 0.0) & (sign[1:-1] * sign[2:] < 0.0)))
 
 
 def _steps(plants: Mapping[str, Plant], command: FloatArray) -> dict[str, Trajectory]:
-    commands = Commands(COMMAND_PERIOD, np.tile(command, (round(STEP_TIME / COMMAND_PERIOD), 1)))
+    commands = Commands(COMMAND_PERIOD, np.tile(command, (round(_STEP_TIME / COMMAND_PERIOD), 1)))
     return {name: plant.run(commands, State(), SAMPLE_DT) for name, plant in plants.items()}
 
 
 def delay_and_rise(t: Sequence[float] | FloatArray, answer: FloatArray) -> tuple[float, float]:
-    """Of an answer to a step from rest at the first stamp.
+    """Return delay and rise of the response to a step at the first stamp, from rest.
 
     Args:
         t: (M,) stamps [s].
-        answer: (M,) what answers; its mean over the last tenth is the final value.
+        answer: (M,) response; its mean over the last tenth is the final value.
 
     Returns:
-        Time to 10 % of the final value [s], and from there to 90 % [s]; NaN for an answer that does not move.
+        Time to 10 % of the final value [s], and from there to 90 % [s]; NaN for a response that stays at zero.
     """
     stamps, values = np.asarray(t, dtype=np.float64), np.asarray(answer, dtype=np.float64)
     final = float(np.mean(values[-max(1, len(values) // 10) :]))
@@ -257,16 +251,16 @@ def delay_and_rise(t: Sequence[float] | FloatArray, answer: FloatArray) -> tuple
 
 
 def _crossing(t: FloatArray, share: FloatArray, level: float) -> float:
-    """First time at which `share` reaches a level, linear between samples."""
+    """Return the first time at which `share` reaches a level, linear between samples."""
     k = int(np.argmax(share >= level))
     if k == 0:
         return float(t[0])
     return float(np.interp(level, share[k - 1 : k + 1], t[k - 1 : k + 1]))
 
 
-SECTIONS = (
-    *(_fit_section(model) for model in FITS),
-    Section("times", "Simulation times", ("Sec. 3.6",), ("repeats",), times),
-    Section("accelerations", "Acceleration curves", ("Fig. 3.33",), (), accelerations),
+MODEL_SECTIONS = (
+    *(_fit_section(model) for model in _FITS),
+    Section("times", "Simulation times", ("Sec. 3.6",), ("repeats",), _times),
+    Section("accelerations", "Acceleration curves", ("Fig. 3.33",), (), _accelerations),
 )
-"""Those of chapter 3."""
+"""The sections on chapter 3."""

@@ -37,7 +37,7 @@ YAW_RATE_EDGES = (0.0, 0.1, 0.3, 0.6, 1.5)
 """Edges of the bins [m/s] and [rad/s]."""
 _FEW = 5
 """Least number of windows of a bin; one with fewer is left empty."""
-_NOT_RUN = (
+NOT_RUN = (
     "Not run: no recording was given. `python -m validation.replicate --recording PATH` drives every plant of profile "
     "husky-tile along the log of a real Husky, such as husky_tile_train.csv of the DRIVE data set (norlab-ulaval)."
 )
@@ -55,7 +55,7 @@ def _real(context: Context) -> Findings:
     """Compare the plants with the recording; without one, say so."""
     settings = context.settings
     if not settings.recording:
-        return Findings(notes=(_NOT_RUN,))
+        return Findings(notes=(NOT_RUN,))
     profile, recording = load(_PROFILE), read_recording(settings.recording)
     split = _split_of(profile, settings.split)
     parts = _split_at(recording, split)
@@ -77,7 +77,7 @@ def _real(context: Context) -> Findings:
     horizons = {input_: {part: _horizons_of(found[input_, part]) for part in parts} for input_, _, _ in inputs}
     return Findings(
         grids={
-            f"Median error of the relative pose by horizon, plant and input; windows: {_counts(found)}": _horizon_grid(found),
+            f"Median pose errors by horizon, plant and input; windows: {_counts(found)}": _horizon_grid(found),
             "What was recorded": _data_grid(recording, parts),
         },
         notes=(f"{profile.description.rstrip('.')}.", *worst, *_limits_of_data(recording, parts), *_centre_of_mass(profile)),
@@ -258,9 +258,9 @@ def _straight_of(residuals: BinnedErrors, profile: Profile, words: str) -> list[
     errors = ", ".join(f"{name} {yaw[i, 0]:.3f}" for name, (_, yaw) in residuals.medians.items())
     difference = float(profile.plants["mujoco"].parameters.radius_difference)
     return [
-        f"Straight ahead (below {residuals.yaw_rates[1]:g} rad/s) at {residuals.speeds[i]:g} m/s and more, driven by {words}, "
-        f"the median yaw errors are {errors} rad. The Coulomb, improved and linear models have one wheel radius for "
-        f"both sides; the MuJoCo Husky was fitted with a difference of {1e3 * difference:.1f} mm, and the kinematics "
+        f"Straight ahead (below {residuals.yaw_rates[1]:g} rad/s) at {residuals.speeds[i]:g} m/s and more, driven by "
+        f"{words}, the median yaw errors are {errors} rad. The Coulomb, improved and linear models have one wheel radius "
+        f"for both sides; the MuJoCo Husky was fitted with a difference of {1e3 * difference:.1f} mm, and the kinematics "
         "have a factor for each side."
     ]
 
@@ -311,7 +311,7 @@ def _centre_of_mass(profile: Profile) -> list[str]:
     return [
         "Centre of mass (docs/centre_of_mass.md): fitted with equal friction in all directions, it lies "
         f"{place('x', 'ahead of', 'behind')} the middle between the axles and "
-        f"{place('y', 'to the left', 'to the right')}. The two places in the maker's robot descriptions (85 mm to the right, "
+        f"{place('y', 'to the left', 'to the right')}. The places in the maker's robot descriptions (85 mm to the right, "
         "87 mm to the rear) do not explain the recording then. But with 6 % less grip sideways than ahead, a centre in the "
         "middle explains it as well. Motion alone cannot decide between these; weighing the axles would."
     ]

@@ -73,9 +73,7 @@ def unexplained(answers: Sequence[Answer]) -> list[str]:
     return out
 
 
-def document_of(
-    answers: Sequence[Answer], settings: ReplicationSettings, left_out: Sequence[str] = ()
-) -> Document:
+def document_of(answers: Sequence[Answer], settings: ReplicationSettings, left_out: Sequence[str] = ()) -> Document:
     """Return the report.
 
     Args:

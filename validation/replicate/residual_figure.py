@@ -37,7 +37,9 @@ class BinnedErrors:
 _MEASURES = ((0, "Position", "mm", 1e3, 0), (1, "Yaw", "mrad", 1e3, 0))
 
 
-def _draw_map(residuals: BinnedErrors, values: FloatArray, most: float, title: str, ink: object, first: bool, ax: Axes) -> None:
+def _draw_map(
+    residuals: BinnedErrors, values: FloatArray, most: float, title: str, ink: object, first: bool, ax: Axes
+) -> None:
     ax.imshow(values, origin="lower", cmap="YlOrBr", vmin=0.0, vmax=most, aspect="auto")
     for (i, j), value in np.ndenumerate(values):
         if not np.isnan(value):

@@ -64,7 +64,8 @@ class Replication(Result):
                 tables[number] = {
                     "caption": table.caption,
                     "rows": {
-                        row: {m: _as_entry(p, verdicts[row][m]) for m, p in pairs.items()} for row, pairs in table.rows.items()
+                        row: {m: _as_entry(p, verdicts[row][m]) for m, p in pairs.items()}
+                        for row, pairs in table.rows.items()
                     },
                     "verdicts": {row: _as_words(row_verdict(pairs, verdicts[row])) for row, pairs in table.rows.items()},
                 }

@@ -68,18 +68,32 @@ def replicate(
         ValueError: `only` names what no section answers for, or the recording cannot be used.
     """
     sections = chosen_sections(ALL_SECTIONS, only)
-    place, answers = Path(folder), list[Answer]()
+    answers = run_sections(sections, settings, Path(folder), fresh=fresh, workers=workers, progress=progress)
+    return Replication(settings, Path(folder), tuple(answers), tuple(s.title for s in ALL_SECTIONS if s not in sections))
+
+
+def run_sections(
+    sections: Sequence[Section],
+    settings: ReplicationSettings,
+    folder: Path,
+    *,
+    fresh: bool = False,
+    workers: int | None = None,
+    progress: Report = silent,
+) -> list[Answer]:
+    """Return the findings of some sections; arguments and errors are those of `replicate`."""
+    answers: list[Answer] = []
     for name in (SECTION_FOLDER, FIGURE_FOLDER):
-        (place / name).mkdir(parents=True, exist_ok=True)
+        (folder / name).mkdir(parents=True, exist_ok=True)
     for section in sections:
         tell = _part_of(progress, len(answers), len(sections), section.title)
-        context = Context(settings, place, section.key, section.digest(settings), workers or os.cpu_count() or 1, tell)
+        context = Context(settings, folder, section.key, section.digest(settings), workers or os.cpu_count() or 1, tell)
         tell(Progress(0.0, 1.0, ""))
         try:
             answers.append(_answer(section, context, fresh=fresh))
         except KeyboardInterrupt as stop:
             raise ReplicationInterrupted(len(answers), len(sections)) from stop
-    return Replication(settings, place, tuple(answers), tuple(s.title for s in ALL_SECTIONS if s not in sections))
+    return answers
 
 
 def _part_of(progress: Report, done: int, total: int, title: str) -> Report:
@@ -98,6 +112,7 @@ def _answer(section: Section, context: Context, *, fresh: bool) -> Answer:
         for state in (context.folder / SECTION_FOLDER).glob(f"{section.key}-*.npz"):
             state.unlink()
     elif (before := kept(context.folder, section, context.digest)) is not None:
+        context.progress(Progress(1.0, 1.0, "kept from before"))
         return before
     wall, cpu = time.perf_counter(), time.process_time()
     findings = section.run(context)

@@ -23,7 +23,7 @@ from benchmarks.rows import Row, alternate, report
 from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle
-from ssmr.simulate import PlanarModel, PlanarPlant
+from ssmr.simulation import PlanarModel, PlanarPlant
 from validation import cli
 from validation.plants.profile import load
 from validation.robots.loops import HuskyLoop, run_husky_loops

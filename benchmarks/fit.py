@@ -26,7 +26,7 @@ from rich.table import Table
 
 from benchmarks.rows import MissingError, Row, alternate, optional, report
 from ssmr.search.jde import Jde, JdeSettings
-from ssmr.simulate import SAMPLE_DT, PlanarModel, run_population
+from ssmr.simulation import SAMPLE_DT, PlanarModel, run_population
 from ssmr.types import FloatArray, State
 from validation import cli
 from validation.fit.objective import FitCost

@@ -34,7 +34,7 @@ from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.drive import Sides, wheel_references
 from ssmr.robot.vehicle import Vehicle
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulate import (
+from ssmr.simulation import (
     PLANAR_DT,
     SAMPLE_DT,
     PlanarModel,

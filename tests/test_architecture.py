@@ -15,7 +15,7 @@ ROOMS = (
     {"ssmr._jit", "ssmr.geometry", "ssmr.scenarios"},
     {"ssmr.robot", "ssmr.search", "ssmr.metrics"},
     {"ssmr.models", "ssmr.estimation"},
-    {"ssmr.simulate"},
+    {"ssmr.simulation"},
     {"ssmr.control"},
     {"validation.thesis", "validation.store", "validation.progress", "validation.words"},
     {"validation.logs", "validation.robots"},

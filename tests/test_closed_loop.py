@@ -33,7 +33,7 @@ from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulate import PLANAR_DT, PlanarModel, PlanarPlant
+from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.plants.profile import Profile, load, make_plant

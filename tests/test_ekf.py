@@ -18,7 +18,7 @@ from ssmr.models.kinematic import KinematicParameters
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulate import PlanarModel, PlanarPlant
+from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 

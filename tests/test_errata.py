@@ -22,7 +22,7 @@ from ssmr.models.linear import LOAD_SUM, LinearParameters
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT, PlanarModel, PlanarPlant
+from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from validation.thesis.published import table, value
 

@@ -14,7 +14,7 @@ from ssmr.errors import UnhealthyRunError
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT
+from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from tests.conftest import ROUNDOFF
 from validation.robots.husky import WHEELS, HuskyCalibration, build, calibrate, limit_torque, wheel_geoms, xml_path

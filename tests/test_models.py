@@ -22,7 +22,7 @@ from ssmr.models.linear import LinearParameters
 from ssmr.parameters import packed
 from ssmr.robot.drive import Sides
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulate import PlanarModel, PlanarPlant, run_population
+from ssmr.simulation import PlanarModel, PlanarPlant, run_population
 from ssmr.types import Commands, State
 from tests.conftest import EXACT, ROUNDOFF
 

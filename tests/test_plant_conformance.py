@@ -10,7 +10,7 @@ import pytest
 
 from ssmr.geometry import compose
 from ssmr.robot.drive import wheel_rates
-from ssmr.simulate import simulate
+from ssmr.simulation import simulate
 from ssmr.types import Commands, Plant, State, Trajectory
 from tests.conftest import EXACT, SYMMETRY
 

@@ -9,7 +9,7 @@ from ssmr.models.improved import ImprovedParameters
 from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorNoise, measure, yaw_disturbance
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
-from ssmr.simulate import PlanarModel, PlanarPlant
+from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import State, Trajectory
 
 N = 20001

@@ -14,7 +14,7 @@ from distributed import Client, LocalCluster, as_completed
 
 from ssmr.metrics.declared import compare_paths
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT
+from ssmr.simulation import SAMPLE_DT
 from ssmr.types import State
 from validation.plants.profile import load, make_plant
 from validation.robots.plant import MujocoPlant

@@ -28,7 +28,7 @@ from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, Mind, Tracker, Truth, tic
 from ssmr.control.waypoints import Target, Waypoints
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, DriveNumbers, Sides, drive_numbers, follow, rolling
-from ssmr.simulate import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_from_row, robot_row, turning_wheels
+from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_from_row, robot_row, turning_wheels
 from ssmr.types import FloatArray, State
 
 _TRUTH = Truth(*(0.0,) * 10)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ssmr.geometry import rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT
+from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
 from validation.logs.formats import is_log, read_recording, readable
 from validation.logs.recording import Recording, Segment

@@ -12,7 +12,7 @@ from ssmr.geometry import shift_reference, shift_state
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive
-from ssmr.simulate import PLANAR_DT, PlanarModel, PlanarPlant, run_population
+from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant, run_population
 from ssmr.types import FloatArray
 from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
 from validation.robots.physics import PhysicsSettings

@@ -11,7 +11,7 @@ import numpy as np
 from ssmr.estimation.sensing import SensorModel, simulate_sensors
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT
+from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State
 from validation.logs.groups import Group
 from validation.logs.recording import POSE_COLUMNS

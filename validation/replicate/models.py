@@ -13,7 +13,7 @@ from dataclasses import asdict
 import numpy as np
 
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT
+from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import store
 from validation.fit.data import FittedParameter, Scored

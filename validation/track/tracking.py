@@ -20,7 +20,7 @@ from ssmr.metrics.declared import Metrics, compare_paths
 from ssmr.models.linear import matrices
 from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
-from ssmr.simulate import PlanarModel
+from ssmr.simulation import PlanarModel
 from ssmr.types import Trajectory
 from validation import store
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant

@@ -22,7 +22,7 @@ from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.robot.loads import static_loads
 from ssmr.robot.vehicle import Vehicle
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
-from ssmr.simulate import SAMPLE_DT
+from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.plants.profile import Profile, make_plant
 from validation.progress import Progress, Report, silent

@@ -32,8 +32,7 @@ from validation.track.gains import load_gains
 from validation.track.tracking import make_controller, make_robot
 from validation.track.waypoint_files import open_reference
 from validation.tune.cost import TuneCost
-from validation.tune.problem import TuneCase, TuneProblem
-from validation.tune.space import make_tuning_space
+from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space
 
 POPULATION = 64
 BUDGET = 100 * 150

@@ -130,7 +130,7 @@ def test_standard_errors_follow_the_data(lab: Profile) -> None:
     """Noise of known size on the truth: the error of the estimate has the size that is claimed, here within a factor."""
     from dataclasses import replace
 
-    from validation.fit.objective import Target
+    from validation.fit.objective import FitTarget
 
     base = scenario(lab, "traj4@linear")
     space = make_space("linear", ("effective_half_track", "wheel_radius"), {})
@@ -139,7 +139,7 @@ def test_standard_errors_follow_the_data(lab: Profile) -> None:
         rng = np.random.default_rng(seed)
         blocks = np.repeat(rng.normal(0.0, 0.01, (21, 2)), 125, axis=0)[: len(base.truth[0])]  # one error a second
         pose = base.truth[0].pose + np.column_stack([blocks, np.zeros(len(blocks))])
-        noisy = Target("noisy", base.source, (replace(base.truth[0], pose=pose),))
+        noisy = FitTarget("noisy", base.source, (replace(base.truth[0], pose=pose),))
         problem = FitProblem("linear", lab.plants["linear"], space, [noisy], FitCost("sync", yaw_weight=0.1))
         search = Search(Jde(2, JdeSettings(16, 40), seed), {})
         search.run(lambda points, limits, _, p=problem: p.costs(points, limits))

@@ -10,7 +10,7 @@ import pytest
 from ssmr.metrics.declared import compare_paths
 from ssmr.types import State, Trajectory
 from tests.conftest import EXACT, ROUNDOFF
-from validation.fit.objective import FitCost, Target, make_raters, windows
+from validation.fit.objective import FitCost, FitTarget, make_raters, windows
 from validation.fit.problem import FitProblem
 from validation.logs.recording import Recording
 from validation.motion.driving import drive, horizons_of
@@ -36,15 +36,15 @@ def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Re
     return Recording.from_columns("log", {k: c[keep] for k, c in columns.items()})
 
 
-def scenario(lab: Profile, name: str = "traj4@improved") -> Target:
+def scenario(lab: Profile, name: str = "traj4@improved") -> FitTarget:
     source = open_source(name)
     plant = make_plant(lab, source.reference)
-    return Target(name, source, tuple(drive(plant, p, (0.0, 0.0), source.sample_dt) for p in source.pieces))
+    return FitTarget(name, source, tuple(drive(plant, p, (0.0, 0.0), source.sample_dt) for p in source.pieces))
 
 
-def log_target(lab: Profile, kind: str = "twist") -> Target:
+def log_target(lab: Profile, kind: str = "twist") -> FitTarget:
     source = source_of(recorded(lab), "log", kind)  # type: ignore[arg-type]
-    return Target("log", source, tuple(p.reference for p in source.pieces if p.reference is not None))
+    return FitTarget("log", source, tuple(p.reference for p in source.pieces if p.reference is not None))
 
 
 FREE = {
@@ -54,7 +54,7 @@ FREE = {
 }
 
 
-def problem(lab: Profile, target: Target, cost: FitCost, model: str = "improved") -> FitProblem:
+def problem(lab: Profile, target: FitTarget, cost: FitCost, model: str = "improved") -> FitProblem:
     return FitProblem(model, lab.plants[model], make_space(model, FREE[model], {}), [target], cost)
 
 

@@ -27,8 +27,7 @@ from validation.track.gains import GainSet, dump_gains, load_gains
 from validation.track.tracking import make_controller, make_robot, rate, require_practicable, run_robots
 from validation.tune import __main__ as tune
 from validation.tune.cost import TuneCost, costs_of
-from validation.tune.problem import TuneCase, TuneProblem, delayed
-from validation.tune.space import make_tuning_space
+from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space
 
 QUIET = LoopSettings("truth", disturbance=False)
 

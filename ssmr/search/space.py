@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr.parameters import Scale
+from ssmr.parameters import Declaration, Scale
 from ssmr.types import FloatArray
 
 BOUND_SHARE = 1e-3
@@ -54,6 +54,19 @@ class Parameter:
             raise ValueError(
                 f"{self.name} is searched on a logarithmic scale; its lower bound {self.lower:g} must be positive"
             )
+
+
+def declared(declaration: Declaration, bounds: tuple[float, float] | None = None) -> Parameter:
+    """Return a declared number as a parameter of a search, with its declared bounds or with others.
+
+    Raises:
+        ValueError: no bounds are declared or given, or they make no sense.
+    """
+    d = declaration
+    if bounds is None and d.search is None:
+        raise ValueError(f"{d.name} has no bounds of a search; give some")
+    lower, upper = bounds or d.search or (0.0, 0.0)
+    return Parameter(d.name, d.unit, lower, upper, d.scale, d.low, d.high)
 
 
 class ParameterSpace:

@@ -17,7 +17,7 @@ from validation.plants.table import PLANTS
 
 
 @dataclass(frozen=True)
-class Sources(FitSources):
+class _Sources(FitSources):
     """Options for the sources."""
 
     start_at: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
@@ -33,7 +33,7 @@ def _start(text: str) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Parameters(FitParameters):
+class _Parameters(FitParameters):
     """Options for the parameters."""
 
     free: Annotated[cli.Names | None, cli.option(metavar="NAME,...", default="the plant's usual ones")] = None
@@ -49,7 +49,7 @@ class Parameters(FitParameters):
 
 
 @dataclass(frozen=True)
-class Cost(FitCost):
+class _Cost(FitCost):
     """Options for the cost."""
 
     objective: Annotated[Objective | None, cli.option(default="path for scenarios, horizon for recordings")] = None
@@ -58,7 +58,7 @@ class Cost(FitCost):
 
 
 @dataclass(frozen=True)
-class Search(FitSearch):
+class _Search(FitSearch):
     """Options for the search."""
 
     population: Annotated[cli.Count, cli.option(default="50, and 32 for mujoco")] = None
@@ -77,7 +77,7 @@ class Search(FitSearch):
 
 
 @dataclass(frozen=True)
-class Output:
+class _Output:
     """Options for the files that are written."""
 
     out: Annotated[Path | None, cli.out_option("runs/fit/MODEL-SOURCE")] = None
@@ -96,11 +96,11 @@ class Options:
     to: Annotated[str, cli.option(metavar="SOURCE,...")]
     """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
-    sources: Annotated[Sources, tyro.conf.OmitArgPrefixes] = Sources()
-    parameters: Annotated[Parameters, tyro.conf.OmitArgPrefixes] = Parameters()
-    cost: Annotated[Cost, tyro.conf.OmitArgPrefixes] = Cost()
-    search: Annotated[Search, tyro.conf.OmitArgPrefixes] = Search()
-    output: Annotated[Output, tyro.conf.OmitArgPrefixes] = Output()
+    sources: Annotated[_Sources, tyro.conf.OmitArgPrefixes] = _Sources()
+    parameters: Annotated[_Parameters, tyro.conf.OmitArgPrefixes] = _Parameters()
+    cost: Annotated[_Cost, tyro.conf.OmitArgPrefixes] = _Cost()
+    search: Annotated[_Search, tyro.conf.OmitArgPrefixes] = _Search()
+    output: Annotated[_Output, tyro.conf.OmitArgPrefixes] = _Output()
 
 
 def main(options: Options) -> None:

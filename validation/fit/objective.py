@@ -64,7 +64,7 @@ class FitCost:
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class FitTarget:
     """A true motion, and the inputs that candidates are driven with."""
 
     label: str
@@ -194,7 +194,7 @@ def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> t
     return pairs[:, 0], pairs[:, 1]
 
 
-def make_raters(cost: FitCost, targets: Sequence[Target]) -> list[list[Rater]]:
+def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[list[Rater]]:
     """Return a rater for every piece of every target.
 
     Raises:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.fit.objective import FitCost, SignedErrors, Target, make_raters
+from validation.fit.objective import FitCost, FitTarget, SignedErrors, make_raters
 from validation.plants.kind import PlantProfile
 from validation.plants.population import Population, make_population, shares
 from validation.plants.searchable import with_values
@@ -28,7 +28,7 @@ class FitProblem:
     """A `SearchProblem`: how well candidates of one plant make the targets' motions."""
 
     def __init__(
-        self, model: str, base: PlantProfile, space: ParameterSpace, targets: Sequence[Target], cost: FitCost
+        self, model: str, base: PlantProfile, space: ParameterSpace, targets: Sequence[FitTarget], cost: FitCost
     ) -> None:
         """Prepare the scoring windows.
 

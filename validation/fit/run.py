@@ -17,7 +17,7 @@ from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation.fit.data import FittedParameter, Scored
-from validation.fit.objective import FitCost, Target
+from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
 from validation.fit.search import Evaluate, FreeParameters, SearchOptions, put_options, search_for
@@ -27,12 +27,10 @@ from validation.motion.driving import drive, horizons_of
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.searchable import default_free, find, make_space, with_values
+from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
 
-POPULATION: Mapping[str, int] = {"mujoco": 32}
-"""Usual size of the population where it is not that of Tab. 3.7."""
-GENERATIONS: Mapping[str, int] = {"mujoco": 60}
-"""Usual number of generations where it is not that of Tab. 3.7."""
+_SIZE, _SIMULATED_SIZE = (50, 300), (32, 60)  # usual population and generations; Tab. 3.7, and for simulated bodies
 PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
 """The profile that a fit begins with unless another is given."""
 SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)
@@ -102,7 +100,7 @@ def fit(
     free = usual if parameters.free is None else parameters.free
     space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds)
     start = _first_points(space, model, begun, parameters.start)
-    settings = search.settings(POPULATION.get(model, 50), GENERATIONS.get(model, 300))
+    settings = search.settings(*(_SIMULATED_SIZE if model in SIMULATED else _SIZE))
     targets, held_out = open_targets(names, base, sources)
     problem = FitProblem(model, begun, space, targets, cost)
     _require_possible(problem)
@@ -179,7 +177,7 @@ def _require_possible(problem: FitProblem) -> None:
         ValueError: the plant cannot be built; the message says why.
     """
     ends: list[dict[str, float]] = [{}]
-    if problem.model == "mujoco":
+    if problem.model in SIMULATED:
         bodies = [p for p in problem.space.parameters if p.name in ("yaw_inertia", "mass")]
         ends += [{p.name: end} for p in bodies for end in (p.lower, p.upper)]
     for end in ends:
@@ -210,7 +208,7 @@ def _fitted_parameters(
     return tuple(out)
 
 
-def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[Target]) -> dict[str, Any]:
+def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget]) -> dict[str, Any]:
     """Return the fields of a `FitResult` that say how well the fitted plant predicts motion.
 
     Raises:
@@ -220,11 +218,11 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[Target]) 
     assert fitted is not None
     plants = [(_built(problem.model, p), p.tracked_point) for p in (fitted, problem.base)]
 
-    def motions(target: Target, which: int) -> tuple[Trajectory, ...]:
+    def motions(target: FitTarget, which: int) -> tuple[Trajectory, ...]:
         plant, tracked = plants[which]
         return tuple(drive(plant, piece, tracked, target.source.sample_dt) for piece in target.source.pieces)
 
-    def scored(target: Target) -> Scored:
+    def scored(target: FitTarget) -> Scored:
         motion = motions(target, 0)
         before: tuple[Trajectory, ...] = ()
         with contextlib.suppress(SsmrError):

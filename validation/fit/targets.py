@@ -10,7 +10,7 @@ from typing import Literal
 
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
-from validation.fit.objective import Target
+from validation.fit.objective import FitTarget
 from validation.motion.driving import drive
 from validation.motion.sources import Source, open_source
 from validation.plants.profile import Profile, make_plant
@@ -21,7 +21,7 @@ _KINDS: dict[Input, tuple[tuple[str, CommandKind], ...]] = {
     "wheels": (("wheels", "wheels"),),
     "both": (("wheels", "wheels"), ("commands", "twist")),
 }
-Span = tuple[float | None, float | None]
+_Span = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def is_scenario(name: str) -> bool:
 
 def open_targets(
     names: Sequence[str], profile: Profile, options: FitSources
-) -> tuple[tuple[Target, ...], tuple[Target, ...]]:
+) -> tuple[tuple[FitTarget, ...], tuple[FitTarget, ...]]:
     """Open the sources of a fit; a plant that drives scenarios is built once.
 
     A scenario that is held out is driven by the plant that drives the fit's own scenario, unless it names another.
@@ -70,7 +70,7 @@ def open_targets(
     if all(map(is_scenario, names)) and (start is not None or until is not None):
         raise ValueError(f"start_at and until cut recordings; {', '.join(names)} are scenarios")
     truth_of = _truth(profile)
-    found: list[Target] = []
+    found: list[FitTarget] = []
     for name in names:
         if is_scenario(name):
             if options.input != "commands":
@@ -81,13 +81,13 @@ def open_targets(
     return tuple(found), tuple(_held_out(names, options, truth_of))
 
 
-Resolve = Callable[[Source, str], Target]
+_Resolve = Callable[[Source, str], FitTarget]
 
 
-def _held_out(names: Sequence[str], options: FitSources, truth_of: Resolve) -> list[Target]:
+def _held_out(names: Sequence[str], options: FitSources, truth_of: _Resolve) -> list[FitTarget]:
     """Return the targets to judge a fit to `names` on."""
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
-    held_out: list[Target] = []
+    held_out: list[FitTarget] = []
     for name in options.held_out:
         if is_scenario(name):
             full = f"{name}@{driver}" if driver and "@" not in name else name
@@ -95,7 +95,7 @@ def _held_out(names: Sequence[str], options: FitSources, truth_of: Resolve) -> l
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
             held_out.append(truth_of(open_source(full), name))
         elif Path(name).resolve() in [Path(n).resolve() for n in names]:
-            ends: list[Span] = [(None, options.start_at), (options.until, None)]
+            ends: list[_Span] = [(None, options.start_at), (options.until, None)]
             spans = [span for span in ends if span != (None, None)]
             if not spans:
                 raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
@@ -105,7 +105,7 @@ def _held_out(names: Sequence[str], options: FitSources, truth_of: Resolve) -> l
     return held_out
 
 
-def _recorded(name: str, given: Input, spans: Sequence[Span], truth_of: Resolve) -> list[Target]:
+def _recorded(name: str, given: Input, spans: Sequence[_Span], truth_of: _Resolve) -> list[FitTarget]:
     """Return a recording once for each input; several spans of it are one target."""
     targets = []
     for word, kind in _KINDS[given]:
@@ -115,17 +115,17 @@ def _recorded(name: str, given: Input, spans: Sequence[Span], truth_of: Resolve)
     return targets
 
 
-def _truth(profile: Profile) -> Resolve:
+def _truth(profile: Profile) -> _Resolve:
     """Return a function that finds the true motion of a source: the recorded one, or that of the scenario's plant."""
 
     @cache
     def plant(name: str) -> Plant:
         return make_plant(profile, name)
 
-    def resolve(source: Source, label: str) -> Target:
+    def resolve(source: Source, label: str) -> FitTarget:
         if source.reference == "recording":
-            return Target(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
+            return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
         made, point = plant(source.reference), profile.plants[source.reference].tracked_point
-        return Target(label, source, tuple(drive(made, piece, point, source.sample_dt) for piece in source.pieces))
+        return FitTarget(label, source, tuple(drive(made, piece, point, source.sample_dt) for piece in source.pieces))
 
     return resolve

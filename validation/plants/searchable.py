@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -29,6 +30,10 @@ class Searchable:
     """Default upper bound."""
     scale: Scale = "linear"
     """Spacing of the search between the bounds."""
+    least: float = -math.inf
+    """Least value that is possible."""
+    greatest: float = math.inf
+    """Greatest value that is possible."""
 
     def parameter(self, bounds: tuple[float, float] | None = None) -> Parameter:
         """Return the number with its default bounds, or with others.
@@ -37,7 +42,7 @@ class Searchable:
             ValueError: bounds that are reversed or not finite.
         """
         lower, upper = bounds or (self.lower, self.upper)
-        return Parameter(self.name, self.unit, lower, upper, self.scale)
+        return Parameter(self.name, self.unit, lower, upper, self.scale, self.least, self.greatest)
 
     def read(self, plant: PlantProfile) -> float:
         """Return the value in a profile; of several places the first."""
@@ -46,8 +51,9 @@ class Searchable:
         return float(owner[int(field)] if section == "tracked_point" else getattr(owner, field))
 
 
+_DELAY = described(Drive)["delay_v"].search or (0.0, 0.0)
 _EVERY_PLANT = (
-    Searchable("delay", ("drive.delay_v", "drive.delay_w"), "s", *(described(Drive)["delay_v"].search or ())),
+    Searchable("delay", ("drive.delay_v", "drive.delay_w"), "s", *_DELAY, least=0.0),
     Searchable("tracked_x", ("tracked_point.0",), "m", -0.4, 0.4),
     Searchable("tracked_y", ("tracked_point.1",), "m", -0.2, 0.2),
 )
@@ -56,7 +62,7 @@ _EVERY_PLANT = (
 
 def _declared(section: str, kind: type, allowed: Container[str]) -> tuple[Searchable, ...]:
     return tuple(
-        Searchable(name, (f"{section}.{name}",), d.unit, *d.search, d.scale)
+        Searchable(name, (f"{section}.{name}",), d.unit, *d.search, d.scale, d.low, d.high)
         for name, d in described(kind).items()
         if d.search is not None and name in allowed
     )

@@ -16,7 +16,7 @@ from validation.tune.run import TuneParameters, TuneTask, tune
 
 
 @dataclass(frozen=True)
-class Task(TuneTask):
+class _Task(TuneTask):
     """Options for plants, references and noise."""
 
     plants: Annotated[cli.Names, cli.option("plant", metavar="PLANT,...", default="improved")] = ("improved",)
@@ -31,7 +31,7 @@ class Task(TuneTask):
 
 
 @dataclass(frozen=True)
-class Parameters(TuneParameters):
+class _Parameters(TuneParameters):
     """Options for the parameters."""
 
     free: Annotated[cli.Names | None, cli.option(metavar="NAME,...", default="the usual ones of the controller")] = None
@@ -47,7 +47,7 @@ class Parameters(TuneParameters):
 
 
 @dataclass(frozen=True)
-class Cost(TuneCost):
+class _Cost(TuneCost):
     """Options for the cost."""
 
     seeds: tyro.conf.Suppress[tuple[int, ...] | None] = None
@@ -58,7 +58,7 @@ class Cost(TuneCost):
 
 
 @dataclass(frozen=True)
-class Search(SearchOptions):
+class _Search(SearchOptions):
     """Options for the search."""
 
     population: Annotated[cli.Count, cli.option(default="100 (pid, smc), 50 (others), 24 with mujoco")] = None
@@ -75,7 +75,7 @@ class Search(SearchOptions):
 
 
 @dataclass(frozen=True)
-class Output:
+class _Output:
     """Options for the files that are written."""
 
     out: Annotated[Path | None, cli.out_option("runs/tune/CONTROLLER-PLANTS")] = None
@@ -92,11 +92,11 @@ class Options:
     reference: Annotated[cli.Names, cli.option(metavar="REF,...")] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, circle@0.5 with its speed, or waypoint files."""
     profile: Annotated[str, cli.profile_option()] = "thesis-lab"
-    task: Annotated[Task, tyro.conf.OmitArgPrefixes] = Task()
-    parameters: Annotated[Parameters, tyro.conf.OmitArgPrefixes] = Parameters()
-    cost: Annotated[Cost, tyro.conf.OmitArgPrefixes] = Cost()
-    search: Annotated[Search, tyro.conf.OmitArgPrefixes] = Search()
-    output: Annotated[Output, tyro.conf.OmitArgPrefixes] = Output()
+    task: Annotated[_Task, tyro.conf.OmitArgPrefixes] = _Task()
+    parameters: Annotated[_Parameters, tyro.conf.OmitArgPrefixes] = _Parameters()
+    cost: Annotated[_Cost, tyro.conf.OmitArgPrefixes] = _Cost()
+    search: Annotated[_Search, tyro.conf.OmitArgPrefixes] = _Search()
+    output: Annotated[_Output, tyro.conf.OmitArgPrefixes] = _Output()
 
 
 def main(options: Options) -> None:

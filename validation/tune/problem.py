@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ssmr.control.laws import Controller
+from ssmr.control.laws import LAWS, Controller
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
-from ssmr.search.space import ParameterSpace
+from ssmr.parameters import described
+from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
@@ -18,6 +19,32 @@ from validation.track.gains import GainSet
 from validation.track.tracking import Robot, make_controller, rate, run_robots
 from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
 from validation.tune.data import TunedRun
+
+
+def make_tuning_space(
+    controller: str, free: Sequence[str] | None, everything: bool, bounds: Mapping[str, tuple[float, float]]
+) -> ParameterSpace:
+    """Return the gains that are searched, with their usual bounds or those given.
+
+    Args:
+        controller: name of the controller.
+        free: names of the gains; None for the usual ones.
+        everything: search the gains too that the thesis sets by hand.
+        bounds: lower and upper bounds by name.
+
+    Raises:
+        ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no sense.
+    """
+    law = LAWS[controller]
+    known = {name: d for name, d in described(law.gains).items() if d.search is not None}
+    rest = [name for name in known if everything and name not in law.searched]
+    names = [*law.searched, *rest] if free is None else list(free)
+    for name in (*names, *bounds):
+        if name not in known:
+            raise ValueError(f"{controller} has no gain '{name}' to tune; there are: {', '.join(known)}")
+        if name not in names:
+            raise ValueError(f"bounds are given for {name}, which is not free")
+    return ParameterSpace(tuple(declared(known[name], bounds.get(name)) for name in names))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,27 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.control.laws import CONTROLLERS
+from ssmr.control.laws import LAWS
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter
 from validation.fit.search import FreeParameters, SearchOptions, put_options, search_for
 from validation.fit.uncertainty import bound_sentences
 from validation.plants.profile import Profile, load_profile
+from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
 from validation.track.gains import DEFAULT, GainSet, load_gains, names
 from validation.track.tracking import Robot, make_controller, make_robot, odometry_of, require_practicable
 from validation.track.waypoint_files import open_reference
 from validation.tune.cost import TuneCost
-from validation.tune.problem import TuneCase, TuneProblem
+from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space
 from validation.tune.result import TuneResult
-from validation.tune.space import make_tuning_space
 
-SIZES: Mapping[str, tuple[int, int]] = {"pid": (100, 150), "lqr": (50, 300), "smc": (100, 150)}
-"""Usual population and number of generations by controller; Tab. 4.3, 4.20."""
-_OTHER_SIZE = (50, 150)
-_MUJOCO_SIZE = (24, 20)  # a run of it costs a hundred times that of a planar model
-_K_U: Mapping[str, float] = {"lqr": 50.0}  # Tab. 4.20; the PID's cost has no such term
+_SIMULATED_SIZE = (24, 20)  # population and generations: a simulated run costs a hundred times that of a planar model
 HELD_OUT = tuple(f"{name}@{speed}" for name in ("line", "circle", "sine", "generic") for speed in (0.25, 0.5))
 """References that a tuning is judged on unless others are named, except those it is tuned on."""
 
@@ -107,8 +103,8 @@ def tune(
     task, parameters, cost, search = put_options(
         options, task or TuneTask(), parameters or TuneParameters(), cost or TuneCost(), search or SearchOptions()
     )
-    if controller not in CONTROLLERS:
-        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(CONTROLLERS)}")
+    if controller not in LAWS:
+        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(LAWS)}")
     chosen = profile if isinstance(profile, Profile) else load_profile(profile)
     base = _base_gains(controller, parameters)
     make_controller(chosen, base)
@@ -117,15 +113,16 @@ def tune(
     if any(name in parameters.fix for name in space.names):
         kept = [name for name in space.names if name not in parameters.fix]
         space = make_tuning_space(controller, kept, parameters.all, parameters.bounds)
-    settings = search.settings(*(_MUJOCO_SIZE if "mujoco" in task.plants else SIZES.get(controller, _OTHER_SIZE)))
+    law = LAWS[controller]
+    heavy = any(name in SIMULATED for name in task.plants)
+    settings = search.settings(*(_SIMULATED_SIZE if heavy else (law.population, law.generations)))
     robots = [make_robot(chosen, name) for name in task.plants]
     if not references:
         raise ValueError("no reference is named; name one such as generic or circle@0.5")
     wanted = _references([references] if isinstance(references, str) else references, task.speed)
     judged = _references(HELD_OUT if task.held_out is None else task.held_out, task.speed)
     judged = [pair for pair in judged if task.held_out is not None or pair not in wanted]
-    k_u = _K_U.get(controller, 0.0) if cost.k_u is None else cost.k_u
-    cost = replace(cost, k_u=k_u, seeds=(search.seed,) if cost.seeds is None else cost.seeds)
+    cost = replace(cost, k_u=law.k_u if cost.k_u is None else cost.k_u, seeds=cost.seeds or (search.seed,))
     problem = TuneProblem(chosen, base, space, _cases(wanted, robots, task.loop()), cost)
     held_out = _cases(judged, robots, task.loop())
     start = None if parameters.from_scratch else _first_point(problem)

@@ -278,7 +278,7 @@ def test_horizons_are_shown_where_there_are_any(case: tuple[FitResult, Figure]) 
     found = panels(figure, "Position error by horizon [mm]") + panels(figure, "Yaw error by horizon [deg]")
     assert len(found) == (2 if made.train_horizons else 0)
     if found:
-        (shown,) = [line for line in found[0].lines if line.get_gid() == "what was fitted to"]
+        (shown,) = [line for line in found[0].lines if line.get_gid() == "fitted to"]
         assert np.asarray(shown.get_ydata()) == pytest.approx(
             [1e3 * e.position_median_m for e in made.train_horizons.values()]
         )

@@ -1,7 +1,7 @@
-"""A fit as one picture: how the search went, what it found and how well that is known, and the fitted plant's motion.
+"""A fit as one picture: the course of the search, the parameters with their uncertainty, and the fitted plant's motion.
 
 Motions over one stretch of at most `_LONGEST_STRETCH` are shown as they were driven. Of longer ones, or ones in pieces, that
-stretch is shown whose error is the median of all, laid on the truth's pose at its start.
+stretch is shown whose error is the median of all, laid on the true pose at its start.
 """
 
 from __future__ import annotations
@@ -61,14 +61,14 @@ from validation.show.tables import length_unit, shortened
 _LONGEST_STRETCH = 30.0
 """Longer motions, and ones in pieces, are shown over a stretch of this length [s]."""
 MAX_TRAIN, MAX_HELD_OUT, MAX_ABREAST = 4, 3, 4
-"""How many sources have a panel of their path, and how many panels stand in a row."""
+"""Greatest numbers of sources with a panel of their path, and of panels in a row."""
 
 _HEADER_IN, _GAP_IN, _SECTION_IN, _LEGEND_IN, _HORIZON_IN, _FOOTER_IN = 0.84, 0.1, 0.3, 0.24, 2.4, 0.26
 _PATHS_IN = {1: 3.7, 2: 3.6, 3: 3.4, 4: 3.1}  # height of a row of paths by how many stand in it
 
 
 def _truth_key(result: FitData, scored: Scored) -> str:
-    """Whose colour the truth has: its own plant's, unless that is the one fitted."""
+    """Return the key of the true motion's colour: that of its own plant, unless that is the fitted one."""
     return "truth" if scored.reference_name == result.model else scored.reference_name
 
 
@@ -84,7 +84,7 @@ def _draw_header(result: FitData, ax: Axes) -> None:
     handles, labels = [], []
     for key, name in {_truth_key(result, s): s.reference_name for s in (*result.train, *result.held_out)}.items():
         handles.append(Line2D([], [], color=ink_of(key), linewidth=BROAD))
-        labels.append(f"{name}: the truth")
+        labels.append(f"{name}, the true motion")
     handles.append(Line2D([], [], color=ink_of(result.model), linewidth=NARROW))
     labels.append(f"{result.model}, fitted")
     if any(s.before for s in (*result.train, *result.held_out)):
@@ -98,7 +98,7 @@ def _draw_header(result: FitData, ax: Axes) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """What of a source is shown."""
+    """The part of a source that is shown."""
 
     scored: Scored
     held_out: bool
@@ -109,7 +109,7 @@ class _Stretch:
 
 
 def _stretch(scored: Scored, held_out: bool) -> _Stretch:
-    """All of a short motion, else the stretch of `_LONGEST_STRETCH`, or of the longest piece, of median error."""
+    """Return all of a short motion, else the stretch of `_LONGEST_STRETCH`, or of the longest piece, of median error."""
     lengths = [float(piece.t[-1] - piece.t[0]) for piece in scored.truth]
     if len(lengths) == 1 and lengths[0] <= _LONGEST_STRETCH:
         return _Stretch(scored, held_out, 0, 0, len(scored.truth[0]) - 1, whole=True)
@@ -124,7 +124,7 @@ def _stretch(scored: Scored, held_out: bool) -> _Stretch:
 
 
 def _quality(stretch: _Stretch) -> str:
-    """How good the fit is on a source, in few words."""
+    """Return the errors of the fit on a source, in few words."""
     scored, before = stretch.scored, stretch.scored.before
     if not stretch.whole:
         t = scored.truth[stretch.piece].t
@@ -143,7 +143,7 @@ def _quality(stretch: _Stretch) -> str:
 
 
 def _draw_path(result: FitData, stretch: _Stretch, ax: Axes) -> None:
-    """The truth, the fitted plant and the plant before, each seen from its own start where it is no whole motion."""
+    """Draw the true motion, the fitted plant and the plant before, laid on one start where only a part is shown."""
     scored, k = stretch.scored, stretch.piece
     inset(ax, above=0.22)
 
@@ -178,7 +178,7 @@ def _draw_path(result: FitData, stretch: _Stretch, ax: Axes) -> None:
 
 
 def _draw_position_error(result: FitData, scored: Scored, ax: Axes) -> None:
-    """Distance from the truth at the same instant, fitted and before."""
+    """Draw the distance from the true motion at the same instant, of the fitted plant and of the plant before."""
     inset(ax, above=0.22)
     looks: list[tuple[Sequence[Trajectory], Ink, Dashes, str]] = [(scored.motion, ink_of(result.model), "solid", "fitted")]
     if scored.before:
@@ -198,7 +198,7 @@ def _draw_position_error(result: FitData, scored: Scored, ax: Axes) -> None:
 
 
 def _path_rows(result: FitData) -> tuple[list[Row], list[str]]:
-    """Rows of paths, and in words what found no room."""
+    """Return rows of paths, and a sentence on what found no room."""
     shown = [_stretch(s, False) for s in result.train[:MAX_TRAIN]]
     shown += [_stretch(s, True) for s in result.held_out[:MAX_HELD_OUT]]
     panels: list[Panel] = [partial(_draw_path, result, stretch) for stretch in shown]
@@ -218,27 +218,27 @@ def _path_rows(result: FitData) -> tuple[list[Row], list[str]]:
 
 
 def _path_share(stretch: _Stretch) -> float:
-    """Share of the width that a path beside one other panel takes, by its own proportions."""
+    """Return the share of the width that a path beside one other panel takes, by its own proportions."""
     width, height = np.ptp(stretch.scored.truth[stretch.piece].xy, axis=0) + 0.5
     return float(np.clip(0.06 + 0.2 * width / height, 0.36, 0.64))
 
 
 def _path_heading(shown: Sequence[_Stretch]) -> str:
     if all(stretch.whole for stretch in shown):
-        return "The fitted plant's paths [m]"
-    return "The fitted plant's paths over the stretch of median error, all laid on the same pose at its start [m]"
+        return "Paths [m]"
+    return "Paths over the stretch of median error, all laid on the same pose at its start [m]"
 
 
 # --- errors by horizon ---
 
 
 def _horizon_rows(result: FitData) -> list[Row]:
-    """Position and yaw error by horizon, of what was fitted to and of what was held out."""
+    """Return panels of position and yaw error by horizon, on sources that were fitted to and held out."""
     ink = ink_of(result.model)
     darker: Ink = (0.55 * ink[0], 0.55 * ink[1], 0.55 * ink[2])
     marks = [
         HorizonMarks("before the fit", BESIDE_INK, "X", result.before_horizons),
-        HorizonMarks("what was fitted to", ink, "o", result.train_horizons),
+        HorizonMarks("fitted to", ink, "o", result.train_horizons),
     ]
     for scored, marker in zip(result.held_out, "DsvP" * len(result.held_out), strict=False):
         marks.append(
@@ -262,7 +262,7 @@ def _position_mm(errors: HorizonErrors) -> tuple[float, float]:
 
 
 def _draw_marks(marks: Sequence[HorizonMarks], ax: Axes) -> None:
-    """Whose marks are whose."""
+    """Draw the legend of the marks."""
     ax.set_axis_off()
     handles = [
         Line2D([], [], color=m.ink, marker=m.marker, markersize=8.0, markeredgecolor="white", linewidth=2.5) for m in marks
@@ -271,15 +271,7 @@ def _draw_marks(marks: Sequence[HorizonMarks], ax: Axes) -> None:
 
 
 def fit_figure(result: FitData) -> Figure:
-    """Everything about a fit that can be seen in one look, 1600 px wide.
-
-    Args:
-        result: what was found.
-
-    Returns:
-        A figure with its layout done: convergence, parameters within their bounds, their correlation, paths of the truth,
-        the fitted plant and the plant before the fit, errors by horizon where there are recordings, and notes.
-    """
+    """Draw a fit, 1600 px wide: course of the search, parameters, correlations, paths, errors by horizon, notes."""
     paths, left_out = _path_rows(result)
     rows = [text_row(_HEADER_IN, partial(_draw_header, result)), Row(_GAP_IN, ())]
     looks = SearchLooks(result, ink_of(result.model), "Parameters", "before the fit", result.correlation)

@@ -1,4 +1,4 @@
-"""A fit as a rerun recording: the fitted plant beside the truth and the plant before, and how the search went."""
+"""A fit as a rerun recording: the fitted plant beside the true motion and the plant before, and the search's cost."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from validation.show.palette import colour
 from validation.show.tables import option_text
 
 BEFORE = "before"
-"""What the plant before the fit is called."""
+"""Name of the plant before the fit."""
 TRUTH = "truth"
-"""What the truth is called where the same plant made it."""
+"""Name of the true motion where the same plant made it."""
 GENERATION = "generation"
 """The timeline of the search."""
 
@@ -31,7 +31,7 @@ def write_fit_recording(result: FitData, path: Path) -> None:
     The robots are those of the first source that was fitted to. The cost has a timeline of its own, `generation`.
 
     Args:
-        result: what was found.
+        result: the fit.
         path: the file, `.rrd`; one that is there already is replaced.
 
     Raises:
@@ -45,9 +45,9 @@ def write_fit_recording(result: FitData, path: Path) -> None:
 
 
 def as_comparison(result: FitData) -> ComparisonData:
-    """The first source that was fitted to, as a comparison: the truth is the reference, what was commanded is not kept.
+    """Return the first source that was fitted to as a comparison whose reference is the true motion, without commands.
 
-    Bodies are drawn by the tracked point as far as that was fitted, else as if it were the plants' own reference point.
+    Bodies are drawn by the tracked point where that was fitted, else as if it were the plants' own reference point.
     """
     first = result.train[0]
     reference = TRUTH if first.reference_name == result.model else first.reference_name

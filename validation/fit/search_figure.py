@@ -53,7 +53,7 @@ def draw_title(result: SearchData, lead: str, title: str, about: str, ax: Axes) 
 
 
 def footer_text(result: SearchData) -> str:
-    """How a search was made."""
+    """Return the line at the bottom: profile, seed, options and versions."""
     options = [
         f"{k} {option_text(result.options[k])}" for k in ("objective", "strategy", "population") if k in result.options
     ]
@@ -66,28 +66,28 @@ def footer_text(result: SearchData) -> str:
 
 @dataclass(frozen=True, eq=False)
 class SearchLooks:
-    """A search, and how it is shown."""
+    """A search, with the words and colours that it is drawn with."""
 
     result: SearchData
     ink: Ink
-    """Of what was found."""
+    """Colour of the values that were found."""
     what: str
-    """What was searched for: `Parameters`, `Gains`."""
+    """Name of the values: `Parameters` or `Gains`."""
     before: str
-    """What the search is held against, in words."""
+    """Name of the earlier values, such as `baseline`."""
     correlation: FloatArray | None = None
-    """(n, n) of the errors of what was found; None where it was not estimated."""
+    """(n, n) correlation of the values' errors; None where it was not estimated."""
     before_cost: float = math.inf
-    """The cost of that; not drawn where it is infinite."""
+    """Cost of the earlier values; not drawn where it is infinite."""
 
     @property
     def numbered(self) -> bool:
-        """Whether correlations refer to the parameters by their numbers."""
+        """Return whether correlations refer to the parameters by their numbers."""
         return self.correlation is not None and len(self.result.parameters) > 1
 
 
 def _draw_convergence(looks: SearchLooks, ax: Axes) -> None:
-    """Best and median cost, generation by generation."""
+    """Draw best and median cost, generation by generation."""
     result = looks.result
     best, median = result.trace.best_cost, result.trace.median_cost
     level = np.full(1, looks.before_cost)
@@ -114,7 +114,7 @@ def _draw_convergence(looks: SearchLooks, ax: Axes) -> None:
 
 
 def _draw_strips(looks: SearchLooks, which: Sequence[int], places: int, ax: Axes) -> None:
-    """Some of the parameters within their bounds, a strip each, with room for so many."""
+    """Draw some of the parameters within their bounds, a strip each, in a panel with room for `places` strips."""
     result = looks.result
     names = [f"{i + 1}  {p.name}" if looks.numbered else p.name for i, p in enumerate(result.parameters)]
     right = max(len(f"{p.upper:g} {unit_text(p.unit)}") for p in result.parameters)
@@ -128,16 +128,16 @@ def _draw_strips(looks: SearchLooks, which: Sequence[int], places: int, ax: Axes
         _draw_strip(result.parameters[i], row, members[:, i], looks.ink, ax)
         ax.annotate(names[i], (0.0, row), (-46.0, 0.0), textcoords="offset points", ha="right", va="center",
                     annotation_clip=False)  # fmt: skip
-    parts = ["dot: found", f"tick: {looks.before}", "grey: last population"]
+    parts = ["dot: found", f"tick: {looks.before}", "grey dots: last generation"]
     if any(p.interval_95 is not None for p in result.parameters):
-        parts.insert(1, "bar: 95 %")
+        parts.insert(1, "bar: 95 % interval")
     legend = " · ".join(parts) if which[0] == 0 else ""
     ax.annotate(legend, (0.0, 0.0), (0.0, -6.0), xycoords="axes fraction", textcoords="offset points", va="top",
                 ha="left", fontsize=8.5, color=QUIET, annotation_clip=False)  # fmt: skip
 
 
 def _draw_strip(p: FittedParameter, row: int, members: FloatArray, ink: Ink, ax: Axes) -> None:
-    """One parameter: bounds, population, interval, value and what it was before."""
+    """Draw one parameter: bounds, population, interval, value and earlier value."""
     ink = ALARM if p.at_bound else ink
     ax.plot([0.0, 1.0], [row, row], color="0.75", linewidth=1.2, marker="|", markersize=10.0, zorder=1.5, clip_on=False)
     jitter = row + 0.045 * (np.arange(len(members)) % 5 - 2.0)
@@ -163,7 +163,7 @@ def _draw_strip(p: FittedParameter, row: int, members: FloatArray, ink: Ink, ax:
 
 
 def _draw_correlation(looks: SearchLooks, beside: bool, ax: Axes) -> None:
-    """Correlations of the parameters' errors; beside their strips row by row, else with their names."""
+    """Draw the correlations of the parameters' errors: beside their strips row by row, else with their names."""
     result, correlation = looks.result, looks.correlation
     n = len(result.parameters)
     assert correlation is not None
@@ -192,7 +192,7 @@ def _draw_correlation(looks: SearchLooks, beside: bool, ax: Axes) -> None:
 
 
 def search_rows(looks: SearchLooks) -> list[Row]:
-    """Convergence, parameters and their correlations, arranged by how many there are."""
+    """Return rows of convergence, parameters and correlations, arranged by the number of parameters."""
     n, convergence = len(looks.result.parameters), partial(_draw_convergence, looks)
     every = partial(_draw_strips, looks, range(n), n)
     if n <= _BESIDE:

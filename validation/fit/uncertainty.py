@@ -19,11 +19,11 @@ from ssmr.types import FloatArray
 from validation.fit.objective import SignedErrors
 from validation.fit.problem import FitProblem
 
-METHOD = "curvature at the optimum, scatter of {blocks} blocks of time (robust sandwich); where they say nothing, the bounds"
+METHOD = "robust sandwich estimate at the optimum over {blocks} blocks of time, limited by the bounds"
 _STEP = 0.01
 """Step of the central differences, in the unit cube."""
 IGNORANCE = 12.0**-0.5
-"""Standard deviation of a number of which its bounds are all that is known, in the unit cube."""
+"""Standard deviation of a number of which only the bounds are known, in the unit cube."""
 VAGUE = 0.2
 """A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
 bounds alone it is 0.29."""

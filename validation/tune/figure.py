@@ -1,4 +1,4 @@
-"""A tuning as one picture: how the search went, the gains that it found, and what they do against the baseline's."""
+"""A tuning as one picture: the course of the search, the gains, and the paths that tuned and earlier gains lead to."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from validation.tune.data import TuneData, TunedRun
 from validation.tune.table import against, cost_text, run_text, tune_notes
 
 MAX_TRAIN, MAX_HELD_OUT, MAX_ABREAST = 8, 4, 4
-"""How many references have a panel of their path, and how many panels stand in a row."""
+"""Greatest numbers of references with a panel of their path, and of panels in a row."""
 
 _HEADER_IN, _GAP_IN, _SECTION_IN, _FOOTER_IN = 0.84, 0.1, 0.3, 0.26
 _PATHS_IN = {1: 3.4, 2: 3.3, 3: 3.1, 4: 2.75}  # height of a row of paths by how many stand in it
@@ -70,7 +70,7 @@ def _draw_header(result: TuneData, ax: Axes) -> None:
 
 
 def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, ax: Axes) -> None:
-    """A path, and a cross where the robot was lost."""
+    """Draw a path, and a cross where the robot was lost."""
     x, y = run.columns("x", "y").T
     ax.plot(x, y, color=ink, linewidth=width, zorder=zorder, gid=gid)
     if run.lost and len(x):
@@ -78,7 +78,7 @@ def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, a
 
 
 def _quality(followed: TunedRun) -> tuple[str, str]:
-    """Cost and d_rms of the tuned gains and of the baseline, a line each."""
+    """Return cost and d_rms of the tuned gains and of the baseline, a line each."""
     f = followed
     unit = length_unit([f.tuned_metrics["d_rms_m"], f.baseline_metrics["d_rms_m"]])
 
@@ -92,7 +92,7 @@ def _quality(followed: TunedRun) -> tuple[str, str]:
 
 
 def _draw_path(followed: TunedRun, held_out: bool, ax: Axes) -> None:
-    """The reference, the robot with the tuned gains, and with the baseline's."""
+    """Draw the reference, and the robot's path with the tuned gains and with those of the baseline."""
     f = followed
     inset(ax, above=0.36)
     draw_reference(ax, f.target.xy)
@@ -116,13 +116,13 @@ def _draw_path(followed: TunedRun, held_out: bool, ax: Axes) -> None:
 
 
 def _path_rows(result: TuneData) -> tuple[list[Row], list[str]]:
-    """Rows of paths, and in words what found no room."""
+    """Return rows of paths, and a sentence on what found no room."""
     panels: list[Panel] = [partial(_draw_path, f, False) for f in result.train[:MAX_TRAIN]]
     panels += [partial(_draw_path, f, True) for f in result.held_out[:MAX_HELD_OUT]]
     if not panels:
         return [], []
     abreast = math.ceil(len(panels) / math.ceil(len(panels) / MAX_ABREAST))
-    heading = "Paths [m]: from the ring to the square"
+    heading = "Paths [m]: the ring is the start of the reference, the square its end"
     rows = [text_row(_SECTION_IN, partial(draw_section, heading))]
     for k in range(0, len(panels), abreast):
         part = panels[k : k + abreast]
@@ -133,15 +133,7 @@ def _path_rows(result: TuneData) -> tuple[list[Row], list[str]]:
 
 
 def tune_figure(result: TuneData) -> Figure:
-    """Everything about a tuning that can be seen in one look, 1600 px wide.
-
-    Args:
-        result: what was found.
-
-    Returns:
-        A figure with its layout done: convergence, gains within their bounds, and on each reference, trained on and held
-        out, the paths that the tuned gains and the baseline's lead to; and notes.
-    """
+    """Draw a tuning, 1600 px wide: convergence, gains within their bounds, the paths along each reference, and notes."""
     paths, left_out = _path_rows(result)
     ink: Ink = ink_of(result.train[0].plant) if result.train else "0.1"
     looks = SearchLooks(result, ink, "Gains", "baseline", before_cost=result.baseline_cost)

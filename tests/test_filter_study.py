@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,12 @@ from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF
 from tests.test_robustness import run_program
 from validation.plants.profile import Profile
-from validation.study.filter import run as study
-from validation.study.filter.figure import draw_filter
-from validation.study.filter.run import FilterSettings, FilterStudy
+from validation.study.filter import FilterOptions, FilterStudy
+from validation.study.filter.findings import drift_of, filter_variants, grounds_of
+from validation.study.filter.run import drive_missions
 
-SMALL = FilterSettings(seeds=3, seed=5, timestep=0.005)
+SMALL = FilterOptions(seeds=3, seed=5, timestep=0.005)
+MISSIONS = {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}
 
 
 def arc(length: float, curvature: float, n: int = 1201) -> Trajectory:
@@ -32,18 +34,16 @@ def arc(length: float, curvature: float, n: int = 1201) -> Trajectory:
 
 @pytest.fixture(scope="module")
 def small(lab: Profile) -> FilterStudy:
-    surfaces = study.surfaces_of([lab], [0.4])
-    references = {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}
-    return study.study_filter(surfaces, references, SMALL)
+    return drive_missions(grounds_of([lab], [0.4]), MISSIONS, SMALL)
 
 
 def test_the_truth_has_no_drift() -> None:
-    drift = study.drift_of(arc(7.0, 0.5), arc(7.0, 0.5))
+    drift = drift_of(arc(7.0, 0.5), arc(7.0, 0.5))
     assert (drift.position, drift.yaw, drift.end, drift.end_yaw) == (0.0, 0.0, 0.0, 0.0)
 
 
 def test_an_error_of_scale_is_its_share_of_the_distance() -> None:
-    drift = study.drift_of(arc(6.06, 0.0), arc(6.0, 0.0))
+    drift = drift_of(arc(6.06, 0.0), arc(6.0, 0.0))
     assert drift.position == pytest.approx(0.01, rel=1e-6)  # the stretches end on samples 5 mm apart
     assert drift.end == pytest.approx(0.01, rel=ROUNDOFF)
     assert math.isnan(drift.yaw)
@@ -52,7 +52,7 @@ def test_an_error_of_scale_is_its_share_of_the_distance() -> None:
 def test_yaw_drift_is_its_share_of_what_was_turned_also_on_a_path_that_closes() -> None:
     truth = arc(4.0 * math.pi, 0.5)  # a full circle
     believed = Trajectory(truth.t, truth.pose * [1.0, 1.0, 1.1], truth.twist, truth.wheels)
-    drift = study.drift_of(believed, truth)
+    drift = drift_of(believed, truth)
     assert drift.yaw == pytest.approx(0.1, rel=1e-6)
     assert drift.end_yaw == pytest.approx(0.2 * math.pi, rel=ROUNDOFF)
     assert drift.end == pytest.approx(0.0, abs=1e-9)
@@ -60,21 +60,21 @@ def test_yaw_drift_is_its_share_of_what_was_turned_also_on_a_path_that_closes() 
 
 def test_a_drive_shorter_than_a_stretch_is_refused() -> None:
     with pytest.raises(ValueError, match="shorter"):
-        study.drift_of(arc(2.0, 0.1), arc(2.0, 0.1))
+        drift_of(arc(2.0, 0.1), arc(2.0, 0.1))
 
 
 def test_surfaces_are_profiles_and_frictions_of_the_last(lab: Profile) -> None:
-    surfaces = study.surfaces_of([lab], [0.3, 0.9])
-    assert [s.friction for s in surfaces] == [lab.plants["mujoco"].parameters.friction, 0.3, 0.9]
+    grounds = grounds_of([lab], [0.3, 0.9])
+    assert [s.friction for s in grounds] == [lab.plants["mujoco"].parameters.friction, 0.3, 0.9]
     with pytest.raises(ValueError, match="twice"):
-        study.surfaces_of([lab, lab], [])
+        grounds_of([lab, lab], [])
 
 
 def test_the_filter_has_the_drivers_numbers(lab: Profile) -> None:
-    (surface,) = study.surfaces_of([lab], [])
+    (ground,) = grounds_of([lab], [])
     section = lab.plants["mujoco"]
-    for variant in study.variants():
-        settings = surface.settings(variant)
+    for variant in filter_variants():
+        settings = ground.filter_settings(variant)
         known = section.parameters.wheel_radius if variant.radius_known else section.drive.command_radius
         assert (settings.radius, settings.half_track) == (known, section.drive.command_half_track)
 
@@ -89,29 +89,27 @@ def test_sensors_explain_the_drift(small: FilterStudy) -> None:
 
 
 def test_a_study_repeats_whatever_the_workers(small: FilterStudy, lab: Profile) -> None:
-    again = study.study_filter(
-        study.surfaces_of([lab], [0.4]), {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}, SMALL, workers=1
-    )
-    assert study.as_document(again) == study.as_document(small)
-    (first, *_), other = small.drives, FilterSettings(seeds=3, seed=6, timestep=0.005)
-    different = study.study_filter(study.surfaces_of([lab], []), {"circle": circle(0.5, turns=0.5)}, other)
+    again = drive_missions(grounds_of([lab], [0.4]), MISSIONS, SMALL, workers=1)
+    assert again.as_dict() == small.as_dict()
+    first, other = small.drives[0], replace(SMALL, seed=6)
+    different = drive_missions(grounds_of([lab], []), {"circle": MISSIONS["circle"]}, other)
     assert different.drives[0].distance == first.distance  # the same drive, other noise
     assert different.drives[0].filters["wheels"].drifts != first.filters["wheels"].drifts
 
 
 def test_documents_are_finite_also_where_nothing_turns(small: FilterStudy) -> None:
-    document = study.as_document(small)
+    document = small.as_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert (document["schema"], document["study"]) == ("ssmr.study/1", "filter")
     straight = next(d for d in document["drives"] if d["reference"] == "line")
     assert straight["filters"]["wheels"]["position_drift_ratio"]["mean"] > 0.0
-    assert "nan" not in "\n".join(study.markdown(small))
+    assert "nan" not in "\n".join(small.report())
 
 
 def test_the_picture_has_every_filter(small: FilterStudy) -> None:
-    figure = draw_filter(small)
+    figure = small.figure()
     drawn = [line.get_gid() for ax in figure.axes for line in ax.get_lines()]
-    for variant in study.variants():
+    for variant in filter_variants():
         assert drawn.count(variant.name) == len(small.drives)
 
 

@@ -15,7 +15,6 @@ from validation import cli, store
 from validation.plants.profile import PLANTS, load
 from validation.show.tables import Grid, rich_table
 from validation.study.catalogue import STUDIES, Study
-from validation.track.waypoint_files import open_reference
 
 _SPECIAL: Mapping[str, Any] = {
     "seed": cli.Seed,
@@ -65,54 +64,6 @@ def _command(study: Study) -> Callable[[Any], None]:
     main.__doc__ = study.question
     main.__annotations__ = {"options": options_type}
     return main
-
-
-def _filter(
-    *,
-    references: str = "sine,circle",
-    speed: float = 0.25,
-    profiles: str = "thesis-lab,husky-tile",
-    frictions: str = "0.3,0.6,0.9",
-    bias: float = -0.0156,
-    seeds: int = 20,
-    seed: int = 0,
-    timestep: float = 0.002,
-    workers: int | None = None,
-    out: Path = Path("runs/study/filter"),
-) -> None:
-    """Measure how fast the state filter loses its way on the MuJoCo Husky, by surface and by sensors.
-
-    Args:
-        references: What is driven, comma-separated: line, circle, sine, generic, or paths of waypoint files.
-        speed: Of the references [m/s].
-        profiles: Names of shipped profiles or paths of TOML files, comma-separated.
-        frictions: The last profile's robot is driven with these too, comma-separated; '' for none.
-        bias: Of the biased gyro [rad/s].
-        seeds: How many draws of the sensors' noise.
-        seed: The first of them.
-        timestep: Physics step [s].
-        workers: Threads; the result does not depend on it.
-        out: Folder for the results.
-    """
-    from validation.study.filter import run as study
-    from validation.study.filter.figure import draw_filter
-
-    with cli.mistakes_are_users():
-        _check(seed, workers)
-        settings = study.FilterSettings(seeds, seed, bias, timestep)
-        chosen = [load(name) for name in _split_once(profiles, "--profiles")]
-        surfaces = study.surfaces_of(chosen, cli.parse_numbers(frictions, "--frictions") if frictions.strip() else ())
-        missions = dict(open_reference(name, speed) for name in _split_once(references, "--references"))
-        study.check(surfaces, missions, settings)
-    folder = cli.output_folder(out)
-    result = study.study_filter(surfaces, missions, settings, workers)
-    written = _write(folder, study.as_document(result), draw_filter(result), study.markdown(result))
-    position, yaw = study.captions(result)
-    tables = [
-        (study.drift_grid(result, "position"), f"Dead reckoning, {study.heading(result)}: position", position),
-        (study.drift_grid(result, "yaw"), "Yaw", yaw),
-    ]
-    _report(tables, [], written)
 
 
 def _tables(
@@ -200,7 +151,7 @@ def _old(function: Callable[..., None]) -> Callable[[Any], None]:
     return main
 
 
-_OLD: Mapping[str, Callable[..., None]] = {"filter": _filter, "tables": _tables, "gains": _gains}
+_OLD: Mapping[str, Callable[..., None]] = {"tables": _tables, "gains": _gains}
 """Studies that are not yet declared in `STUDIES`."""
 
 

@@ -1,0 +1,111 @@
+"""The result of a study of dead reckoning: its tables, its picture and its files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from validation.show.tables import NOTHING, Cell, Grid
+from validation.study.filter.findings import STRETCH, FilterFindings, FilterVariant, VariantDrift, filter_variants
+from validation.study.result import StudyResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TRACKER = "lqr-scheduled"
+"""Controller that keeps the robot on the reference, with the gains of its class; any good one would do."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilterStudy(FilterFindings, StudyResult):
+    """Drift of dead reckoning by ground, reference and sensors."""
+
+    study = "filter"
+    title = "Dead reckoning"
+
+    def grids(self) -> list[Grid]:
+        """Return the drift of the position and that of the yaw: a drive a row, a filter a column."""
+        return [
+            self._drift_grid(
+                "position",
+                f"Position, {self.heading()}",
+                f"Error of the relative position over stretches of {STRETCH:g} m, in percent of their length; mean and "
+                "standard deviation over seeds.",
+            ),
+            self._drift_grid(
+                "yaw",
+                "Yaw",
+                "Error of the relative yaw over the same stretches, in percent of what the robot turned in them. "
+                f"The biased gyro shows {self.options.bias:+g} rad/s at rest.",
+            ),
+        ]
+
+    def figure(self) -> Figure:
+        """Return the picture of the study, drawn anew."""
+        from validation.study.filter.figure import draw_filter
+
+        return draw_filter(self)
+
+    def findings(self) -> dict[str, Any]:
+        """Return settings, grounds, filters and the drift of every drive."""
+        o = self.options
+        drives = [
+            {
+                "reference": d.reference,
+                "surface": d.surface,
+                "distance_m": d.distance,
+                "turned_rad": d.turned,
+                "slide_ratio": d.slide,
+                "filters": {
+                    name: {
+                        "position_drift_ratio": {"mean": r.mean("position"), "std": r.std("position")},
+                        "yaw_drift_ratio": {"mean": r.mean("yaw"), "std": r.std("yaw")},
+                        "end_position_ratio": {"mean": r.mean("end"), "std": r.std("end")},
+                        "end_yaw_rad": {"mean": r.mean("end_yaw"), "std": r.std("end_yaw")},
+                        "error_m": r.errors.mean(axis=0).tolist(),
+                    }
+                    for name, r in d.filters.items()
+                },
+            }
+            for d in self.drives
+        ]
+        grounds = {
+            ground.name: {
+                "profile": ground.profile.name,
+                "friction": ground.friction,
+                "filter": asdict(ground.filter_settings(FilterVariant("wheels + gyro"))),
+                "parameters": ground.profile.as_dict()["mujoco"],
+            }
+            for ground in self.grounds
+        }
+        return {
+            "profile": ", ".join(dict.fromkeys(ground.profile.name for ground in self.grounds)),
+            "references": list(self.references),
+            "speed_m_s": self.speed,
+            "seed": o.seed,
+            "options": {"seeds": o.seeds, "bias": o.bias, "timestep": o.timestep},
+            "window_m": STRETCH,
+            "tracker": TRACKER,
+            "variants": [asdict(v) for v in filter_variants(o.bias)],
+            "drives": drives,
+            "surfaces": grounds,
+        }
+
+    def _drift_grid(self, name: str, title: str, caption: str) -> Grid:
+        """Return the table of a field of `Drift` in percent."""
+        header = (("reference", ""), ("surface", ""), *((v.name, "%") for v in filter_variants()))
+        groups = [
+            tuple(
+                (Cell(d.reference), Cell(d.surface), *(Cell(_percent(r, name)) for r in d.filters.values()))
+                for d in self.drives
+                if d.reference == reference
+            )
+            for reference in self.references
+        ]
+        return Grid(header, tuple(groups), 2, title, caption)
+
+
+def _percent(drift: VariantDrift, name: str) -> str:
+    mean, std = 100.0 * drift.mean(name), 100.0 * drift.std(name)
+    return f"{mean:.2f} ± {std:.2f}" if math.isfinite(mean) else NOTHING

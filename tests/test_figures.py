@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+from PIL import Image
 
 from ssmr.geometry import compose, relative
 from ssmr.metrics.poses import HorizonErrors
@@ -440,12 +441,12 @@ def test_a_failure_leaves_what_was_there_and_nothing_beside(tmp_path: Path, monk
     path.write_bytes(b"before")
     figure = comparison_figure(make(("mujoco",)))
 
-    def half(self: Figure, fname: Path, **_: object) -> None:
+    def half(self: Image.Image, fname: Path, **_: object) -> None:
         fname.write_bytes(b"half")
         raise OSError("disk full")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Figure, "savefig", half)
+        patch.setattr(Image.Image, "save", half)
         with pytest.raises(OSError, match="disk full"):
             save_figure(figure, path)
     assert path.read_bytes() == b"before"

@@ -24,11 +24,13 @@ from scipy.spatial.transform import Rotation
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
-from validation.compare import rerun as rerun_log
-from validation.compare.rerun import open_viewer, write_recording
+from validation.compare.rerun import write_recording
 from validation.robots.husky import WHEELS, xml_path
 from validation.show.palette import PALETTE, colour, mix
+from validation.show.rerun_layout import axis_range
+from validation.show.rerun_robots import POSE_PERIOD
 from validation.show.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.show.viewer import open_viewer
 
 SINGLE = 2.0**-22
 """Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""
@@ -156,7 +158,7 @@ def test_the_poses_read_back_are_those_given(shown: tuple[Comparison, Path, Read
     assert np.abs(motion.t[rows] - t).max() < 1e-9  # the file counts nanoseconds
     assert rows[0] == 0
     assert rows[-1] == len(motion) - 1
-    assert np.diff(t).max() < rerun_log.POSE_PERIOD + 0.008 + 1e-9
+    assert np.diff(t).max() < POSE_PERIOD + 0.008 + 1e-9
     wanted = np.column_stack([motion.xy, np.zeros(len(motion))])[rows]
     assert np.abs(translation - wanted).max() <= SINGLE * np.abs(wanted).max()
     half = 0.5 * motion.yaw[rows]
@@ -320,7 +322,7 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
 
 @pytest.mark.parametrize(("low", "high"), [(-0.77, 0.77), (0.0, 0.3), (158.0, 200.0), (0.0, 0.0), (-6.0, 6.0), (2.1, 2.9)])
 def test_axes_hold_all_samples_and_numbers_to_read_them_by(low: float, high: float) -> None:
-    bottom, top = rerun_log.axis_range([np.array([low, high]), np.array([high])])
+    bottom, top = axis_range([np.array([low, high]), np.array([high])])
     assert bottom < low <= high < top
     assert top - bottom < 3.0 * max(high - low, 1e-3)
     step = 10.0 ** math.floor(math.log10(top - bottom))

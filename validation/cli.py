@@ -445,6 +445,21 @@ def _options_of(main: Callable[..., Any]) -> Any:
     return kind if is_dataclass(kind) else None
 
 
+def leave_out(package: str) -> None:
+    """Let this process do without a package that others only look for: rerun's pyarrow would load all of pandas."""
+
+    class Finder:
+        """An importer that does not find the package."""
+
+        @staticmethod
+        def find_spec(name: str, path: object = None, target: object = None) -> None:
+            """Refuse the package and leave all others to the next importer."""
+            if name == package:
+                raise ModuleNotFoundError(f"{package} is left out of this program", name=package)
+
+    sys.meta_path.insert(0, Finder)
+
+
 def _log_to_standard_error() -> None:
     """Let the project's own log say everything from `info` on, and that of other packages only warnings."""
     from rich.logging import RichHandler

@@ -7,16 +7,22 @@ import math
 import os
 import platform
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 PACKAGES = ("ssmr-testbed", "mujoco", "dm-control", "numpy", "scipy", "numba", "control", "rerun-sdk")
-"""Whose versions a result records."""
+"""Packages whose versions a result records."""
 
 
 def versions() -> dict[str, str]:
-    """Versions of this project, Python and the packages that decide numbers."""
+    """Return the versions of this project, Python and the packages that decide numbers."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> Mapping[str, str]:
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -42,7 +48,7 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: mappings and sequences all the way down, null for a number that is not finite."""
+    """Return a value as JSON has it: mappings and sequences all the way down, null for a number that is not finite."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasures, measure_paths, ratio
+from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasures, measure_paths
 from ssmr.types import Trajectory
 
 MetricUnit = Literal["m", "rad", "1", "share", "×"]
@@ -96,11 +96,11 @@ def _greatest(values: Sequence[float], samples: Sequence[int]) -> float:
 
 
 def _ratio_of_totals(floor: float) -> Callable[[Sequence[tuple[float, float]], Sequence[int]], float]:
-    """Pool amounts of candidate and reference: add them up before the ratio is taken; under `floor` an amount is nothing."""
+    """Pool amounts of candidate and reference: add them up, then take the ratio; two amounts under `floor` are equal."""
 
     def pool(amounts: Sequence[tuple[float, float]], samples: Sequence[int]) -> float:
-        candidate, reference = np.sum(amounts, axis=0)
-        return float(ratio(candidate, reference, floor))
+        candidate, reference = map(float, np.sum(amounts, axis=0))
+        return 1.0 if candidate < floor and reference < floor else candidate / max(reference, floor)
 
     return pool
 

@@ -176,7 +176,7 @@ def _bending(xy: FloatArray, spacing: float) -> float:
 
 
 @jit
-def ratio(candidate: float, reference: float, floor: float) -> float:
+def _ratio(candidate: float, reference: float, floor: float) -> float:
     """Candidate over reference, always finite: 1 where both are under the floor, which else is the least divisor."""
     if candidate < floor and reference < floor:
         return 1.0
@@ -199,14 +199,14 @@ def one_sided_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> tupl
     candidate_length, _, candidate_step = _steps(candidate_xy)
     reference_length, _, _ = _steps(reference_xy)
     to_candidate = nearest_squared(reference_xy, candidate_xy, candidate_step)
-    lengths = ratio(candidate_length, reference_length, LENGTH_FLOOR)
+    lengths = _ratio(candidate_length, reference_length, LENGTH_FLOOR)
     return math.sqrt(np.mean(to_candidate)), math.sqrt(np.max(to_candidate)), lengths
 
 
 @jit
 def bend_ratio_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> float:
     """e_bend_ratio of paths that `one_sided_kernel` could measure, for use from other kernels."""
-    return ratio(_bending(candidate_xy, BENDING_SPACING), _bending(reference_xy, BENDING_SPACING), BENDING_FLOOR)
+    return _ratio(_bending(candidate_xy, BENDING_SPACING), _bending(reference_xy, BENDING_SPACING), BENDING_FLOOR)
 
 
 class PathMeasures(NamedTuple):

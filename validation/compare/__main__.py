@@ -9,9 +9,6 @@ from typing import Annotated, Literal
 import tyro
 
 from validation import cli
-from validation.compare.run import CompareSettings, prepare
-from validation.plants.profile import PLANTS
-from validation.robots.terrain import parse_terrain
 
 
 @dataclass(frozen=True)
@@ -56,8 +53,8 @@ class Options:
     source: Annotated[str, tyro.conf.Positional, cli.option(metavar="SOURCE")]
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, or the path of a recording."""
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
-    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default=f"all: {','.join(PLANTS)}")] = PLANTS
-    """Plants to drive, separated by commas."""
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="all")] = ()
+    """Plants to drive, separated by commas, such as mujoco,improved. A wrong name lists all."""
     reference: Annotated[
         str | None, cli.option(metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording")
     ] = None
@@ -78,6 +75,10 @@ def main(options: Options) -> None:
 
     Prints tables and writes compare.json, compare.png and compare.rrd.
     """
+    from validation.compare.run import CompareSettings, prepare
+    from validation.plants.table import PLANTS
+    from validation.robots.terrain import parse_terrain
+
     log, environment, output = options.recording, options.environment, options.output
     with cli.mistakes_are_users():
         if output.view and output.no_rerun:
@@ -92,7 +93,7 @@ def main(options: Options) -> None:
             options.run.seed,
             parse_terrain(environment.terrain),
         )
-        prepared = prepare(options.source, options.profile, options.plants, options.reference, settings)
+        prepared = prepare(options.source, options.profile, options.plants or PLANTS, options.reference, settings)
     with cli.shown("comparing") as progress:
         comparison = prepared.run(options.run.workers, progress)
     folder = cli.output_folder(options.folder())
@@ -102,10 +103,11 @@ def main(options: Options) -> None:
             cli.warn(f"{result.name}: {result.health.advice}")
     cli.report_result(comparison, written)
     if output.view:
-        from validation.compare.rerun import open_viewer
+        from validation.show.viewer import open_viewer
 
         open_viewer(folder / "compare.rrd")
 
 
 if __name__ == "__main__":
+    cli.leave_out("pandas")
     cli.run(main, "python -m validation.compare")

@@ -24,6 +24,7 @@ from matplotlib.path import Path as Outline
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Affine2D
+from PIL import Image
 
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import FloatArray
@@ -324,10 +325,10 @@ def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None 
 
     Args:
         rows: what to draw.
-        finish: what is done last, in the same style, when ticks and limits are settled.
+        finish: called with the figure, in the same style, when all limits are settled and before it is drawn.
 
     Returns:
-        A figure with its layout done.
+        The figure, drawn once, so that its ticks have this style too; `save_figure` writes that drawing.
     """
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(WIDTH_IN, 2.0 * EDGE_IN + sum(row.height for row in rows)), dpi=DPI)
@@ -336,9 +337,11 @@ def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None 
         for row in rows:
             row.place(figure, top)
             top -= row.height
-        figure.draw_without_rendering()  # settles ticks, in this style, and what panels of equal scales show
+        for ax in figure.axes:
+            ax.apply_aspect()  # settles the limits of panels with equal scales
         if finish is not None:
             finish(figure)
+        figure.canvas.draw()
     return figure
 
 
@@ -353,5 +356,10 @@ def save_figure(figure: Figure, path: Path) -> None:
         ValueError: the format is unknown; nothing is written.
         OSError: the file cannot be written.
     """
+    canvas = figure.canvas
+    if path.suffix.lower() == ".png" and isinstance(canvas, FigureCanvasAgg) and not figure.stale:
+        pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
+        write_atomic(path, lambda temporary: pixels.save(temporary, dpi=(figure.dpi, figure.dpi)))
+        return
     with matplotlib.style.context(["default", STYLE]):
         write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=figure.dpi))

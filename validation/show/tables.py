@@ -6,17 +6,19 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ssmr.metrics.declared import Metric, MetricUnit
 from validation.words import code_span as code_span
 from validation.words import one_line as one_line
 from validation.words import shortened as shortened
+
+if TYPE_CHECKING:
+    from ssmr.metrics.declared import Metric, MetricUnit
 
 NOTHING = "–"
 """What a number that is not finite is written as."""

@@ -95,7 +95,7 @@ def main(
     written = write(results, folder, recording=not no_rerun)
     cli.report(track_tables(results), track_notes(results), written)
     if view:
-        from validation.compare.rerun import open_viewer
+        from validation.show.viewer import open_viewer
 
         open_viewer(folder / "track.rrd")
 

@@ -18,35 +18,26 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
-from validation.compare.rerun import (
+from validation.robots.terrain import FLAT
+from validation.show.palette import Rgb, mix
+from validation.show.rerun_file import TIMELINE, encode, rr, write_circumstances
+from validation.show.rerun_ground import write_ground
+from validation.show.rerun_layout import Series, blueprint, follower, overviews, plot_view, rrb, write_series
+from validation.show.rerun_robots import (
     BLACK,
-    TIMELINE,
     WHITE,
     Extent,
-    Series,
     Track,
-    blueprint,
-    encode,
-    follower,
     identify,
     lines,
     opacity_of,
     outline,
-    overviews,
-    plot_view,
     round_interval,
-    rr,
-    rrb,
-    write_circumstances,
     write_motion,
     write_path,
     write_robot,
-    write_series,
     write_signpost,
 )
-from validation.robots.terrain import FLAT
-from validation.show.palette import Rgb, mix
-from validation.show.rerun_ground import write_ground
 from validation.show.robot_mesh import robot_mesh
 from validation.store import write_atomic
 from validation.track.report import gains_text, headline, require_comparable, track_markdown

@@ -1,0 +1,243 @@
+"""Robots, paths and labels of a rerun scene."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssmr.geometry import quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world, shift_reference
+from ssmr.types import FloatArray, IndexArray, Trajectory
+from validation.robots.husky import WHEELS
+from validation.robots.terrain import FLAT, Terrain
+from validation.show.palette import Rgb, colour, mix
+from validation.show.rerun_file import TIMELINE, rr
+from validation.show.robot_mesh import RobotMesh, tinted, wheel_quat_wxyz, wheel_turns
+
+POSE_PERIOD = 0.02
+"""Time between two poses of a robot [s]: 50 Hz is smooth to the eye. Plots keep every sample."""
+SOLID, GLASS, FAINT_GLASS = 255, 150, 32
+"""Opacity of robots, 0-255. Those that mostly overlap the reference's are faint: solid ones would cut into each other."""
+_GLASS_INSET = 0.985
+"""Size of a transparent robot over the real one's: where it stands just as the reference's robot does, it hides inside."""
+_FIELD_OF_VIEW = math.radians(55.0)
+"""Of the viewer's eye, from top to bottom [rad]."""
+GRID: Rgb = (186, 191, 198)
+BLACK: Rgb = (0, 0, 0)
+WHITE: Rgb = (255, 255, 255)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One robot of the scene, a plant or the recorded one, with its M samples of all pieces in a row."""
+
+    name: str
+    pieces: tuple[Trajectory, ...]
+    reference: Track | None
+    """The robot to compare with; None for that robot itself."""
+    tracked_point: tuple[float, float] = (0.0, 0.0)
+    """The point of the body whose poses these are [m]."""
+    terrain: Terrain = FLAT
+    """What is under it."""
+
+    @property
+    def colour(self) -> Rgb:
+        """Its plant's."""
+        return colour(self.name)
+
+    @property
+    def bright(self) -> Rgb:
+        """Its colour where it must show on dark, as on the viewer's plots: near-black becomes grey."""
+        return mix(self.colour, WHITE, 0.55) if max(self.colour) < 80 else self.colour
+
+    @cached_property
+    def t(self) -> FloatArray:
+        """(M,) stamps [s]."""
+        return np.concatenate([p.t for p in self.pieces])
+
+    @cached_property
+    def pose(self) -> FloatArray:
+        """(M, 3) poses [m, m, rad]."""
+        return np.concatenate([p.pose for p in self.pieces])
+
+    @cached_property
+    def body(self) -> FloatArray:
+        """(M, 3) poses of the body's own reference point, the middle between the axles [m, m, rad]."""
+        return shift_reference(self.pose, np.negative(self.tracked_point))
+
+    @cached_property
+    def raised(self) -> FloatArray:
+        """(M, 3) height [m], roll and pitch [rad]: as simulated, or as four wheels lie on the ground."""
+        height, tilt = self.channel("height_m"), self.channel("roll_pitch_rad")
+        return self.terrain.lie(self.body) if height is None or tilt is None else np.column_stack([height, tilt])
+
+    @cached_property
+    def turns(self) -> FloatArray:
+        """(M, 2) angles through which the left and right wheels have turned since their piece began [rad]."""
+        return np.concatenate([wheel_turns(p.t, p.wheels) for p in self.pieces])
+
+    @cached_property
+    def seen(self) -> FloatArray:
+        """(M, 3) poses seen from the reference's robot [m, m, rad]."""
+        return relative((self.reference or self).pose, self.pose)
+
+    @cached_property
+    def apart(self) -> FloatArray:
+        """(M,) distance from the reference's robot [m]."""
+        return np.hypot(self.seen[:, 0], self.seen[:, 1])
+
+    @cached_property
+    def shown(self) -> IndexArray:
+        """Indices of the samples whose pose is shown: of each piece the first in every `POSE_PERIOD`, and the last."""
+        slots = [np.floor((p.t - p.t[0]) / POSE_PERIOD + 1e-6) for p in self.pieces]
+        keep = [np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1) for s in slots]
+        return np.flatnonzero(np.concatenate(keep))
+
+    def channel(self, name: str) -> FloatArray | None:
+        """A channel over all samples; None where a piece lacks it."""
+        if not all(name in p.channels for p in self.pieces):
+            return None
+        return np.concatenate([p.channels[name] for p in self.pieces])
+
+
+class Extent:
+    """Where the paths lie and how far an eye must stand off to see them.
+
+    Attributes:
+        along: (2,) unit vector along their longest extent, from start to end.
+        across: (2,) unit vector to the left of it.
+        middle: (2,) middle of the extents [m].
+        end: (2,) mean of the paths' ends [m].
+        reach: the longest extent [m].
+        distance: from where an eye sees all of it, with the robots and a margin, in a view twice as wide as high [m].
+        post: how far beyond the end the signpost with the plants' names stands [m].
+    """
+
+    def __init__(self, tracks: Sequence[Track]) -> None:
+        xy = np.concatenate([track.pose[:, :2] for track in tracks])
+        self.end = np.mean([track.pieces[-1].xy[-1] for track in tracks], axis=0)
+        offsets = xy - xy.mean(axis=0)
+        along = np.linalg.eigh(offsets.T @ offsets + np.diag([1e-9, 0.0]))[1][:, 1]  # along x where nothing moves
+        self.along = along if along @ (self.end - xy[0]) >= 0.0 else -along
+        self.across = rotate_body_to_world([0.0, 1.0], math.atan2(self.along[1], self.along[0]))
+        frame = np.stack([self.along, self.across])
+        inside = xy @ frame.T
+        low, high = inside.min(axis=0), inside.max(axis=0)
+        self.middle = 0.5 * (low + high) @ frame
+        self.reach = float((high - low).max())
+        slope = math.tan(0.5 * _FIELD_OF_VIEW)
+        length, width = 0.5 * (high - low)
+        self.distance = max(3.0, (length + 0.8) / (1.8 * slope), (0.6 * width + 0.8) / slope) + 0.6 * float(width)
+        self.post = max(0.8, 0.1 * self.distance)
+
+
+def identify(asked: object, tracks: Sequence[Track]) -> uuid.UUID:
+    """The id of a recording: a digest of what was asked for, by its `repr`, and of the motions that came out."""
+    digest = hashlib.sha256(repr(asked).encode())
+    for track in tracks:
+        digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
+    return uuid.UUID(bytes=digest.digest()[:16], version=4)
+
+
+def write_signpost(recording: rr.RecordingStream, track: Track, extent: Extent, rank: int) -> None:
+    """Log a robot's name beyond its end, the higher the later its rank."""
+    entity = f"world/{track.name}/end"
+    post = np.append(extent.end + extent.post * extent.along, 0.045 * extent.distance * (rank + 1.0))
+    end = [np.append(track.pieces[-1].xy[-1], 0.01), post]
+    recording.log(entity, lines([end], track.colour, 0.7), static=True)
+    recording.log(f"{entity}/name", labels([post], [track.name], track.bright), static=True)
+
+
+def opacity_of(robot: RobotMesh, apart: FloatArray | None) -> int:
+    """A robot is the fainter the more it overlaps another, by its distances from that [m]; solid where there is none."""
+    if apart is None:
+        return SOLID
+    return FAINT_GLASS if np.median(apart) < robot.box[1, 0] else GLASS
+
+
+def write_robot(recording: rr.RecordingStream, entity: str, robot: RobotMesh, track: Track, opacity: int) -> None:
+    """Log each body's mesh, in the robot's own colours for MuJoCo's and in shades of the plant's for others."""
+    size, darkest = (1.0, 0.25) if opacity == SOLID else (_GLASS_INSET, 0.6)
+    for body, mesh in robot.bodies.items():
+        looks = rr.Mesh3D(
+            vertex_positions=size * mesh.vertices,
+            vertex_normals=mesh.normals,
+            vertex_colors=mesh.colours if track.name == "mujoco" else tinted(mesh.colours, track.bright, darkest),
+            albedo_factor=(*WHITE, opacity),
+        )
+        recording.log(f"{entity}/{body}", looks, static=True)
+
+
+def write_motion(
+    recording: rr.RecordingStream,
+    entity: str,
+    robot: RobotMesh,
+    track: Track,
+    pose: FloatArray,
+    raised: FloatArray | None = None,
+) -> None:
+    """Send where the reference point is, from (M, 3) poses, and how far the wheels have turned.
+
+    `raised` is (M, 3) height, roll and pitch [m, rad, rad] where the ground is uneven.
+    """
+    time, pose, turns = rr.TimeColumn(TIMELINE, duration=track.t[track.shown]), pose[track.shown], track.turns[track.shown]
+    height, roll, pitch = (np.zeros_like(pose) if raised is None else raised[track.shown]).T
+    translation = np.column_stack([pose[:, :2], height])
+    quat_xyzw = quat_wxyz_to_xyzw(roll_pitch_yaw_to_quat_wxyz(roll, pitch, pose[:, 2]))
+    recording.send_columns(entity, [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
+    recording.log(f"{entity}/base", rr.Transform3D(translation=robot.places["base"]), static=True)
+    for wheel in WHEELS:
+        translation = np.tile(robot.places[wheel], (len(pose), 1))  # a static one would not combine with turns over time
+        quat_xyzw = quat_wxyz_to_xyzw(wheel_quat_wxyz(turns[:, 0 if wheel.endswith("left") else 1]))
+        columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
+        recording.send_columns(f"{entity}/{wheel}", [time], columns)
+
+
+def write_path(recording: rr.RecordingStream, track: Track, interval: float) -> None:
+    """Log the path, one strip a piece, and a point for every `interval` [s]; the reference's points say the time."""
+    first = track.reference is None
+    height = 0.012 if first else 0.008
+    strips = [np.column_stack([p.xy, height + track.terrain.height_at(p.xy)]) for p in track.pieces]
+    recording.log(f"world/{track.name}/path", lines(strips, track.colour, 2.2 if first else 1.5), static=True)
+    stamps, points = list[float](), list[list[float]]()
+    for piece in track.pieces:
+        for k in range(math.ceil(piece.t[0] / interval), math.floor(piece.t[-1] / interval) + 1):
+            stamps.append(k * interval)
+            xy = np.array([[np.interp(stamps[-1], piece.t, column) for column in piece.xy.T]])
+            points.append([*xy[0], height + float(track.terrain.height_at(xy)[0])])
+    if points:
+        marks = rr.Points3D(points, colors=[track.colour], radii=rr.Radius.ui_points(4.0 if first else 3.0))
+        recording.log(f"world/{track.name}/ticks", marks, static=True)
+    if points and first:
+        recording.log(f"world/{track.name}/ticks/time", labels(points, [f"{s:g} s" for s in stamps], GRID), static=True)
+
+
+def round_interval(seconds: float) -> float:
+    """The least of 1, 2, 5, 10, 20, 30, 60 s and whole minutes that is no shorter."""
+    return next((float(s) for s in (1, 2, 5, 10, 20, 30, 60) if s >= seconds), 60.0 * math.ceil(seconds / 60.0))
+
+
+def lines(strips: Sequence[ArrayLike], rgb: Rgb, width: float) -> rr.LineStrips3D:
+    """Line strips as wide on the screen from near and far."""
+    return rr.LineStrips3D([np.asarray(strip) for strip in strips], colors=[rgb], radii=rr.Radius.ui_points(width))
+
+
+def outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
+    """A rectangle around the robot as seen from above, with a mark where its front is."""
+    z = height + 0.004
+    (rear, right, _), (front, left, _) = robot.box
+    around = [[front, left, z], [front, right, z], [rear, right, z], [rear, left, z], [front, left, z]]
+    nose = [[front, 0.25 * left, z], [front + 0.1, 0.0, z], [front, 0.25 * right, z]]
+    return lines([around, nose], rgb, 1.2)
+
+
+def labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
+    """Texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
+    radii = rr.Radius.ui_points(0.1)
+    return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)

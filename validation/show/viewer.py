@@ -1,0 +1,42 @@
+"""Open a recording in the rerun viewer."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+_logger = logging.getLogger(__name__)
+
+_VIEWER_GRACE = 3.0
+"""A viewer that cannot open its window has given up by then [s]."""
+
+
+def open_viewer(path: Path) -> bool:
+    """Open a recording in rerun's own viewer, which then lives on by itself and listens on the loopback interface alone.
+
+    Args:
+        path: the recording.
+
+    Returns:
+        Whether there is a viewer; if not, the log says why and what to do.
+    """
+    by_hand = f"open it where there is a screen: rerun {path}"
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        _logger.warning("there is no display for the rerun viewer; %s", by_hand)
+        return False
+    command = [sys.executable, "-m", "rerun_cli", str(path), "--bind", "127.0.0.1", "--port", "auto"]
+    quiet = subprocess.DEVNULL
+    try:
+        viewer = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+    except OSError as error:
+        _logger.warning("the rerun viewer cannot be started (%s); %s", error, by_hand)
+        return False
+    try:
+        viewer.wait(_VIEWER_GRACE)
+    except subprocess.TimeoutExpired:
+        return True
+    _logger.warning("the rerun viewer ended at once, as it does where it can open no window; %s", by_hand)
+    return False

@@ -44,7 +44,7 @@ from validation.replicate.evidence import (
     kept,
 )
 from validation.replicate.html_page import prose, render, status_class
-from validation.replicate.report import document_of, linked, report_markdown, unexplained
+from validation.replicate.report import document_markdown, document_of, linked, unexplained
 from validation.replicate.residual_figure import draw_residuals
 from validation.replicate.result import order_of
 from validation.replicate.run import ALL_SECTIONS, run_sections
@@ -492,7 +492,7 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
         assert known or verdict["see"]
     assert "lost" in verdicts["4.27"]["reason"]
     assert list(document["tables"]) == sorted(TABLES, key=order_of)
-    text = report_markdown(document_of(found, SMALL), "figures/")
+    text = document_markdown(document_of(found, SMALL), "figures/")
     assert all(f"| {number} |" in text for number in TABLES)
 
 

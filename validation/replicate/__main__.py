@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +14,7 @@ from validation.replicate.run import ALL_SECTIONS, ReplicationInterrupted, repli
 
 
 @dataclass(frozen=True)
-class RecordingOptions:
+class _Log:
     """Options of the last chapter, which compares the plants with a log of a real Husky."""
 
     recording: Annotated[Path | None, cli.option(metavar="PATH", default="none; the chapter then says so")] = None
@@ -24,7 +24,7 @@ class RecordingOptions:
 
 
 @dataclass(frozen=True)
-class Output:
+class _Output:
     """Options for what is kept and written."""
 
     out: Annotated[Path, cli.out_option("runs/replicate")] = Path("runs/replicate")
@@ -42,10 +42,10 @@ class ReplicateCommand:
     """Use reduced budgets, which take under three minutes."""
     only: Annotated[cli.Names, cli.option(default="all")] = ()
     """Sections or tables to run, such as 3.9,4.5 or times. A wrong name lists all sections."""
-    log: RecordingOptions = RecordingOptions()
+    log: _Log = _Log()
     seed: cli.Seed = 1
     workers: cli.Workers = None
-    output: Output = field(default_factory=Output)
+    output: _Output = _Output()
 
 
 def main(options: ReplicateCommand) -> None:

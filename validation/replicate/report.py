@@ -130,7 +130,7 @@ def _summary(answers: Sequence[Answer]) -> Grid:
     return Grid(header, tuple(groups), 1, _TITLE, "Number of rows that the thesis prints, by verdict.")
 
 
-def report_markdown(document: Document, figures: str, docs: str | None = None) -> str:
+def document_markdown(document: Document, figures: str, docs: str | None = None) -> str:
     """Return the report as GitHub-flavoured markdown.
 
     Args:

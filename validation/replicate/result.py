@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from validation import store
 from validation.plants.profile import PLANTS
 from validation.replicate.evidence import FIGURE_FOLDER, Answer, ReplicationSettings
-from validation.replicate.report import Document, document_of, report_markdown, tally
+from validation.replicate.report import Document, document_markdown, document_of, tally
 from validation.replicate.tables import row_verdict, verdicts_of
 from validation.show.result import Result
 from validation.show.tables import Grid
@@ -23,7 +23,7 @@ from validation.thesis.verdicts import RULES, STATUSES, Pair, RowVerdict, Verdic
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SCHEMA = "ssmr.replicate/1"
+_SCHEMA = "ssmr.replicate/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Replication(Result):
         counted = sum((tally(a.findings) for a in self.answers), Counter[str]())
         settings = vars(self.settings) | {"recording": bool(self.settings.recording)}
         document = {
-            "schema": SCHEMA,
+            "schema": _SCHEMA,
             "quick": self.settings.quick,
             "settings": settings,
             "rules": dict(RULES),
@@ -100,7 +100,7 @@ class Replication(Result):
             self._copy_pictures(place / FIGURE_FOLDER, "")
         page, text, numbers = (place / f"replicate.{ending}" for ending in ("html", "md", "json"))
         _write_text(page, render(self.document, figures))
-        _write_text(text, report_markdown(self.document, f"{FIGURE_FOLDER}/"))
+        _write_text(text, document_markdown(self.document, f"{FIGURE_FOLDER}/"))
         store.write_json(numbers, self.as_dict())
         return [page, text, numbers]
 
@@ -113,7 +113,7 @@ class Replication(Result):
         """
         require_markdown(path)
         self._copy_pictures(path.parent / "img", f"{path.stem}-")
-        _write_text(path, report_markdown(self.document, f"img/{path.stem}-", ""))
+        _write_text(path, document_markdown(self.document, f"img/{path.stem}-", ""))
         return path
 
     def _copy_pictures(self, images: Path, prefix: str) -> None:

@@ -132,31 +132,32 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
     return Grid(tuple(header), tuple(groups), left=2 + several), tuple(reasons.texts)
 
 
-def tall_grid(table: Table, number: str, metric: str) -> tuple[Grid, tuple[str, ...]]:
-    """Lay out a table of parameters or gains: one number in each row, with its own unit, bounds and further numbers."""
-    names = list(
-        dict.fromkeys(n for pairs in table.rows.values() for n in pairs[metric].beside if n not in ("lower", "upper"))
-    )
-    others = list(dict.fromkeys(m for pairs in table.rows.values() for m in pairs if m != metric))
-    searched = any("lower" in pairs[metric].beside for pairs in table.rows.values())
-    header = [("row", ""), ("unit", ""), ("verdict", ""), ("printed", ""), ("ours", "")]
-    header += (
-        [("searched", "")] * searched + [(n.replace("_", " "), "") for n in names] + [(f"{m} printed", "") for m in others]
-    )
+def tall_grid(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
+    """Lay out a table with one number of ours in each row, beside its unit, its bounds and further numbers.
+
+    Printed numbers of other metrics stand in columns of their own.
+    """
+    first = {row: next(iter(pairs)) for row, pairs in table.rows.items()}
+    others = list(dict.fromkeys(m for row, pairs in table.rows.items() for m in pairs if m != first[row]))
+    shown = {row: pairs[first[row]] for row, pairs in table.rows.items()}
+    names = list(dict.fromkeys(n for pair in shown.values() for n in pair.beside if n not in ("lower", "upper")))
+    searched, mixed = any("lower" in pair.beside for pair in shown.values()), len(set(first.values())) > 1
+    titles = ["row", *["what"] * mixed, "unit", "verdict", "printed", "ours", *["searched"] * searched]
+    titles += [n.replace("_", " ").replace("published", "printed") for n in names] + [f"{m} printed" for m in others]
     verdicts, reasons, rows = verdicts_of(number, table), _Reasons(), []
     for row, pairs in table.rows.items():
-        pair = pairs[metric]
-        cells = [Cell(row), Cell(pair.unit), reasons.cell(row_verdict(pairs, {metric: verdicts[row][metric]}))]
-        cells += [Cell(NOTHING if pair.published is None else f"{pair.published:g}"), Cell(_with_error(pair))]
+        metric, pair = first[row], shown[row]
+        texts = [row, *[short(metric).replace("_", " ")] * mixed, pair.unit]
+        numbers = [NOTHING if pair.published is None else f"{pair.published:g}", _with_error(pair)]
         if searched:
             known = "lower" in pair.beside
-            cells.append(Cell(f"{pair.beside['lower']:g} to {pair.beside['upper']:g}" if known else NOTHING))
-        cells += [Cell(number_text(pair.beside[n]) if n in pair.beside else NOTHING) for n in names]
-        for m in others:
-            value = pairs[m].published if m in pairs else None
-            cells.append(Cell(NOTHING if value is None else f"{value:g}"))
-        rows.append(tuple(cells))
-    return Grid(tuple(header), (tuple(rows),), left=3), tuple(reasons.texts)
+            numbers.append(f"{pair.beside['lower']:g} to {pair.beside['upper']:g}" if known else NOTHING)
+        numbers += [number_text(pair.beside[n]) if n in pair.beside else NOTHING for n in names]
+        values = [pairs[m].published if m in pairs else None for m in others]
+        numbers += [NOTHING if value is None else f"{value:g}" for value in values]
+        verdict = reasons.cell(row_verdict(pairs, {metric: verdicts[row][metric]}))
+        rows.append((*map(Cell, texts), verdict, *map(Cell, numbers)))
+    return Grid(tuple((title, "") for title in titles), (tuple(rows),), left=3 + mixed), tuple(reasons.texts)
 
 
 def _with_error(pair: Pair) -> str:
@@ -206,42 +207,11 @@ def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:
 
 
 def _laid_out(number: str, table: Table) -> tuple[Grid, tuple[str, ...]]:
-    """Lay out one table, by whether its rows share their metrics, or one metric with different units, or nothing."""
+    """Lay out one table: wide, unless the unit changes from row to row or each row has a metric of its own."""
     units: dict[str, set[str]] = {}
     for pairs in table.rows.values():
         for metric, pair in pairs.items():
             units.setdefault(metric, set()).add(pair.unit)
-    if any(len(u) > 1 for u in units.values()):
-        return tall_grid(table, number, next(iter(units)))
-    if len(units) > 1 and all(len(pairs) == 1 for pairs in table.rows.values()):
-        return _mixed(table, number)
-    return wide_grid({number: table})
-
-
-def _mixed(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
-    """Lay out rows of one number each, of different metrics."""
-    header = (
-        ("row", ""),
-        ("what", ""),
-        ("unit", ""),
-        ("verdict", ""),
-        ("printed", ""),
-        ("ours", ""),
-        ("printed over ours", ""),
-    )
-    reasons, rows = _Reasons(), []
-    for row, pairs in table.rows.items():
-        for m, pair in pairs.items():
-            over = pair.beside.get("published_over_ours")
-            rows.append(
-                (
-                    Cell(row),
-                    Cell(short(m).replace("_", " ")),
-                    Cell(pair.unit),
-                    reasons.cell(of_row({m: judge(number, row, m, pair)})),
-                    Cell(NOTHING if pair.published is None else f"{pair.published:g}"),
-                    Cell(_with_error(pair)),
-                    Cell(NOTHING if over is None else f"{over:.0f}"),
-                )
-            )
-    return Grid(header, (tuple(rows),), left=4), tuple(reasons.texts)
+    alone = len(units) > 1 and all(len(pairs) == 1 for pairs in table.rows.values())
+    tall = alone or any(len(u) > 1 for u in units.values())
+    return tall_grid(table, number) if tall else wide_grid({number: table})

@@ -117,7 +117,7 @@ def draw_terrain(study: TerrainFindings) -> Figure:
         f"Planar models against the MuJoCo Husky: median position error after {study.options.horizon:g} s "
         "(dashed line: as in the thesis)"
     )
-    below = "Trackers that know nothing of the ground: distance of the MuJoCo Husky's path from the reference"
+    below = "Trackers that know nothing of the ground: distance of the path from the reference (cross: lost on a ground)"
     rows = [
         text_row(0.3, partial(draw_section, top)),
         text_row(0.4, _legend),

@@ -21,11 +21,13 @@ from tests.test_objective import recorded, scenario
 from validation.fit import __main__ as fit
 from validation.fit.objective import FitCost
 from validation.fit.problem import FitProblem
+from validation.fit.run import fit as fit_plant
 from validation.fit.search import CheckpointError, Search, SearchOptions, search_for
 from validation.fit.uncertainty import VAGUE, estimate
 from validation.logs.recording_csv import write_csv
 from validation.plants.profile import Profile, load
 from validation.plants.searchable import make_space
+from validation.progress import Progress
 
 QUICK = ("--population", "16", "--generations", "12")
 
@@ -73,6 +75,32 @@ def test_known_parameters_come_back(tmp_path: Path) -> None:
         assert p["value"] == pytest.approx(getattr(truth, name), rel=0.02)
         assert p["lower"] < p["value"] < p["upper"]
         assert not p["at_bound"]
+
+
+def test_a_fit_is_a_function_whose_result_shows_and_saves_itself(lab: Profile, tmp_path: Path) -> None:
+    told: list[Progress] = []
+    options = {"free": ("alpha_l", "alpha_r"), "population": 8, "generations": 2, "held_out": ("traj1",), "seed": 3}
+    found = fit_plant("kinematic", to="traj4@kinematic", profile=lab, progress=told.append, **options)
+    assert "held out: traj1" in found.table()
+    assert {path.name for path in found.save(tmp_path)} == {"fit.json", "fit.png", "profile.toml"}
+    assert document(tmp_path) == json.loads(json.dumps(found.as_dict()))
+    assert load(str(tmp_path / "profile.toml")).plants == found.profile.plants
+    assert found.profile.plants["kinematic"].parameters.alpha_l == found.parameters[0].value
+    assert all(p.total == 3 and 0.0 <= p.done <= 3 for p in told)
+    assert [p.done for p in told] == sorted(p.done for p in told)
+    assert any("alpha_l" in p.text for p in told)
+    with pytest.raises(TypeError, match=r"no option 'generatons'; there are: .*generations"):
+        fit_plant("kinematic", to="traj4@kinematic", generatons=2)
+
+
+def test_ctrl_c_leaves_a_result(lab: Profile) -> None:
+    def stop(progress: Progress) -> None:
+        if progress.done == 2.0:
+            raise KeyboardInterrupt
+
+    found = fit_plant("kinematic", "traj4@kinematic", lab, free=("alpha_l",), population=8, generations=9, progress=stop)
+    assert (found.status, found.stopped_by, found.generations) == ("interrupted", "interrupt", 0)
+    assert found.correlation is None
 
 
 def test_a_log_is_fitted_by_both_inputs_and_judged_on_what_was_cut_off(log: Path, tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from validation.track.tracking import make_controller, make_robot, rate, require
 from validation.tune import __main__ as tune
 from validation.tune.cost import TuneCost, costs_of
 from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space
+from validation.tune.run import tune as tune_gains
 
 QUIET = LoopSettings("truth", disturbance=False)
 
@@ -154,6 +155,19 @@ def test_impossible_gains_cost_infinity_and_are_not_driven(lab: Profile) -> None
 
 
 # ------------------------------------------------------------------------------------------------------ programs
+
+
+def test_a_tuning_is_a_function_whose_result_shows_and_saves_itself(lab: Profile, tmp_path: Path) -> None:
+    options = {"plants": ("linear",), "free": ("q_x", "r_v"), "population": 8, "generations": 2, "held_out": ("line@0.5",)}
+    found = tune_gains("lqr", "circle@0.5", lab, noise=False, **options)
+    assert found.source == "circle"
+    assert [p.name for p in found.parameters] == ["q_x", "r_v"]
+    assert found.options["k_u"] == 50.0, "Tab. 4.20"
+    assert "held out: line at 0.5 m/s, linear" in found.table()
+    assert {path.name for path in found.save(tmp_path)} == {"tune.json", "tune.png", "gains.toml"}
+    assert load_gains("lqr", str(tmp_path / "gains.toml")).values == found.gains
+    with pytest.raises(TypeError, match=r"no option 'plant'; there are: .*plants"):
+        tune_gains("lqr", plant="linear")
 
 
 def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path) -> None:

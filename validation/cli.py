@@ -318,15 +318,17 @@ def shown(title: str) -> Iterator[Report]:
     Where standard error is no terminal, a line every few seconds says the same: how much is done, what, and the time left.
     """
     began = last = time.perf_counter()
+    first: float | None = None  # steps that were done before, where work is resumed
     bar = progress()
 
     def show(now: Progress) -> None:
-        nonlocal last
+        nonlocal last, first
+        first = now.done if first is None else first
         bar.update(task, completed=now.done, total=now.total, description=one_line(f"{title}: {now.text}"))
         clock = time.perf_counter()
-        if bar.disable and clock - last > LOG_EVERY_S and now.done > 0.0:
+        if bar.disable and clock - last > LOG_EVERY_S and now.done > first:
             last = clock
-            left = (now.total - now.done) / now.done * (clock - began)
+            left = (now.total - now.done) / (now.done - first) * (clock - began)
             _say(f"{title}: {now.done:.0f} of {now.total:.0f}, {now.text}; {left:.0f} s left")
 
     with bar:

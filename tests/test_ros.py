@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from validation import cli
-from validation.ros import __main__ as ros
+from validation.ros.__main__ import ROS_COMMANDS
 from validation.ros.port import APT_PACKAGES, SET_POSE_MD5, NoGraphError, load_rospy
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -61,18 +61,20 @@ def test_without_ros_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPat
         load_rospy()
 
 
-def test_mistakes_are_told_before_anything_is_started(tmp_path: Path) -> None:
+def test_mistakes_are_told_before_anything_is_started(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also where there is no ROS."""
-    with pytest.raises(cli.UserError, match="--seed -1"):
-        ros.sim(seed=-1)
-    with pytest.raises(cli.UserError, match="no profile 'nobody'"):
-        ros.sim(profile="nobody")
-    with pytest.raises(cli.UserError, match=r"nowhere\.csv"):
-        ros.control("pid", str(tmp_path / "nowhere.csv"), speed=0.2)
-    with pytest.raises(cli.UserError, match=r"asks for 0\.5 m/s; the limit is 0\.3 m/s"):
-        ros.control("pid", "line", speed=0.5, v_limit=0.3)
-    with pytest.raises(cli.UserError, match="--patience 0 s"):
-        ros.control("pid", "line", patience=0.0)
+    nowhere = str(tmp_path / "nowhere.csv")
+    for arguments, message in (
+        (("sim", "--seed", "-1"), "'-1' must be a whole number"),
+        (("sim", "--profile", "nobody"), "no profile 'nobody'"),
+        (("control", "pid", nowhere, "--speed", "0.2"), "nowhere.csv"),
+        (("control", "pid", "line", "--speed", "0.5", "--v-limit", "0.3"), "asks for 0.5 m/s; the limit is 0.3 m/s"),
+        (("control", "pid", "line", "--patience", "0"), "--patience 0 s"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            cli.run(ROS_COMMANDS, "ros", arguments)
+        assert ended.value.code == cli.EXIT_USER_ERROR
+        assert message in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("graph")

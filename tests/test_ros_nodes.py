@@ -15,7 +15,7 @@ from validation.plants.profile import Profile, make_plant
 from validation.robots.plant import MujocoPlant
 from validation.ros import messages as msg
 from validation.ros.commands import LOCK_TOPIC, CommandGate
-from validation.ros.control import STOP_TIME, ControlNode, Topics
+from validation.ros.control import STOP_TIME, ControlNode, RobotTopics
 from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
 from validation.ros.port import Call
 from validation.ros.robot import SensorSettings, SimulatedRobot
@@ -187,11 +187,13 @@ def test_a_machine_that_is_too_slow_is_said_once(plant: MujocoPlant, caplog: pyt
 # --- the controller ---
 
 
-def controller(lab: Profile, *, topics: Topics | None = None, patience: float = 5.0) -> tuple[ControlNode, FakePort, Pilot]:
+def controller(
+    lab: Profile, *, topics: RobotTopics | None = None, patience: float = 5.0
+) -> tuple[ControlNode, FakePort, Pilot]:
     clock = FakeClock()
     port = FakePort(clock, {COMMAND: "geometry_msgs/Twist"})
     pilot = Pilot(law(lab), BEND, PilotSettings())
-    return ControlNode(port, pilot, topics or Topics(), clock=clock, patience=patience), port, pilot
+    return ControlNode(port, pilot, topics or RobotTopics(), clock=clock, patience=patience), port, pilot
 
 
 def odometry(t: float, x: float = 0.0, v: float = 0.0) -> Any:
@@ -292,7 +294,7 @@ def test_nobody_is_driven_who_does_not_listen(lab: Profile) -> None:
 
 
 def test_the_law_may_see_the_tracking_systems_pose(lab: Profile) -> None:
-    node, port, pilot = controller(lab, topics=Topics(law_by_pose=True))
+    node, port, pilot = controller(lab, topics=RobotTopics(law_by_pose=True))
     for k in range(150):
         t = 0.02 * k
         port.plan(FILTERED_TOPIC, t, odometry(t + 1.0, 99.0))

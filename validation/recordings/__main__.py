@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from validation import cli
 from validation.logs.formats import writable
 from validation.logs.log import ReadOptions, Stamps
-from validation.recordings.run import ConvertSettings
-from validation.recordings.run import convert as convert_log
-from validation.recordings.run import info as look_into
+from validation.recordings.run import ConvertSettings, convert, info
 from validation.show.tables import rich_table
 
 
@@ -33,14 +31,14 @@ def _parse_topics(text: str) -> dict[str, str]:
     return found
 
 
-Topics = Annotated[Mapping[str, str], cli.parsed(_parse_topics, "ROLE=TOPIC,...")]
+_TopicMap = Annotated[Mapping[str, str], cli.parsed(_parse_topics, "ROLE=TOPIC,...")]
 
 
 @dataclass(frozen=True)
 class BagOptions:
     """Options that matter only where SOURCE is a ROS bag."""
 
-    topics: Annotated[Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
+    topics: Annotated[_TopicMap, cli.option(default="guessed from the message types")] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
     stamps: Annotated[Stamps, cli.option()] = "header"
     """Clock that counts: header, when a message was measured; or bag, when it was written."""
@@ -112,7 +110,7 @@ class ConvertOptions:
     simulation: SimulationOptions = SimulationOptions()
 
 
-def info(options: InfoOptions) -> None:
+def _info(options: InfoOptions) -> None:
     """Report what a log contains.
 
     Prints topics or columns, rates, gaps, time offsets and the gyro's bias.
@@ -121,13 +119,13 @@ def info(options: InfoOptions) -> None:
     """
     simulation = options.simulation
     with cli.mistakes_are_users():
-        found = look_into(options.source, options.bag.read_options(), simulation.profile, simulation.seed)
+        found = info(options.source, options.bag.read_options(), simulation.profile, simulation.seed)
     for fault in found.log.faults:
         cli.warn(fault)
     cli.report(map(rich_table, found.grids()), found.notes(), [])
 
 
-def convert(options: ConvertOptions) -> None:
+def _convert(options: ConvertOptions) -> None:
     """Write a log in another format: .csv, .tum, .mcap or .bag.
 
     A .tum file is a trajectory for evo, .mcap a ROS 2 bag, .bag a ROS 1 bag.
@@ -144,7 +142,7 @@ def convert(options: ConvertOptions) -> None:
             changes.rate, changes.smooth, changes.align, changes.unbias, changes.sync, changes.ekf, changes.start,
             changes.until,
         )  # fmt: skip
-        converted = convert_log(options.source, settings, options.bag.read_options(), simulation.profile, simulation.seed)
+        converted = convert(options.source, settings, options.bag.read_options(), simulation.profile, simulation.seed)
         try:
             converted.save(target)
         except OSError as error:
@@ -152,5 +150,7 @@ def convert(options: ConvertOptions) -> None:
     cli.report(map(rich_table, converted.grids()), converted.notes(), [target])
 
 
+LOG_COMMANDS: Mapping[str, Callable[[Any], None]] = {"info": _info, "convert": _convert}
+
 if __name__ == "__main__":
-    cli.run({"info": info, "convert": convert}, "python -m validation.recordings")
+    cli.run(LOG_COMMANDS, "python -m validation.recordings")

@@ -1,1 +1,5 @@
-"""The MuJoCo Husky and the controllers on a ROS graph."""
+"""The MuJoCo robot on a ROS 1 graph, and controllers for a robot that is there: `simulate_robot` and `control_robot`."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,189 +1,157 @@
-"""`python -m validation.ros sim|control`: the MuJoCo Husky on a ROS 1 graph, and controllers for whatever robot is there."""
+"""The command line `python -m validation.ros sim|control`."""
 
 from __future__ import annotations
 
-import logging
 import math
 import signal
-import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import tyro
 
+from ssmr.control.laws import CONTROLLERS
 from ssmr.types import State
-from validation import cli, store
-from validation.plants.profile import load, make_plant
-from validation.robots.plant import MujocoPlant
-from validation.ros import control as ros_control
-from validation.ros import sim as ros_sim
-from validation.ros.commands import CommandGate
+from validation import cli
+from validation.plants.profile import load
+from validation.ros.control import START_PATIENCE, RobotTopics
 from validation.ros.pilot import Pilot, PilotSettings
-from validation.ros.port import Port
-from validation.ros.robot import SensorSettings, SimulatedRobot, warm_up
+from validation.ros.robot import SensorSettings
+from validation.ros.run import control_robot, simulate_robot
 from validation.track.gains import load_gains
 from validation.track.report import track_notes, track_tables
-from validation.track.result import TrackResult
 from validation.track.run import DEFAULT_SPEED, NAMED, default_gains, write
-from validation.track.tracking import make_controller, rate_within, reference_of
+from validation.track.tracking import make_controller
 from validation.track.waypoint_files import open_reference
 
-_logger = logging.getLogger("validation.ros")
+
+@dataclass(frozen=True)
+class SimOptions:
+    """The options of `sim`."""
+
+    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    start: Annotated[tuple[float, float, float], cli.option(metavar="X Y YAW", default="the origin")] = (0.0, 0.0, 0.0)
+    """Pose of the robot in the tracking system's frame [m, m, rad]."""
+    duration: Annotated[float, cli.option(metavar="SECONDS", default="until Ctrl-C")] = math.inf
+    """Time after which to end."""
+    no_noise: cli.Flag = False
+    """Simulate encoders and gyro without noise."""
+    disturbance: cli.Flag = False
+    """Push the robot's yaw at random (Sec. 3.4.5)."""
+    wall_time: cli.Flag = False
+    """Stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set."""
+    seed: cli.Seed = 0
 
 
-def sim(
-    *,
-    profile: str = "thesis-lab",
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    duration: float = math.inf,
-    no_noise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    disturbance: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    wall_time: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    seed: int = 0,
-) -> None:
-    """Put the MuJoCo Husky on the graph, in real time, until Ctrl-C.
+@dataclass(frozen=True)
+class TopicOptions:
+    """Topics of the robot and of a tracking system."""
 
-    It listens to /joy_teleop/cmd_vel, /twist_marker_server/cmd_vel, /move_base/cmd_vel and /cmd_vel, and publishes
-    /odometry/filtered, /husky_velocity_controller/odom, /imu/data, /vrpn_client_node/husky/pose, /tf and /clock.
+    odometry: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.odometry
+    """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose."""
+    pose: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.pose
+    """Topic of a tracking system's geometry_msgs/PoseStamped."""
+    command: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.command
+    """Topic of geometry_msgs/Twist on which the robot listens."""
+    feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
+    """Pose that the controller sees: the odometry's or the tracking system's."""
 
-    Args:
-        profile: Name of a shipped profile or path of a TOML file.
-        start: Where the robot stands in the tracking system's frame: x [m], y [m], yaw [rad].
-        duration: End by yourself after so much time [s].
-        no_noise: Encoders and gyro without noise.
-        disturbance: Push the robot's yaw at random (Sec. 3.4.5).
-        wall_time: Stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set.
-        seed: Seed of noise and disturbance.
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """Limits of the drive."""
+
+    absolute: cli.Flag = False
+    """Take waypoints as places in the feedback's frame; else the reference begins at the robot's pose."""
+    v_limit: Annotated[float, cli.option(metavar="M/S")] = PilotSettings.v_limit
+    """Greatest speed ever commanded."""
+    w_limit: Annotated[float, cli.option(metavar="RAD/S")] = PilotSettings.w_limit
+    """Greatest yaw rate ever commanded."""
+    lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
+    """Distance that the robot keeps behind its target (Sec. 4.5)."""
+    patience: Annotated[float, cli.option(metavar="SECONDS")] = START_PATIENCE
+    """Time for which a robot is waited for."""
+
+
+@dataclass(frozen=True)
+class ControlOptions:
+    """The options of `control`."""
+
+    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
+    """Controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding mode)
+    go beyond it."""
+    reference: Annotated[str, tyro.conf.Positional, cli.option(metavar="REFERENCE")]
+    """Reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
+    speed: Annotated[float | None, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
+    """Mean speed between waypoints; it replaces the times of a file."""
+    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    gains: Annotated[
+        str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any, else tuned")
+    ] = None
+    """Gains: published, manual (lqr), tuned, or the path of a TOML file."""
+    topics: TopicOptions = field(default_factory=TopicOptions)
+    drive: DriveOptions = field(default_factory=DriveOptions)
+    out: Annotated[Path | None, cli.out_option("runs/ros/CONTROLLER-REFERENCE")] = None
+
+
+def sim(options: SimOptions) -> None:
+    """Put the MuJoCo Husky on a ROS 1 graph, in real time, until Ctrl-C.
+
+    It listens to /joy_teleop/cmd_vel, /twist_marker_server/cmd_vel,
+    /move_base/cmd_vel and /cmd_vel, and publishes /odometry/filtered,
+    /husky_velocity_controller/odom, /imu/data, /vrpn_client_node/husky/pose, /tf
+    and /clock.
     """
+    o = options
     with cli.mistakes_are_users():
-        if seed < 0 or not duration > 0.0 or not all(map(math.isfinite, start)):
-            raise cli.UserError(
-                f"--seed {seed} must not be negative, --duration {duration:g} positive, --start {start} finite"
-            )
-        chosen = load(profile)
-    settings = SensorSettings(noise=not no_noise, disturbance=disturbance, seed=seed)
-    port = _open("husky_simulation")
-    try:
-        with cli.mistakes_are_users():
-            plant = cast(MujocoPlant, make_plant(chosen, "mujoco"))
-        warm_up(SimulatedRobot(plant, settings))
-        robot = SimulatedRobot(plant, settings, State(*start))
-        if not wall_time:
-            port.set_parameter(ros_sim.SIM_TIME_PARAMETER, True)
-        ros_sim.connect_simulation(port)
-        node = ros_sim.SimNode(port, robot, CommandGate(), stamp_offset=time.time() if wall_time else 0.0)
-        _logger.info("the Husky of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", profile, *start)
-        try:
-            node.run(duration)
-        finally:
-            for line in node.report.lines():
-                _logger.info(line)
-    finally:
-        port.close("the simulation has ended")
+        if not o.duration > 0.0 or not all(map(math.isfinite, o.start)):
+            raise cli.UserError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
+        chosen = load(o.profile)
+        sensors = SensorSettings(noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
+        _end_on_signals()
+        simulate_robot(chosen, State(*o.start), o.duration, sensors, wall_time=o.wall_time)
 
 
-def control(
-    controller: Annotated[Literal["pid", "lqr", "lqr-scheduled", "smc"], tyro.conf.Positional],
-    reference: Annotated[str, tyro.conf.Positional],
-    /,
-    *,
-    speed: float | None = None,
-    profile: str = "thesis-lab",
-    gains: str | None = None,
-    odometry: str = ros_control.Topics.odometry,
-    pose: str = ros_control.Topics.pose,
-    command: str = ros_control.Topics.command,
-    feedback: Literal["odometry", "pose"] = "odometry",
-    absolute: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    v_limit: float = PilotSettings.v_limit,
-    w_limit: float = PilotSettings.w_limit,
-    lookahead: float = 0.0,
-    patience: float = ros_control.START_PATIENCE,
-    out: Path | None = None,
-) -> None:
-    """Drive whatever robot answers on a Husky's topics along a reference: the simulated one, or the real one.
+def control(options: ControlOptions) -> None:
+    """Drive a robot on a Husky's topics along a reference: the simulated one or a real one.
 
-    It starts when feedback comes steadily from a robot that stands. It stops the robot at the reference's end, on Ctrl-C, on
-    any error, when feedback is older than 0.5 s, when the master is gone, and when the robot is 3 m from its target. Writes
-    track.json and track.png, judged by the tracking system's pose where there is one, else by the odometry's.
-
-    Args:
-        controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding mode)
-            go beyond it.
-        reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t]).
-        speed: Mean speed between waypoints [m/s]; 0.25 for named references. A file with times needs none, and a speed
-            replaces them.
-        profile: Name of a shipped profile or path of a TOML file; model-based laws are designed on it.
-        gains: published, manual (lqr), tuned, or the path of a TOML file; published where the thesis has any, else tuned.
-        odometry: Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose.
-        pose: Topic of geometry_msgs/PoseStamped: a tracking system's.
-        command: Topic of geometry_msgs/Twist on which the robot listens.
-        feedback: Whether the law sees the odometry's pose or the tracking system's.
-        absolute: Waypoints are places in the feedback's frame; else the reference begins where the robot stands.
-        v_limit: Greatest speed ever commanded [m/s].
-        w_limit: Greatest yaw rate ever commanded [rad/s].
-        lookahead: Distance at which the robot keeps behind its target [m] (Sec. 4.5).
-        patience: How long to wait for the robot [s].
-        out: Folder for the results; runs/ros/CONTROLLER-REFERENCE if not given.
+    The drive starts when feedback comes steadily from a robot that stands. The robot
+    is stopped at the reference's end, on Ctrl-C, on any error, when feedback is older
+    than 0.5 s, when the master is gone, and when it is 3 m from its target. Writes
+    track.json and track.png, judged by the tracking system's pose where there is one,
+    else by the odometry's.
     """
+    o, drive = options, options.drive
     with cli.mistakes_are_users():
-        chosen, wanted = load(profile), load_gains(controller, gains or default_gains(controller))
-        law = make_controller(chosen, wanted)
-        label, waypoints = open_reference(reference, DEFAULT_SPEED if speed is None and reference in NAMED else speed)
-        settings = PilotSettings(v_limit=v_limit, w_limit=w_limit, lookahead=lookahead, absolute=absolute)
-        if not patience > 0.0:
-            raise cli.UserError(f"--patience {patience:g} s must be positive")
-        pilot = Pilot(law, waypoints, settings)
-    folder = cli.output_folder(out or Path("runs") / "ros" / f"{controller}-{Path(reference).stem}")
-    topics = ros_control.Topics(odometry, pose, command, feedback == "pose")
-    port = _open("husky_control")
-    try:
-        ros_control.connect_control(port, topics)
-        node = ros_control.ControlNode(port, pilot, topics, patience=patience)
-        node.run()
-    finally:
-        port.close("the controller has ended")
-    run = pilot.run()
-    metrics = rate_within(run, waypoints, math.inf, v_limit, w_limit)
-    options = {
-        "feedback": f"{feedback} by ROS",
-        "judged_by": pose if pilot.tracked else odometry,
-        "lookahead_m": lookahead,
-        "v_max_m_s": v_limit,
-        "w_max_rad_s": w_limit,
-        "velocity_period_s": settings.period,
-    }
-    result = TrackResult(
-        law.name, wanted.name, dict(wanted.values), label, waypoints.speed, "ros", chosen.name, 0, run,
-        reference_of(run, waypoints), metrics, node.drove, options, store.versions(),
-    )  # fmt: skip
+        chosen, wanted = load(o.profile), load_gains(o.controller, o.gains or default_gains(o.controller))
+        speed = DEFAULT_SPEED if o.speed is None and o.reference in NAMED else o.speed
+        label, waypoints = open_reference(o.reference, speed)
+        settings = PilotSettings(
+            v_limit=drive.v_limit, w_limit=drive.w_limit, lookahead=drive.lookahead, absolute=drive.absolute
+        )
+        if not drive.patience > 0.0:
+            raise cli.UserError(f"--patience {drive.patience:g} s must be positive")
+        pilot = Pilot(make_controller(chosen, wanted), waypoints, settings)
+        topics = RobotTopics(o.topics.odometry, o.topics.pose, o.topics.command, o.topics.feedback == "pose")
+        folder = cli.output_folder(o.out or Path("runs") / "ros" / f"{o.controller}-{Path(o.reference).stem}")
+        _end_on_signals()
+        result = control_robot(pilot, wanted, chosen.name, label, topics, drive.patience)
     cli.report(track_tables([result]), track_notes([result]), write([result], folder, recording=False))
 
 
-def _open(name: str) -> Port:
-    """A port; from now on SIGTERM ends a node as Ctrl-C does.
-
-    Raises:
-        UserError: no rospy, or no master.
-    """
+def _end_on_signals() -> None:
+    """Let SIGTERM end a node as Ctrl-C does."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, interrupt)
     signal.signal(signal.SIGINT, interrupt)
-    with cli.mistakes_are_users():
-        return Port(name)
 
 
-def program() -> Any:
-    """What parses the command line: one subcommand a node."""
-    return (
-        Annotated[Any, tyro.conf.subcommand(name="sim", constructor=sim)]
-        | Annotated[Any, tyro.conf.subcommand(name="control", constructor=control)]
-    )
-
+ROS_COMMANDS: Mapping[str, Callable[[Any], None]] = {"sim": sim, "control": control}
 
 if __name__ == "__main__":
-    cli.run(program(), "python -m validation.ros")
+    cli.run(ROS_COMMANDS, "python -m validation.ros")

@@ -27,8 +27,8 @@ SLACK = 0.004
 
 
 @dataclass(frozen=True)
-class Topics:
-    """Topics of robot and tracking system."""
+class RobotTopics:
+    """RobotTopics of robot and tracking system."""
 
     odometry: str = "/odometry/filtered"
     """Topic of nav_msgs/Odometry: speeds, and the pose unless `law_by_pose`."""
@@ -47,7 +47,7 @@ class ControlNode:
         self,
         port: Channel,
         pilot: Pilot,
-        topics: Topics,
+        topics: RobotTopics,
         *,
         clock: Callable[[], float] = time.monotonic,
         patience: float = START_PATIENCE,
@@ -166,7 +166,7 @@ class ControlNode:
                 return
 
 
-def connect_control(port: Any, topics: Topics) -> None:
+def connect_control(port: Any, topics: RobotTopics) -> None:
     """Make the controller's topics on a port."""
     port.advertise(topics.command, "geometry_msgs/Twist")
     port.listen(topics.odometry, "nav_msgs/Odometry")

@@ -108,7 +108,7 @@ class Pilot:
         around = LoopSettings("truth", disturbance=False, lookahead=settings.lookahead)
         clock = Clock(settings.period, 1, 1, 1)  # the messages' stamps tell the time, so only the law and the course matter
         self._tracker = tracker_of(make_trackers([controller], [around], waypoints, clock, waypoints.start), 0)
-        self._waypoints, self.settings = waypoints, settings
+        self.waypoints, self.settings = waypoints, settings
         self.phase = Phase.WAITING
         self.why_waiting = "no feedback yet"
         self._arrival = -math.inf
@@ -167,7 +167,7 @@ class Pilot:
 
     def _consider(self, seen: Seen, dt: float) -> None:
         """Start driving, or say in `why_waiting` why not."""
-        start = self._waypoints.start
+        start = self.waypoints.start
         away = math.hypot(seen.x - start.x, seen.y - start.y)
         if not 0.0 < dt < FRESH:
             self.why_waiting, self._fresh = "the feedback does not come steadily", 0
@@ -201,7 +201,7 @@ class Pilot:
         if is_lost(x, y, seen.w, aim.x, aim.y):
             away = math.hypot(x - aim.x, y - aim.y)
             raise StoppedError(f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)")
-        if t >= self._waypoints.duration - 1e-9:
+        if t >= self.waypoints.duration - 1e-9:
             self.phase = Phase.ARRIVED
 
     def command(self, now: float) -> Twist:

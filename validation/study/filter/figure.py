@@ -26,7 +26,7 @@ from validation.show.drawing import (
     text_row,
 )
 from validation.show.palette import Rgb, mix
-from validation.study.filter.findings import CURVE, STRETCH, FilterFindings, GroundDrive, filter_variants
+from validation.study.filter.findings import CURVE, DRIFT_STRETCH, FilterFindings, GroundDrive, filter_variants
 
 _HUES: tuple[Rgb, ...] = ((213, 94, 0), (0, 114, 178), (204, 121, 167), (0, 158, 115))
 _INKS: tuple[Ink, ...] = tuple(
@@ -130,7 +130,7 @@ def draw_filter(study: FilterFindings) -> Figure:
         text_row(_HEADER_IN, partial(_draw_header, study)),
         Row(0.1, ()),
         *(row for reference in study.references for row in _drive_rows(study, reference)),
-        text_row(_SECTION_IN, partial(draw_section, f"Drift over stretches of {STRETCH:g} m")),
+        text_row(_SECTION_IN, partial(draw_section, f"Drift over stretches of {DRIFT_STRETCH:g} m")),
         side_by_side(height, bars),
         text_row(_FOOTER_IN, partial(draw_footer, footer)),
     ]

@@ -1,7 +1,7 @@
 """The numbers of a study of dead reckoning: surfaces, filters and their drift.
 
-Errors are those of the pose relative to the beginning of a stretch of `STRETCH`, because on a path that closes an error of
-scale returns to nothing.
+Errors are those of the pose relative to the beginning of a stretch of `DRIFT_STRETCH`, because on a path that closes an
+error of scale returns to nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from validation.robots.plant import MujocoPlant
 from validation.study.result import require_seed
 from validation.track.tracking import Robot, odometry_of
 
-STRETCH = 3.0
+DRIFT_STRETCH = 3.0
 """Length of a stretch over which relative errors are taken [m]: 12 s at 0.25 m/s."""
 CURVE = 161
 """Number of samples of an error over the distance, from 0 to the end of the drive."""
@@ -136,7 +136,7 @@ class Drift:
     """Errors of a filter after one drive."""
 
     position: float
-    """Error of the relative position over stretches of `STRETCH`, over their length [1]."""
+    """Error of the relative position over stretches of `DRIFT_STRETCH`, over their length [1]."""
     yaw: float
     """Error of the relative yaw over the same stretches, over what the robot turned in them [1]; NaN if it did not turn."""
     end: float
@@ -155,16 +155,16 @@ def drift_of(believed: Trajectory, truth: Trajectory) -> Drift:
 
     Args:
         believed: the filter's motion at the instants of `truth`.
-        truth: the robot's motion, at least `STRETCH` long.
+        truth: the robot's motion, at least `DRIFT_STRETCH` long.
 
     Raises:
         ValueError: the drive is too short.
     """
     along = travelled(truth)
-    count = int(along[-1] / STRETCH + 1e-9)
+    count = int(along[-1] / DRIFT_STRETCH + 1e-9)
     if count < 1:
-        raise ValueError(f"a drive of {along[-1]:.2f} m is shorter than the {STRETCH:g} m over which drift is taken")
-    ends = np.minimum(np.searchsorted(along, STRETCH * np.arange(count + 1) - 1e-9), len(along) - 1)
+        raise ValueError(f"a drive of {along[-1]:.2f} m is shorter than the {DRIFT_STRETCH:g} m over which drift is taken")
+    ends = np.minimum(np.searchsorted(along, DRIFT_STRETCH * np.arange(count + 1) - 1e-9), len(along) - 1)
     first, last = ends[:-1], ends[1:]
     error = relative(truth.pose[first], truth.pose[last]) - relative(believed.pose[first], believed.pose[last])
     turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(truth.pose[:, 2])))])

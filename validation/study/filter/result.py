@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from validation.show.tables import NOTHING, Cell, Grid
-from validation.study.filter.findings import STRETCH, FilterFindings, FilterVariant, VariantDrift, filter_variants
+from validation.study.filter.findings import DRIFT_STRETCH, FilterFindings, FilterVariant, VariantDrift, filter_variants
 from validation.study.result import StudyResult
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ class FilterStudy(FilterFindings, StudyResult):
             self._drift_grid(
                 "position",
                 f"Position, {self.heading()}",
-                f"Error of the relative position over stretches of {STRETCH:g} m, in percent of their length; mean and "
-                "standard deviation over seeds.",
+                f"Error of the relative position over stretches of {DRIFT_STRETCH:g} m, in percent of their length; "
+                "mean and standard deviation over seeds.",
             ),
             self._drift_grid(
                 "yaw",
@@ -85,7 +85,7 @@ class FilterStudy(FilterFindings, StudyResult):
             "speed_m_s": self.speed,
             "seed": o.seed,
             "options": {"seeds": o.seeds, "bias": o.bias, "timestep": o.timestep},
-            "window_m": STRETCH,
+            "window_m": DRIFT_STRETCH,
             "tracker": TRACKER,
             "variants": [asdict(v) for v in filter_variants(o.bias)],
             "drives": drives,

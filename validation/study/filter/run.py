@@ -22,7 +22,7 @@ from validation.plants.profile import load
 from validation.progress import Progress, Report, silent
 from validation.study.filter.findings import (
     CURVE,
-    STRETCH,
+    DRIFT_STRETCH,
     FilterGround,
     FilterOptions,
     GroundDrive,
@@ -76,8 +76,8 @@ def drive_missions(
         make_clock(waypoints, loop, options.timestep)
         for robot in robots:
             require_practicable(waypoints, robot.drive, name)
-        if waypoints.speed * waypoints.duration < 1.1 * STRETCH:
-            raise ValueError(f"{name} is shorter than the {STRETCH:g} m over which drift is taken, with some to spare")
+        if waypoints.speed * waypoints.duration < 1.1 * DRIFT_STRETCH:
+            raise ValueError(f"{name} is shorter than the {DRIFT_STRETCH:g} m over which drift is taken, with some to spare")
     tracker = load_gains(TRACKER, DEFAULT)
     laws = [make_controller(g.profile, tracker) for g in grounds]
     drives = list[GroundDrive]()

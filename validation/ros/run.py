@@ -1,0 +1,107 @@
+"""Join a ROS 1 graph as the simulated robot, or as the controller of a robot."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from typing import cast
+
+from ssmr.types import State
+from validation import store
+from validation.plants.profile import Profile, make_plant
+from validation.robots.plant import MujocoPlant
+from validation.ros.commands import CommandGate
+from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
+from validation.ros.pilot import Pilot
+from validation.ros.port import Port
+from validation.ros.robot import SensorSettings, SimulatedRobot, warm_up
+from validation.ros.sim import SIM_TIME_PARAMETER, SimNode, SimReport, connect_simulation
+from validation.track.gains import GainSet
+from validation.track.result import TrackResult
+from validation.track.tracking import rate_within, reference_of
+
+_logger = logging.getLogger(__name__)
+
+
+def simulate_robot(
+    profile: Profile,
+    start: State | None = None,
+    duration: float = math.inf,
+    sensors: SensorSettings | None = None,
+    *,
+    wall_time: bool = False,
+) -> SimReport:
+    """Put the simulated robot on the graph, in real time, until `duration` [s] is over or the user interrupts.
+
+    Args:
+        profile: parameters of the robot.
+        start: pose in the tracking system's frame; the origin if not given.
+        duration: time after which to end [s].
+        sensors: noise of the sensors, disturbance and seed.
+        wall_time: stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set.
+
+    Raises:
+        NoGraphError: rospy is missing, or no master answers.
+        MasterGoneError: the master went away; the robot stands.
+    """
+    settings, state = sensors or SensorSettings(), start or State()
+    port = Port("husky_simulation")
+    try:
+        plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
+        warm_up(SimulatedRobot(plant, settings))
+        robot = SimulatedRobot(plant, settings, state)
+        if not wall_time:
+            port.set_parameter(SIM_TIME_PARAMETER, True)
+        connect_simulation(port)
+        node = SimNode(port, robot, CommandGate(), stamp_offset=time.time() if wall_time else 0.0)
+        where = (profile.name, state.x, state.y, state.yaw)
+        _logger.info("the robot of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", *where)
+        try:
+            node.run(duration)
+        finally:
+            for line in node.report.lines():
+                _logger.info(line)
+        return node.report
+    finally:
+        port.close("the simulation has ended")
+
+
+def control_robot(
+    pilot: Pilot, gains: GainSet, profile: str, reference: str, topics: RobotTopics, patience: float = START_PATIENCE
+) -> TrackResult:
+    """Drive a robot on the graph along the pilot's reference, and stop it at the end, in doubt, and on any error.
+
+    Args:
+        pilot: the tracker.
+        gains: gains of its controller, for the result.
+        profile: name of the profile that the controller was designed on, for the result.
+        reference: name of the reference, for the result.
+        topics: topics of the robot and of a tracking system.
+        patience: time for which a robot is waited for [s].
+
+    Raises:
+        NoGraphError: rospy is missing, or no master answers.
+        StoppedError: no robot came, or it had to be stopped.
+    """
+    port = Port("husky_control")
+    try:
+        connect_control(port, topics)
+        node = ControlNode(port, pilot, topics, patience=patience)
+        node.run()
+    finally:
+        port.close("the controller has ended")
+    run, waypoints, s = pilot.run(), pilot.waypoints, pilot.settings
+    options = {
+        "feedback": f"{'pose' if topics.law_by_pose else 'odometry'} by ROS",
+        "judged_by": topics.pose if pilot.tracked else topics.odometry,
+        "lookahead_m": s.lookahead,
+        "v_max_m_s": s.v_limit,
+        "w_max_rad_s": s.w_limit,
+        "velocity_period_s": s.period,
+    }
+    return TrackResult(
+        gains.controller, gains.name, dict(gains.values), reference, waypoints.speed, "ros", profile, 0, run,
+        reference_of(run, waypoints), rate_within(run, waypoints, math.inf, s.v_limit, s.w_limit), node.drove, options,
+        store.versions(),
+    )  # fmt: skip

@@ -143,7 +143,8 @@ class Watcher:
         try:
             wait_until(lambda: answers(port), "the master")
             time.sleep(1.0)  # rosout comes after the master
-            self.port = Port("watcher")
+            with cli.mistakes_are_users():  # without rospy
+                self.port = Port("watcher")
             self.port.advertise(COMMAND, "geometry_msgs/Twist")
             self.port.advertise(JOYSTICK, "geometry_msgs/Twist")
             for topic, kind in MESSAGE_TYPES.items():
@@ -446,7 +447,7 @@ def check_priority(watcher: Watcher, log: Path) -> list[Finding]:
         watcher.port.send(COMMAND, lambda m: msg.fill_twist(m, 0.2, 0.0))
     held = speed_of(got, 0.2)
     back = speed_of(watcher.drive(0.2, 0.0, 1.5)[0], 0.2)
-    said_so = f"{JOYSTICK} commands now, in the place of {COMMAND}" in said(log)
+    said_so = f"{JOYSTICK} commands now, in place of {COMMAND}" in said(log)
     return [
         Finding("joystick says stand, /cmd_vel says 0.2 m/s: speed", held, "m/s", f"<= {SLOW}", abs(held) <= SLOW),
         Finding("joystick silent: speed", back, "m/s", "0.17 to 0.22", 0.17 <= back <= 0.22),

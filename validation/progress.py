@@ -1,4 +1,4 @@
-"""How long work tells its caller how far it is: a callback, so that nothing here knows of terminals."""
+"""Progress of long work: a callback tells the caller how far it is, so that no library knows of terminals."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 
 class Progress(NamedTuple):
-    """How far a long computation is."""
+    """Progress of a long computation."""
 
     done: float
-    """How many of its steps are finished; a fraction where a step is under way."""
+    """Number of finished steps; with a fraction while a step is under way."""
     total: float
-    """How many steps there are."""
+    """Number of all steps."""
     text: str
-    """What is under way, in a few words: `traj4, mujoco`, or `cost 0.0031`."""
+    """The step under way in a few words, such as `traj4, mujoco` or `cost 0.0031`."""
 
 
 Report = Callable[[Progress], object]
@@ -22,4 +22,4 @@ Report = Callable[[Progress], object]
 
 
 def silent(progress: Progress) -> None:
-    """Ignore `progress`: the report of those who do not ask for one."""
+    """Ignore `progress`; the default where nobody asks for reports."""

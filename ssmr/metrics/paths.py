@@ -42,7 +42,7 @@ LARGEST = 1e75
 
 @jit
 def _is_measurable(xy: FloatArray) -> bool:
-    """Whether a path has samples and all of them are finite."""
+    """Return whether a path has samples and all of them are finite."""
     for i in range(xy.shape[0]):
         if not (abs(xy[i, 0]) <= LARGEST and abs(xy[i, 1]) <= LARGEST):
             return False
@@ -51,7 +51,7 @@ def _is_measurable(xy: FloatArray) -> bool:
 
 @jit
 def _steps(xy: FloatArray) -> tuple[float, float, float]:
-    """Of the steps between samples: their sum [m], the sum of their squares [m^2], the longest [m]."""
+    """Return the sum of the steps between samples [m], the sum of their squares [m^2], and the longest step [m]."""
     total, squares, longest = 0.0, 0.0, 0.0
     for i in range(xy.shape[0] - 1):
         dx, dy = xy[i + 1, 0] - xy[i, 0], xy[i + 1, 1] - xy[i, 1]
@@ -185,7 +185,7 @@ def _ratio(candidate: float, reference: float, floor: float) -> float:
 
 @jit
 def one_sided_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> tuple[float, float, float]:
-    """What Eq. 3.1 is made of, for use from other kernels: half the work of all metrics; it never raises.
+    """Return the three metrics of Eq. 3.1, for use from other kernels: half the work of all metrics. It never raises.
 
     Args:
         candidate_xy: (N, 2) positions [m].

@@ -21,7 +21,7 @@ class PlantResult:
     name: str
     """Name of the plant, such as `improved`."""
     pieces: tuple[Trajectory, ...]
-    """Its motion, one piece for each gap-free stretch of the source, at the same stamps as the reference's piece."""
+    """The plant's motion: one piece for each gap-free stretch of the source, at the stamps of the reference's piece."""
     metrics: Metrics
     """Distances from the reference, over all pieces."""
     horizons: Mapping[float, HorizonErrors]
@@ -31,13 +31,13 @@ class PlantResult:
     real_time_factor: float
     """Simulated over wall time [1]."""
     health: Health | None = None
-    """Whether the wheel loads can be believed; only the MuJoCo Husky has them, and on uneven ground they have no verdict."""
+    """The verdict on the wheel loads; only the MuJoCo Husky has one, and only on even ground."""
     tracked_point: tuple[float, float] = (0.0, 0.0)
     """The point (x, y) of the plant's body whose motion `pieces` is [m]."""
     loads: WheelLoads | None = None
     """The loads that its wheels carried; only the MuJoCo Husky knows them."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    """Its profile's section: all numbers that define it, as plain values."""
+    """All numbers that define the plant, as plain values."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,13 +61,13 @@ WHEEL_COLOURS = tuple(colour(name) for name in ("mujoco", "improved", "coulomb",
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """What changed from step to step, not over the robots' time."""
+    """Values that change from step to step of a search, not over the robots' time."""
 
     what: str
-    """Its entity is `history/<what>`."""
+    """Name of the entity, below `history/`."""
     title: str
     timeline: str
-    """What the steps are called."""
+    """Name of the timeline that counts the steps."""
     names: tuple[str, ...]
     """k names."""
     colours: tuple[Rgb, ...]
@@ -97,7 +97,7 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
 
 
 def _encoded(comparison: ComparisonData, report_markdown: str, histories: Sequence[History]) -> bytes:
-    """The whole recording as the bytes of a file."""
+    """Return the whole recording as the bytes of a file."""
     c, tracks = comparison, _tracks(comparison)
 
     def fill(recording: rr.RecordingStream) -> None:
@@ -115,7 +115,7 @@ def _encoded(comparison: ComparisonData, report_markdown: str, histories: Sequen
 
 
 def _tracks(comparison: ComparisonData) -> list[Track]:
-    """All robots, the reference first."""
+    """Return all robots, the reference first."""
     plants = comparison.plants
     known = plants.get(comparison.reference_name) or next(
         iter(plants.values())
@@ -162,7 +162,7 @@ def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None
 
 
 def _stays_close(tracks: Sequence[Track]) -> bool:
-    """Whether no robot ever strays farther from the reference's than to its neighbour's place in the line-up."""
+    """Return whether every robot stays closer to the reference's than its neighbour's place in the line-up."""
     return all(track.apart.max() < LINEUP_GAP[1] for track in tracks)
 
 
@@ -188,7 +188,7 @@ def _write_history(recording: rr.RecordingStream, history: History) -> None:
 
 
 def _plots(comparison: ComparisonData, tracks: Sequence[Track]) -> dict[str, Series]:
-    """All series by entity below `plots`."""
+    """Return all series by entity below `plots`."""
     plots = _command_plots(comparison)
     for track in tracks:
         plots.update(_plots_of(track))
@@ -196,7 +196,7 @@ def _plots(comparison: ComparisonData, tracks: Sequence[Track]) -> dict[str, Ser
 
 
 def _plots_of(track: Track) -> dict[str, Series]:
-    """The series of one robot by entity."""
+    """Return the series of one robot by entity."""
 
     def add(quantity: str, unit: str, values: FloatArray | None) -> None:
         if values is not None:
@@ -228,7 +228,7 @@ def _plots_of(track: Track) -> dict[str, Series]:
 
 
 def _command_plots(comparison: ComparisonData) -> dict[str, Series]:
-    """What was commanded by entity: each command at its instant, and the last again where its time ends; if it was kept."""
+    """Return the commands by entity: each at its instant, and the last once more at its end; empty without commands."""
     if not comparison.commands:
         return {}
     commands, starts = comparison.commands, [piece.t[0] for piece in comparison.reference]

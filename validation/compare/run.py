@@ -15,7 +15,6 @@ import numpy as np
 
 from ssmr.metrics.declared import compare_pieces
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
-from ssmr.robot.vehicle import Vehicle
 from ssmr.types import Commands, Plant, State, Trajectory
 from validation import store
 from validation.compare.data import PlantResult
@@ -24,10 +23,9 @@ from validation.motion.driving import drive, score_horizons
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, load, make_plant
 from validation.progress import Progress, Report, silent
-from validation.robots.husky import HuskyCalibration
 from validation.robots.plant import Health, MujocoPlant, check_health
 from validation.robots.terrain import FLAT, Terrain
-from validation.robots.wheel_loads import WheelLoads, summarise, with_quasi_static
+from validation.robots.wheel_loads import WheelLoads, resting_loads, summarise, with_quasi_static
 
 WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
 """Commands driven once before the clock runs, so that wall times do not hold compilation."""
@@ -122,7 +120,7 @@ class PreparedComparison:
                 simulated / wall[name],
                 _health(motions[name]) if settings.terrain.even else None,
                 section.tracked_point,
-                _loads(motions[name], section.parameters),
+                _loads(self.plants[name], motions[name]),
                 every[name],
             )
         commands = tuple(piece.commands for piece in source.pieces)
@@ -235,8 +233,6 @@ def _health(motions: Sequence[Trajectory]) -> Health | None:
     return Health(min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts))
 
 
-def _loads(motions: Sequence[Trajectory], parameters: object) -> WheelLoads | None:
-    """What the wheels carried, for a plant that knows."""
-    if not isinstance(parameters, HuskyCalibration):
-        return None
-    return summarise(tuple(motions), Vehicle(mass=parameters.mass))
+def _loads(plant: Plant, motions: Sequence[Trajectory]) -> WheelLoads | None:
+    """Sum up what the wheels carried, for a plant that knows it."""
+    return summarise(tuple(motions), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None

@@ -110,7 +110,7 @@ def _horizon_grid(comparison: ComparisonData) -> Grid | None:
 
 
 def _load_grid(comparison: ComparisonData) -> Grid | None:
-    """What the wheels of the plants that know carried."""
+    """Return the wheel loads of the plants that know them; None where none does."""
     groups = []
     for name, result in comparison.plants.items():
         loads = result.loads
@@ -132,16 +132,16 @@ def _load_grid(comparison: ComparisonData) -> Grid | None:
     header = [
         ("plant", ""),
         ("wheel", ""),
-        *((n, "N") for n in ("static", "mean", "least", "greatest")),
+        *((n, "N") for n in ("at rest", "mean", "least", "greatest")),
         ("off ground", "%"),
     ]
     return Grid(tuple(header), tuple(groups), 2, "Wheel loads", _load_caption(comparison)) if groups else None
 
 
 def _load_caption(comparison: ComparisonData) -> str:
-    """How much of the loads each formula explains."""
+    """Return in words how far the loads are from those at rest and from the quasi-static formula."""
     return "; ".join(
-        f"{name} on {comparison.terrain.words}: rms {r.loads.static_rms_N:.1f} N from the static share (Eq. 2.17), "
+        f"{name} on {comparison.terrain.words}: rms {r.loads.static_rms_N:.1f} N from the loads at rest, "
         f"{r.loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
         for name, r in comparison.plants.items()
         if r.loads is not None

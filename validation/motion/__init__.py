@@ -1,1 +1,1 @@
-"""What drives the plants and what they are compared with: a scenario or a recording."""
+"""Motions: sources of commands and recorded poses, and plants that are driven along them."""

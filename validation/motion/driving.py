@@ -14,14 +14,14 @@ from validation.motion.sources import Piece, Source
 
 
 def start_of(piece: Piece, tracked: tuple[float, float]) -> State:
-    """Where a plant's reference point starts, so that its tracked point (x, y) [m] starts where the piece says."""
+    """Return the start of a plant's reference point that puts its tracked point (x, y) [m] at the start of the piece."""
     return shift_state(piece.start, (-tracked[0], -tracked[1]))
 
 
 def drive(
     plant: Plant, piece: Piece, tracked: tuple[float, float], sample_dt: float, push: FloatArray | None = None
 ) -> Trajectory:
-    """A plant's motion over one piece, its tracked point where the reference's starts, at the reference's stamps.
+    """Drive a plant over one piece and return the motion of its tracked point at the reference's stamps.
 
     Args:
         plant: what to drive; reset first.
@@ -38,7 +38,7 @@ def drive(
 
 
 def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
-    """The motion at the stamps `t` [s], its first sample being at `t[0]`; linear between samples."""
+    """Return the motion at the stamps `t` [s], its first sample being at `t[0]`; linear between samples."""
 
     def at(values: np.ndarray) -> np.ndarray:
         columns = values.reshape(len(values), -1)
@@ -52,14 +52,14 @@ def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
 
 
 def score_horizons(pieces: Sequence[Trajectory], source: Source, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
-    """Errors of the relative pose over windows that never span a gap; horizons with no window are left out."""
+    """Return errors of the relative pose by horizon [s], over windows that never span a gap; empty horizons are left out."""
     return horizons_of([(source, pieces)], horizons)
 
 
 def horizons_of(
     driven: Sequence[tuple[Source, Sequence[Trajectory]]], horizons: Sequence[float]
 ) -> dict[float, HorizonErrors]:
-    """The same over several sources together; a source without a recorded motion has no windows."""
+    """Return errors of the relative pose by horizon over several sources together; only recordings have windows."""
     found = {}
     for horizon in horizons:
         position, yaw = [], []

@@ -1,4 +1,4 @@
-"""SOURCE on the command line -> what drives the plants and what they are held against."""
+"""Open a scenario or a recording: commands that drive the plants, and the motion to compare them with."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Piece:
     """One gap-free stretch of a source."""
 
     commands: Commands
-    """What drives the plants, from the first stamp on."""
+    """Commands of the plants, from the first stamp on."""
     start: State
-    """Where the tracked point is, and how it moves, at the first stamp."""
+    """State of the tracked point at the first stamp."""
     t: FloatArray | None
     """(M,) stamps at which plants are compared [s]; None for a scenario, whose stamps are the simulation's."""
     reference: Trajectory | None
@@ -46,17 +46,17 @@ class Source:
     """A motion to compare plants on."""
 
     name: str
-    """As the user named it."""
+    """Name that the user gave it."""
     pieces: tuple[Piece, ...]
-    """At least one."""
+    """Gap-free stretches, at least one."""
     reference: str
-    """`recording`, or the plant that a scenario is held against unless the user says otherwise."""
+    """`recording`, or the plant that a scenario is compared with unless the user names another."""
     sample_dt: float
     """Period at which plants are sampled [s]."""
 
 
 def open_source(name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None) -> Source:
-    """What SOURCE means.
+    """Open a scenario or a recording by its name.
 
     Args:
         name: `traj1` ... `traj4`, one of them with `@PLANT`, or the path of a recording.
@@ -85,7 +85,7 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
 
 
 def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:
-    """A recording as a motion to compare plants on.
+    """Return a recording as a motion to compare plants on.
 
     Raises:
         ValueError: it lacks the inputs or the pose.

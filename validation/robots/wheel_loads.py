@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from ssmr.robot.loads import LoadModel, static_loads
-from ssmr.robot.vehicle import Vehicle
+from ssmr.robot.loads import LoadModel
 from ssmr.types import FloatArray, State, Trajectory
 from validation.robots.husky import GRAVITY, WHEELS
 from validation.robots.plant import LIFT_SHARE, MujocoPlant
@@ -22,13 +21,13 @@ class WheelLoads:
     """What the four wheels carried over a run; tuples in the order of `WHEELS`."""
 
     static_N: tuple[float, ...]
-    """At rest on level ground, by Eq. 2.17 with the robot's own mass and the thesis' centre of gravity [N]."""
+    """Loads at rest on level ground, with the plant's own mass and centre of mass [N]."""
     mean_N: tuple[float, ...]
-    """[N]."""
+    """Mean loads [N]."""
     lowest_N: tuple[float, ...]
-    """[N]."""
+    """Least loads [N]."""
     highest_N: tuple[float, ...]
-    """[N]."""
+    """Greatest loads [N]."""
     off_ground_share: tuple[float, ...]
     """Share of time in which a wheel carried less than 2 % of a quarter of the weight [1]."""
     static_rms_N: float
@@ -54,6 +53,13 @@ def load_model(plant: MujocoPlant) -> LoadModel:
     )  # fmt: skip
 
 
+def resting_loads(plant: MujocoPlant) -> FloatArray:
+    """Return the (4,) wheel loads [N] at rest on level ground, by the plant's own mass and centre of mass."""
+    still = np.zeros(1)
+    gravity = np.array([[0.0, 0.0, -GRAVITY]])
+    return np.asarray(load_model(plant).quasi_static(np.zeros((1, 2)), gravity, still, still, still)[0])
+
+
 def with_quasi_static(motion: Trajectory, plant: MujocoPlant, tracked: tuple[float, float]) -> Trajectory:
     """A motion of the plant's tracked point (x, y) [m] with the channel `QUASI_STATIC`.
 
@@ -68,10 +74,9 @@ def with_quasi_static(motion: Trajectory, plant: MujocoPlant, tracked: tuple[flo
     return replace(motion, channels={**motion.channels, QUASI_STATIC: loads})
 
 
-def summarise(pieces: tuple[Trajectory, ...], vehicle: Vehicle) -> WheelLoads:
-    """What the wheels carried over all pieces, each with both channels; `vehicle` gives the static shares."""
+def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> WheelLoads:
+    """Sum up the loads over all pieces, each with both channels; `static` are the (4,) loads at rest [N]."""
     measured, formula = (np.concatenate([p.channels[name] for p in pieces]) for name in (MEASURED, QUASI_STATIC))
-    static = static_loads(vehicle)
 
     def rms(values: FloatArray) -> float:
         return float(np.sqrt(np.mean(values**2)))

@@ -1,1 +1,1 @@
-"""What tables, pictures and rerun recordings are put together from."""
+"""Parts of tables, pictures and rerun recordings, and the base of all results."""

@@ -1,4 +1,4 @@
-"""How all pictures look, and what they are put together from: style, inks, darts, rows of panels.
+"""Style and parts of all pictures: inks, arrowheads, rows of panels.
 
 Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting outlives a call.
 """
@@ -67,11 +67,11 @@ BROAD, NARROW = 2.6, 1.5
 QUIET, ALARM = "0.4", "#b00020"
 DASHED: Dashes = (0.0, (4.0, 1.8))
 BESIDE_INK: Ink = "0.45"
-"""Of what a result is held against: the plant before a fit, the gains that a tuning began with."""
+"""Ink of the baseline of a result: the plant before a fit, or the gains before a tuning."""
 
 REFERENCE_INK: Ink = "0.1"
 REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
-"""Of what a controller is told to follow."""
+"""Ink of the reference that a controller follows."""
 
 _SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a line of notes; characters in such a line
 
@@ -115,12 +115,12 @@ def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
 
 
 def draw_ring(ax: Axes, x: float, y: float) -> None:
-    """Where motions start."""
+    """Draw a ring where motions start."""
     ax.plot(x, y, "o", markersize=8.0, markerfacecolor="white", markeredgecolor="0.1", markeredgewidth=1.5, zorder=3.5)
 
 
 def draw_reference(ax: Axes, xy: FloatArray) -> None:
-    """What a controller is told to follow, from a ring to a square."""
+    """Draw a reference to follow, from a ring at its start to a square at its end."""
     ax.plot(*xy.T, color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES, zorder=2.8, gid="reference")
     ax.plot(*xy[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, markeredgewidth=1.3,
             zorder=3.4, gid="reference end")  # fmt: skip
@@ -180,7 +180,7 @@ class HorizonMarks:
     ink: Ink
     marker: str
     errors: Mapping[float, HorizonErrors]
-    """By horizon [s]; not empty."""
+    """Errors by horizon [s]; not empty."""
 
 
 def yaw_degrees(errors: HorizonErrors) -> tuple[float, float]:
@@ -256,7 +256,7 @@ def draw_section(text: str, ax: Axes) -> None:
 
 
 def draw_footer(text: str, ax: Axes) -> None:
-    """How it was made, in one line."""
+    """Return in one line how a result was made."""
     ax.set_axis_off()
     ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
 

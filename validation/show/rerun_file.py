@@ -16,7 +16,7 @@ TIMELINE = "sim_time"
 
 
 def encode(identity: uuid.UUID, fill: Callable[[rr.RecordingStream], None]) -> bytes:
-    """What `fill` sends to a recording of this id, as the bytes of a file; misuse of rerun raises.
+    """Return what `fill` sends to a recording of this id, as the bytes of a file; misuse of rerun raises.
 
     Raises:
         RuntimeError: rerun is switched off by `RERUN=off`.
@@ -47,7 +47,7 @@ def _strict() -> Iterator[None]:
 
 
 def write_circumstances(recording: rr.RecordingStream, options: Mapping[str, object], versions: Mapping[str, str]) -> None:
-    """Send how it was run, and with what, as properties of the recording."""
+    """Send options and versions as properties of the recording."""
     for name, values in (("options", options), ("versions", versions)):
         entries = rr.AnyValues()
         for key, value in values.items():

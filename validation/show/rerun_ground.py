@@ -14,13 +14,13 @@ GROUND: Rgb = (222, 225, 229)
 OTHER_GROUND: Rgb = (160, 188, 214)
 DOWNHILL: Rgb = (110, 90, 60)
 BELOW = 0.004
-"""By how much the ground is drawn too low, so that lines on it show [m]."""
+"""Distance by which the ground is drawn too low, so that lines on it show [m]."""
 MOST_POINTS = 200
 """Along a side of uneven ground."""
 LIGHT = np.array([0.45, -0.25, 0.86])
 """Direction of the light by which uneven ground is shaded; steep light, so that low bumps show."""
 SHADING = 6.0
-"""How much stronger than it is a slope looks."""
+"""Factor by which shades exaggerate a slope."""
 
 
 def write_ground(recording: rr.RecordingStream, entity: str, terrain: Terrain, low: np.ndarray, high: np.ndarray) -> None:

@@ -22,7 +22,7 @@ _SKY: Rgb = (238, 240, 243)
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """What one entity draws: k lines over the same stamps."""
+    """Lines of one entity: k values over the same stamps."""
 
     names: Sequence[str]
     """k names, with unit."""
@@ -32,7 +32,7 @@ class Series:
     values: FloatArray
     """(M,) or (M, k)."""
     held: bool = False
-    """Whether each value holds until the next, as commands do."""
+    """True where each value holds until the next, as commands do."""
 
 
 def write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
@@ -84,7 +84,7 @@ def blueprint(left: rrb.Container, plots: Sequence[Sequence[rrb.TimeSeriesView]]
 
 
 def axis_range(drawn: Sequence[FloatArray]) -> tuple[float, float]:
-    """From where to where an axis goes.
+    """Return the least and the greatest value on an axis.
 
     The viewer would take in a zero wherever a line is interrupted, and write numbers only at whole powers of ten where finer
     ones have no room: a range that holds but one of those is widened to the next.
@@ -98,7 +98,7 @@ def axis_range(drawn: Sequence[FloatArray]) -> tuple[float, float]:
 
 
 def view(name: str, origin: str, looks: rrb.EyeControls3D, without: Sequence[str] = ()) -> rrb.Spatial3DView:
-    """What lies below `origin`, seen by an eye."""
+    """Return a view of everything below `origin`, seen by an eye."""
     grid = rrb.LineGrid3D(visible=origin == "/world", spacing=1.0, stroke_width=1.0, color=GRID)
     contents = [f"{origin}/**", *without]
     return rrb.Spatial3DView(
@@ -107,7 +107,7 @@ def view(name: str, origin: str, looks: rrb.EyeControls3D, without: Sequence[str
 
 
 def overviews(extent: Extent, names: Sequence[str]) -> list[rrb.Spatial3DView]:
-    """The world from aside and, without the `names`, from above."""
+    """Return views of the world: from aside and, without the `names`, from above."""
     middle = np.append(extent.middle + 0.6 * extent.post * extent.along, 0.0)
     aside = middle + extent.distance * np.append(-math.cos(0.6) * extent.across, math.sin(0.6))
     high = middle + np.array([0.0, 0.0, 1.1 * extent.distance])
@@ -118,7 +118,7 @@ def overviews(extent: Extent, names: Sequence[str]) -> list[rrb.Spatial3DView]:
 
 
 def follower(track: Track, without: Sequence[str]) -> rrb.Spatial3DView:
-    """The world from close behind a robot."""
+    """Return a view of the world from close behind a robot."""
     start = track.pose[0]
     behind = np.append(shift_reference(start, (-1.5, -1.2))[:2], 1.15)
     looks = eye(behind, np.append(start[:2], 0.2), follow=f"/world/{track.name}/robot/base")
@@ -128,7 +128,7 @@ def follower(track: Track, without: Sequence[str]) -> rrb.Spatial3DView:
 def eye(
     position: FloatArray, target: FloatArray, up: FloatArray | None = None, follow: str | None = None
 ) -> rrb.EyeControls3D:
-    """An eye that turns about `target`, which stays where it is unless an entity is to be followed."""
+    """Return an eye that turns about `target`, which stays where it is unless an entity is to be followed."""
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up, tracking_entity=follow
     )

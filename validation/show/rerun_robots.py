@@ -27,7 +27,7 @@ SOLID, GLASS, FAINT_GLASS = 255, 150, 32
 _GLASS_INSET = 0.985
 """Size of a transparent robot over the real one's: where it stands just as the reference's robot does, it hides inside."""
 _FIELD_OF_VIEW = math.radians(55.0)
-"""Of the viewer's eye, from top to bottom [rad]."""
+"""Field of view of the viewer's eye, from top to bottom [rad]."""
 GRID: Rgb = (186, 191, 198)
 BLACK: Rgb = (0, 0, 0)
 WHITE: Rgb = (255, 255, 255)
@@ -44,16 +44,16 @@ class Track:
     tracked_point: tuple[float, float] = (0.0, 0.0)
     """The point of the body whose poses these are [m]."""
     terrain: Terrain = FLAT
-    """What is under it."""
+    """Ground under the robot."""
 
     @property
     def colour(self) -> Rgb:
-        """Its plant's."""
+        """Colour of the plant."""
         return colour(self.name)
 
     @property
     def bright(self) -> Rgb:
-        """Its colour where it must show on dark, as on the viewer's plots: near-black becomes grey."""
+        """Colour on a dark background, as in the viewer's plots: near-black becomes grey."""
         return mix(self.colour, WHITE, 0.55) if max(self.colour) < 80 else self.colour
 
     @cached_property
@@ -107,7 +107,7 @@ class Track:
 
 
 class Extent:
-    """Where the paths lie and how far an eye must stand off to see them.
+    """Place and size of all paths, and the distance from which an eye sees them.
 
     Attributes:
         along: (2,) unit vector along their longest extent, from start to end.
@@ -138,7 +138,7 @@ class Extent:
 
 
 def identify(asked: object, tracks: Sequence[Track]) -> uuid.UUID:
-    """The id of a recording: a digest of what was asked for, by its `repr`, and of the motions that came out."""
+    """Return the id of a recording: a digest of what was asked for, by its `repr`, and of the motions that came out."""
     digest = hashlib.sha256(repr(asked).encode())
     for track in tracks:
         digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
@@ -155,7 +155,7 @@ def write_signpost(recording: rr.RecordingStream, track: Track, extent: Extent, 
 
 
 def opacity_of(robot: RobotMesh, apart: FloatArray | None) -> int:
-    """A robot is the fainter the more it overlaps another, by its distances from that [m]; solid where there is none."""
+    """Return the opacity: a robot is the fainter the more it overlaps another, by its distances from that [m]; solid where there is none."""
     if apart is None:
         return SOLID
     return FAINT_GLASS if np.median(apart) < robot.box[1, 0] else GLASS
@@ -219,17 +219,17 @@ def write_path(recording: rr.RecordingStream, track: Track, interval: float) -> 
 
 
 def round_interval(seconds: float) -> float:
-    """The least of 1, 2, 5, 10, 20, 30, 60 s and whole minutes that is no shorter."""
+    """Return the least of 1, 2, 5, 10, 20, 30, 60 s and whole minutes that is no shorter."""
     return next((float(s) for s in (1, 2, 5, 10, 20, 30, 60) if s >= seconds), 60.0 * math.ceil(seconds / 60.0))
 
 
 def lines(strips: Sequence[ArrayLike], rgb: Rgb, width: float) -> rr.LineStrips3D:
-    """Line strips as wide on the screen from near and far."""
+    """Return line strips as wide on the screen from near and far."""
     return rr.LineStrips3D([np.asarray(strip) for strip in strips], colors=[rgb], radii=rr.Radius.ui_points(width))
 
 
 def outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
-    """A rectangle around the robot as seen from above, with a mark where its front is."""
+    """Return a rectangle around the robot as seen from above, with a mark where its front is."""
     z = height + 0.004
     (rear, right, _), (front, left, _) = robot.box
     around = [[front, left, z], [front, right, z], [rear, right, z], [rear, left, z], [front, left, z]]
@@ -238,6 +238,6 @@ def outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
 
 
 def labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
-    """Texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
+    """Return texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
     radii = rr.Radius.ui_points(0.1)
     return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)

@@ -1,4 +1,4 @@
-"""What every program's result can do: print itself, draw itself, save itself."""
+"""The base of every program's result: it prints, draws and saves itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Result(ABC):
     """
 
     program: ClassVar[str]
-    """What its files are called: `compare` for compare.json, compare.png and compare.rrd."""
+    """Name of the files: `compare` for compare.json, compare.png and compare.rrd."""
 
     @abstractmethod
     def grids(self) -> Sequence[Grid]:

@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from ssmr.metrics.declared import Metric, MetricUnit
 
 NOTHING = "–"
-"""What a number that is not finite is written as."""
+"""Text for a number that is not finite."""
 BEST_STYLE = "bold green"
-"""How the terminal emphasises the best value."""
+"""Style of the best value in a terminal."""
 
 
 @dataclass(frozen=True)
 class Unit:
-    """How the numbers of one quantity are written in one table."""
+    """Unit and digits of the numbers of one quantity in one table."""
 
     symbol: str
-    """What stands in brackets."""
+    """Symbol of the unit, which stands in brackets."""
     scale: float
-    """How many of it make up one SI unit."""
+    """Number of these units in one SI unit."""
     decimals: int
     """Digits after the point."""
     significant: int = 0
-    """Where positive: digits kept before that, for numbers that are not known better."""
+    """Significant digits to round to first; 0 for no such rounding."""
 
     def text(self, value: float) -> str:
         """A number in SI as it is written, without its unit."""
@@ -72,13 +72,13 @@ class Grid:
     groups: tuple[tuple[tuple[Cell, ...], ...], ...]
     """Rows, in groups that a line separates."""
     left: int
-    """How many of the columns hold words."""
+    """Number of first columns that hold words."""
     title: str = ""
-    """What stands above it."""
+    """Heading above the table."""
     caption: str = ""
-    """What stands below it."""
+    """Explanation below the table."""
     trailing: int = 0
-    """How many of the last columns hold words as well; the very last one may be wrapped."""
+    """Number of last columns that hold words too; the very last one may be wrapped."""
 
 
 def length_unit(values: Iterable[float]) -> Unit:
@@ -178,7 +178,7 @@ def markdown_table(grid: Grid) -> list[str]:
 
 
 def option_text(value: object) -> str:
-    """How an option is written; several values, such as horizons, are joined by commas."""
+    """Return an option as it is written; several values, such as horizons, are joined by commas."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):

@@ -17,7 +17,7 @@ NAMED = ("line", "circle", "sine", "generic")
 
 def write(results: Sequence[TrackResult], folder: Path, *, recording: bool = True) -> list[Path]:
     """Write track.png, track.rrd (if wanted) and, last, track.json; return what was written."""
-    from validation.compare.figure import save_figure
+    from validation.show.drawing import save_figure
     from validation.track.figure import draw_track
 
     written = [folder / "track.png"]

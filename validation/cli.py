@@ -13,7 +13,6 @@ import io
 import itertools
 import logging
 import math
-import os
 import re
 import sys
 import time
@@ -31,6 +30,7 @@ from rich.text import Text
 from tyro.constructors import PrimitiveConstructorSpec
 
 from ssmr.errors import SsmrError
+from validation import store
 from validation.progress import Progress, Report
 from validation.show.tables import rich_table
 from validation.words import one_line
@@ -142,6 +142,15 @@ def _span(text: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def read_values(text: str) -> dict[str, float]:
+    """Return NAME=NUMBER,... as a dictionary.
+
+    Raises:
+        UserError: a part has another form, or a name stands twice.
+    """
+    return _comma_pairs(text, _finite, "NAME=NUMBER such as friction=0.4")
+
+
 def _whole(least: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         try:
@@ -164,7 +173,7 @@ Numbers = Annotated[tuple[float, ...], parsed(_comma_numbers, "X,Y,...", lambda 
 Values = Annotated[
     Mapping[str, float],
     parsed(
-        lambda text: _comma_pairs(text, _finite, "NAME=NUMBER such as friction=0.4"),
+        read_values,
         "NAME=X,...",
         lambda v: ",".join(f"{k}={x:g}" for k, x in v.items()),
     ),
@@ -232,16 +241,13 @@ def output_folder(path: Path) -> Path:
         UserError: it cannot be made or written.
     """
     try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"--out {path}: the folder cannot be made ({error.strerror})") from error
-    if not os.access(path, os.W_OK):
-        raise UserError(f"--out {path}: the folder cannot be written; name another")
-    return path
+        return store.make_folder(path)
+    except ValueError as error:
+        raise UserError(f"--out {error}") from error
 
 
 def parse_names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
-    """Comma-separated names, each known, none twice.
+    """Return comma-separated names, each known, none twice.
 
     Raises:
         UserError: an unknown or repeated name, or none at all.
@@ -251,45 +257,6 @@ def parse_names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]
     if unknown or not names:
         raise UserError(f"unknown {what} '{', '.join(unknown)}'; there are: {', '.join(known)}")
     return names
-
-
-def parse_numbers(text: str, what: str) -> tuple[float, ...]:
-    """Comma-separated positive numbers, increasing.
-
-    Raises:
-        UserError: one is no positive number, or they do not increase.
-    """
-    try:
-        numbers = _comma_numbers(text)
-    except UserError as error:
-        raise UserError(f"{what} {error}") from error
-    if not numbers:
-        raise UserError(f"{what} '{text}' is no list of numbers such as 2,6,30,60")
-    return numbers
-
-
-def parse_values(text: str, what: str) -> dict[str, float]:
-    """`name=value,name=value` as numbers.
-
-    Raises:
-        UserError: something else.
-    """
-    try:
-        return _comma_pairs(text, _finite, "NAME=NUMBER such as friction=0.4")
-    except UserError as error:
-        raise UserError(f"{what} {error}") from error
-
-
-def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
-    """`name=low:high,...` as pairs of numbers.
-
-    Raises:
-        UserError: something else.
-    """
-    try:
-        return _comma_pairs(text, _span, "NAME=LOW:HIGH such as friction=0.2:0.8")
-    except UserError as error:
-        raise UserError(f"--bounds {error}") from error
 
 
 # ------------------------------------------------------------------------------------------- progress and reports

@@ -27,7 +27,7 @@ _MEAN_TIME = 0.25
 _CLIP_PERCENTILE = 99.0
 """Percentile of a plant's own acceleration beyond which a sample may count as a spike [%]."""
 _CLIP_RATIO = 3.0
-"""A sample so many times beyond that percentile, and beyond all other plants, is a spike: it is cut off, and a note says so."""
+"""A sample so many times beyond that percentile, and beyond all other plants, is a spike: it is cut off and noted."""
 _CLIP_FLOOR = 0.1
 """Nothing is cut off where all other accelerations are below this [rad/s2]."""
 _TURN_FLOOR = 0.01
@@ -176,7 +176,7 @@ def draw_acceleration(comparison: ComparisonData, motions: Sequence[DrawnMotion]
 
 
 def _reach(piece: Trajectory, span: Span) -> FloatArray:
-    """Return (M, 2) least and greatest yaw accelerations since the sample before [rad/s2], which samples alone would hide."""
+    """Return (M, 2) least and greatest yaw accelerations since the sample before [rad/s2]; samples alone would hide them."""
     inside = (piece.t >= span[0]) & (piece.t <= span[1])
     return piece.channels["yaw_acceleration_range_rad_s2"][inside]
 

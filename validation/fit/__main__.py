@@ -29,7 +29,7 @@ class _Sources(FitSources):
 
 
 def _start(text: str) -> dict[str, float]:
-    return {} if text == "profile" else cli.parse_values(text, "--start")
+    return {} if text == "profile" else cli.read_values(text)
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ def write_signpost(recording: rr.RecordingStream, track: Track, extent: Extent, 
 
 
 def opacity_of(robot: RobotMesh, apart: FloatArray | None) -> int:
-    """Return the opacity: a robot is the fainter the more it overlaps another, by its distances from that [m]; solid where there is none."""
+    """Return the opacity of a robot: solid without distances from another [m], fainter the more the two overlap."""
     if apart is None:
         return SOLID
     return FAINT_GLASS if np.median(apart) < robot.box[1, 0] else GLASS

@@ -135,36 +135,43 @@ def test_one_module_knows_rospy() -> None:
 
 MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS, MEDIAN_LINES = 450, 80, 8, 180
 PROTOCOL = {
-    "LAW": "each planar model's line in the table of models",
-    "advance": "each planar model's step, and the one that chooses among them",
+    "LAW": "the line of each planar model and of each controller in its table",
+    "advance": "each planar model's step, and the function that chooses among them",
     "SCHEMA": "the kind and version of each document that is written",
+    "T": "a type variable",
 }
 """Public names that several modules share on purpose, and why."""
+TO_BE_CUT = {"validation.cli", "validation.compare.figure", "validation.compare.rerun"}
+"""Modules that are still too long; none may join them."""
+TO_BE_RENAMED = {
+    *("AT_LIMIT", "Comparison", "LARGEST", "METRICS", "OTHER_GROUND", "REFERENCES", "STRETCH", "Series", "as_document"),
+    *("build", "compose", "grid", "headline", "markdown", "report_markdown", "side_by_side"),
+}
+"""Public names that still mean several things; none may join them."""
 
 
 def functions(path: Path) -> list[ast.FunctionDef]:
     return [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.FunctionDef)]
 
 
-@pytest.mark.skip(reason="rooms are still being furnished")
 def test_modules_stay_short() -> None:
     lines = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in modules().items()}
-    assert {name: n for name, n in lines.items() if n > MOST_LINES} == {}
+    assert {name: n for name, n in lines.items() if n > MOST_LINES and name not in TO_BE_CUT} == {}
     assert statistics.median(lines.values()) <= MEDIAN_LINES
 
 
-@pytest.mark.skip(reason="rooms are still being furnished")
 def test_functions_stay_short_and_take_few_parameters() -> None:
     for name, path in modules().items():
         for node in functions(path):
             a = node.args
             parameters = [p.arg for p in (*a.posonlyargs, *a.args, *a.kwonlyargs) if p.arg not in ("self", "cls")]
-            assert len(parameters) <= MOST_PARAMETERS, f"{name}.{node.name}: {len(parameters)} parameters"
+            assert len(parameters) <= MOST_PARAMETERS or name.endswith(".__main__"), (
+                f"{name}.{node.name}: {len(parameters)} parameters"
+            )
             length = (node.end_lineno or 0) - node.lineno + 1
             assert length <= MOST_FUNCTION_LINES, f"{name}.{node.name}: {length} lines"
 
 
-@pytest.mark.skip(reason="rooms are still being furnished")
 def test_a_public_name_means_one_thing() -> None:
     """Command lines are left out: nobody imports them, and their functions are named after what they call."""
     homes: dict[str, set[str]] = {}
@@ -176,7 +183,8 @@ def test_a_public_name_means_one_thing() -> None:
                     known = getattr(target, "id", getattr(target, "name", "_"))
                     if isinstance(known, str) and not known.startswith("_"):
                         homes.setdefault(known, set()).add(name)
-    assert {known: sorted(places) for known, places in homes.items() if len(places) > 1 and known not in PROTOCOL} == {}
+    shared = {known: sorted(places) for known, places in homes.items() if len(places) > 1}
+    assert {known: places for known, places in shared.items() if known not in PROTOCOL and known not in TO_BE_RENAMED} == {}
 
 
 def test_public_functions_say_what_they_do() -> None:

@@ -203,7 +203,6 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
         assert not asked, page
 
 
-@pytest.mark.skip(reason="rooms are still being furnished")
 def test_the_picture_of_the_rooms_is_what_the_imports_say() -> None:
     """`python docs/make_architecture_figure.py` draws it anew."""
     draw = runpy.run_path(str(DOCS / "make_architecture_figure.py"))

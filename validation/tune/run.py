@@ -11,6 +11,7 @@ import numpy as np
 
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter
 from validation.fit.search import FreeParameters, SearchOptions, put_options, search_for
@@ -108,11 +109,7 @@ def tune(
     chosen = profile if isinstance(profile, Profile) else load_profile(profile)
     base = _base_gains(controller, parameters)
     make_controller(chosen, base)
-    free = [n for n in parameters.free or () if n not in parameters.fix] if parameters.free is not None else None
-    space = make_tuning_space(controller, free, parameters.all, parameters.bounds)
-    if any(name in parameters.fix for name in space.names):
-        kept = [name for name in space.names if name not in parameters.fix]
-        space = make_tuning_space(controller, kept, parameters.all, parameters.bounds)
+    space = _search_space(controller, parameters)
     law = LAWS[controller]
     heavy = any(name in SIMULATED for name in task.plants)
     settings = search.settings(*(_SIMULATED_SIZE if heavy else (law.population, law.generations)))
@@ -150,6 +147,16 @@ def tune(
         **found.outcome(),
     )
     return replace(result, gain_set=_with_provenance(result))
+
+
+def _search_space(controller: str, parameters: TuneParameters) -> ParameterSpace:
+    """Return the gains that are searched, without those that are fixed."""
+    free = [n for n in parameters.free or () if n not in parameters.fix] if parameters.free is not None else None
+    space = make_tuning_space(controller, free, parameters.all, parameters.bounds)
+    if any(name in parameters.fix for name in space.names):
+        kept = [name for name in space.names if name not in parameters.fix]
+        space = make_tuning_space(controller, kept, parameters.all, parameters.bounds)
+    return space
 
 
 def _base_gains(controller: str, parameters: TuneParameters) -> GainSet:

@@ -49,7 +49,7 @@ from validation.replicate.residual_figure import draw_residuals
 from validation.replicate.result import order_of
 from validation.replicate.run import ALL_SECTIONS, run_sections
 from validation.show.tables import Cell
-from validation.study.tables.run import TABLES, Entry
+from validation.study.tables.findings import CONTROL_TABLES, TableEntry
 from validation.thesis import published
 from validation.thesis.verdicts import STATUSES, Pair
 
@@ -251,9 +251,9 @@ def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None
     assert evidence_models.alternations(np.sin(np.linspace(0.0, 20.0, 500))) == 0
 
 
-def entry(controller: str, mean: float, deviation: float, n: int = 10) -> Entry:
+def entry(controller: str, mean: float, deviation: float, n: int = 10) -> TableEntry:
     values = {m: mean for m in ("d_rms_m", "d_haus_m", "d_ratio")}
-    return Entry("4.13", "simulated_vs_real", controller, controller, "line", 0.25, values, "", values,
+    return TableEntry("4.13", "simulated_vs_real", controller, controller, "line", 0.25, values, "", values,
                  {m: deviation for m in values}, 0, n, {})  # fmt: skip
 
 
@@ -475,7 +475,7 @@ def test_editing_any_file_that_decides_numbers_changes_the_digest(tmp_path: Path
 def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_path: Path) -> None:
     """Made-up numbers at print: rows of known geometry agree, the others are not compared, whatever their numbers are."""
     tables = {}
-    for number in TABLES:
+    for number in CONTROL_TABLES:
         rows = published.table(number)["rows"] or {"sine_0.50": {}}
         rules = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
         tables[number] = Table(
@@ -491,9 +491,9 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
         assert verdict["verdict"] == ("agrees" if known else "not compared"), number
         assert known or verdict["see"]
     assert "lost" in verdicts["4.27"]["reason"]
-    assert list(document["tables"]) == sorted(TABLES, key=order_of)
+    assert list(document["tables"]) == sorted(CONTROL_TABLES, key=order_of)
     text = document_markdown(document_of(found, SMALL), "figures/")
-    assert all(f"| {number} |" in text for number in TABLES)
+    assert all(f"| {number} |" in text for number in CONTROL_TABLES)
 
 
 def test_the_page_of_docs_is_a_whole_replication() -> None:
@@ -504,9 +504,9 @@ def test_the_page_of_docs_is_a_whole_replication() -> None:
     assert text.startswith(f"# {expected.title}\n\n{expected.lead[0]}\n")
     for chapter in expected.chapters:
         assert f"\n## {chapter.title}\n" in text
-    for number in WANTED - set(TABLES):
+    for number in WANTED - set(CONTROL_TABLES):
         assert f"**{number if not number[0].isdigit() else f'Tab. {number}'}. " in text
-    assert all(f"\n| {number} | " in text for number in TABLES)
+    assert all(f"\n| {number} | " in text for number in CONTROL_TABLES)
     assert evidence_real.NOT_RUN not in text
 
 

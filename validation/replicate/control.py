@@ -8,10 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from validation.fit.search import SearchOptions
-from validation.plants.profile import load
-from validation.progress import Progress
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
-from validation.study.tables.run import METRICS, TABLES, Entry, draw_tables, study_tables
+from validation.study.tables import TablesOptions, study_tables
+from validation.study.tables.findings import CONTROL_TABLES, TABLE_METRICS, TableEntry
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
 from validation.tune.result import TuneResult
@@ -121,11 +120,8 @@ def _deviation(values: list[float]) -> float | None:
 
 def _tracked(context: Context) -> Findings:
     """Make Tab. 4.5-4.19 and 4.22-4.38."""
-
-    def tell(number: str) -> None:
-        context.progress(Progress(TABLES.index(number) + 1, len(TABLES), f"Tab. {number}"))
-
-    study = study_tables(load(_PROFILE), context.settings.noise_seeds, context.workers, tell)
+    options = TablesOptions(_PROFILE, context.settings.noise_seeds)
+    study = study_tables(options, workers=context.workers, progress=context.progress)
     found = {
         e.table: Table(f"{e.controller.upper()}, {_where(e)}: {_CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries
     }
@@ -141,18 +137,18 @@ def _tracked(context: Context) -> Findings:
     )
     lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in study.entries if e.lost]
     caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {study.seeds} seeds), one table a row."
-    return Findings(found, notes=(note, *lost), pictures=(context.picture("d_rms", draw_tables(study), caption),))
+    return Findings(found, notes=(note, *lost), pictures=(context.picture("d_rms", study.figure(), caption),))
 
 
-def _where(entry: Entry) -> str:
+def _where(entry: TableEntry) -> str:
     return f"{entry.reference} at {entry.speed:g} m/s"
 
 
-def _key(entry: Entry) -> str:
+def _key(entry: TableEntry) -> str:
     return f"{entry.reference}_{entry.speed:.2f}"
 
 
-def _pairs(entry: Entry) -> dict[str, Pair]:
+def _pairs(entry: TableEntry) -> dict[str, Pair]:
     return {
         metric: Pair(
             entry.printed.get(metric),
@@ -163,15 +159,15 @@ def _pairs(entry: Entry) -> dict[str, Pair]:
             {"mujoco": entry.mujoco[metric]} if metric in entry.mujoco else {},
             "" if entry.mean else "every seed lost the reference",
         )
-        for metric in METRICS
+        for metric in TABLE_METRICS
     }
 
 
-def _rows(entry: Entry) -> dict[str, dict[str, Pair]]:
+def _rows(entry: TableEntry) -> dict[str, dict[str, Pair]]:
     return {_key(entry): _pairs(entry)}
 
 
-Places = Mapping[tuple[str, str, float], Entry]
+Places = Mapping[tuple[str, str, float], TableEntry]
 
 
 def _repeated(entries: Places) -> dict[str, dict[str, Pair]]:
@@ -191,7 +187,7 @@ def _changes(entries: Places) -> dict[str, dict[str, Pair]]:
         reference, _, speed = row.partition("_")
         pid, lqr = (entries[law, reference, float(speed)] for law in ("pid", "lqr"))
         rows[row] = {}
-        for metric in METRICS:
+        for metric in TABLE_METRICS:
             name = f"{metric.removesuffix('_m')}_change_percent"
             change, spread = change_percent(pid, lqr, metric)
             obstacle = "" if change is not None else "every seed lost the reference"
@@ -199,7 +195,7 @@ def _changes(entries: Places) -> dict[str, dict[str, Pair]]:
     return rows
 
 
-def change_percent(before: Entry, after: Entry, metric: str) -> tuple[float | None, float | None]:
+def change_percent(before: TableEntry, after: TableEntry, metric: str) -> tuple[float | None, float | None]:
     """Return the change of a mean [%], and the standard deviation that follows from those of single runs [%]."""
     if not (before.mean and after.mean and before.mean[metric] > 0.0):
         return None, None
@@ -210,6 +206,6 @@ def change_percent(before: Entry, after: Entry, metric: str) -> tuple[float | No
 
 CONTROL_SECTIONS = (
     *(_tune_section(controller) for controller in TUNED_TABLES),
-    Section("tables", "Tracked references", (*TABLES, "4.37", "4.38"), ("noise_seeds",), _tracked),
+    Section("tables", "Tracked references", (*CONTROL_TABLES, "4.37", "4.38"), ("noise_seeds",), _tracked),
 )
 """The sections on chapter 4."""

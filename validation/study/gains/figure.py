@@ -1,0 +1,57 @@
+"""The picture of a gains study: the cost of each set of gains, by reference and plant."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from validation.show.drawing import controller_ink, draw_footer, inset, line_legend, put_together, side_by_side, text_row
+from validation.study.gains.findings import GainScores
+
+
+def _draw(study: GainScores, plant: str, ax: Axes) -> None:
+    rows = study.by_reference(plant)
+    marks = {"published": "s", "manual": "D", "tuned": "o"}
+    for name in study.sets:
+        controller, _, kind = name.rpartition("-")
+        points = [
+            (s.cost, k) for k, (_, scores) in enumerate(rows) for s in scores if s.gains == name and s.cost is not None
+        ]
+        if points:
+            face = controller_ink(controller) if kind == "tuned" else "white"
+            ax.plot(
+                *zip(*points, strict=True),
+                marks[kind],
+                color=controller_ink(controller),
+                mfc=face,
+                ms=7,
+                mew=1.5,
+                label=name,
+            )
+    inset(ax, left=1.0)
+    ax.set_yticks(range(len(rows)), [label for label, _ in rows])
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_xscale("log")
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set_xlabel("cost, Sec. 4.3.3")
+    ax.set_title(plant, loc="left", fontsize=11)
+    ax.grid(axis="both", which="major", alpha=0.3)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+
+
+def draw_gains(study: GainScores) -> Figure:
+    """Draw the costs by reference, with a panel for each plant, 1600 px wide."""
+    panels = [lambda ax, plant=plant: _draw(study, plant, ax) for plant in study.options.plants]
+
+    def legend(ax: Axes) -> None:
+        ax.set_axis_off()
+        drawn = ax.get_figure(root=True)
+        assert drawn is not None
+        handles, labels = drawn.axes[0].get_legend_handles_labels()
+        line_legend(ax, handles, labels)
+
+    foot = f"means over {study.options.seeds} seeds of noise that no tuning has used · profile {study.profile}"
+    return put_together([side_by_side(3.8, panels), text_row(0.45, legend), text_row(0.3, lambda ax: draw_footer(foot, ax))])

@@ -216,7 +216,7 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypat
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("validation.logs.bag_writer._fill", full)
+    monkeypatch.setattr(os, "replace", full)
     with pytest.raises(OSError, match="No space left on device"):
         convert(source).save(out)
     assert out.read_bytes() == b"precious"

@@ -26,10 +26,10 @@ from validation.logs.groups import Group
 from validation.logs.log import Log, LogFormat, ReadOptions, Topic
 from validation.logs.recording import RecordingError
 
-GRAVITY_SPAN = (8.8, 10.8)
+_GRAVITY_SPAN = (8.8, 10.8)
 """Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it, z is the vertical."""
 
-EQUATOR, FLATTENING = 6378137.0, 1.0 / 298.257223563
+_EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 """Semi-major axis [m] and flattening [1] of the WGS 84 ellipsoid."""
 
 
@@ -128,7 +128,7 @@ def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
     if all(f"acc_{axis}" in columns for axis in "xyz"):
         mean = np.array([np.mean(columns[f"acc_{axis}"]) for axis in "xyz"])
         size = float(np.linalg.norm(mean))
-        if GRAVITY_SPAN[0] < size < GRAVITY_SPAN[1]:
+        if _GRAVITY_SPAN[0] < size < _GRAVITY_SPAN[1]:
             up = mean / size
     return up
 
@@ -140,9 +140,9 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
     in the distance over the radius are left out.
     """
     lat, lon = np.radians(np.asarray(latitude, dtype=np.float64)), np.asarray(longitude, dtype=np.float64)
-    eccentricity2 = FLATTENING * (2.0 - FLATTENING)
+    eccentricity2 = _FLATTENING * (2.0 - _FLATTENING)
     root = math.sqrt(1.0 - eccentricity2 * math.sin(lat[0]) ** 2)
-    meridian, transverse = EQUATOR * (1.0 - eccentricity2) / root**3, EQUATOR / root  # radii of curvature
+    meridian, transverse = _EQUATOR * (1.0 - eccentricity2) / root**3, _EQUATOR / root  # radii of curvature
     turned = np.radians(np.mod(lon - lon[0] + 180.0, 360.0) - 180.0)  # also across the date line
     return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
 

@@ -33,8 +33,8 @@ GUESSED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyTyp
 )
 """Message types that are taken for each role, and parts of topic names that are preferred."""
 
-TF_PARENTS = ("map", "world", "mocap", "vicon", "optitrack")
-TF_CHILDREN = ("base_link", "base_footprint")
+_TF_PARENTS = ("map", "world", "mocap", "vicon", "optitrack")
+_TF_CHILDREN = ("base_link", "base_footprint")
 """A transform is taken for the pose only from one of these parents to one of these children: odom to base_link is
 odometry."""
 
@@ -65,7 +65,7 @@ def guess_topics(streams: Iterable[Stream]) -> dict[str, Stream]:
 def _is_global(stream: Stream) -> bool:
     """Return False for a transform that does not place the robot in a map; True for it, and for all other streams."""
     parent, arrow, child = stream.topic.partition(":")[2].partition("->")
-    return not arrow or (parent in TF_PARENTS and child.split("/")[-1] in TF_CHILDREN)
+    return not arrow or (parent in _TF_PARENTS and child.split("/")[-1] in _TF_CHILDREN)
 
 
 def choose_topics(bag: Bag, named: Mapping[str, str] = MappingProxyType({})) -> dict[str, Stream]:

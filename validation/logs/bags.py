@@ -26,12 +26,12 @@ from validation.logs.csv_table import DAMAGE
 from validation.logs.log import Stamps
 from validation.logs.recording import RecordingError
 
-METADATA = "metadata.yaml"
+_METADATA = "metadata.yaml"
 """File that describes the folder of a ROS 2 bag."""
-CLOCK_JUMP = 1.0
+_CLOCK_JUMP = 1.0
 """Difference between the steps of the header's and the bag's stamps from which the header's clock has jumped [s]; a message
 that is only written late differs by less, and is sorted."""
-OTHER_CLOCK = 60.0
+_OTHER_CLOCK = 60.0
 """Median distance from the bag's stamps from which a header's clock is another one, such as the time since start-up [s]."""
 SHOWN = 5
 """Number of jumps or gaps that a sentence lists."""
@@ -200,8 +200,8 @@ def read_bag(path: str | Path, stamps: Stamps = "header") -> Bag:
     path = Path(path)
     if not path.exists():
         raise RecordingError(path, "there is no such file; wanted a bag (.bag, .mcap, or a ROS 2 bag's folder)")
-    if path.is_dir() and not (path / METADATA).is_file():
-        raise RecordingError(path, f"this folder is no ROS 2 bag: there is no {METADATA} in it")
+    if path.is_dir() and not (path / _METADATA).is_file():
+        raise RecordingError(path, f"this folder is no ROS 2 bag: there is no {_METADATA} in it")
     collected, others = _collect(path)
     if not collected and not others:
         raise RecordingError(path, "the bag is empty: there is no message in it")
@@ -250,14 +250,14 @@ def _preferred(rows: _Rows, stamps: Stamps) -> tuple[NDArray[np.int64], Stamps]:
     """Return the (M,) stamps of a stream [ns] and the clock that they come from."""
     bag, header = (np.array([row[k] for row in rows], dtype=np.int64) for k in (0, 1))
     apart = abs(float(np.median(header - bag))) * 1e-9
-    return (header, "header") if stamps == "header" and header.all() and apart < OTHER_CLOCK else (bag, "bag")
+    return (header, "header") if stamps == "header" and header.all() and apart < _OTHER_CLOCK else (bag, "bag")
 
 
 def _stream(topic: str, kind: str, rows: _Rows, stamps: Stamps, epoch: int) -> Stream:
     ns, clock = _preferred(rows, stamps)
     written = np.array([row[0] for row in rows], dtype=np.int64)
     odd = (np.diff(ns) - np.diff(written)) * 1e-9
-    jumps = tuple((float(written[k + 1] - epoch) * 1e-9, float(odd[k])) for k in np.flatnonzero(np.abs(odd) > CLOCK_JUMP))
+    jumps = tuple((float(written[k + 1] - epoch) * 1e-9, float(odd[k])) for k in np.flatnonzero(np.abs(odd) > _CLOCK_JUMP))
     order = np.argsort(ns, kind="stable")
     late = int(np.count_nonzero(np.diff(ns) < 0))
     names = {name: None for _, _, numbers in rows for name in numbers}

@@ -17,7 +17,7 @@ from ssmr.types import FloatArray, State, Trajectory
 from validation.logs.groups import POSES, Group, Groups, stacked
 from validation.logs.rest import standing, wheel_twist
 
-TRUTHS = (("gps", ("gps_east", "gps_north")), ("pose", ("x", "y")))
+_TRUTHS = (("gps", ("gps_east", "gps_north")), ("pose", ("x", "y")))
 """Groups and columns whose positions dead reckoning is compared with: the first that a log has."""
 
 
@@ -101,7 +101,7 @@ def reckon(groups: Groups) -> Reckoning | None:
     Returns:
         None where the log has no such positions, or no wheels.
     """
-    found = next(((n, names) for n, names in TRUTHS if n in groups and stacked(groups[n].columns, names) is not None), None)
+    found = next(((n, names) for n, names in _TRUTHS if n in groups and stacked(groups[n].columns, names) is not None), None)
     tracks = list(_tracks(groups, found[0])) if found is not None else []
     if found is None or not tracks:
         return None

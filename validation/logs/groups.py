@@ -1,7 +1,7 @@
 """Columns of a log in groups, each group with its own time stamps, and the way to bring them onto one clock.
 
 On the common clock, measurements are interpolated linearly (angles are unwrapped first). Commands are held until the next
-one, and count as zero once they are older than `COMMAND_TIMEOUT`, as in a robot's driver. A gap in a group becomes a gap in
+one, and count as zero once they are older than `_COMMAND_TIMEOUT`, as in a robot's driver. A gap in a group becomes a gap in
 the recording. Groups that share their time stamps keep them, unless another rate is asked for.
 """
 
@@ -27,14 +27,14 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "cmd": ("cmd_v", "cmd_w"),
 }
 """Columns of each group. The first group that a log has sets the rate of its recording, unless a rate is asked for."""
-OTHERS = "channels"
+_OTHERS = "channels"
 """Name of the group that holds all other columns."""
 POSES = (POSE_COLUMNS, ("odom_x", "odom_y", "odom_yaw"))
 """Triples of columns that are x [m], y [m] and yaw [rad] of one motion."""
 
-COMMAND_TIMEOUT = 0.5
+_COMMAND_TIMEOUT = 0.5
 """Age from which a command no longer counts [s]: a driver stops a robot that gets no commands any more."""
-GAP_FACTOR = 2.5
+_GAP_FACTOR = 2.5
 """A step longer than this many periods, of the group or of the recording, is a gap; as in `Recording`."""
 MOST_SAMPLES = 10_000_000
 """Greatest length of a recording; more samples are a mistaken rate or a mistaken clock."""
@@ -58,7 +58,7 @@ class Group:
 
     def longest_step(self, period: float = 0.0) -> float:
         """Return the longest step of time [s] that is no gap, at the group's own period or at a longer `period` [s]."""
-        return GAP_FACTOR * max(self.period, period) + TIME_ROUNDOFF
+        return _GAP_FACTOR * max(self.period, period) + TIME_ROUNDOFF
 
     def gaps(self) -> list[tuple[float, float]]:
         """Return the beginning and the end of each gap [s]."""
@@ -80,7 +80,7 @@ def groups_of(recording: Recording, source: str) -> dict[str, Group]:
         columns = {member: there.pop(member) for member in members if member in there}
         if columns:
             groups[name] = Group(source, recording.t, columns)
-    return {**groups, **({OTHERS: Group(source, recording.t, there)} if there else {})}
+    return {**groups, **({_OTHERS: Group(source, recording.t, there)} if there else {})}
 
 
 def stacked(columns: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray | None:
@@ -115,7 +115,7 @@ def merge(path: Path, groups: Groups, rate: float | None = None) -> Recording:
     if np.count_nonzero(keep) < 2:
         raise RecordingError(path, f"nothing is left between the gaps: {_spans(groups.values())}")
     try:
-        return Recording.from_columns(path.stem, {"t": t[keep], **{n: a[keep] for n, a in columns.items()}}, GAP_FACTOR)
+        return Recording.from_columns(path.stem, {"t": t[keep], **{n: a[keep] for n, a in columns.items()}}, _GAP_FACTOR)
     except ValueError as cause:
         raise RecordingError(path, str(cause)) from cause
 
@@ -129,7 +129,7 @@ def _clock(path: Path, groups: Groups, rate: float | None) -> FloatArray:
     measured = [g for name, g in groups.items() if name != "cmd"] or list(groups.values())
     if not measured:
         raise RecordingError(path, "there is nothing of use: wanted commands, odometry, wheels, an IMU, a pose or GPS")
-    first = next(groups[name] for name in (*GROUPS, OTHERS) if name in groups)
+    first = next(groups[name] for name in (*GROUPS, _OTHERS) if name in groups)
     if rate is None and all(np.array_equal(g.t, first.t) for g in measured):
         return first.t
     dt = first.period if rate is None else 1.0 / rate
@@ -153,7 +153,7 @@ def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
     """
     last = np.searchsorted(stamps, t + TIME_ROUNDOFF, side="right") - 1
     age = t - stamps[np.maximum(last, 0)]
-    return np.where((last >= 0) & (age <= COMMAND_TIMEOUT + TIME_ROUNDOFF), values[np.maximum(last, 0)], 0.0)
+    return np.where((last >= 0) & (age <= _COMMAND_TIMEOUT + TIME_ROUNDOFF), values[np.maximum(last, 0)], 0.0)
 
 
 # ------------------------------------------------------------------------------------------ steps of a conversion

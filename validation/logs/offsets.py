@@ -12,17 +12,17 @@ from ssmr.types import FloatArray
 from validation.logs.groups import MOST_SAMPLES, Group, Groups, held
 from validation.logs.rest import wheel_twist
 
-OFFSET_STEP = 0.01
+_OFFSET_STEP = 0.01
 """Period on which yaw rates are correlated [s]; a parabola through the best three lags is finer than that."""
-OFFSET_SMOOTHING = 0.1
+_OFFSET_SMOOTHING = 0.1
 """Standard deviation of the Gaussian that smooths both yaw rates first [s]: the slope of a noisy yaw is noisier."""
-OFFSET_LIMIT = 1.0
+_OFFSET_LIMIT = 1.0
 """Longest offset that is looked for [s]."""
-OFFSET_SPAN = 5.0
+_OFFSET_SPAN = 5.0
 """Shortest overlap of two groups that are correlated [s]."""
-OFFSET_CORRELATION = 0.5
+_OFFSET_CORRELATION = 0.5
 """Least correlation from which an offset is taken; below it the two yaw rates are not alike enough."""
-CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
+_CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
 """The first of these groups that a log has is the clock for the others: a gyro measures its yaw rate at once."""
 
 
@@ -55,14 +55,14 @@ def yaw_rate(groups: Groups, name: str) -> FloatArray | None:
 
 
 def estimate_offsets(groups: Groups) -> list[Offset]:
-    """Estimate the delay of each group behind the first group of `CLOCK_ORDER`.
+    """Estimate the delay of each group behind the first group of `_CLOCK_ORDER`.
 
     The delay is the lag at which the correlation of the yaw rates is greatest, refined by a parabola. The delay of commands
     is negative, because a robot follows them. Groups whose yaw rate does not resemble the first one's, or is zero, are left
     out.
     """
-    rates = {name: rate for name in (*CLOCK_ORDER, "cmd") if (rate := yaw_rate(groups, name)) is not None}
-    reference = next((name for name in CLOCK_ORDER if name in rates), None)
+    rates = {name: rate for name in (*_CLOCK_ORDER, "cmd") if (rate := yaw_rate(groups, name)) is not None}
+    reference = next((name for name in _CLOCK_ORDER if name in rates), None)
     found: list[Offset] = []
     for name in rates:
         if reference is None or name == reference:
@@ -84,21 +84,21 @@ def _lag(a: Group, rate_a: FloatArray, b: Group, rate_b: FloatArray, *, is_held:
     from scipy import ndimage  # here: it takes a tenth of a second to import
 
     start, stop = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
-    if stop - start < OFFSET_SPAN:
+    if stop - start < _OFFSET_SPAN:
         return None
-    grid = np.arange(start, min(stop, start + MOST_SAMPLES * OFFSET_STEP), OFFSET_STEP)
+    grid = np.arange(start, min(stop, start + MOST_SAMPLES * _OFFSET_STEP), _OFFSET_STEP)
     x, y = np.interp(grid, a.t, rate_a), np.interp(grid, b.t, rate_b)
     if is_held:  # on both sides of each instant: on stamps that the grid meets, one side would be half a step early
-        y = 0.5 * (held(grid - 0.5 * OFFSET_STEP, b.t, rate_b) + held(grid + 0.5 * OFFSET_STEP, b.t, rate_b))
-    x, y = (ndimage.gaussian_filter1d(rate, OFFSET_SMOOTHING / OFFSET_STEP, mode="nearest") for rate in (x, y))
+        y = 0.5 * (held(grid - 0.5 * _OFFSET_STEP, b.t, rate_b) + held(grid + 0.5 * _OFFSET_STEP, b.t, rate_b))
+    x, y = (ndimage.gaussian_filter1d(rate, _OFFSET_SMOOTHING / _OFFSET_STEP, mode="nearest") for rate in (x, y))
     lags, likeness = _correlations(x, y, _covered(grid, a), _covered(grid, b))
     best = int(np.argmax(likeness))
-    if likeness[best] < OFFSET_CORRELATION or best in (0, len(lags) - 1):
+    if likeness[best] < _OFFSET_CORRELATION or best in (0, len(lags) - 1):
         return None
     before, at, after = likeness[best - 1 : best + 2]
     bend = before - 2.0 * at + after
     refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return float(lags[best] + refined) * OFFSET_STEP, float(at)
+    return float(lags[best] + refined) * _OFFSET_STEP, float(at)
 
 
 def _covered(grid: FloatArray, group: Group) -> FloatArray:
@@ -121,7 +121,7 @@ def _correlations(x: FloatArray, y: FloatArray, of_x: FloatArray, of_y: FloatArr
     from scipy import signal
 
     x, y = (x - x.mean()) * of_x, (y - y.mean()) * of_y
-    most = round(OFFSET_LIMIT / OFFSET_STEP)
+    most = round(_OFFSET_LIMIT / _OFFSET_STEP)
     window = slice(len(x) - 1 - most, len(x) + most)
 
     def summed(u: FloatArray, v: FloatArray) -> FloatArray:

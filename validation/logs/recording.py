@@ -39,7 +39,7 @@ POSE_COLUMNS = ("x", "y", "yaw")
 
 TIME_ROUNDOFF = 1e-6
 """Instants closer than this are the same one: well over rounding, well under any sample step [s]."""
-STILL_AFTER = 1.0
+_STILL_AFTER = 1.0
 """A pose that repeats for longer means that the robot stands, not that the localiser is slower than the log [s]."""
 
 
@@ -258,12 +258,12 @@ class Segment:
     def fresh(self) -> NDArray[np.bool_]:
         """(M,) bool, True where the localiser gave a new pose.
 
-        A pose equal to the one before, bit for bit, was only logged again. If that goes on for more than `STILL_AFTER`, the
+        A pose equal to the one before, bit for bit, was only logged again. If that goes on for more than `_STILL_AFTER`, the
         robot stands, and the samples after that time are new. The first sample is always new.
         """
         changed = np.concatenate([[True], np.any(self.pose[1:] != self.pose[:-1], axis=1)])
         since = self.t[np.maximum.accumulate(np.where(changed, np.arange(len(self)), 0))]
-        return changed | (self.t - since > STILL_AFTER + TIME_ROUNDOFF)
+        return changed | (self.t - since > _STILL_AFTER + TIME_ROUNDOFF)
 
     def initial_state(self, span: float = 0.5) -> State:
         """Return pose and wheel rates of the first sample, and the constant twist that fits the first poses best.
@@ -302,11 +302,11 @@ def _refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
     """Return (M,) bool, True for rows of (M, k) values that were measured anew and not only logged again.
 
     A row equal to the one before counts as new if nothing new came for longer than a usual refresh takes, or for longer than
-    `STILL_AFTER`: then the value stayed the same.
+    `_STILL_AFTER`: then the value stayed the same.
     """
     changed = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
     times = t[changed]
-    usual = min(float(np.median(np.diff(times))), STILL_AFTER) if len(times) > 1 else 0.0
+    usual = min(float(np.median(np.diff(times))), _STILL_AFTER) if len(times) > 1 else 0.0
     last = t[np.maximum.accumulate(np.where(changed, np.arange(len(t)), 0))]
     return changed | (t - last >= usual - TIME_ROUNDOFF)
 

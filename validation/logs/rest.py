@@ -16,11 +16,11 @@ from ssmr.types import FloatArray
 from validation.logs.groups import Group, Groups
 from validation.logs.recording import TIME_ROUNDOFF, RecordingError
 
-REST_V = 0.01
-"""A robot stands if its wheels' speed, averaged over `2 REST_MARGIN`, is below this [m/s]; noisy encoders show a third."""
-REST_W = 0.02
+_REST_V = 0.01
+"""A robot stands if its wheels' speed, averaged over `2 _REST_MARGIN`, is below this [m/s]; noisy encoders show a third."""
+_REST_W = 0.02
 """A robot stands if its wheels' yaw rate, averaged likewise, is below this [rad/s]."""
-REST_MARGIN = 0.5
+_REST_MARGIN = 0.5
 """Samples that lie nearer to a motion than this do not count as rest [s]: odometry may be late."""
 REST_LEAST = 2.0
 """Shortest total rest from which a bias is taken [s]."""
@@ -59,14 +59,14 @@ def standing(groups: Groups, t: FloatArray) -> NDArray[np.bool_]:
     if wheels is None:
         return np.zeros(len(t), dtype=bool)
     stamps, v, w = wheels
-    low = np.searchsorted(stamps, stamps - REST_MARGIN - TIME_ROUNDOFF)
-    high = np.searchsorted(stamps, stamps + REST_MARGIN + TIME_ROUNDOFF)
+    low = np.searchsorted(stamps, stamps - _REST_MARGIN - TIME_ROUNDOFF)
+    high = np.searchsorted(stamps, stamps + _REST_MARGIN + TIME_ROUNDOFF)
     mean = [np.diff(np.concatenate([[0.0], np.cumsum(a)])[np.stack([low, high])], axis=0)[0] / (high - low) for a in (v, w)]
-    moving = stamps[(np.abs(mean[0]) > REST_V) | (np.abs(mean[1]) > REST_W)]
+    moving = stamps[(np.abs(mean[0]) > _REST_V) | (np.abs(mean[1]) > _REST_W)]
     at = np.concatenate([[-math.inf], moving, [math.inf]])
     after = np.searchsorted(at, t, side="right")
     margin = np.minimum(t - at[after - 1], at[np.minimum(after, len(at) - 1)] - t)
-    return (margin > REST_MARGIN) & (t >= stamps[0]) & (t <= stamps[-1])
+    return (margin > _REST_MARGIN) & (t >= stamps[0]) & (t <= stamps[-1])
 
 
 def find_rest(groups: Groups) -> Rest | None:

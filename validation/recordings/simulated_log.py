@@ -1,4 +1,4 @@
-"""What a robot would have logged of a simulated drive: every sensor at its own rate, noisy, the localiser late."""
+"""Logs of simulated drives: every sensor has its own rate and noise, and the localiser is late."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from validation.motion.driving import drive
 from validation.motion.sources import Piece
 from validation.plants.profile import PLANTS, Profile, make_plant
 
-STANDING = 5.0
-"""How long a logged drive stands before and after [s]: the gyro's bias shows there."""
+_STANDING = 5.0
+"""Time at rest before and after a logged drive [s], in which the gyro's bias shows."""
 
 
 @dataclass(frozen=True)
@@ -28,29 +28,29 @@ class LogSettings:
     """Faults of a simulated log, besides the noise of encoders and gyro."""
 
     gyro_bias: float = -0.0156
-    """What the gyro shows at rest [rad/s]; a real Husky's on tile."""
+    """Reading of the gyro at rest [rad/s]; a real Husky's on tile."""
     pose_std: float = 0.002
-    """Of the localiser's x and y [m]; motion capture."""
+    """Standard deviation of the localiser's x and y [m]; motion capture."""
     yaw_std: float = 0.002
-    """Of its yaw [rad]."""
+    """Standard deviation of the localiser's yaw [rad]."""
     pose_late: float = 0.05
-    """How much later than it was measured a pose is stamped [s]."""
+    """Delay of a pose's stamp behind its measurement [s]."""
 
 
 def varied() -> Commands:
-    """A minute for identification: speeds from 0.1 to 0.7 m/s, both ways of turning, at rates that never repeat; 20 Hz."""
+    """Return a minute of commands for identification: 0.1 to 0.7 m/s, turns to both sides that never repeat; 20 Hz."""
     t = np.arange(round(60.0 / COMMAND_PERIOD)) * COMMAND_PERIOD
     v = 0.4 + 0.3 * np.sin(0.31 * t)
     return Commands(COMMAND_PERIOD, np.column_stack([v, 0.5 * np.sin(0.7 * t) + 0.4 * np.sin(1.9 * t)]))
 
 
 def scenarios() -> Mapping[str, Commands]:
-    """What can be driven, by name."""
+    """Return the commands that can be driven, by name."""
     return {**{name: made.commands() for name, made in TRAJECTORIES.items()}, "varied": varied()}
 
 
 def is_simulated(name: str) -> bool:
-    """Whether a SOURCE names a drive to be simulated, as SCENARIO or SCENARIO@PLANT."""
+    """Return whether a name is a drive to be simulated, SCENARIO or SCENARIO@PLANT."""
     return name.partition("@")[0] in scenarios()
 
 
@@ -59,12 +59,12 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
 
     Args:
         name: SCENARIO@PLANT; mujoco if no plant is named.
-        profile: the plant's numbers.
-        seed: of all noise.
+        profile: parameters of the plant.
+        seed: seed of all noise.
         settings: faults of the log.
 
     Returns:
-        Groups: commands at 20 Hz, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
+        Groups of columns: commands at 20 Hz, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
 
     Raises:
         ValueError: an unknown scenario or plant.
@@ -93,8 +93,8 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
 
 
 def _standing_around(commands: Commands) -> Commands:
-    """Commands with a rest before and after."""
-    rest = np.zeros((math.ceil(STANDING / commands.dt), 2))
+    """Return commands with a rest before and after."""
+    rest = np.zeros((math.ceil(_STANDING / commands.dt), 2))
     return Commands(commands.dt, np.concatenate([rest, commands.values, rest]))
 
 

@@ -27,9 +27,9 @@ from validation.ros.messages import Seen
 
 FRESH = 0.5
 """Age from which feedback is too old to drive by [s]."""
-MOVING = 0.05
+_MOVING = 0.05
 """A robot faster than this is not taken over [m/s, rad/s]."""
-AT_START = 0.5
+_AT_START = 0.5
 """Greatest distance of the robot from the reference's start with `absolute` [m]."""
 
 
@@ -171,9 +171,9 @@ class Pilot:
         away = math.hypot(seen.x - start.x, seen.y - start.y)
         if not 0.0 < dt < FRESH:
             self.why_waiting, self._fresh = "the feedback does not come steadily", 0
-        elif abs(seen.v) > MOVING or abs(seen.w) > MOVING:
+        elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
             self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
-        elif self.settings.absolute and away > AT_START:
+        elif self.settings.absolute and away > _AT_START:
             self.why_waiting, self._fresh = f"the robot stands {away:.2f} m from the reference's start", 0
         else:
             self._fresh += 1

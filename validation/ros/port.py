@@ -23,19 +23,19 @@ from types import ModuleType
 from typing import Any, NamedTuple
 from xml.parsers.expat import ExpatError
 
-SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
+_SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
 """Folder into which Debian installs rospy."""
 APT_PACKAGES = (
     "ros-core python3-rospy python3-nav-msgs python3-geometry-msgs python3-sensor-msgs python3-tf2-msgs python3-std-srvs"
 )
 """Packages to install with apt."""
-QUEUE = 10
+_QUEUE = 10
 """Messages of one topic that wait for a slow subscriber."""
-MASTER_PERIOD = 0.1
+_MASTER_PERIOD = 0.1
 """Period at which the master is asked for a sign of life [s]."""
-MASTER_PATIENCE = 0.25
+_MASTER_PATIENCE = 0.25
 """Time within which it must answer [s]; ten times that at the start."""
-REFUSED, SILENT, GONE = 2, 1, 4
+_REFUSED, _SILENT, _GONE = 2, 1, 4
 """Weight of a refused question, weight of one without an answer in time, and the sum at which the master counts as gone:
 after two refusals, 0.2 s, or four silences, 1.4 s. A busy machine is silent at times; if it cuts off its peers as well,
 these notice within 0.5 s."""
@@ -68,8 +68,8 @@ def load_rospy() -> ModuleType:
     Raises:
         NoGraphError: it is not installed, or for another version of Python.
     """
-    if importlib.util.find_spec("rospy") is None and str(SYSTEM_PACKAGES) not in sys.path:
-        sys.path.append(str(SYSTEM_PACKAGES))  # last: what this environment has itself goes first
+    if importlib.util.find_spec("rospy") is None and str(_SYSTEM_PACKAGES) not in sys.path:
+        sys.path.append(str(_SYSTEM_PACKAGES))  # last: what this environment has itself goes first
     try:
         with warnings.catch_warnings(action="ignore"):  # of packages as old as ROS 1
             for name in ("rosgraph", "nav_msgs.msg", "geometry_msgs.msg", "sensor_msgs.msg", "tf2_msgs.msg", "std_srvs.srv"):
@@ -183,7 +183,7 @@ class Port:
         self._uri = os.environ.setdefault("ROS_MASTER_URI", "http://localhost:11311")
         self._id = f"/{name}"
         try:
-            self._pid = ask_master(self._uri, self._id, 10.0 * MASTER_PATIENCE)
+            self._pid = ask_master(self._uri, self._id, 10.0 * _MASTER_PATIENCE)
         except OSError:
             raise NoGraphError(
                 f"no ROS master answers at {self._uri}: start one with roscore, or set ROS_MASTER_URI to where it is"
@@ -206,15 +206,15 @@ class Port:
 
     def _watch_master(self) -> None:
         doubt = 0
-        while not self._closed.wait(MASTER_PERIOD):
+        while not self._closed.wait(_MASTER_PERIOD):
             try:
-                same = ask_master(self._uri, self._id, MASTER_PATIENCE) == self._pid
-                doubt = 0 if same else doubt + REFUSED
+                same = ask_master(self._uri, self._id, _MASTER_PATIENCE) == self._pid
+                doubt = 0 if same else doubt + _REFUSED
             except TimeoutError:
-                doubt += SILENT
+                doubt += _SILENT
             except OSError:
-                doubt += REFUSED
-            if doubt >= GONE:
+                doubt += _REFUSED
+            if doubt >= _GONE:
                 self.master_gone.set()
             elif doubt == 0:
                 self.master_gone.clear()
@@ -240,7 +240,7 @@ class Port:
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
         """Open a topic for sending."""
         made = message_class(kind)
-        self._publishers[topic] = self._rospy.Publisher(topic, made, queue_size=QUEUE, latch=latch), made
+        self._publishers[topic] = self._rospy.Publisher(topic, made, queue_size=_QUEUE, latch=latch), made
 
     def make(self, kind: str) -> Any:
         """Return an empty message of `package/Type`."""

@@ -1,4 +1,4 @@
-"""The MuJoCo Husky behind its own sensors: wheel odometry, IMU and state filter on top of the physics. No ROS here."""
+"""The MuJoCo Husky with its sensors: wheel odometry, IMU and state filter on top of the physics, without ROS."""
 
 from __future__ import annotations
 
@@ -16,43 +16,43 @@ from validation.robots.plant import MujocoPlant
 from validation.ros.commands import STAND_STILL, Twist
 
 SENSOR_RATE = 50.0
-"""Of encoders, IMU and filter [Hz]; Tab. 3.5, husky_control."""
-PUSH_TIME = 0.1
-"""For how long a random push is held [s], as `ssmr.sensors.yaw_disturbance` has it."""
-RESTING = 5e-3
-"""A robot slower than this stands [m/s, and rad/s]."""
-WHEEL_POSE_VARIANCE = (1e-3, 1e-3, 0.03)
-"""What the maker's wheel odometry claims of x, y [m2] and yaw [rad2] (husky_control/config/control.yaml)."""
-SIDE_SLIP_VARIANCE = 2.5e-3
-"""Of the lateral speed that nobody measures [m2/s2]: 0.05 m/s, as in turns on the lab's floor (docs/physics.md)."""
-FORCE_VARIANCE = 1e-2
-"""What is claimed of the accelerometer [m2/s4]: 0.1 m/s2, a MEMS sensor on a vibrating robot. No noise is added to it."""
+"""Rate of encoders, IMU and filter [Hz]; Tab. 3.5, husky_control."""
+_PUSH_TIME = 0.1
+"""Time for which a random push is held [s], as in `ssmr.robot.sensors.yaw_disturbance`."""
+_RESTING = 5e-3
+"""Speed and yaw rate below which a robot stands [m/s, rad/s]."""
+_WHEEL_POSE_VARIANCE = (1e-3, 1e-3, 0.03)
+"""Variances of x, y [m2] and yaw [rad2] in the maker's wheel odometry (husky_control/config/control.yaml)."""
+_SIDE_SLIP_VARIANCE = 2.5e-3
+"""Variance of the lateral speed, which is not measured [m2/s2]: 0.05 m/s, as in turns on the lab's floor."""
+_FORCE_VARIANCE = 1e-2
+"""Variance reported for the accelerometer [m2/s4]: 0.1 m/s2, a MEMS sensor on a vibrating robot. No noise is added."""
 
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """What the robot's sensors are like."""
+    """Noise of the robot's sensors, and its disturbance."""
 
     noise: bool = True
-    """Whether encoders and gyro have the noise of `model`."""
+    """True if encoders and gyro have the noise of `model`."""
     model: SensorModel = field(default_factory=SensorModel)
-    """Their noise."""
+    """Noise of encoders and gyro."""
     disturbance: bool = False
     """Push the yaw at random (Sec. 3.4.5)."""
     seed: int = 0
-    """Of noise and pushes."""
+    """Seed of noise and pushes."""
 
 
 class SimulatedRobot:
-    """A Husky whose time passes when it is told."""
+    """A Husky that advances only when `advance` is called."""
 
     def __init__(self, plant: MujocoPlant, settings: SensorSettings, start: State | None = None) -> None:
-        """Put the robot to rest where it starts, with a filter that knows that place.
+        """Put the robot to rest at its start, with a filter that knows that pose.
 
         Args:
             plant: the robot; its own drive stands between command and wheels.
             settings: its sensors.
-            start: where it stands in the world; the origin, if not given. The filter's frame begins there.
+            start: pose in the world; the origin if not given. The filter's frame begins there.
         """
         self._plant, self._settings = plant, settings
         self._noise, self._push = (np.random.default_rng([settings.seed, k]) for k in range(2))
@@ -67,7 +67,7 @@ class SimulatedRobot:
         self._wheel_pose = np.zeros(3)
         self._wheel_twist: Twist = STAND_STILL
         self._gyro = np.zeros(3)
-        self._push_steps = whole_steps(PUSH_TIME, plant.dt, "the time of a push")
+        self._push_steps = whole_steps(_PUSH_TIME, plant.dt, "the time of a push")
         self._pushing = 0.0
 
     @property
@@ -82,12 +82,12 @@ class SimulatedRobot:
 
     @property
     def resting(self) -> bool:
-        """Whether it stands."""
+        """True if the robot stands."""
         s = self.state
-        return math.hypot(s.v_x, s.v_y) < RESTING and abs(s.yaw_rate) < RESTING
+        return math.hypot(s.v_x, s.v_y) < _RESTING and abs(s.yaw_rate) < _RESTING
 
     def advance(self, steps: int, command: Twist) -> None:
-        """Hold a command for some physics steps.
+        """Hold a command for `steps` physics steps.
 
         Raises:
             DivergedError: the simulator gave up.
@@ -99,7 +99,7 @@ class SimulatedRobot:
             self.steps += 1
 
     def sense(self) -> None:
-        """Read encoders and gyro, and let wheel odometry and filter take them in."""
+        """Read encoders and gyro, and update wheel odometry and filter."""
         dt, self._sensed_at = (self.steps - self._sensed_at) * self.dt, self.steps
         s, draws = self.state, self._noise.standard_normal(5)
         sample = sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._deviations)
@@ -111,11 +111,11 @@ class SimulatedRobot:
         self._wheel_twist = v, w
 
     def set_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
-        """Tell the filter where it is, as robot_localization's set_pose: at rest there. The robot itself stays.
+        """Set the filter's pose, at rest, as robot_localization's set_pose does. The robot itself stays where it is.
 
         Args:
             pose: (3,) x, y [m], yaw [rad] in the filter's frame.
-            covariance: (3, 3) of them.
+            covariance: (3, 3) covariance of these.
 
         Raises:
             ValueError: a number is not finite.
@@ -126,27 +126,27 @@ class SimulatedRobot:
 
     @property
     def pose(self) -> FloatArray:
-        """(3,) x, y [m], yaw [rad, unwrapped] where it really is, in the world."""
+        """(3,) true x, y [m], yaw [rad, unwrapped] in the world."""
         return np.array([self.state.x, self.state.y, self.state.yaw])
 
     def believed(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
-        """Pose (3,), twist, and (3, 3) covariances of both, of the filter."""
+        """Return the filter's pose (3,), its twist, and the (3, 3) covariances of both."""
         mean, p = self.belief
-        twist_cov = np.diag([0.0, SIDE_SLIP_VARIANCE, 0.0])
+        twist_cov = np.diag([0.0, _SIDE_SLIP_VARIANCE, 0.0])
         twist_cov[np.ix_((0, 2), (0, 2))] = p[3:, 3:]
         return mean[:3].copy(), (float(mean[3]), float(mean[4])), p[:3, :3].copy(), twist_cov
 
     def wheels(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
-        """The same by wheel odometry alone."""
-        twist_cov = np.diag([self.filter.variance_v, SIDE_SLIP_VARIANCE, self.filter.variance_wheel_yaw_rate])
-        return self._wheel_pose.copy(), self._wheel_twist, np.diag(WHEEL_POSE_VARIANCE), twist_cov
+        """Return pose, twist and covariances by wheel odometry alone, as `believed` does."""
+        twist_cov = np.diag([self.filter.variance_v, _SIDE_SLIP_VARIANCE, self.filter.variance_wheel_yaw_rate])
+        return self._wheel_pose.copy(), self._wheel_twist, np.diag(_WHEEL_POSE_VARIANCE), twist_cov
 
     def imu(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-        """(3,) rates [rad/s] as sensed last, (3,) specific force [m/s2], and the variances claimed of both."""
-        return self._gyro, self._plant.imu()[1], (self.filter.variance_gyro, FORCE_VARIANCE)
+        """Return the (3,) rates sensed last [rad/s], the (3,) specific force [m/s2], and the variances reported for both."""
+        return self._gyro, self._plant.imu()[1], (self.filter.variance_gyro, _FORCE_VARIANCE)
 
 
 def warm_up(robot: SimulatedRobot) -> None:
-    """Compile everything that a robot's time needs, on one that nobody wants any more."""
+    """Compile the kernels that a robot needs, on a robot that is not used afterwards."""
     robot.advance(1, STAND_STILL)
     robot.sense()

@@ -24,33 +24,33 @@ _logger = logging.getLogger(__name__)
 
 FILTERED_TOPIC = "/odometry/filtered"
 WHEELS_TOPIC = "/husky_velocity_controller/odom"
-IMU_TOPIC = "/imu/data"
+_IMU_TOPIC = "/imu/data"
 POSE_TOPIC = "/vrpn_client_node/husky/pose"
 TF_TOPIC = "/tf"
-TF_STATIC_TOPIC = "/tf_static"
-CLOCK_TOPIC = "/clock"
+_TF_STATIC_TOPIC = "/tf_static"
+_CLOCK_TOPIC = "/clock"
 SET_POSE_TOPIC = "/set_pose"
 SIM_TIME_PARAMETER = "/use_sim_time"
 
 MESSAGE_TYPES = {
     FILTERED_TOPIC: "nav_msgs/Odometry",
     WHEELS_TOPIC: "nav_msgs/Odometry",
-    IMU_TOPIC: "sensor_msgs/Imu",
+    _IMU_TOPIC: "sensor_msgs/Imu",
     POSE_TOPIC: "geometry_msgs/PoseStamped",
     TF_TOPIC: "tf2_msgs/TFMessage",
-    CLOCK_TOPIC: "rosgraph_msgs/Clock",
+    _CLOCK_TOPIC: "rosgraph_msgs/Clock",
 }
 """Message type of each topic that is published."""
-_SENSOR_TOPICS = (FILTERED_TOPIC, WHEELS_TOPIC, IMU_TOPIC, TF_TOPIC)
-PUBLISH_RATES = {CLOCK_TOPIC: 100.0, **dict.fromkeys(_SENSOR_TOPICS, SENSOR_RATE), POSE_TOPIC: 120.0}
+_SENSOR_TOPICS = (FILTERED_TOPIC, WHEELS_TOPIC, _IMU_TOPIC, TF_TOPIC)
+PUBLISH_RATES = {_CLOCK_TOPIC: 100.0, **dict.fromkeys(_SENSOR_TOPICS, SENSOR_RATE), POSE_TOPIC: 120.0}
 """Rate of each topic [Hz]: Tab. 3.5, Sec. 4.2; 120 Hz for the tracking system."""
-IMU_AT = (0.19, 0.0, 0.149)
+_IMU_AT = (0.19, 0.0, 0.149)
 """Position of the IMU in the base [m]; models/husky.xml."""
-BEHIND = 0.1
+_BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
-REST_PATIENCE = 5.0
+_REST_PATIENCE = 5.0
 """Time for which a robot may take to come to rest [s]."""
-LEAVE_AFTER = 2.0
+_LEAVE_AFTER = 2.0
 """Time for which the master must have been gone before the node leaves [s]: a busy one may come back, and until then
 listeners see that the robot stands."""
 
@@ -144,9 +144,9 @@ class SimNode:
         self._senders: dict[str, Callable[[Any], None]] = {
             FILTERED_TOPIC: lambda m: msg.fill_odometry(m, self._stamp, *robot.believed()),
             WHEELS_TOPIC: lambda m: msg.fill_odometry(m, self._stamp, *robot.wheels()),
-            IMU_TOPIC: lambda m: msg.fill_imu(m, self._stamp, *robot.imu()),
+            _IMU_TOPIC: lambda m: msg.fill_imu(m, self._stamp, *robot.imu()),
             POSE_TOPIC: lambda m: msg.fill_pose_stamped(m, self._stamp, msg.WORLD, robot.pose),
-            CLOCK_TOPIC: lambda m: msg.set_stamp(m.clock, self._stamp),
+            _CLOCK_TOPIC: lambda m: msg.set_stamp(m.clock, self._stamp),
         }
         self.report = SimReport()
         self._told_late = False
@@ -231,10 +231,10 @@ class SimNode:
 
     def _watch(self, late: float) -> None:
         """Report once when the simulation falls behind, and once when it has caught up."""
-        if late > BEHIND and not self._told_late:
+        if late > _BEHIND and not self._told_late:
             _logger.warning("%.2f s: %.2f s behind real time: this machine is too slow, or busy", self._robot.time, late)
             self._told_late = True
-        elif late < 0.1 * BEHIND and self._told_late:
+        elif late < 0.1 * _BEHIND and self._told_late:
             _logger.info("%.2f s: at real time again", self._robot.time)
             self._told_late = False
 
@@ -259,7 +259,7 @@ class SimNode:
             self._gone_at = now
             self._gate.lock(True, f"the ROS master at {master} is gone")
         stands = self._robot.resting
-        if now > self._gone_at + (LEAVE_AFTER if stands else REST_PATIENCE):
+        if now > self._gone_at + (_LEAVE_AFTER if stands else _REST_PATIENCE):
             raise MasterGoneError(
                 f"the ROS master at {master} is gone; the robot {'stands' if stands else 'does NOT stand'}"
             )
@@ -269,11 +269,11 @@ def connect_simulation(port: Any) -> None:
     """Open the simulated Husky's topics and service on a port."""
     for topic, kind in MESSAGE_TYPES.items():
         port.advertise(topic, kind)
-    port.advertise(TF_STATIC_TOPIC, "tf2_msgs/TFMessage", latch=True)
+    port.advertise(_TF_STATIC_TOPIC, "tf2_msgs/TFMessage", latch=True)
 
     mount = port.make("geometry_msgs/TransformStamped")
-    msg.fill_transform(mount, 0.0, (msg.BASE, msg.IMU), IMU_AT, 0.0)
-    port.send(TF_STATIC_TOPIC, lambda message: setattr(message, "transforms", [mount]))
+    msg.fill_transform(mount, 0.0, (msg.BASE, msg.IMU), _IMU_AT, 0.0)
+    port.send(_TF_STATIC_TOPIC, lambda message: setattr(message, "transforms", [mount]))
     for source in SOURCES:
         port.listen(source.topic, "geometry_msgs/Twist")
     port.listen(LOCK_TOPIC, "std_msgs/Bool")

@@ -37,7 +37,7 @@ from validation.track.gains import DEFAULT, load_gains
 from validation.track.tracking import make_controller, require_practicable, run_robots
 from validation.track.waypoint_files import open_reference
 
-TICK = 0.01
+_TICK = 0.01
 """Period of the tracker, and of the truth's samples [s]: two of them are the filter's 20 ms."""
 
 
@@ -70,7 +70,7 @@ def drive_missions(
     progress: Report = silent,
 ) -> FilterStudy:
     """Make the study with these grounds and references, of one speed, in place of those of the options."""
-    loop = LoopSettings("truth", disturbance=False, position_period=TICK)
+    loop = LoopSettings("truth", disturbance=False, position_period=_TICK)
     robots = [g.robot(options.timestep) for g in grounds]
     for name, waypoints in missions.items():
         make_clock(waypoints, loop, options.timestep)

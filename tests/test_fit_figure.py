@@ -93,7 +93,7 @@ def trace(shares: Sequence[float], generations: int, members: int = 30) -> Searc
     population = np.clip(np.array(shares) + rng.normal(0.0, 0.05, (members, len(shares))), 0.0, 1.0)
     costs = rng.uniform(0.02, 0.05, members)
     costs[-1] = np.inf
-    return SearchTrace(best, median, np.tile(shares, (generations, 1)), population, costs)
+    return SearchTrace(best, median, population, costs)
 
 
 def result(

@@ -34,7 +34,7 @@ class FittedParameter:
     before: float
     """Value before the search; infinite for a limit that was off."""
     at_bound: bool
-    """Whether it ended at one of its bounds."""
+    """True if it ended at one of its bounds."""
     standard_error: float | None = None
     """Standard error; None where it could not be estimated, or was not."""
     interval_95: tuple[float, float] | None = None
@@ -65,8 +65,6 @@ class SearchTrace:
     """(G,) least cost so far; the first is that of the initial population."""
     median_cost: FloatArray
     """(G,) median over the population's members of finite cost; NaN where there is none."""
-    best: FloatArray
-    """(G, n) the best member."""
     population: FloatArray
     """(S, n) all members at the end."""
     costs: FloatArray
@@ -139,7 +137,7 @@ class Scored:
     motion: tuple[Trajectory, ...]
     """The fitted plant's motion, at the same stamps."""
     before: tuple[Trajectory, ...]
-    """The same plant's motion with the numbers of before the fit; empty where it could not be driven."""
+    """The same plant's motion with the numbers from before the fit; empty where it could not be driven."""
     metrics: Metrics
     """Distances of `motion` from `truth`, over all pieces."""
     horizons: Mapping[float, HorizonErrors]

@@ -23,7 +23,7 @@ from ssmr.metrics.poses import HorizonErrors, horizon_windows, relative_pose_err
 from ssmr.types import FloatArray, Trajectory
 from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import FitData, Scored
-from validation.fit.search_figure import SearchLooks, draw_title, footer_text, search_rows
+from validation.fit.search_figure import SearchLooks, draw_title, search_page
 from validation.fit.table import (
     fit_notes,
     source_text,
@@ -40,7 +40,6 @@ from validation.show.drawing import (
     Row,
     corner_note,
     draw_dart,
-    draw_footer,
     draw_horizons,
     draw_ring,
     draw_section,
@@ -50,8 +49,6 @@ from validation.show.drawing import (
     joined,
     line_legend,
     narrow,
-    note_rows,
-    put_together,
     side_by_side,
     text_row,
     yaw_degrees,
@@ -63,7 +60,7 @@ _LONGEST_STRETCH = 30.0
 MAX_TRAIN, MAX_HELD_OUT, MAX_ABREAST = 4, 3, 4
 """Greatest numbers of sources with a panel of their path, and of panels in a row."""
 
-_HEADER_IN, _GAP_IN, _SECTION_IN, _LEGEND_IN, _HORIZON_IN, _FOOTER_IN = 0.84, 0.1, 0.3, 0.24, 2.4, 0.26
+_SECTION_IN, _LEGEND_IN, _HORIZON_IN = 0.3, 0.24, 2.4
 _PATHS_IN = {1: 3.7, 2: 3.6, 3: 3.4, 4: 3.1}  # height of a row of paths by how many stand in it
 
 
@@ -273,8 +270,6 @@ def _draw_marks(marks: Sequence[HorizonMarks], ax: Axes) -> None:
 def fit_figure(result: FitData) -> Figure:
     """Draw a fit, 1600 px wide: course of the search, parameters, correlations, paths, errors by horizon, notes."""
     paths, left_out = _path_rows(result)
-    rows = [text_row(_HEADER_IN, partial(_draw_header, result)), Row(_GAP_IN, ())]
     looks = SearchLooks(result, ink_of(result.model), "Parameters", "before the fit", result.correlation)
-    rows += [*search_rows(looks), *paths, *_horizon_rows(result), *note_rows([*fit_notes(result), *left_out])]
-    rows.append(text_row(_FOOTER_IN, partial(draw_footer, footer_text(result))))
-    return put_together(rows)
+    details = [*paths, *_horizon_rows(result)]
+    return search_page(partial(_draw_header, result), looks, details, [*fit_notes(result), *left_out])

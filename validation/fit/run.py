@@ -16,13 +16,13 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
-from validation.fit.data import FittedParameter, Scored
+from validation.fit.data import Scored
 from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
 from validation.fit.search import Evaluate, FreeParameters, SearchOptions, put_options, search_for
 from validation.fit.targets import FitSources, is_scenario, open_targets
-from validation.fit.uncertainty import Uncertainty, estimate, sentences
+from validation.fit.uncertainty import estimate, found_parameters, sentences
 from validation.motion.driving import drive, horizons_of
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
@@ -39,7 +39,7 @@ SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)
 
 @dataclass(frozen=True)
 class FitParameters(FreeParameters):
-    """Which parameters are fitted, and where the search begins."""
+    """The parameters that are fitted, and the start of the search."""
 
     start: Mapping[str, float] | None = None
     """Values of one candidate of the first population; what is not named is the profile's. None draws all at random."""
@@ -122,7 +122,7 @@ def fit(
         source=",".join(names),
         seed=search.seed,
         cost_name=str(problem.cost.objective),
-        parameters=_fitted_parameters(problem, point, uncertainty),
+        parameters=found_parameters(space, point, [find(model, n).read(begun) for n in space.names], uncertainty),
         correlation=None if uncertainty is None else uncertainty.correlation,
         uncertainty_method="" if uncertainty is None else uncertainty.method,
         remarks=sentences(model, space, point, uncertainty),
@@ -190,22 +190,6 @@ def _require_possible(problem: FitProblem) -> None:
 
 def _built(model: str, plant: PlantProfile) -> Plant:
     return make_plant(Profile("with these values", "", {model: plant}, {}), model)
-
-
-def _fitted_parameters(
-    problem: FitProblem, point: FloatArray, uncertainty: Uncertainty | None
-) -> tuple[FittedParameter, ...]:
-    values, at_bound = problem.space.values(point), problem.space.at_bound(point)
-    out = []
-    for i, p in enumerate(problem.space.parameters):
-        error, interval = None, None
-        if uncertainty is not None and np.isfinite(uncertainty.standard_error[i]):
-            error = float(uncertainty.standard_error[i])
-            interval = (float(uncertainty.interval[i, 0]), float(uncertainty.interval[i, 1]))
-        before = find(problem.model, p.name).read(problem.base)
-        value, bound = float(values[i]), bool(at_bound[i])
-        out.append(FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, before, bound, error, interval))
-    return tuple(out)
 
 
 def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget]) -> dict[str, Any]:

@@ -136,7 +136,7 @@ class SearchOptions:
 
 @dataclass(frozen=True)
 class FreeParameters:
-    """Which numbers are searched, and within which bounds."""
+    """The numbers that are searched, and their bounds."""
 
     free: tuple[str, ...] | None = None
     """Names of the parameters to search. None takes the usual ones."""
@@ -173,7 +173,6 @@ class Search:
     """The parameters, for progress texts."""
     best_cost: list[float] = field(default_factory=list)
     median_cost: list[float] = field(default_factory=list)
-    best: list[FloatArray] = field(default_factory=list)
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""
     interrupted: bool = False
@@ -211,7 +210,6 @@ class Search:
         finite = self.jde.costs[np.isfinite(self.jde.costs)]
         self.best_cost.append(float(self.jde.best_cost))
         self.median_cost.append(float(np.median(finite)) if len(finite) else np.nan)
-        self.best.append(self.jde.best)
 
     def _best_text(self) -> str:
         text = f"cost {self.jde.best_cost:.5g}"
@@ -228,7 +226,6 @@ class Search:
             "fit_versions": np.array(json.dumps(store.versions())),
             "fit_best_cost": np.array(self.best_cost),
             "fit_median_cost": np.array(self.median_cost),
-            "fit_best": np.array(self.best),
             "fit_wall_s": np.array(self.wall_s),
         }
         state = {f"jde_{k}": v for k, v in self.jde.state().items()}
@@ -259,8 +256,8 @@ class Search:
                     "ask for the same search again, or begin anew without resume"
                 )
             jde = Jde.restore({k.removeprefix("jde_"): v for k, v in data.items() if k.startswith("jde_")})
-            best_cost, median_cost, best = (list(data[f"fit_{name}"]) for name in ("best_cost", "median_cost", "best"))
-            search = cls(jde, identity, None, best_cost, median_cost, best, float(data["fit_wall_s"]))
+            best_cost, median_cost = list(data["fit_best_cost"]), list(data["fit_median_cost"])
+            search = cls(jde, identity, None, best_cost, median_cost, float(data["fit_wall_s"]))
             return search, json.loads(str(data["fit_versions"]))
         except CheckpointError:
             raise
@@ -270,7 +267,6 @@ class Search:
     def outcome(self) -> dict[str, Any]:
         """Return the fields of a `SearchData` that only the search decides."""
         jde = self.jde
-        best_cost, median_cost, best = (np.array(x) for x in (self.best_cost, self.median_cost, self.best))
         return {
             "status": "interrupted" if self.interrupted else "finished",
             "stopped_by": jde.finished or "interrupt",
@@ -278,7 +274,7 @@ class Search:
             "evaluations": jde.evaluations,
             "generations": jde.generation,
             "wall_s": self.wall_s,
-            "trace": SearchTrace(best_cost, median_cost, best, jde.population, jde.costs),
+            "trace": SearchTrace(np.array(self.best_cost), np.array(self.median_cost), jde.population, jde.costs),
             "versions": store.versions(),
         }
 

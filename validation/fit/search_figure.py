@@ -10,6 +10,7 @@ from functools import partial
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from ssmr.types import FloatArray
@@ -21,11 +22,16 @@ from validation.show.drawing import (
     DASHED,
     QUIET,
     Ink,
+    Panel,
     Row,
+    draw_footer,
     inset,
     narrow,
+    note_rows,
+    put_together,
     side_by_side,
     stacked,
+    text_row,
 )
 from validation.show.tables import option_text, shortened
 
@@ -37,6 +43,7 @@ _DECADE = 10.0
 """Costs that span a greater ratio are drawn on a logarithmic scale."""
 _CONVERGENCE_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.95  # a strip's height; what their panel needs besides them
 _CHARACTER_IN = 0.076  # width of a usual character at 9.5 points
+_HEADER_IN, _GAP_IN, _FOOTER_IN = 0.84, 0.1, 0.26
 _HEADING_IN = 9.3  # width of the heading at most
 _DOUBT = "#8a5a00"
 
@@ -208,3 +215,10 @@ def search_rows(looks: SearchLooks) -> list[Row]:
     upper = 2.0 / (height - 1.67)
     left = partial(stacked, [(upper, convergence), (1.0 - upper, partial(_draw_correlation, looks, False))])
     return [Row(height, ((0.42, left), (0.58, every)))]
+
+
+def search_page(header: Panel, looks: SearchLooks, details: Sequence[Row], notes: Sequence[str]) -> Figure:
+    """Put a search's picture together: header, course and values of the search, further rows, notes and footer."""
+    footer = text_row(_FOOTER_IN, partial(draw_footer, footer_text(looks.result)))
+    rows = [text_row(_HEADER_IN, header), Row(_GAP_IN, ()), *search_rows(looks), *details, *note_rows(notes), footer]
+    return put_together(rows)

@@ -26,7 +26,7 @@ _Span = tuple[float | None, float | None]
 
 @dataclass(frozen=True)
 class FitSources:
-    """Which parts of which sources a fit uses, and how they drive the plant."""
+    """The parts of sources that a fit uses, and the inputs that drive the plant."""
 
     input: Input = "commands"
     """Inputs of a recording that drive the plant: commands, measured wheel rates, or both, each in its turn."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
+from validation.fit.data import FittedParameter
 from validation.fit.objective import SignedErrors
 from validation.fit.problem import FitProblem
 
@@ -113,6 +114,22 @@ def _sandwich(rows: FloatArray, jacobian: FloatArray, weight: FloatArray, block:
     inverse = np.linalg.inv(curvature + ridge * np.eye(n))
     spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * IGNORANCE) ** 2 * np.eye(n)) @ inverse)
     return np.asarray((axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T)
+
+
+def found_parameters(
+    space: ParameterSpace, point: FloatArray, before: Sequence[float], uncertainty: Uncertainty | None = None
+) -> tuple[FittedParameter, ...]:
+    """Return the parameters at an (n,) point of the unit cube, with the values of before and, if known, their errors."""
+    values, at_bound = space.values(point), space.at_bound(point)
+    out = []
+    for i, p in enumerate(space.parameters):
+        error, interval = None, None
+        if uncertainty is not None and np.isfinite(uncertainty.standard_error[i]):
+            error = float(uncertainty.standard_error[i])
+            interval = (float(uncertainty.interval[i, 0]), float(uncertainty.interval[i, 1]))
+        value, was, bound = float(values[i]), float(before[i]), bool(at_bound[i])
+        out.append(FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, was, bound, error, interval))
+    return tuple(out)
 
 
 def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:

@@ -51,7 +51,7 @@ class TuneData(SearchData):
     baseline_name: str
     """Name of the gain set that the tuned one is compared with."""
     baseline_cost: float
-    """Its cost; infinite where it loses a reference."""
+    """Cost of that gain set; infinite where it loses a reference."""
     train: tuple[TunedRun, ...]
     """Runs along the references that it was tuned on."""
     held_out: tuple[TunedRun, ...]

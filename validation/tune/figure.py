@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.control.loop import ClosedRun
-from validation.fit.search_figure import SearchLooks, draw_title, footer_text, search_rows
+from validation.fit.search_figure import SearchLooks, draw_title, search_page
 from validation.show.drawing import (
     ALARM,
     BESIDE_INK,
@@ -24,7 +24,6 @@ from validation.show.drawing import (
     Row,
     corner_note,
     draw_dart,
-    draw_footer,
     draw_loss,
     draw_reference,
     draw_section,
@@ -33,8 +32,6 @@ from validation.show.drawing import (
     inset,
     line_legend,
     narrow,
-    note_rows,
-    put_together,
     text_row,
 )
 from validation.show.tables import length_unit, shortened
@@ -45,7 +42,7 @@ from validation.tune.table import against, cost_text, run_text, tune_notes
 MAX_TRAIN, MAX_HELD_OUT, MAX_ABREAST = 8, 4, 4
 """Greatest numbers of references with a panel of their path, and of panels in a row."""
 
-_HEADER_IN, _GAP_IN, _SECTION_IN, _FOOTER_IN = 0.84, 0.1, 0.3, 0.26
+_SECTION_IN = 0.3
 _PATHS_IN = {1: 3.4, 2: 3.3, 3: 3.1, 4: 2.75}  # height of a row of paths by how many stand in it
 
 
@@ -139,12 +136,4 @@ def tune_figure(result: TuneData) -> Figure:
     looks = SearchLooks(result, ink, "Gains", "baseline", before_cost=result.baseline_cost)
     held = result.held_gains
     notes = [*tune_notes(result), *left_out, *([f"Gains that were held: {gains_text(held)}."] if held else [])]
-    rows = [
-        text_row(_HEADER_IN, partial(_draw_header, result)),
-        Row(_GAP_IN, ()),
-        *search_rows(looks),
-        *paths,
-        *note_rows(notes),
-        text_row(_FOOTER_IN, partial(draw_footer, footer_text(result))),
-    ]
-    return put_together(rows)
+    return search_page(partial(_draw_header, result), looks, paths, notes)

@@ -13,9 +13,8 @@ from ssmr.control.laws import LAWS
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.fit.data import FittedParameter
 from validation.fit.search import FreeParameters, SearchOptions, put_options, search_for
-from validation.fit.uncertainty import bound_sentences
+from validation.fit.uncertainty import bound_sentences, found_parameters
 from validation.plants.profile import Profile, load_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
@@ -56,7 +55,7 @@ class TuneTask:
 
 @dataclass(frozen=True)
 class TuneParameters(FreeParameters):
-    """Which gains are tuned, and which the search begins with."""
+    """The gains that are tuned, and those that the search begins with."""
 
     gains: str | None = None
     """Name or path of the gain set to begin with, to hold what is not searched, and to compare the outcome with. None takes
@@ -126,8 +125,8 @@ def tune(
     found = search_for(problem, settings, search, start, progress)
     total = settings.generations + 1
     progress(Progress(total, total, "tuned and earlier gains on every reference"))
-    tuned, threads = problem.gains(found.jde.best), search.threads
-    values, at_bound = space.values(found.jde.best), space.at_bound(found.jde.best)
+    point, threads = found.jde.best, search.threads
+    tuned = problem.gains(point)
     result = TuneResult(
         controller=controller,
         begun_with=chosen.name,
@@ -136,11 +135,8 @@ def tune(
         cost_name=cost.cost,
         baseline_name=base.name,
         baseline_cost=problem.base_cost(threads),
-        parameters=tuple(
-            FittedParameter(p.name, p.unit, float(v), p.lower, p.upper, p.scale, float(base.values[p.name]), bool(b))
-            for p, v, b in zip(space.parameters, values, at_bound, strict=True)
-        ),
-        remarks=tuple(bound_sentences(space, found.jde.best)),
+        parameters=found_parameters(space, point, [base.values[name] for name in space.names]),
+        remarks=tuple(bound_sentences(space, point)),
         train=tuple(problem.compared(case, tuned, threads) for case in problem.cases),
         held_out=tuple(problem.compared(case, tuned, threads) for case in held_out),
         options=_record(cost, task, parameters, search.record(settings)),

@@ -14,9 +14,8 @@ import pytest
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import shift_reference, shift_state
-from ssmr.metrics.declared import Metrics
 from ssmr.types import State
-from tests.conftest import data_folder
+from tests.conftest import data_folder, metrics_of
 from validation import cli
 from validation.compare import CompareSettings, compare
 from validation.compare.__main__ import main
@@ -24,6 +23,7 @@ from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, resample, score_horizons
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load, make_plant
+from validation.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[1]
 TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"
@@ -72,7 +72,7 @@ def test_every_plant_is_held_against_the_reference(lab: Profile) -> None:
     assert list(found.plants) == ["mujoco", "improved", "coulomb", "linear", "kinematic"]
     assert found.reference_name == "mujoco"
     own = found.plants["mujoco"].metrics
-    assert own == Metrics(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    assert own == metrics_of(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     assert all(0.0 < found.plants[name].metrics["d_rms_m"] < 0.5 for name in found.plants if name != "mujoco")
     assert found.plants["mujoco"].health is not None
     assert found.plants["mujoco"].health.ok
@@ -185,7 +185,48 @@ def test_the_document_is_the_contracts(lab: Profile) -> None:
     json.dumps(document, allow_nan=False)
 
 
+def test_a_comparison_prints_draws_and_saves_itself(tmp_path: Path) -> None:
+    told: list[Progress] = []
+    found = compare("traj1", "thesis-lab", plants=("improved", "kinematic"), reference="improved", progress=told.append)
+    assert [p.done for p in told] == [1, 2]
+    assert "kinematic" in found.table(100)
+    assert max(map(len, found.table(100).splitlines())) <= 100
+    written = found.save(tmp_path / "new", recording=False)
+    assert [p.name for p in written] == ["compare.png", "compare.json"]
+    assert json.loads(written[-1].read_text()) == json.loads(json.dumps(found.as_dict()))
+    assert found.figure().axes
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"plants": ("gazebo",)}, "unknown plant 'gazebo'; there are: mujoco"),
+        ({"profile": "nosuch"}, "no profile 'nosuch'"),
+        ({"settings": CompareSettings(start=3.0)}, "is a scenario"),
+    ],
+)
+def test_a_mistake_is_a_value_error(asked: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        compare("traj1", **asked)
+
+
+def test_settings_are_checked() -> None:
+    with pytest.raises(ValueError, match="seed -1 must not be negative"):
+        CompareSettings(seed=-1)
+    with pytest.raises(ValueError, match="must be positive numbers that increase"):
+        CompareSettings(horizons=(6.0, 2.0))
+
+
 # ------------------------------------------------------------------------------- as a program
+def test_names_of_files_cannot_reach_the_terminal_as_escape_sequences(capsys: pytest.CaptureFixture[str]) -> None:
+    cli.report([], ["a\x1b[31m[red]b[/red]"], [Path("c\x1b]0;d")])
+    cli.warn("e\x1b[2Jf\ng")
+    out, err = capsys.readouterr()
+    assert "\x1b" not in out + err
+    assert "[red]b[/red]" in out
+    assert err == "warning: e�[2Jf g\n"
+
+
 def test_the_main_job_writes_its_three_files_and_a_table(tmp_path: Path) -> None:
     done = run("traj4", "--out", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr

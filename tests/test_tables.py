@@ -20,7 +20,7 @@ from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
-from validation.compare.table import COLUMNS, headline, report_markdown
+from validation.compare.table import COLUMNS, comparison_markdown, headline_error
 from validation.robots.plant import Health
 from validation.show.tables import BEST_STYLE, NOTHING, length_unit, rich_table
 
@@ -110,7 +110,7 @@ def test_every_metric_of_every_plant_is_there_to_its_last_digit(values: list[Met
     names = ("mujoco", "improved", "coulomb", "linear", "kinematic")
     c = comparison(*(plant(n, m, speed=speed) for n, m in zip(names, values, strict=False)), reference="mujoco")
     header, rows, best = rich_rows(comparison_table(c))
-    assert (header, rows, best) == markdown_tables(report_markdown(c))[0]
+    assert (header, rows, best) == markdown_tables(comparison_markdown(c))[0]
     assert [row[0].removesuffix(" (ref)") for row in rows] == list(c.plants)
     for row, result in zip(rows, c.plants.values(), strict=True):
         for column, heading, cell in zip(COLUMNS, header[1:], row[1:], strict=True):
@@ -143,7 +143,7 @@ def test_every_horizon_of_every_plant_is_there(by_horizon: dict[float, tuple[Hor
     table = horizon_table(c)
     assert table is not None
     header, rows, best = rich_rows(table)
-    assert (header, rows, best) == markdown_tables(report_markdown(c))[0]
+    assert (header, rows, best) == markdown_tables(comparison_markdown(c))[0]
     assert all(len(line) <= TERMINAL and "…" not in line for line in rendered(table).splitlines())
     assert [(float(row[0]), row[1]) for row in rows] == [(h, n) for h in sorted(by_horizon) for n in c.plants]
     for row in rows:
@@ -159,7 +159,7 @@ def test_every_horizon_of_every_plant_is_there(by_horizon: dict[float, tuple[Hor
 def test_without_horizons_there_is_no_table_of_them() -> None:
     c = comparison(plant("mujoco"), plant("linear"), reference="mujoco")
     assert horizon_table(c) is None
-    assert len(markdown_tables(report_markdown(c))) == 1
+    assert len(markdown_tables(comparison_markdown(c))) == 1
 
 
 def test_the_best_of_each_column_is_marked_and_the_reference_only_for_speed() -> None:
@@ -189,10 +189,10 @@ def test_who_competes_with_nobody_is_not_the_best(reference: str) -> None:
 def test_what_is_no_number_is_a_dash_and_never_the_best() -> None:
     broken = Metrics({**METRICS, "d_rms_m": math.nan, "d_ratio": math.inf, "e_bend_ratio": 0.0})
     c = comparison(plant("mujoco", broken, {6.0: replace(ERRORS, yaw_median_rad=math.nan)}, speed=math.inf), plant("linear"))
-    report = report_markdown(c)
+    report = comparison_markdown(c)
     table, by_horizon = comparison_table(c), horizon_table(c)
     assert by_horizon is not None
-    for text in (report, rendered(table), rendered(by_horizon), headline(c, "mujoco")):
+    for text in (report, rendered(table), rendered(by_horizon), headline_error(c, "mujoco")):
         assert NOTHING in text
         assert not re.search(r"\b(nan|inf)\b", text, flags=re.IGNORECASE)
     _, rows, best = rich_rows(table)
@@ -226,7 +226,7 @@ def test_the_reference_is_marked() -> None:
 def test_the_report_says_how_it_was_run_and_what_each_metric_means() -> None:
     c = comparison(plant("mujoco"), plant("linear"))
     c = replace(c, options={**c.options, "horizons": (2.0, 6.0)})  # type: ignore[dict-item]
-    text = report_markdown(c)
+    text = comparison_markdown(c)
     for what in (
         "`drive.csv`",
         "`thesis-lab`",
@@ -246,14 +246,14 @@ def test_the_report_says_how_it_was_run_and_what_each_metric_means() -> None:
 def test_an_unhealthy_plant_gets_the_advice_and_a_healthy_one_does_not() -> None:
     sick = comparison(plant("mujoco", health=UNHEALTHY), plant("linear"))
     sound = comparison(plant("mujoco", health=HEALTHY), plant("linear"))
-    assert UNHEALTHY.advice in report_markdown(sick)
+    assert UNHEALTHY.advice in comparison_markdown(sick)
     assert "unhealthy" in rendered(comparison_table(sick))
-    assert "unhealthy" not in report_markdown(sound) + rendered(comparison_table(sound))
+    assert "unhealthy" not in comparison_markdown(sound) + rendered(comparison_table(sound))
 
 
 def test_what_the_user_named_is_never_markup() -> None:
     c = comparison(plant("mujoco"), plant("li|near"), source="a|b`c*[red]\n# d[/]", reference="mujoco")
-    text = report_markdown(c)
+    text = comparison_markdown(c)
     assert "- source: `a|b'c*[red] # d[/]`\n" in text
     assert markdown_tables(text)[0][1][1][0] == r"li\|near"
     assert "a|b`c*[red] # d[/]" in rendered(comparison_table(c))
@@ -262,12 +262,12 @@ def test_what_the_user_named_is_never_markup() -> None:
 def test_the_headline_is_the_error_after_six_seconds_or_d_rms() -> None:
     errors = {2.0: ERRORS, 5.0: replace(ERRORS, position_median_m=0.0512, yaw_median_rad=math.radians(4.44)), 30.0: ERRORS}
     c = comparison(plant("mujoco", METRICS, errors), plant("linear"))
-    assert headline(c, "mujoco") == "51 mm, 4.4° in 5 s"
-    assert headline(c, "linear") == "d_rms 14.5 mm"
+    assert headline_error(c, "mujoco") == "51 mm, 4.4° in 5 s"
+    assert headline_error(c, "linear") == "d_rms 14.5 mm"
 
 
 def test_tables_print_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     c = comparison(plant("mujoco", METRICS, {6.0: ERRORS}, health=UNHEALTHY), plant("linear"))
-    for make in (comparison_table, horizon_table, report_markdown):
+    for make in (comparison_table, horizon_table, comparison_markdown):
         make(c)
     assert capsys.readouterr() == ("", "")

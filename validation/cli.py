@@ -335,10 +335,6 @@ def _say(text: str) -> None:
 
 
 # ------------------------------------------------------------------------------------------- running a program
-Main = Callable[[Any], Any]
-"""A function that takes an options dataclass; its docstring is the program's description."""
-
-
 def run(
     main: Callable[..., Any] | Mapping[str, Callable[..., Any]], program: str, arguments: Sequence[str] | None = None
 ) -> None:
@@ -364,7 +360,7 @@ def run(
         sys.exit(_complain("interrupted", EXIT_INTERRUPTED))
 
 
-def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Main, Any]:
+def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:
     """Return the function to call and the options to call it with.
 
     Raises:

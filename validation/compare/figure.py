@@ -22,7 +22,7 @@ from matplotlib.patches import Rectangle
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from validation.compare.data import ComparisonData
-from validation.compare.table import HEADLINE_HORIZON, headline
+from validation.compare.table import HEADLINE_HORIZON, headline_error
 from validation.compare.time_panels import (
     COMMAND_INK,
     DASHES,
@@ -266,7 +266,7 @@ def _draw_header(comparison: ComparisonData, ax: Axes) -> None:
                 marker=marker,
             )
         )
-        labels.append(f"{motion.name}\n{'reference' if motion.is_reference else headline(comparison, motion.name)}")
+        labels.append(f"{motion.name}\n{'reference' if motion.is_reference else headline_error(comparison, motion.name)}")
     if has_speed_commands(comparison):
         handles.append(Line2D([], [], color=COMMAND_INK, linewidth=1.0))
         labels.append("command\nas given")

@@ -16,7 +16,7 @@ from validation.show.tables import Grid
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SCHEMA = "ssmr.compare/1"
+_SCHEMA = "ssmr.compare/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +38,15 @@ class Comparison(ComparisonData, Result):
     def write_recording(self, path: Path) -> bool:
         """Write compare.rrd to `path`: the robots in 3-D, their paths and time series."""
         from validation.compare.rerun import write_recording
-        from validation.compare.table import report_markdown
+        from validation.compare.table import comparison_markdown
 
-        write_recording(self, path, report_markdown(self))
+        write_recording(self, path, comparison_markdown(self))
         return True
 
     def as_dict(self) -> dict[str, Any]:
         """Return what compare.json holds."""
         return {
-            "schema": SCHEMA,
+            "schema": _SCHEMA,
             "source": self.source,
             "profile": self.profile,
             "reference": self.reference_name,

@@ -169,7 +169,7 @@ def comparison_grids(comparison: ComparisonData) -> list[Grid]:
     return [grid for grid in grids if grid is not None]
 
 
-def headline(comparison: ComparisonData, name: str) -> str:
+def headline_error(comparison: ComparisonData, name: str) -> str:
     """The one number by which a plant is known where there is no room for more.
 
     Args:
@@ -192,7 +192,7 @@ def headline(comparison: ComparisonData, name: str) -> str:
     return f"d_rms {length.text(d_rms)} {length.symbol}"
 
 
-def report_markdown(comparison: ComparisonData) -> str:
+def comparison_markdown(comparison: ComparisonData) -> str:
     """The whole comparison as GitHub-flavoured markdown.
 
     Args:

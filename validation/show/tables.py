@@ -148,6 +148,7 @@ def text_tables(grids: Iterable[Grid], notes: Iterable[str] = (), width: int = 1
 def rich_table(grid: Grid, title: str = "", caption: str = "") -> Table:
     """Draw a grid for the terminal. Foreign texts go in as they are, never as markup."""
     title, caption = title or grid.title, caption or grid.caption
+    title, caption = ("\n".join(map(one_line, text.splitlines())) for text in (title, caption))
     table = Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold"), caption=Text(caption))
     table.title_justify = table.caption_justify = "left"
     for k, (name, unit) in enumerate(grid.header):

@@ -29,7 +29,7 @@ from validation.plants.profile import load
 from validation.robots.loops import HuskyLoop, run_husky_loops
 from validation.robots.plant import MujocoPlant
 from validation.track.gains import load_gains
-from validation.track.tracking import make_controller, make_robot
+from validation.track.loops import make_controller, make_robot
 from validation.track.waypoint_files import open_reference
 from validation.tune.cost import TuneCost
 from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space

@@ -38,7 +38,7 @@ from validation.ros.pacing import EDGE, Pacer, drift
 from validation.ros.port import Port, Received, load_rospy, message_class, set_pose_service
 from validation.ros.sim import FILTERED_TOPIC, MESSAGE_TYPES, POSE_TOPIC, PUBLISH_RATES, SET_POSE_TOPIC, SIM_TIME_PARAMETER
 from validation.track.gains import load_gains
-from validation.track.tracking import make_controller, make_robot, odometry_of, rate, run_robots
+from validation.track.loops import make_controller, make_robot, odometry_of, rate, run_robots
 from validation.track.waypoint_files import open_reference
 
 COMMAND = "/cmd_vel"

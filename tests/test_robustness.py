@@ -34,7 +34,7 @@ from validation.study.robustness.cases import (
 )
 from validation.study.robustness.outcomes import RunErrors, cvar, driven_again, errors_of, health_of, spread, torque_needed
 from validation.track.gains import FIELDS, GainsError, GainSet, load_gains
-from validation.track.tracking import make_controller, run_robots
+from validation.track.loops import make_controller, run_robots
 
 MISSION = line(0.75, length=3.6)
 """So long that a robot that stands still is lost."""
@@ -97,7 +97,7 @@ def test_what_a_lost_robot_did_not_drive_counts_as_lost() -> None:
     table[:, LOG_COLUMNS.index("e_rho")] = 1.0
     table[-1, LOG_COLUMNS.index("x")] = 1e60  # where it was seen last says nothing
     run = ClosedRun(0.01 * np.arange(21), table, True)
-    robot: Any = type("Robot", (), {"side_limit": 1.0, "drive": type("Drive", (), {"v_max": 1.0, "w_max": 1.0})})
+    robot: Any = type("Robot", (), {"limits": {}})
     outcome = errors_of(run, waypoints, robot, ticks)
     assert outcome.lost_at_s == pytest.approx(0.2)
     assert outcome.e_rho_rms_m == pytest.approx(math.sqrt((20.0 + 181.0 * LOST**2) / 201.0), rel=ROUNDOFF)

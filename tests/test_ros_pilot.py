@@ -15,9 +15,9 @@ from ssmr.types import State
 from validation.plants.profile import Profile, make_plant
 from validation.ros.messages import Seen
 from validation.ros.pilot import FRESH, Phase, Pilot, PilotSettings, StoppedError
-from validation.track.__main__ import default_gains
 from validation.track.gains import load_gains
-from validation.track.tracking import make_controller
+from validation.track.loops import make_controller
+from validation.track.run import default_gains
 
 BEND = Waypoints(np.arange(13.0) * 0.5, 1.2 * np.column_stack([np.sin(np.arange(13) / 10), 1 - np.cos(np.arange(13) / 10)]))
 """A left bend of 1.2 m radius at 0.24 m/s, 6 s long."""

@@ -14,19 +14,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.loop import Feedback
 from ssmr.control.references import circle, line, sine
 from ssmr.control.waypoints import Waypoints
 from tests.test_figures import lines, texts, written, x_of, y_of
 from tests.test_tune_figure import cut, overlapping
-from validation.plants.profile import load
 from validation.show.drawing import save_figure
 from validation.show.tables import units_of
-from validation.track.figure import draw_track, saturated
-from validation.track.gains import load_gains
-from validation.track.report import SHOWN_METRICS, gains_text
-from validation.track.result import TrackResult
-from validation.track.tracking import make_robot, track
+from validation.track.data import TrackedRobot
+from validation.track.figure import draw_track
+from validation.track.run import TrackSettings, track
+from validation.track.table import SHOWN_METRICS, gains_text
 
 WAYS: dict[str, Waypoints] = {
     "line": line(0.4, 1.0),
@@ -47,16 +45,14 @@ TITLES = {
 @cache
 def followed(
     reference: str, plant: str, controller: str = "pid", feedback: Feedback = "noisy", lookahead: float = 0.0
-) -> TrackResult:
-    """A short run of a planar model, with the drive's limits among its options."""
-    profile = load("thesis-lab")
-    robot, settings = make_robot(profile, plant), LoopSettings(feedback, disturbance=False, lookahead=lookahead)
-    made = track(robot, profile, load_gains(controller, "published"), reference, WAYS[reference], settings, 4, workers=1)
-    limits = {"side_torque_limit_N_m": robot.side_limit, "v_max_m_s": robot.drive.v_max, "w_max_rad_s": robot.drive.w_max}
-    return replace(made, options={**made.options, **limits})
+) -> TrackedRobot:
+    """A short run of a planar model."""
+    settings = TrackSettings(feedback=feedback, disturbance=False, lookahead=lookahead, seed=4)
+    made = track(controller, WAYS[reference], plant, gains="published", settings=settings, workers=1)
+    return replace(made.robots[0], reference=reference)
 
 
-def lost(made: TrackResult, n: int) -> TrackResult:
+def lost(made: TrackedRobot, n: int) -> TrackedRobot:
     """The same, lost after so many ticks."""
     return replace(made, run=cut(made.run, n))
 
@@ -73,14 +69,14 @@ CASES = {
 
 
 @cache
-def drawn(name: str) -> tuple[Sequence[TrackResult], Figure]:
+def drawn(name: str) -> tuple[Sequence[TrackedRobot], Figure]:
     """A case and its figure, which is only looked at."""
     made = CASES[name]()
     return made, draw_track(made)
 
 
 @pytest.fixture(params=CASES)
-def case(request: pytest.FixtureRequest) -> tuple[Sequence[TrackResult], Figure]:
+def case(request: pytest.FixtureRequest) -> tuple[Sequence[TrackedRobot], Figure]:
     return drawn(request.param)
 
 
@@ -92,11 +88,11 @@ def panels(figure: Figure) -> dict[str, Axes]:
     return found
 
 
-def test_nothing_written_overlaps_or_leaves_the_picture(case: tuple[Sequence[TrackResult], Figure]) -> None:
+def test_nothing_written_overlaps_or_leaves_the_picture(case: tuple[Sequence[TrackedRobot], Figure]) -> None:
     assert overlapping(case[1]) == []
 
 
-def test_six_panels_hold_what_was_recorded(case: tuple[Sequence[TrackResult], Figure]) -> None:
+def test_six_panels_hold_what_was_recorded(case: tuple[Sequence[TrackedRobot], Figure]) -> None:
     made, figure = case
     found = panels(figure)
     longest = max((r.target for r in made), key=len)
@@ -123,7 +119,7 @@ def test_six_panels_hold_what_was_recorded(case: tuple[Sequence[TrackResult], Fi
         assert y_of(lines(ax)["goal"])[0] == pytest.approx(goal * scale)
 
 
-def test_paths_have_equal_scales_a_start_and_an_end(case: tuple[Sequence[TrackResult], Figure]) -> None:
+def test_paths_have_equal_scales_a_start_and_an_end(case: tuple[Sequence[TrackedRobot], Figure]) -> None:
     made, figure = case
     ax = panels(figure)["paths"]
     assert ax.get_aspect() == 1.0
@@ -139,7 +135,7 @@ def test_paths_have_equal_scales_a_start_and_an_end(case: tuple[Sequence[TrackRe
         assert np.all((xy > (left, low)) & (xy < (right, high)))
 
 
-def test_the_header_says_who_with_what_how_well(case: tuple[Sequence[TrackResult], Figure]) -> None:
+def test_the_header_says_who_with_what_how_well(case: tuple[Sequence[TrackedRobot], Figure]) -> None:
     made, figure = case
     text, first = written(figure), made[0]
     for part in (
@@ -159,7 +155,7 @@ def test_the_header_says_who_with_what_how_well(case: tuple[Sequence[TrackResult
         assert all(unit.text(r.metrics[m.name]) in labels for m, unit in zip(SHOWN_METRICS, units, strict=True))
 
 
-def test_losses_are_marked_in_every_panel(case: tuple[Sequence[TrackResult], Figure]) -> None:
+def test_losses_are_marked_in_every_panel(case: tuple[Sequence[TrackedRobot], Figure]) -> None:
     made, figure = case
     assert ("LOST" in written(figure)) == any(r.run.lost for r in made)
     for key, ax in panels(figure).items():
@@ -171,8 +167,8 @@ def test_saturation_is_that_of_the_metrics_and_shaded() -> None:
     made = [*CASES["four"](), followed("sine", "linear")]
     assert any(r.metrics["saturated_fraction"] > 0.05 for r in made)
     for r in made:
-        assert np.mean(saturated(r)) == pytest.approx(r.metrics["saturated_fraction"])
-        assert not saturated(replace(r, options={})).any()
+        assert np.mean(r.saturated) == pytest.approx(r.metrics["saturated_fraction"])
+        assert not replace(r, options={}).saturated.any()
         for key, ax in panels(draw_track([r])).items():
             shades = [c for c in ax.collections if c.get_gid() == f"{r.plant} saturated"]
             assert len(shades) == (key != "paths" and r.metrics["saturated_fraction"] > 0.0)

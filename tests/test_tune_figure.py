@@ -21,8 +21,9 @@ from tests.test_fit_figure import trace
 from validation.fit.data import FittedParameter
 from validation.fit.table import value_text
 from validation.plants.profile import load
+from validation.track.data import reference_of
 from validation.track.gains import GainSet, load_gains
-from validation.track.tracking import make_controller, make_robot, rate, reference_of, run_robots
+from validation.track.loops import make_controller, make_robot, rate, run_robots
 from validation.tune.data import TunedRun
 from validation.tune.figure import MAX_HELD_OUT, MAX_TRAIN, tune_figure
 from validation.tune.result import TuneResult

@@ -24,7 +24,7 @@ from validation.robots.plant import MujocoPlant
 from validation.robots.terrain import parse_terrain
 from validation.track import __main__ as track
 from validation.track.gains import GainSet, dump_gains, load_gains
-from validation.track.tracking import make_controller, make_robot, rate, require_practicable, run_robots
+from validation.track.loops import make_controller, make_robot, rate, require_practicable, run_robots
 from validation.tune import __main__ as tune
 from validation.tune.cost import TuneCost, costs_of
 from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space
@@ -265,7 +265,7 @@ def test_a_reference_that_no_wheel_can_follow_is_refused_with_its_place(lab: Pro
 
 
 def test_a_plant_of_another_kind_is_not_taken_for_a_planar_model(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("validation.track.tracking.make_plant", lambda *_: object())
+    monkeypatch.setattr("validation.track.loops.make_plant", lambda *_: object())
     profile = replace(lab, plants={**lab.plants, "other": lab.plants["improved"]})
     with pytest.raises(ProfileError, match="plant 'other' has no closed loops in populations"):
         make_robot(profile, "other")

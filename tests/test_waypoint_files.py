@@ -189,12 +189,11 @@ def test_both_kinds_of_file_give_the_waypoints_back(
 
 
 @pytest.mark.parametrize("name", REFERENCES)
-def test_references_open_by_name_with_a_speed(name: str) -> None:
-    label, waypoints = open_reference(name, 0.25)
+@pytest.mark.parametrize(("asked", "driven"), [(0.5, 0.5), (None, 0.25)])
+def test_references_open_by_name_with_a_speed(name: str, asked: float | None, driven: float) -> None:
+    label, waypoints = open_reference(name, asked)
     assert label == name
-    assert waypoints.speed == pytest.approx(0.25, rel=ROUNDOFF)
-    with pytest.raises(ValueError, match=f"{name} is a path without times: give the reference speed"):
-        open_reference(name, None)
+    assert waypoints.speed == pytest.approx(driven, rel=ROUNDOFF)
 
 
 def test_files_open_by_path(tmp_path: Path) -> None:

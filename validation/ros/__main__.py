@@ -21,9 +21,8 @@ from validation.ros.pilot import Pilot, PilotSettings
 from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
 from validation.track.gains import load_gains
-from validation.track.report import track_notes, track_tables
-from validation.track.run import DEFAULT_SPEED, NAMED, default_gains, write
-from validation.track.tracking import make_controller
+from validation.track.loops import make_controller
+from validation.track.run import default_gains
 from validation.track.waypoint_files import open_reference
 
 
@@ -126,8 +125,7 @@ def control(options: ControlOptions) -> None:
     o, drive = options, options.drive
     with cli.mistakes_are_users():
         chosen, wanted = load(o.profile), load_gains(o.controller, o.gains or default_gains(o.controller))
-        speed = DEFAULT_SPEED if o.speed is None and o.reference in NAMED else o.speed
-        label, waypoints = open_reference(o.reference, speed)
+        label, waypoints = open_reference(o.reference, o.speed)
         settings = PilotSettings(
             v_limit=drive.v_limit, w_limit=drive.w_limit, lookahead=drive.lookahead, absolute=drive.absolute
         )
@@ -138,7 +136,7 @@ def control(options: ControlOptions) -> None:
         folder = cli.output_folder(o.out or Path("runs") / "ros" / f"{o.controller}-{Path(o.reference).stem}")
         _end_on_signals()
         result = control_robot(pilot, wanted, chosen.name, label, topics, drive.patience)
-    cli.report(track_tables([result]), track_notes([result]), write([result], folder, recording=False))
+    cli.report_result(result, result.save(folder, recording=False))
 
 
 def _end_on_signals() -> None:

@@ -17,9 +17,9 @@ from validation.ros.pilot import Pilot
 from validation.ros.port import Port
 from validation.ros.robot import SensorSettings, SimulatedRobot, warm_up
 from validation.ros.sim import SIM_TIME_PARAMETER, SimNode, SimReport, connect_simulation
+from validation.track.data import TrackedRobot, reference_of, track_metrics
 from validation.track.gains import GainSet
 from validation.track.result import TrackResult
-from validation.track.tracking import rate_within, reference_of
 
 _logger = logging.getLogger(__name__)
 
@@ -100,8 +100,9 @@ def control_robot(
         "w_max_rad_s": s.w_limit,
         "velocity_period_s": s.period,
     }
-    return TrackResult(
+    robot = TrackedRobot(
         gains.controller, gains.name, dict(gains.values), reference, waypoints.speed, "ros", profile, 0, run,
-        reference_of(run, waypoints), rate_within(run, waypoints, math.inf, s.v_limit, s.w_limit), node.drove, options,
+        reference_of(run, waypoints), track_metrics(run, waypoints, options), node.drove, options,
         store.versions(),
     )  # fmt: skip
+    return TrackResult((robot,))

@@ -1,12 +1,11 @@
-"""Robots that followed a reference, as one picture: speeds and what was wanted of them, errors, paths (Fig. 4.10-4.41)."""
+"""Robots that followed a reference, as one picture: paths, wanted and actual velocities, errors (Fig. 4.10-4.41)."""
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -45,23 +44,13 @@ from validation.show.drawing import (
     text_row,
 )
 from validation.show.tables import DEGREES, Unit, length_unit, shortened, units_of
-from validation.track.report import SHOWN_METRICS, gains_text, headline, lost_text, require_comparable
-from validation.track.result import TrackResult
+from validation.track.data import TrackedRobot
+from validation.track.table import SHOWN_METRICS, gains_text, headline, lost_text, require_comparable
 
-LIMITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "side_torque_limit_N_m": ("torque_left", "torque_right"),
-        "v_max_m_s": ("v_cmd",),
-        "w_max_rad_s": ("w_cmd",),
-    }
-)
-"""Options of a result that are limits, and the columns that they hold for."""
-AT_LIMIT = 0.999
-"""From this share of a limit on, what it holds for counts as saturated."""
 WIDE = 2.6
-"""A reference so many times wider than high has a row of its own."""
+"""A reference wider than so many times its height has a row of its own."""
 ALONE = 1
-"""Up to so many robots what was wanted, commanded and seen has room beside what was done."""
+"""Greatest number of robots for which wanted, commanded and observed velocities are drawn beside the actual ones."""
 
 _TITLE_IN, _TABLE_LINE_IN, _GAINS_LINE_IN, _LEGEND_IN, _FOOTER_IN = 0.34, 0.2, 0.17, 0.26, 0.22
 _WIDE_IN, _TALL_IN, _ERRORS_IN, _SPEEDS_IN = (1.5, 2.25), 4.0, 2.0, 2.0
@@ -74,21 +63,11 @@ _WANTED, _COMMAND, _SEEN, _SHADE, _SHADE_ALPHA = "0.2", "0.6", "0.8", "#d9534f",
 _STRIP = 0.035  # of a panel's height, for each robot's strip of saturation where there are several
 
 
-def saturated(result: TrackResult) -> NDArray[np.bool_]:
-    """(M,) whether a torque or a command was at its limit; never, where the result does not name its limits."""
-    found = np.zeros(len(result.run.t), dtype=np.bool_)
-    for option, columns in LIMITS.items():
-        limit = result.options.get(option)
-        if isinstance(limit, int | float):
-            found |= (np.abs(result.run.columns(*columns)) >= AT_LIMIT * limit).any(axis=1)
-    return found
-
-
 # --- header, footer ---
 
 
-def _draw_title(results: Sequence[TrackResult], ax: Axes) -> None:
-    """Who follows what, and whether anybody was lost."""
+def _draw_title(results: Sequence[TrackedRobot], ax: Axes) -> None:
+    """Draw the title, and whether a robot was lost."""
     ax.set_axis_off()
     first = results[0]
     who = f"plant {first.plant}" if len(results) == 1 else f"{len(results)} plants"
@@ -105,7 +84,7 @@ def _draw_title(results: Sequence[TrackResult], ax: Axes) -> None:
             fontweight="bold" if lost else "normal", color=ALARM if lost else QUIET)  # fmt: skip
 
 
-def _gains_lines(result: TrackResult) -> list[str]:
+def _gains_lines(result: TrackedRobot) -> list[str]:
     text = f"gains {shortened(result.gains_name, 40)}: {gains_text(result.gains)}"
     return textwrap.wrap(text, _GAINS_WRAP, break_on_hyphens=False)
 
@@ -120,8 +99,8 @@ def _draw_gains(lines: Sequence[str], ax: Axes) -> None:
                 break
 
 
-def _draw_measures(results: Sequence[TrackResult], ax: Axes) -> None:
-    """The robots, a line each, and what is said about them: the legend of plants too."""
+def _draw_measures(results: Sequence[TrackedRobot], ax: Axes) -> None:
+    """Draw a row of measures for each robot; it is the legend of the plants too."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(len(results) + 0.5, -1.5))
     units = units_of(SHOWN_METRICS, [r.metrics for r in results])
@@ -140,8 +119,8 @@ def _draw_measures(results: Sequence[TrackResult], ax: Axes) -> None:
         ax.text(0.037, row, name, va="center", fontsize=9.5, fontweight="bold", color=ALARM if r.run.lost else "0.1")
 
 
-def _draw_legend(results: Sequence[TrackResult], ax: Axes) -> None:
-    """What is what besides the robots."""
+def _draw_legend(results: Sequence[TrackedRobot], ax: Axes) -> None:
+    """Draw the legend of everything but the robots."""
     ax.set_axis_off()
     alone = len(results) <= ALONE
     handles: list[Artist] = [
@@ -155,13 +134,13 @@ def _draw_legend(results: Sequence[TrackResult], ax: Axes) -> None:
         if _shows_seen(results[0]):
             handles.append(Line2D([], [], color=_SEEN, linewidth=2.0))
             labels.append("as the controller sees it")
-    if any(saturated(r).any() for r in results):
+    if any(r.saturated.any() for r in results):
         handles.append(Patch(facecolor=_SHADE, alpha=1.5 * _SHADE_ALPHA) if alone else Patch(facecolor="0.5", alpha=0.8))
         labels.append("a torque or the command at its limit" + ": strips below speed and yaw rate" * (not alone))
     line_legend(ax, handles, labels)
 
 
-def _footer_text(result: TrackResult) -> str:
+def _footer_text(result: TrackedRobot) -> str:
     parts = [f"profile {shortened(result.profile, 24)}", f"seed {result.seed}"]
     options = (("feedback", "feedback {}"), ("lookahead_m", "look-ahead {:g} m"))
     parts += [text.format(result.options[k]) for k, text in options if k in result.options]
@@ -174,21 +153,21 @@ def _footer_text(result: TrackResult) -> str:
 # --- over time ---
 
 
-def _span(results: Sequence[TrackResult]) -> Span:
-    """All of the time that anybody was driven [s]."""
+def _span(results: Sequence[TrackedRobot]) -> Span:
+    """Return the span of time in which any robot was driven [s]."""
     last = max((float(r.run.t[-1]) for r in results if len(r.run.t)), default=0.0)
     return 0.0, max(last, _LEAST_TIME)
 
 
-def _shows_seen(result: TrackResult) -> bool:
-    """Whether what the controller saw was not the truth."""
+def _shows_seen(result: TrackedRobot) -> bool:
+    """Return whether the controller saw something else than the truth."""
     return len(result.run.t) > 0 and not np.array_equal(
         result.run.columns("seen_v", "seen_w"), result.run.columns("v_x", "yaw_rate")
     )
 
 
-def _finish_time(results: Sequence[TrackResult], strips: bool, ax: Axes) -> None:
-    """The same time in all panels, and what holds for it: saturation, as strips where there are several, and losses."""
+def _finish_time(results: Sequence[TrackedRobot], strips: bool, ax: Axes) -> None:
+    """Set the time axis, and mark losses and saturation; with several robots saturation is a strip for each."""
     ax.set_xlim(*_span(results))
     ax.set_xlabel("time [s]")
     ax.locator_params(axis="y", nbins=6)
@@ -196,7 +175,7 @@ def _finish_time(results: Sequence[TrackResult], strips: bool, ax: Axes) -> None
         t = r.run.t
         if r.run.lost and len(t):
             ax.axvline(t[-1], color=ALARM, linewidth=1.0, linestyle=":", zorder=1.9, gid=f"{r.plant} lost")
-        at_limit = saturated(r)
+        at_limit = r.saturated
         if not at_limit.any() or not (strips or len(results) <= ALONE):
             continue
         below = (len(results) - 1 - row) * _STRIP
@@ -208,22 +187,22 @@ def _finish_time(results: Sequence[TrackResult], strips: bool, ax: Axes) -> None
         )  # fmt: skip
 
 
-def _marker(result: TrackResult) -> str:
-    """What shows a robot that was lost before there is a line to show."""
+def _marker(result: TrackedRobot) -> str:
+    """Return the marker of a robot that was lost before there is a line to show."""
     return "o" if len(result.run.t) < 2 else ""
 
 
 def _to_next(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The same, the sample after each period included: a tick stands for the time until the next."""
+    """Return the flags with the sample after each period: a tick stands for the time until the next."""
     return flags | np.concatenate([[False], flags[:-1]])
 
 
 def _draw_speed(
-    results: Sequence[TrackResult], title: str, names: tuple[str, str, str, str], target: int, least: float, ax: Axes
+    results: Sequence[TrackedRobot], title: str, names: tuple[str, str, str, str], target: int, least: float, ax: Axes
 ) -> None:
-    """What was done, wanted and commanded, and the reference's own, whose last sample stands for no time.
+    """Draw the actual, wanted and commanded velocity, and that of the reference, whose last sample stands for no time.
 
-    `names` are the columns of what was done, wanted, commanded and seen.
+    `names` are the columns of the actual, the wanted, the commanded and the observed velocity.
     """
     done, wanted, commanded, seen = names
     longest = max(results, key=lambda r: len(r.target))
@@ -248,8 +227,8 @@ def _draw_speed(
     _finish_time(results, True, ax)
 
 
-def _draw_error(results: Sequence[TrackResult], title: str, column: str, unit: Unit, least: float, ax: Axes) -> None:
-    """One of the errors that the controller sees, and what it is to become."""
+def _draw_error(results: Sequence[TrackedRobot], title: str, column: str, unit: Unit, least: float, ax: Axes) -> None:
+    """Draw one of the errors that the controller sees, and the value that it should reach."""
     lookahead = results[0].options.get("lookahead_m")
     goal = float(lookahead) if column == "e_rho" and isinstance(lookahead, int | float) else 0.0
     ax.axhline(goal * unit.scale, color=REFERENCE_INK, linewidth=0.9, linestyle=REFERENCE_DASHES, zorder=1.8, gid="goal")
@@ -266,8 +245,8 @@ def _draw_error(results: Sequence[TrackResult], title: str, column: str, unit: U
 # --- paths ---
 
 
-def _draw_paths(results: Sequence[TrackResult], ax: Axes) -> None:
-    """The reference and the robots' paths, from their start (ring) along the arrows; a square marks the reference's end."""
+def _draw_paths(results: Sequence[TrackedRobot], ax: Axes) -> None:
+    """Draw the reference, from its ring to its square, and the paths of the robots, which end in darts."""
     longest = max(results, key=lambda r: len(r.target)).target
     draw_reference(ax, longest.xy)
     for r in results:
@@ -281,14 +260,19 @@ def _draw_paths(results: Sequence[TrackResult], ax: Axes) -> None:
     if len(results) == 1 and len(results[0].run.t):
         draw_directions(ax, results[0].run.columns("x", "y"), results[0].plant, (0.25, 0.55))
     equal_scales(ax, 0.6)
-    ax.set(title="Paths [m] (ring: start; square: end of the reference)", xlabel="x [m]", ylabel="y [m]", label="paths")
+    ax.set(
+        title="Paths [m] (ring: start; square: end of the reference)",
+        xlabel="x [m]",
+        ylabel="y [m]",
+        label="paths",
+    )
 
 
 # --- all of it ---
 
 
-def _panels(results: Sequence[TrackResult]) -> tuple[Panel, list[Panel], list[Panel]]:
-    """Paths; speed and yaw rate; the three errors."""
+def _panels(results: Sequence[TrackedRobot]) -> tuple[Panel, list[Panel], list[Panel]]:
+    """Return the panels of the paths, of the velocities and of the three errors."""
     reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in results if len(r.run.t)]
     length = length_unit([float(max(reach, default=0.0))])
     speeds: list[Panel] = [
@@ -303,8 +287,8 @@ def _panels(results: Sequence[TrackResult]) -> tuple[Panel, list[Panel], list[Pa
     return partial(_draw_paths, results), speeds, errors
 
 
-def _motion_rows(results: Sequence[TrackResult]) -> list[Row]:
-    """Paths and speeds, arranged by how wide the paths are."""
+def _motion_rows(results: Sequence[TrackedRobot]) -> list[Row]:
+    """Return the rows of panels, arranged by the width of the paths."""
     paths, speeds, errors = _panels(results)
     every = np.concatenate([xy for r in results for xy in (r.target.xy, r.run.columns("x", "y"))])
     width, height = np.ptp(every, axis=0) + 0.3
@@ -316,8 +300,8 @@ def _motion_rows(results: Sequence[TrackResult]) -> list[Row]:
     return [Row(_TALL_IN, ((share, paths), (1.0 - share, beside))), side_by_side(_ERRORS_IN, errors)]
 
 
-def draw_track(results: Sequence[TrackResult]) -> Figure:
-    """Everything about robots that followed one reference that can be seen in one look, 1600 px wide.
+def draw_track(results: Sequence[TrackedRobot]) -> Figure:
+    """Return the picture of robots that followed one reference, 1600 px wide.
 
     Args:
         results: up to five, of different plants, on the same reference.

@@ -40,8 +40,8 @@ from validation.show.rerun_robots import (
 )
 from validation.show.robot_mesh import robot_mesh
 from validation.store import write_atomic
-from validation.track.report import gains_text, headline, require_comparable, track_markdown
-from validation.track.result import TrackResult
+from validation.track.data import TrackedRobot
+from validation.track.table import gains_text, headline, require_comparable, track_markdown
 
 REFERENCE, TARGET = "reference", "target"
 TRAIL_UPDATES = 200
@@ -59,7 +59,7 @@ QUANTITIES = (
 ERRORS = (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad"))
 
 
-def write_track_rerun(results: Sequence[TrackResult], path: Path) -> None:
+def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     """Write robots that followed one reference as a rerun recording, whole or not at all.
 
     Args:
@@ -92,7 +92,7 @@ def write_track_rerun(results: Sequence[TrackResult], path: Path) -> None:
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
-def _write_properties(recording: rr.RecordingStream, result: TrackResult) -> None:
+def _write_properties(recording: rr.RecordingStream, result: TrackedRobot) -> None:
     recording.send_recording_name(f"{headline(result)}, profile {result.profile}")
     about = rr.AnyValues(
         controller=result.controller,
@@ -156,7 +156,7 @@ def _write_trail(recording: rr.RecordingStream, track: Track) -> None:
 # --- the plots ---
 
 
-def _plots(results: Sequence[TrackResult], reference: Track) -> dict[str, Series]:
+def _plots(results: Sequence[TrackedRobot], reference: Track) -> dict[str, Series]:
     """All series by entity below `plots`."""
     plots = dict[str, Series]()
     grey = mix(BLACK, WHITE, 0.6)
@@ -168,7 +168,7 @@ def _plots(results: Sequence[TrackResult], reference: Track) -> dict[str, Series
     return plots
 
 
-def _plots_of(result: TrackResult) -> dict[str, Series]:
+def _plots_of(result: TrackedRobot) -> dict[str, Series]:
     """The series of one robot by entity."""
     name, run, plots = result.plant, result.run, dict[str, Series]()
     ink = Track(name, (), None).bright

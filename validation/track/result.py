@@ -1,73 +1,99 @@
-"""What a comparison, a fit, a tracked reference or a tuning found: frozen values that programs make and sinks take."""
+"""Robots that followed a reference: a result that prints, draws and saves itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from ssmr.control.loop import ClosedRun
-from ssmr.control.waypoints import ALPHA_SWITCH
-from ssmr.metrics.declared import METRICS, Metric, Metrics
-from ssmr.types import Trajectory
-from validation.robots.terrain import FLAT, Terrain
+from ssmr.metrics.declared import Metrics
+from validation import store
+from validation.show.result import Result
+from validation.show.tables import Grid
+from validation.track.data import TrackedRobot
+from validation.track.table import require_comparable, track_grids, track_notes
 
-TRACK_METRICS: Mapping[str, Metric] = {
-    **METRICS,
-    **{metric.name: metric for metric in (
-        Metric(
-            "e_rho_rms_m", "e_rho rms", "m", "low",
-            "root mean square of the distance to the moving target, as the controller sees it; it is negative behind",
-        ),
-        Metric("e_y_rms_m", "e_y rms", "m", "low", "root mean square of the target's offset to the left"),
-        Metric(
-            "e_alpha_rms_rad", "e_alpha rms", "rad", "low",
-            "root mean square of the reference's heading less the robot's; "
-            f"it counts as zero where the target is farther than {ALPHA_SWITCH:g} m",
-        ),
-        Metric(
-            "u_rms_ratio", "u rms ratio", "1", "one",
-            "root mean square of the robot's speed over the mean speed of the reference (Sec. 4.4.3)",
-        ),
-        Metric(
-            "saturated_fraction", "saturated", "share", "low",
-            "share of time in which a torque or a command was at its limit",
-        ),
-    )},
-}  # fmt: skip
-"""Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SCHEMA = "ssmr.track/1"
 
 
 @dataclass(frozen=True, eq=False)
-class TrackResult:
-    """A robot that followed a reference under a controller."""
+class TrackResult(Result):
+    """One robot or several that followed one reference under one controller; the first one is the result's own."""
 
-    controller: str
-    """`pid`, `lqr`, `lqr-scheduled` or `smc`."""
-    gains_name: str
-    """Name or file of the gain set."""
-    gains: Mapping[str, float]
-    """By name."""
-    reference: str
-    """As the user named it."""
-    speed: float
-    """Mean speed of the reference [m/s]."""
-    plant: str
-    """Which plant was the robot."""
-    profile: str
-    """Name of the profile that gave its parameters."""
-    seed: int
-    """Of noise and disturbance."""
-    run: ClosedRun
-    """What happened, tick by tick."""
-    target: Trajectory
-    """The reference at the same ticks."""
-    metrics: Metrics
-    """How well."""
-    wall_s: float
-    """Time that simulating took [s]."""
-    options: Mapping[str, object]
-    """How it was run: feedback, disturbance, look-ahead, periods."""
-    versions: Mapping[str, str]
-    """Of this project, Python and the packages that decide numbers."""
-    terrain: Terrain = FLAT
-    """What a MuJoCo Husky stood on."""
+    robots: tuple[TrackedRobot, ...]
+    """The robots, each another plant."""
+
+    program: ClassVar[str] = "track"
+
+    def __post_init__(self) -> None:
+        """Refuse robots that do not belong together.
+
+        Raises:
+            ValueError: none of them or too many, different references or speeds, or one plant twice.
+        """
+        require_comparable(self.robots)
+
+    @property
+    def metrics(self) -> Metrics:
+        """Metrics of the first robot by name, such as `metrics["d_rms_m"]`."""
+        return self.robots[0].metrics
+
+    def robot(self, plant: str) -> TrackedRobot:
+        """Return the robot that was this plant.
+
+        Raises:
+            ValueError: there is none; the message lists the plants.
+        """
+        for robot in self.robots:
+            if robot.plant == plant:
+                return robot
+        raise ValueError(f"no robot was the plant '{plant}'; there are: {', '.join(r.plant for r in self.robots)}")
+
+    def grids(self) -> Sequence[Grid]:
+        """Return two tables: how well the path was followed, and the errors that the controller saw."""
+        return track_grids(self.robots)
+
+    def notes(self) -> Sequence[str]:
+        """Return sentences on losses, saturation and other things that the tables do not say."""
+        return track_notes(self.robots)
+
+    def figure(self) -> Figure:
+        """Return the picture: paths, velocities and errors."""
+        from validation.track.figure import draw_track
+
+        return draw_track(self.robots)
+
+    def write_recording(self, path: Path) -> bool:
+        """Write track.rrd to `path`: the robots, the moving target and time series."""
+        from validation.track.rerun import write_track_rerun
+
+        write_track_rerun(self.robots, path)
+        return True
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what track.json holds: the first robot, and the others under `beside`, by plant."""
+        first, *others = self.robots
+        own = first.as_dict()
+        document = {
+            "schema": SCHEMA,
+            "controller": first.controller,
+            "reference": first.reference,
+            "speed_m_s": first.speed,
+            "plant": first.plant,
+            "profile": first.profile,
+            "gains_name": first.gains_name,
+            "gains": dict(first.gains),
+            "seed": first.seed,
+            "metrics": {name: own.pop(name) for name in first.metrics},
+            **own,
+            "options": dict(first.options),
+            "versions": dict(first.versions),
+        }
+        if others:
+            document["beside"] = {r.plant: r.as_dict() for r in others}
+        plain: dict[str, Any] = store.plain(document)
+        return plain

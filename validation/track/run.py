@@ -1,38 +1,195 @@
-"""`python -m validation.track CONTROLLER REFERENCE`: a closed loop around any plant, held against its reference."""
+"""Let robots follow a reference: the function behind `python -m validation.track`."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from ssmr.control.laws import Controller
+from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.waypoints import Waypoints
+from ssmr.robot.vehicle import Drive
 from validation import store
-from validation.track.gains import DEFAULT, names
-from validation.track.report import as_document
+from validation.plants.profile import Profile, load
+from validation.progress import Progress, Report, silent
+from validation.robots.terrain import FLAT, Terrain
+from validation.track.data import TrackedRobot, reference_of
+from validation.track.gains import DEFAULT, GainSet, load_gains, names
+from validation.track.loops import Robot, make_controller, make_robot, odometry_of, rate, require_practicable, run_robots
 from validation.track.result import TrackResult
-
-DEFAULT_SPEED = 0.25
-"""Of the named references [m/s]; the slower of the thesis' two."""
-NAMED = ("line", "circle", "sine", "generic")
+from validation.track.waypoint_files import open_reference
 
 
-def write(results: Sequence[TrackResult], folder: Path, *, recording: bool = True) -> list[Path]:
-    """Write track.png, track.rrd (if wanted) and, last, track.json; return what was written."""
-    from validation.show.drawing import save_figure
-    from validation.track.figure import draw_track
+@dataclass(frozen=True)
+class TrackSettings:
+    """The options of tracking besides controller, reference, plants, profile and gains."""
 
-    written = [folder / "track.png"]
-    save_figure(draw_track(results), written[0])
-    if recording:
-        from validation.track.rerun import write_track_rerun
+    speed: float | None = None
+    """Mean speed between waypoints [m/s]; it replaces the times of a file. None: those times, or 0.25 m/s for a named
+    reference."""
+    feedback: Feedback = "noisy"
+    """Signal that the controller sees: the `truth`, the `noisy` truth (Tab. 3.4), or an `ekf` on noisy sensors."""
+    disturbance: bool = True
+    """Push the robot's yaw at random (Sec. 3.4.5)."""
+    lookahead: float = 0.0
+    """Distance at which the robot keeps behind its target [m] (Sec. 4.5)."""
+    terrain: Terrain = FLAT
+    """Ground of the MuJoCo robot."""
+    seed: int = 0
+    """Seed of noise and disturbance."""
 
-        written.append(folder / "track.rrd")
-        write_track_rerun(results, written[-1])
-    written.append(folder / "track.json")
-    store.write_json(written[-1], as_document(results))
-    return written
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ValueError: a negative seed, an unknown feedback, or a look-ahead out of range.
+        """
+        if self.seed < 0:
+            raise ValueError(f"seed {self.seed} must not be negative")
+        LoopSettings(self.feedback, lookahead=self.lookahead)
+
+    def around(self, drive: Drive) -> LoopSettings:
+        """Return the settings of the closed loop around a robot with this drive."""
+        return LoopSettings(self.feedback, filter=odometry_of(drive), disturbance=self.disturbance, lookahead=self.lookahead)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedTracking:
+    """A tracking run that is checked and has its robots, but has not been driven."""
+
+    controller: Controller
+    gains: GainSet
+    label: str
+    waypoints: Waypoints
+    profile: Profile
+    robots: tuple[Robot, ...]
+    settings: TrackSettings
+
+    def run(self, workers: int | None = None, progress: Report = silent) -> TrackResult:
+        """Drive every robot along the reference.
+
+        Args:
+            workers: threads, None for all processors; the result does not depend on it.
+            progress: told after each robot.
+
+        Raises:
+            LostError: a robot left its bounds.
+        """
+        found = []
+        for k, robot in enumerate(self.robots):
+            progress(Progress(k, len(self.robots), f"{robot.name} drives"))
+            found.append(self._drive(robot, workers))
+        return TrackResult(tuple(found))
+
+    def _drive(self, robot: Robot, workers: int | None) -> TrackedRobot:
+        around, seed = self.settings.around(robot.drive), self.settings.seed
+        began = time.perf_counter()
+        (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [seed], workers)
+        wall = time.perf_counter() - began
+        run.require_kept(f"{self.controller.name} on {self.label} with the plant {robot.name}")
+        options = {
+            "feedback": around.feedback,
+            "disturbance": around.disturbance,
+            "lookahead_m": around.lookahead,
+            **robot.limits,
+            "position_period_s": around.position_period,
+            "velocity_period_s": around.velocity_period,
+            "terrain": robot.terrain.spec,
+        }
+        return TrackedRobot(
+            self.controller.name,
+            self.gains.name,
+            dict(self.gains.values),
+            self.label,
+            self.waypoints.speed,
+            robot.name,
+            self.profile.name,
+            seed,
+            run,
+            reference_of(run, self.waypoints),
+            rate(run, self.waypoints, robot),
+            wall,
+            options,
+            store.versions(),
+            robot.terrain,
+        )
+
+
+def track(
+    controller: str,
+    reference: Waypoints | str | Path,
+    plant: str | Sequence[str] = "improved",
+    profile: Profile | str | Path = "thesis-lab",
+    gains: GainSet | str | Path | None = None,
+    settings: TrackSettings | None = None,
+    workers: int | None = None,
+    progress: Report = silent,
+) -> TrackResult:
+    """Let one robot or several follow a reference under a controller.
+
+    Args:
+        controller: `pid`, `lqr`, `lqr-scheduled` or `smc`.
+        reference: waypoints, such as `ssmr.circle(speed=0.5)`; or `line`, `circle`, `sine` or `generic`; or the path of a
+            file of waypoints.
+        plant: name of the plant that is the robot, or names of several, which are driven one beside the other.
+        profile: parameters of the plants: a profile, its name or its path.
+        gains: a set of gains, its name (`published`, `manual`, `tuned`) or its path; None for the published ones where the
+            thesis has any, else the tuned ones.
+        settings: speed, feedback, disturbance, look-ahead, terrain and seed.
+        workers: threads, None for all processors; the result does not depend on it.
+        progress: told how far the work is.
+
+    Returns:
+        The result, which prints (`table()`), draws (`figure()`) and saves (`save(folder)`) itself. `metrics["d_rms_m"]` is
+        a metric of the first plant.
+
+    Raises:
+        LostError: a robot left its bounds.
+        ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
+            that do not go together.
+    """
+    return prepare(controller, reference, plant, profile, gains, settings).run(workers, progress)
+
+
+def prepare(
+    controller: str,
+    reference: Waypoints | str | Path,
+    plant: str | Sequence[str] = "improved",
+    profile: Profile | str | Path = "thesis-lab",
+    gains: GainSet | str | Path | None = None,
+    settings: TrackSettings | None = None,
+) -> PreparedTracking:
+    """Check everything that tracking is asked for, and build its robots; the arguments are those of `track`.
+
+    Raises:
+        ValueError: as `track`.
+    """
+    settings = settings or TrackSettings()
+    plants = (plant,) if isinstance(plant, str) else tuple(plant)
+    if not plants or len(set(plants)) < len(plants):
+        raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
+    chosen = profile if isinstance(profile, Profile) else load(str(profile))
+    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains or default_gains(controller)))
+    if wanted.controller != controller:
+        raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
+    if isinstance(reference, Waypoints):
+        label, waypoints = "waypoints", reference
+        if settings.speed is not None:
+            waypoints = Waypoints.from_path(reference.xy, settings.speed)
+    else:
+        label, waypoints = open_reference(str(reference), settings.speed)
+    if settings.terrain != FLAT and "mujoco" not in plants:
+        raise ValueError(f"terrain {settings.terrain.spec} needs the plant mujoco: the planar models know only level ground")
+    law = make_controller(chosen, wanted)
+    robots = tuple(make_robot(chosen, name, settings.terrain) for name in plants)
+    for robot in robots:
+        require_practicable(waypoints, robot.drive, label)
+    return PreparedTracking(law, wanted, label, waypoints, chosen, robots, settings)
 
 
 def default_gains(controller: str) -> str:
-    """`published` where the thesis has gains for that controller, else `tuned`, else the defaults of the law."""
+    """Return `published` where the thesis has gains for that controller, else `tuned`, else `default`, the law's own."""
     there = names(controller)
     return next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)

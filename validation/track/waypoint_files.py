@@ -24,6 +24,9 @@ from validation.logs.csv_table import DAMAGE, CellTable, TableError, quoted, rea
 
 _UNITS = {"x": "m", "y": "m", "t": "s"}
 
+DEFAULT_SPEED = 0.25
+"""Speed of the sample trajectories where none is given [m/s]; the slower of the thesis' two."""
+
 
 class WaypointError(TableError):
     """A file has no waypoints that a robot could follow."""
@@ -91,22 +94,20 @@ REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({**ref
 
 
 def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, Waypoints]:
-    """What to follow: a sample trajectory by name, or a file's waypoints.
+    """Return what to follow: a sample trajectory by name, or the waypoints of a file.
 
     Args:
         name_or_path: a name of `REFERENCES`, or the path of a CSV or xlsx file.
-        speed: reference speed [m/s]; only a file with times can do without.
+        speed: reference speed [m/s]; None for the times of the file, or `DEFAULT_SPEED` for a sample trajectory.
 
     Returns:
-        What tables and pictures call it, and the waypoints.
+        The name in tables and pictures, and the waypoints.
 
     Raises:
-        ValueError: an unknown name, no speed where one is needed, or a file that cannot be read.
+        ValueError: an unknown name, a file without times where there is no speed, or one that cannot be read.
     """
     if name_or_path in REFERENCES:
-        if speed is None:
-            raise ValueError(f"{name_or_path} is a path without times: give the reference speed, such as 0.25 m/s")
-        return name_or_path, REFERENCES[name_or_path](speed)
+        return name_or_path, REFERENCES[name_or_path](DEFAULT_SPEED if speed is None else speed)
     path = Path(name_or_path)
     if not path.suffix and not path.exists():
         raise ValueError(

@@ -35,7 +35,7 @@ from validation.show.drawing import (
     text_row,
 )
 from validation.show.tables import length_unit, shortened
-from validation.track.report import gains_text
+from validation.track.table import gains_text
 from validation.tune.data import TuneData, TunedRun
 from validation.tune.table import against, cost_text, run_text, tune_notes
 

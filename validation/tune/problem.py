@@ -16,7 +16,7 @@ from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
 from validation.track.gains import GainSet
-from validation.track.tracking import Robot, make_controller, rate, run_robots
+from validation.track.loops import Robot, make_controller, rate, run_robots
 from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
 from validation.tune.data import TunedRun
 

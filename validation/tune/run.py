@@ -19,7 +19,7 @@ from validation.plants.profile import Profile, load_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
 from validation.track.gains import DEFAULT, GainSet, load_gains, names
-from validation.track.tracking import Robot, make_controller, make_robot, odometry_of, require_practicable
+from validation.track.loops import Robot, make_controller, make_robot, odometry_of, require_practicable
 from validation.track.waypoint_files import open_reference
 from validation.tune.cost import TuneCost
 from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space

@@ -11,8 +11,8 @@ from typing import Any
 from ssmr.metrics.declared import Metrics
 from validation.fit.table import effort, ending, parameter_grid
 from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened, units_of
-from validation.track.report import gains_text, lost_text
-from validation.track.result import TRACK_METRICS
+from validation.track.data import TRACK_METRICS
+from validation.track.table import gains_text, lost_text
 from validation.tune.data import TuneData, TunedRun
 
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m", "saturated_fraction")

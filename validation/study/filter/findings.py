@@ -20,7 +20,7 @@ from validation import store
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
 from validation.study.result import require_seed
-from validation.track.tracking import Robot, odometry_of
+from validation.track.loops import Robot, odometry_of
 
 DRIFT_STRETCH = 3.0
 """Length of a stretch over which relative errors are taken [m]: 12 s at 0.25 m/s."""

@@ -34,7 +34,7 @@ from validation.study.filter.findings import (
 )
 from validation.study.filter.result import TRACKER, FilterStudy
 from validation.track.gains import DEFAULT, load_gains
-from validation.track.tracking import make_controller, require_practicable, run_robots
+from validation.track.loops import make_controller, require_practicable, run_robots
 from validation.track.waypoint_files import open_reference
 
 _TICK = 0.01

@@ -11,7 +11,7 @@ from validation.study.gains.findings import GainScore, GainsOptions
 from validation.study.gains.result import GainStudy
 from validation.study.result import profile_of
 from validation.track.gains import load_gains, names
-from validation.track.tracking import make_controller, make_robot, rate, run_robots
+from validation.track.loops import make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import REFERENCES, open_reference
 from validation.tune.cost import TuneCost, costs_of
 

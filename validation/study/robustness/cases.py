@@ -33,7 +33,7 @@ from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
 from validation.study.result import require_seed
 from validation.track.gains import GainSet
-from validation.track.tracking import Robot, odometry_of
+from validation.track.loops import Robot, odometry_of
 
 _COARSE_PERIOD = 0.01
 """Period of the position loop where the physics step does not divide the usual one [s]."""

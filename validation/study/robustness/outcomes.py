@@ -19,7 +19,7 @@ from validation import store
 from validation.robots.plant import Health, MujocoPlant, check_health
 from validation.study.robustness.cases import CaseKind, Mismatch, RobustnessCase, RobustnessOptions, full_grid
 from validation.track.gains import GainSet
-from validation.track.tracking import Robot, rate
+from validation.track.loops import Robot, rate
 
 CVAR_LEVEL = 0.5
 """The conditional value at risk is the mean of what is worse than this quantile."""

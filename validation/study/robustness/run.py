@@ -15,7 +15,7 @@ from validation.study.robustness.outcomes import ControllerRuns, RunErrors, erro
 from validation.study.robustness.result import Robustness
 from validation.track import gains as gain_sets
 from validation.track.gains import DEFAULT, GainSet, load_gains
-from validation.track.tracking import make_controller, require_practicable, run_robots
+from validation.track.loops import make_controller, require_practicable, run_robots
 from validation.track.waypoint_files import open_reference
 
 _BATCH = 64

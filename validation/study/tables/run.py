@@ -14,7 +14,7 @@ from validation.study.tables.findings import TABLE_METRICS, TableEntry, TablesOp
 from validation.study.tables.result import ControlTables
 from validation.thesis import published
 from validation.track.gains import GainSet, load_gains
-from validation.track.tracking import Robot, make_controller, make_robot, rate, run_robots
+from validation.track.loops import Robot, make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import open_reference
 
 _REAL_SEEDS = 1000

@@ -43,7 +43,7 @@ from validation.study.terrain.findings import (
 )
 from validation.study.terrain.result import TerrainStudy
 from validation.track.gains import load_gains
-from validation.track.tracking import Robot, make_controller, make_robot, odometry_of, rate, run_robots
+from validation.track.loops import Robot, make_controller, make_robot, odometry_of, rate, run_robots
 from validation.track.waypoint_files import open_reference
 
 

@@ -1,49 +1,37 @@
-"""Robots that followed a reference, as terminal and markdown tables, as sentences, and as the document for a file."""
+"""Robots that followed a reference, as tables and as sentences."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH
-from validation import store
 from validation.compare.table import REAL_TIME
-from validation.show.tables import (
-    Cell,
-    Grid,
-    code_span,
-    markdown_table,
-    meanings,
-    one_line,
-    option_text,
-    rich_table,
-    unit_of,
-    units_of,
-)
-from validation.track.result import TRACK_METRICS, TrackResult
+from validation.show.tables import Cell, Grid, code_span, markdown_table, meanings, one_line, option_text, unit_of, units_of
+from validation.track.data import TRACK_METRICS, TrackedRobot
 
-SCHEMA = "ssmr.track/1"
 MOST = 5
-"""So many robots at most are told apart in one picture or recording."""
+"""Number of robots that can be told apart in one picture or recording."""
 MUCH_SATURATED = 0.05
 """A robot at its limits for a greater share of time than this follows them rather than its controller."""
 UNSETTLED = 0.5
-"""Speeds whose root mean square is off the reference's by a greater share than this are not those that were asked for."""
+"""A speed whose root mean square differs from the reference's by a greater share than this is pointed out."""
+
+
 SHOWN_METRICS = tuple(TRACK_METRICS[name] for name in (
     "d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad",
     "e_rho_rms_m", "e_y_rms_m", "e_alpha_rms_rad", "u_rms_ratio", "saturated_fraction",
 ))  # fmt: skip
 """Metrics of each robot in tables and pictures."""
-_OF_THE_PATH = 6  # so many of them compare the robot's motion with the reference's
+_OF_THE_PATH = 6  # so many of them compare the robot's motion with the reference
 
 
-def require_comparable(results: Sequence[TrackResult]) -> None:
+def require_comparable(results: Sequence[TrackedRobot]) -> None:
     """Refuse robots that cannot be shown beside one another.
 
     Raises:
@@ -59,18 +47,18 @@ def require_comparable(results: Sequence[TrackResult]) -> None:
         raise ValueError(f"robots beside one another are different plants, got {', '.join(plants)}")
 
 
-def headline(result: TrackResult) -> str:
-    """Who follows what."""
+def headline(result: TrackedRobot) -> str:
+    """Return a title: the controller, the reference and its speed."""
     return f"{result.controller} follows {Path(one_line(result.reference)).name} at {result.speed:.3g} m/s"
 
 
 def gains_text(gains: Mapping[str, float]) -> str:
-    """All gains in one line."""
+    """Return all gains in one line."""
     return " · ".join(f"{name} {value:.4g}" for name, value in gains.items())
 
 
 def lost_text(run: ClosedRun) -> str:
-    """When and where a robot was lost; empty for one that was not."""
+    """Return when and where a robot was lost; empty for one that was not."""
     if not run.lost:
         return ""
     if not len(run.t):
@@ -79,8 +67,8 @@ def lost_text(run: ClosedRun) -> str:
     return f"lost at t = {run.t[-1]:.2f} s, {away:.2f} m from its target"
 
 
-def _grids(results: Sequence[TrackResult]) -> tuple[Grid, Grid]:
-    """The path and the pace; what the controller sees, and what it costs."""
+def _grids(results: Sequence[TrackedRobot]) -> tuple[Grid, Grid]:
+    """Return the measures of the path, and those of the errors and the effort."""
     labels = [Cell(f"{r.plant} (lost)" if r.run.lost else r.plant) for r in results]
     metrics = [r.metrics for r in results]
     units = units_of(SHOWN_METRICS, metrics)
@@ -88,7 +76,7 @@ def _grids(results: Sequence[TrackResult]) -> tuple[Grid, Grid]:
         ((m.label, unit.symbol), [Cell(unit.text(of[m.name])) for of in metrics])
         for m, unit in zip(SHOWN_METRICS, units, strict=True)
     ]
-    factors = [real_time_factor(r) for r in results]
+    factors = [r.real_time_factor for r in results]
     columns.append((("real time", "×"), [Cell(unit_of("×", factors).text(f)) for f in factors]))
 
     def grid(which: Sequence[tuple[tuple[str, str], list[Cell]]]) -> Grid:
@@ -98,35 +86,34 @@ def _grids(results: Sequence[TrackResult]) -> tuple[Grid, Grid]:
     return grid(columns[:_OF_THE_PATH]), grid(columns[_OF_THE_PATH:])
 
 
-def track_tables(results: Sequence[TrackResult]) -> list[Table]:
-    """How well each robot followed, for a terminal of 110 columns or more.
+def track_grids(robots: Sequence[TrackedRobot]) -> list[Grid]:
+    """Return two tables with robots as rows and measures as columns: the path; the errors that the controller sees.
 
     Args:
-        results: one robot or several on one reference.
-
-    Returns:
-        Two tables with robots as rows and measures as columns: the path; the errors that the controller sees.
+        robots: one robot or several on one reference.
     """
-    first, (path, errors) = results[0], _grids(results)
+    first, (path, errors) = robots[0], _grids(robots)
     title = f"{headline(first)} · profile {one_line(first.profile)}"
     caption = f"gains {one_line(first.gains_name)} · seed {first.seed}"
     feedback = first.options.get("feedback")
     if feedback is not None:
         caption += f" · feedback {one_line(feedback)}"
-    return [rich_table(path, title, ""), rich_table(errors, "Errors to the moving target", caption)]
+    return [replace(path, title=title), replace(errors, title="Errors to the moving target", caption=caption)]
 
 
-def track_notes(results: Sequence[TrackResult]) -> list[str]:
-    """What the tables do not say, or should not be overlooked in them, sentence by sentence."""
+def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
+    """Return sentences on what the tables do not say, or what should not be overlooked in them."""
     notes = []
     for r in results:
         m = r.metrics
         if r.run.lost:
-            notes.append(f"{r.plant} was {lost_text(r.run)}: its numbers are those of the time before.")
+            notes.append(f"{r.plant} was {lost_text(r.run)}: its numbers cover only the time before that.")
         if m["saturated_fraction"] > MUCH_SATURATED:
             notes.append(f"{r.plant}: a torque or the command was at its limit {m['saturated_fraction']:.0%} of the time.")
         if not r.run.lost and abs(m["u_rms_ratio"] - 1.0) > UNSETTLED:
-            notes.append(f"{r.plant}: the root mean square of its speed was {m['u_rms_ratio']:.2f} times the reference's.")
+            notes.append(
+                f"{r.plant}: its speed was {m['u_rms_ratio']:.2f} times that of the reference, by root mean square."
+            )
         beyond = float(np.mean(np.abs(r.run.column("e_rho")) > ALPHA_SWITCH)) if len(r.run.t) else 0.0
         if beyond > 0.0:
             notes.append(
@@ -135,18 +122,18 @@ def track_notes(results: Sequence[TrackResult]) -> list[str]:
             )
     lookahead = results[0].options.get("lookahead_m")
     if isinstance(lookahead, float) and lookahead > 0.0:
-        notes.append(f"The robot is told to keep {lookahead:g} m behind its target: e_rho is to become that, not zero.")
+        notes.append(f"The robot is told to keep {lookahead:g} m behind its target: so e_rho should become that, not zero.")
     return notes
 
 
-def track_markdown(results: Sequence[TrackResult]) -> str:
-    """Everything in words as GitHub-flavoured markdown.
+def track_markdown(results: Sequence[TrackedRobot]) -> str:
+    """Return everything in words as GitHub-flavoured markdown.
 
     Args:
         results: one robot or several on one reference.
 
     Returns:
-        How it was run, the tables of `track_tables`, the sentences of `track_notes`, and what each measure means.
+        The options, the tables of `track_grids`, the sentences of `track_notes`, and the meaning of each measure.
     """
     first, (path, errors) = results[0], _grids(results)
     options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in first.options.items() if v is not None)
@@ -171,48 +158,6 @@ def track_markdown(results: Sequence[TrackResult]) -> str:
     notes = track_notes(results)
     if notes:
         lines += ["", "## Notes", "", *(f"- {one_line(note)}" for note in notes)]
-    lines += ["", "## What the metrics mean", "", *meanings((*SHOWN_METRICS, REAL_TIME))]
+    lines += ["", "## What the metrics mean", ""]
+    lines += meanings([*SHOWN_METRICS, REAL_TIME])
     return "\n".join(lines) + "\n"
-
-
-# --- the document ---
-
-
-def real_time_factor(result: TrackResult) -> float:
-    """Simulated over wall time; infinite where no time was taken."""
-    simulated = float(result.run.t[-1]) if len(result.run.t) else 0.0
-    return simulated / result.wall_s if result.wall_s > 0.0 else math.inf
-
-
-def _of_one(result: TrackResult) -> dict[str, Any]:
-    """What else differs from robot to robot."""
-    return {"lost": result.run.lost, "wall_s": result.wall_s, "real_time_factor": real_time_factor(result)}
-
-
-def as_document(results: Sequence[TrackResult]) -> dict[str, Any]:
-    """track.json: the first robot is the document, others stand under `beside`, by plant.
-
-    Raises:
-        ValueError: robots that do not belong beside one another.
-    """
-    require_comparable(results)
-    first, *others = results
-    document = {
-        "schema": SCHEMA,
-        "controller": first.controller,
-        "reference": first.reference,
-        "speed_m_s": first.speed,
-        "plant": first.plant,
-        "profile": first.profile,
-        "gains_name": first.gains_name,
-        "gains": dict(first.gains),
-        "seed": first.seed,
-        "metrics": dict(first.metrics),
-        **_of_one(first),
-        "options": dict(first.options),
-        "versions": dict(first.versions),
-    }
-    if others:
-        document["beside"] = {r.plant: {**r.metrics, **_of_one(r)} for r in others}
-    found: dict[str, Any] = store.plain(document)
-    return found

@@ -1,0 +1,156 @@
+"""What tracking leaves of one robot: the run, the reference, how well it was followed, and how it was run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr.control.loop import ClosedRun
+from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
+from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
+from ssmr.types import Trajectory
+from validation.robots.terrain import FLAT, Terrain
+
+AT_LIMIT = 0.999
+"""From this share of a limit on, a torque or a command counts as saturated."""
+LIMITED: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "side_torque_limit_N_m": ("torque_left", "torque_right"),
+        "v_max_m_s": ("v_cmd",),
+        "w_max_rad_s": ("w_cmd",),
+    }
+)
+"""Names of the limits among the options of a result, and the columns of the log that each holds for."""
+
+TRACK_METRICS: Mapping[str, Metric] = {
+    **METRICS,
+    **{metric.name: metric for metric in (
+        Metric(
+            "e_rho_rms_m", "e_rho rms", "m", "low",
+            "root mean square of the distance to the moving target, as the controller sees it; it is negative behind",
+        ),
+        Metric("e_y_rms_m", "e_y rms", "m", "low", "root mean square of the target's offset to the left"),
+        Metric(
+            "e_alpha_rms_rad", "e_alpha rms", "rad", "low",
+            "root mean square of the reference's heading less the robot's; "
+            f"it counts as zero where the target is farther than {ALPHA_SWITCH:g} m",
+        ),
+        Metric(
+            "u_rms_ratio", "u rms ratio", "1", "one",
+            "root mean square of the robot's speed over the mean speed of the reference (Sec. 4.4.3)",
+        ),
+        Metric(
+            "saturated_fraction", "saturated", "share", "low",
+            "share of time in which a torque or a command was at its limit",
+        ),
+    )},
+}  # fmt: skip
+"""Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedRobot:
+    """One robot that followed a reference under a controller."""
+
+    controller: str
+    """Name of the controller."""
+    gains_name: str
+    """Name or file of the gain set."""
+    gains: Mapping[str, float]
+    """Gains by name."""
+    reference: str
+    """Name or path of the reference, as the user gave it."""
+    speed: float
+    """Mean speed of the reference [m/s]."""
+    plant: str
+    """Name of the plant that was the robot."""
+    profile: str
+    """Name of the profile that gave its parameters."""
+    seed: int
+    """Seed of noise and disturbance."""
+    run: ClosedRun
+    """The log of the run, tick by tick."""
+    target: Trajectory
+    """The reference at the ticks of the run."""
+    metrics: Metrics
+    """How well the reference was followed."""
+    wall_s: float
+    """Time that simulating took [s]."""
+    options: Mapping[str, object]
+    """Feedback, disturbance, look-ahead, periods and limits."""
+    versions: Mapping[str, str]
+    """Versions of this project, Python and the packages that decide numbers."""
+    terrain: Terrain = FLAT
+    """Ground of a MuJoCo robot."""
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated over wall time; infinite where no time was taken."""
+        simulated = float(self.run.t[-1]) if len(self.run.t) else 0.0
+        return simulated / self.wall_s if self.wall_s > 0.0 else math.inf
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """(M,) whether a torque or a command was at its limit at each tick."""
+        return saturated(self.run, self.options)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the metrics, whether the robot was lost, and how long simulating took."""
+        return {
+            **self.metrics,
+            "lost": self.run.lost,
+            "wall_s": self.wall_s,
+            "real_time_factor": self.real_time_factor,
+        }
+
+
+def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:
+    """Return (M,) whether a torque or a command was at its limit; a limit that is not named is never reached.
+
+    Args:
+        run: M ticks.
+        limits: numbers by the names in `LIMITED`; other entries are ignored.
+    """
+    found = np.zeros(len(run.t), dtype=np.bool_)
+    for name, columns in LIMITED.items():
+        limit = limits.get(name)
+        if isinstance(limit, int | float):
+            found |= (np.abs(run.columns(*columns)) >= AT_LIMIT * limit).any(axis=1)
+    return found
+
+
+def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -> Trajectory:
+    """Return the reference at the ticks of a run, as far as the run came, or with `whole` to its end."""
+    period = float(run.t[1] - run.t[0]) if len(run.t) > 1 else waypoints.duration
+    full, n = waypoints.trajectory(period), len(run.t)
+    return full if whole else Trajectory(full.t[:n], full.pose[:n], full.twist[:n], full.wheels[:n])
+
+
+def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, object]) -> Metrics:
+    """Return how well a run followed its reference; a run that was lost is compared with the whole reference.
+
+    Args:
+        run: the run.
+        waypoints: its reference.
+        limits: greatest torque of a side, speed and yaw rate, by the names in `LIMITED`.
+    """
+
+    def rms(name: str) -> float:
+        return float(np.sqrt(np.mean(np.square(run.column(name)))))
+
+    return Metrics(
+        {
+            **compare_paths(run.motion, reference_of(run, waypoints, whole=True)),
+            "e_rho_rms_m": rms("e_rho"),
+            "e_y_rms_m": rms("e_y"),
+            "e_alpha_rms_rad": rms("e_alpha"),
+            "u_rms_ratio": rms("v_x") / max(waypoints.speed, 1e-9),
+            "saturated_fraction": float(np.mean(saturated(run, limits))),
+        }
+    )

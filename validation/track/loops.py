@@ -1,0 +1,149 @@
+"""Closed loops around any plant of a profile, alone and by the hundred, and how well they followed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from ssmr._jit import config
+from ssmr.control.laws import Controller, make_gains
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.population import Loop, run_loops
+from ssmr.control.waypoints import Waypoints
+from ssmr.estimation.ekf import EkfSettings
+from ssmr.metrics.declared import Metrics
+from ssmr.models.linear import matrices
+from ssmr.models.table import PLANAR_MODELS
+from ssmr.robot.vehicle import Drive
+from ssmr.simulation import PlanarModel
+from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
+from validation.robots.loops import HuskyLoop, run_husky_loops
+from validation.robots.plant import MujocoPlant
+from validation.robots.terrain import FLAT, Terrain
+from validation.track.data import track_metrics
+from validation.track.gains import GainSet
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A plant that is built and can be driven in closed loops any number of times."""
+
+    name: str
+    """Name of the plant."""
+    body: PlanarModel | MujocoPlant
+    """The planar model, or the simulated robot."""
+
+    @property
+    def drive(self) -> Drive:
+        """The drive between command and wheels."""
+        return self.body.drive
+
+    @property
+    def terrain(self) -> Terrain:
+        """The ground of a MuJoCo robot; flat for a planar model."""
+        return self.body.terrain if isinstance(self.body, MujocoPlant) else FLAT
+
+    @property
+    def side_limit(self) -> float:
+        """Greatest torque of a side [N m]."""
+        return 2.0 * self.drive.torque_limit
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Limits of torque and command, by their names among the options of a result."""
+        return {
+            "side_torque_limit_N_m": self.side_limit,
+            "v_max_m_s": self.drive.v_max,
+            "w_max_rad_s": self.drive.w_max,
+        }
+
+
+def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> Robot:
+    """Return the plant of that name with the profile's numbers; a terrain is for the MuJoCo robot only.
+
+    Raises:
+        ProfileError: an unknown name, or numbers that do not go together.
+    """
+    made = make_plant(profile, plant, terrain)
+    p: PlantProfile = profile.plants[plant]
+    if isinstance(made, MujocoPlant):
+        return Robot(plant, made)
+    if plant not in PLANAR_MODELS:
+        raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it")
+    return Robot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
+
+
+def make_controller(profile: Profile, gains: GainSet) -> Controller:
+    """Return the controller with these gains; model-based ones are designed on the profile's linear model.
+
+    Raises:
+        ValueError: gains that the law refuses.
+    """
+    linear = profile.plants["linear"]
+    a, b = matrices(linear.vehicle, linear.parameters, linear.drive)
+    law = Controller(
+        make_gains(gains.controller, gains.values), tuple(map(tuple, a.tolist())), tuple(map(tuple, b.tolist()))
+    )
+    law.packed()
+    return law
+
+
+def odometry_of(drive: Drive) -> EkfSettings:
+    """Return a state filter whose wheel odometry is the driver's own."""
+    return EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
+
+
+def run_robots(
+    robots: Sequence[Robot],
+    controllers: Sequence[Controller],
+    settings: Sequence[LoopSettings],
+    waypoints: Waypoints,
+    seeds: Sequence[int],
+    workers: int | None = None,
+) -> list[ClosedRun]:
+    """Run closed loops of one kind of plant along one reference, all at once.
+
+    Args:
+        robots: S robots; several may be the same.
+        controllers: S controllers.
+        settings: S settings.
+        waypoints: the reference.
+        seeds: seeds of noise and disturbance; loop i gets `seeds[i % len(seeds)]`.
+        workers: threads; the result does not depend on it.
+
+    Raises:
+        ValueError: planar models and MuJoCo robots in one population, or settings that do not go together.
+    """
+    each = list(zip(robots, controllers, settings, strict=True))
+    planar = [Loop(r.body, c, s) for r, c, s in each if isinstance(r.body, PlanarModel)]
+    huskies = [HuskyLoop(r.body, c, s) for r, c, s in each if isinstance(r.body, MujocoPlant)]
+    if planar and huskies:
+        raise ValueError("a population is one kind of plant")
+    if huskies:
+        return run_husky_loops(huskies, waypoints, seeds, workers)
+    numba.set_num_threads(min(workers or os.cpu_count() or 1, config.NUMBA_NUM_THREADS))
+    return run_loops(planar, waypoints, seeds)
+
+
+def rate(run: ClosedRun, waypoints: Waypoints, robot: Robot) -> Metrics:
+    """Return how well a run followed its reference; a run that was lost is compared with the whole reference."""
+    return track_metrics(run, waypoints, robot.limits)
+
+
+def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
+    """Refuse a reference that no wheel can follow.
+
+    Raises:
+        ValueError: a segment faster than the driver's limit; the message says where.
+    """
+    speeds = waypoints.segment_speeds
+    worst = int(np.argmax(speeds))
+    if speeds[worst] > drive.v_max:
+        raise ValueError(
+            f"{what} asks for {speeds[worst]:.3g} m/s between waypoints {worst + 1} and {worst + 2}; "
+            f"the robot's limit is {drive.v_max:g} m/s"
+        )

@@ -234,7 +234,7 @@ def test_a_lost_loop_says_when_and_where(tmp_path: Path, capsys: pytest.CaptureF
         (track.main, ["pid", "line", "--speed", "1.5"], "asks for 1.5 m/s"),
         (track.main, ["pid", "line", "--lookahead", "-1"], "lookahead"),
         (track.main, ["pid", "line", "--view", "--no-rerun"], "--view"),
-        (track.main, ["pid", "line", "--seed", "-1"], "--seed -1"),
+        (track.main, ["pid", "line", "--seed", "-1"], "--seed: '-1' must be"),
         (tune.main, ["pid", "--free", "q_x"], "pid has no gain 'q_x' to tune"),
         (tune.main, ["pid", "--bounds", "k_p_y=2:1"], "bounds of k_p_y are 2 and 1"),
         (tune.main, ["pid", "--fix", "q_x=1"], "pid has no gain 'q_x'"),

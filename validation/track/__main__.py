@@ -12,7 +12,7 @@ from ssmr.control.laws import CONTROLLERS
 from ssmr.control.loop import Feedback
 from validation import cli
 from validation.robots.terrain import parse_terrain
-from validation.track.run import TrackSettings, prepare
+from validation.track.run import TrackSettings, prepare_tracking
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,9 @@ def main(options: Options) -> None:
             parse_terrain(world.terrain),
             options.run.seed,
         )
-        asked = prepare(options.controller, options.reference, options.plant, options.profile, control.gains, settings)
+        asked = prepare_tracking(
+            options.controller, options.reference, options.plant, options.profile, control.gains, settings
+        )
     with cli.shown("tracking") as progress:
         tracked = asked.run(options.run.workers, progress)
     stem = f"{options.controller}-{Path(options.reference).stem}"

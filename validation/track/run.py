@@ -150,10 +150,10 @@ def track(
         ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
             that do not go together.
     """
-    return prepare(controller, reference, plant, profile, gains, settings).run(workers, progress)
+    return prepare_tracking(controller, reference, plant, profile, gains, settings).run(workers, progress)
 
 
-def prepare(
+def prepare_tracking(
     controller: str,
     reference: Waypoints | str | Path,
     plant: str | Sequence[str] = "improved",

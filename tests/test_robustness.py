@@ -7,7 +7,7 @@ import math
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -22,6 +22,8 @@ from validation import cli
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
 from validation.study.__main__ import program
+from validation.study.catalogue import STUDIES, Study
+from validation.study.result import StudyResult
 from validation.study.robustness import Robustness, RobustnessOptions, study_robustness
 from validation.study.robustness.cases import (
     LEVELS,
@@ -264,3 +266,19 @@ def test_the_program_writes_everything(tmp_path: Path, capsys: pytest.CaptureFix
     document = json.loads((out / "study.json").read_text(encoding="utf-8"))
     assert len(document["controllers"]["lqr"]["runs"]) == 13
     assert "| lqr |" in (out / "study.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
+def test_a_declaration_leads_to_options_a_function_and_a_result(study: Study) -> None:
+    assert study.options().__class__ is study.options
+    result = get_type_hints(study.run)["return"]
+    assert issubclass(result, StudyResult)
+    assert (result.study, study.question[-1]) == (study.name, "?")
+
+
+def test_a_file_in_the_place_of_the_folder_is_said_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").touch()
+    assert run_program("contact", "--out", str(tmp_path / "out" / "deep")) == 2
+    assert "name another" in capsys.readouterr().err

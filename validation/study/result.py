@@ -1,4 +1,4 @@
-"""What the results of all studies have in common: study.json, study.md and study.png are put together here."""
+"""The base of all studies' results, which puts study.json and study.md together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the runs of a robustness study went: the errors of each run, their spread, and wheel loads."""
+"""The outcomes of a robustness study: the errors of each run, their spread, and wheel loads."""
 
 from __future__ import annotations
 

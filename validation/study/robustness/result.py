@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Robustness(RobustnessRuns, StudyResult):
-    """How each controller followed the reference with robots that differ from its profile."""
+    """The errors of each controller on robots that differ from its profile."""
 
     study = "robustness"
     title = "Robustness"

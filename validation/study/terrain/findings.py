@@ -113,7 +113,7 @@ class ModelErrors:
     axis: AxisName
     """Quantity that grows."""
     value: float
-    """Its value [SI]."""
+    """Value of that quantity [SI]."""
     plant: str
     """Name of the planar model."""
     position_m: float | None
@@ -133,7 +133,7 @@ class TrackerErrors:
     axis: AxisName
     """Quantity that grows."""
     value: float
-    """Its value [SI]."""
+    """Value of that quantity [SI]."""
     controller: str
     """Name of the tracker."""
     d_rms_m: float | None

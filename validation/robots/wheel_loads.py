@@ -55,9 +55,14 @@ def load_model(plant: MujocoPlant) -> LoadModel:
 
 def resting_loads(plant: MujocoPlant) -> FloatArray:
     """Return the (4,) wheel loads [N] at rest on level ground, by the plant's own mass and centre of mass."""
-    still = np.zeros(1)
-    gravity = np.array([[0.0, 0.0, -GRAVITY]])
-    return np.asarray(load_model(plant).quasi_static(np.zeros((1, 2)), gravity, still, still, still)[0])
+    data = mujoco.MjData(plant.model)  # level, wherever the plant stands
+    mujoco.mj_kinematics(plant.model, data)
+    mujoco.mj_comPos(plant.model, data)
+    root = plant.model.body("base").id
+    x, y, _ = data.subtree_com[root] - data.xpos[root]
+    level = replace(load_model(plant), com_x=float(x), com_y=float(y))
+    still, gravity = np.zeros(1), np.array([[0.0, 0.0, -GRAVITY]])
+    return np.asarray(level.quasi_static(np.zeros((1, 2)), gravity, still, still, still)[0])
 
 
 def with_quasi_static(motion: Trajectory, plant: MujocoPlant, tracked: tuple[float, float]) -> Trajectory:

@@ -1,4 +1,4 @@
-"""What a run can fail with. Bad input is a plain `ValueError`; these are runs that began and could not end well."""
+"""Errors of runs that began and failed. Bad input raises a plain `ValueError` instead."""
 
 from __future__ import annotations
 

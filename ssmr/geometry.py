@@ -32,21 +32,21 @@ def rotate_world_to_body(vector: ArrayLike, yaw: ArrayLike) -> FloatArray:
 
 
 def compose(pose_a_to_w: ArrayLike, pose_b_to_a: ArrayLike) -> FloatArray:
-    """Pose of b in w from the pose of a in w and of b in a, each (..., 3)."""
+    """Return the pose of b in w from the poses of a in w and of b in a, each (..., 3)."""
     a, b = np.asarray(pose_a_to_w, dtype=np.float64), np.asarray(pose_b_to_a, dtype=np.float64)
     xy = a[..., :2] + rotate_body_to_world(b[..., :2], a[..., 2])
     return np.concatenate([xy, (a[..., 2] + b[..., 2])[..., None]], axis=-1)
 
 
 def invert(pose_a_to_b: ArrayLike) -> FloatArray:
-    """Inverse of (..., 3) poses: composed with the pose it gives zero."""
+    """Return the inverse of (..., 3) poses: composed with the pose it gives zero."""
     a = np.asarray(pose_a_to_b, dtype=np.float64)
     xy = -rotate_world_to_body(a[..., :2], a[..., 2])
     return np.concatenate([xy, -a[..., 2:3]], axis=-1)
 
 
 def relative(pose_a_to_w: ArrayLike, pose_b_to_w: ArrayLike) -> FloatArray:
-    """Pose of b seen from a, (..., 3); the yaw difference is not wrapped."""
+    """Return the (..., 3) pose of b seen from a; the yaw difference is not wrapped."""
     return compose(invert(pose_a_to_w), pose_b_to_w)
 
 
@@ -73,32 +73,32 @@ def shift_state(state: State, offset: tuple[float, float]) -> State:
 
 
 def align_rigidly(points: ArrayLike, onto: ArrayLike) -> FloatArray:
-    """Turn and shift (N, 2) points as a whole, so that they lie as near as can be to the (N, 2) points `onto`, one to one.
+    """Return (N, 2) points, turned and shifted as a whole so that each lies as near as possible to its point of `onto`.
 
-    Least squares: centroids coincide, and the sum of p . R q is greatest at the angle of (sum p . q, sum p x q). Neither
-    mirrored nor scaled.
+    Least squares: centroids coincide, and the sum of p . R q is greatest at the angle of (sum p . q, sum p x q). The points
+    are neither mirrored nor scaled.
     """
     p, q = np.asarray(points, dtype=np.float64), np.asarray(onto, dtype=np.float64)
     p_0, q_0 = p - p.mean(axis=0), q - q.mean(axis=0)
     cross = np.sum(p_0[:, 0] * q_0[:, 1] - p_0[:, 1] * q_0[:, 0])
-    return q.mean(axis=0) + rotate_body_to_world(p_0, np.arctan2(cross, np.sum(p_0 * q_0)))
+    return np.asarray(q.mean(axis=0) + rotate_body_to_world(p_0, np.arctan2(cross, np.sum(p_0 * q_0))))
 
 
 def yaw_to_quat_wxyz(yaw: ArrayLike) -> FloatArray:
-    """(..., 4) unit quaternions, w first, of rotations by (...) yaw [rad] about z."""
+    """Return (..., 4) unit quaternions, w first, of rotations by (...) yaw [rad] about z."""
     half = 0.5 * np.asarray(yaw, dtype=np.float64)
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
 
 
 def quat_wxyz_to_yaw(quat: ArrayLike) -> FloatArray:
-    """(...) heading in (-pi, pi] of (..., 4) quaternions, w first: where the rotated x axis points in the plane."""
+    """Return the (...) heading in (-pi, pi] of (..., 4) quaternions, w first: the direction of the rotated x axis."""
     w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
-    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def quat_wxyz_to_roll_pitch(quat: ArrayLike) -> FloatArray:
-    """(..., 2) roll and pitch [rad] of (..., 4) quaternions, w first.
+    """Return (..., 2) roll and pitch [rad] of (..., 4) quaternions, w first.
 
     A body is turned first by yaw about z, then by pitch about its y, nose down, then by roll about its x, right side down.
     """
@@ -108,7 +108,7 @@ def quat_wxyz_to_roll_pitch(quat: ArrayLike) -> FloatArray:
 
 
 def roll_pitch_yaw_to_quat_wxyz(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> FloatArray:
-    """(..., 4) unit quaternions, w first, of (...) angles [rad] as `quat_wxyz_to_roll_pitch` has them."""
+    """Return (..., 4) unit quaternions, w first, of (...) angles [rad] in the convention of `quat_wxyz_to_roll_pitch`."""
     half = [0.5 * np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, yaw)]
     (cr, cp, cy), (sr, sp, sy) = (tuple(f(h) for h in half) for f in (np.cos, np.sin))
     w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy

@@ -33,7 +33,7 @@ class SineScenario:
     """Straight driving before the sine [s]; not in the thesis."""
 
     def commands(self) -> Commands:
-        """The commands, sampled at 20 Hz."""
+        """Return the commands, sampled at 20 Hz."""
         n = round(self.duration / COMMAND_PERIOD)
         t = np.arange(n) * COMMAND_PERIOD
         sine = self.amplitude * np.sin(2.0 * math.pi * self.frequency * (t - self.lead_in))

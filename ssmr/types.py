@@ -27,8 +27,8 @@ def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) ->
 
     Args:
         values: anything numpy can read as numbers.
-        name: what to call it in an error.
-        shape: the lengths wanted, `None` where any will do.
+        name: name of the values in an error.
+        shape: wanted lengths, `None` where any length will do.
 
     Returns:
         A contiguous, read-only copy.
@@ -49,16 +49,16 @@ def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) ->
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """What a driver is told, sampled at a fixed period and held."""
+    """Commands to a driver, sampled at a fixed period and held."""
 
     dt: float
     """Period for which each command is held [s]."""
     values: FloatArray
     """(N, 2): v [m/s] and omega [rad/s] for `twist`; left and right wheel rate [rad/s] for `wheels`."""
     kind: CommandKind = "twist"
-    """`twist`: body velocities for the driver to turn into wheel rates; `wheels`: the wheel rates themselves."""
+    """`twist` for body velocities, which the driver turns into wheel rates; `wheels` for the wheel rates themselves."""
     before: tuple[float, float] = (0.0, 0.0)
-    """What was commanded before the first command: it fills the delay lines."""
+    """Command before the first one, which fills the delay lines."""
 
     def __post_init__(self) -> None:
         """Check and freeze.
@@ -76,12 +76,12 @@ class Commands:
 
     @property
     def n(self) -> int:
-        """How many commands there are, N."""
+        """Number of commands, N."""
         return len(self.values)
 
     @property
     def duration(self) -> float:
-        """N periods [s]."""
+        """Length of N periods [s]."""
         return self.n * self.dt
 
 
@@ -120,7 +120,7 @@ class Trajectory:
     wheels: FloatArray
     """(M, 2): left and right wheel rate [rad/s]."""
     channels: Mapping[str, FloatArray] = field(default_factory=dict)
-    """What else was recorded, by name with its unit at the end, each (M,) or (M, k): loads, torques, accelerations."""
+    """Other signals by name, with the unit at the end, each (M,) or (M, k): loads, torques, accelerations."""
 
     def __post_init__(self) -> None:
         """Check and freeze.
@@ -143,11 +143,11 @@ class Trajectory:
         object.__setattr__(self, "channels", MappingProxyType(channels))
 
     def __reduce__(self) -> tuple[type[Trajectory], tuple[object, ...]]:
-        """Copy by its arrays: other processes get it too."""
+        """Copy by the arrays, so that other processes can receive a trajectory."""
         return Trajectory, (self.t, self.pose, self.twist, self.wheels, dict(self.channels))
 
     def __len__(self) -> int:
-        """How many samples there are, M."""
+        """Number of samples, M."""
         return len(self.t)
 
     @property
@@ -161,7 +161,7 @@ class Trajectory:
         return self.pose[:, 2]
 
     def state(self, k: int) -> State:
-        """The `k`-th sample as a `State`."""
+        """Return the `k`-th sample."""
         return State(*map(float, self.pose[k]), *map(float, self.twist[k]), *map(float, self.wheels[k]))
 
 
@@ -173,12 +173,12 @@ class Plant(Protocol):
 
     @property
     def name(self) -> str:
-        """What tables and pictures call it."""
+        """Name in tables and pictures."""
         ...
 
     @property
     def dt(self) -> float:
-        """The step of its physics [s]."""
+        """Physics step [s]."""
         ...
 
     def reset(self, state: State) -> State:
@@ -188,7 +188,7 @@ class Plant(Protocol):
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
         """Hold `command` (v [m/s], omega [rad/s]) for `dt` [s], whole physics steps; return where it is then.
 
-        `yaw_acceleration` is a disturbance added meanwhile [rad/s2], see `ssmr.sensors.yaw_disturbance`.
+        `yaw_acceleration` is a disturbance added meanwhile [rad/s2], see `ssmr.robot.sensors.yaw_disturbance`.
         """
         ...
 

@@ -46,7 +46,7 @@ def _is_measurable(xy: FloatArray) -> bool:
     for i in range(xy.shape[0]):
         if not (abs(xy[i, 0]) <= LARGEST and abs(xy[i, 1]) <= LARGEST):
             return False
-    return xy.shape[0] > 0
+    return len(xy) > 0
 
 
 @jit

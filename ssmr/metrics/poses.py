@@ -22,7 +22,8 @@ TIME_TOLERANCE = 1e-9
 @jit
 def _wrapped(angle: float) -> float:
     """An angle [rad] less whole turns, within [-pi, pi]; the sign at half a turn does not matter to a size."""
-    return angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
+    wrapped: float = angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
+    return wrapped
 
 
 @jit

@@ -135,7 +135,8 @@ def held_value(values: FloatArray, column: int, step: int, delay: int, drive: Dr
     past = step - delay
     if past < 0:
         return before
-    return values[min((past // drive.hold) * drive.hold // drive.period, len(values) - 1), column]
+    value: float = values[min((past // drive.hold) * drive.hold // drive.period, len(values) - 1), column]
+    return value
 
 
 @jit

@@ -1,4 +1,4 @@
-"""What a robot's own sensors make of its motion, and what disturbs it: seeded options of a simulation (Sec. 3.4.4-3.4.6)."""
+"""Sensor noise and yaw disturbance: options of a simulation, drawn from a seeded generator (Sec. 3.4.4-3.4.6)."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class SensorNoise:
     """Variances of the state filter's output (Tab. 3.4)."""
 
     v_x: float = 5.0115e-05
-    """[m2/s2]"""
+    """Variance of the forward speed [m2/s2]."""
     yaw_rate: float = 3.5298e-05
-    """[rad2/s2]"""
+    """Variance of the yaw rate [rad2/s2]."""
     x: float = 8.8786e-06
-    """[m2]"""
+    """Variance of x [m2]."""
     y: float = 7.9259e-12
-    """[m2]; measured while y was not excited, so too small for a turning robot."""
+    """Variance of y [m2]; measured while y was not excited, so too small for a turning robot."""
     yaw: float = 1.2941e-08
-    """[rad2]; the same."""
+    """Variance of yaw [rad2]; measured while yaw was not excited."""
 
     def __post_init__(self) -> None:
         """Check that no variance is negative."""
@@ -38,7 +38,7 @@ class SensorNoise:
 def measure(
     trajectory: Trajectory, noise: SensorNoise, rng: np.random.Generator, rate: float = SAMPLE_RATES_HZ["ekf"]
 ) -> Trajectory:
-    """The motion as the robot's state filter would report it: sampled, held and noisy.
+    """Return the motion as the robot's state filter would report it: sampled, held and noisy.
 
     Args:
         trajectory: the true motion.
@@ -72,15 +72,15 @@ def yaw_disturbance(
     variance: float = YAW_DISTURBANCE_VARIANCE,
     sample_time: float = 0.1,
 ) -> FloatArray:
-    """White yaw acceleration, held for `sample_time` (Sec. 3.4.5).
+    """Return white yaw acceleration, each draw held for `sample_time` (Sec. 3.4.5).
 
     Args:
         duration: length of the run [s].
         dt: physics step [s].
         rng: the generator that draws it.
-        variance: of each draw [rad2/s4].
-        sample_time: how long each is held [s]. The thesis does not say; 0.1 s is the default of Simulink's random number
-            block.
+        variance: variance of each draw [rad2/s4].
+        sample_time: time for which each draw is held [s]. The thesis does not say; 0.1 s is the default of Simulink's random
+            number block.
 
     Returns: (n,) yaw acceleration of each physics step [rad/s2]. The draws do not depend on `dt`, so all plants of one
         run feel the same disturbance.
@@ -91,4 +91,4 @@ def yaw_disturbance(
         )
     draws = math.sqrt(variance) * rng.standard_normal(math.ceil(duration / sample_time - 1e-9) + 1)
     step = np.arange(round(duration / dt))
-    return draws[np.floor(step * dt / sample_time + 1e-9).astype(int)]
+    return np.asarray(draws[np.floor(step * dt / sample_time + 1e-9).astype(int)])

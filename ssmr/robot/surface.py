@@ -77,8 +77,8 @@ class Surface:
 
 
 @jit
-def _surface(c, cell, origin, x, y):
-    """Height and slopes at one place."""
+def _surface(c: FloatArray, cell: float, origin: float, x: float, y: float) -> tuple[float, float, float]:
+    """Return height [m] and slopes along x and y [1] at one place."""
     n = len(c)
     u, v = (x - origin) / cell, (y - origin) / cell
     i, j = np.floor(u), np.floor(v)
@@ -103,13 +103,16 @@ def _surface(c, cell, origin, x, y):
 
 
 @jit
-def _sample(c, cell, origin, points, out):
+def _sample(c: FloatArray, cell: float, origin: float, points: FloatArray, out: FloatArray) -> None:
     for k in range(len(points)):
         out[k, 0], out[k, 1], out[k, 2] = _surface(c, cell, origin, points[k, 0], points[k, 1])
 
 
 @jit
-def _tangent_planes(c, cell, origin, poses, wheels, radius, places, turns):
+def _tangent_planes(
+    c: FloatArray, cell: float, origin: float, poses: FloatArray, wheels: FloatArray, radius: float,
+    places: FloatArray, turns: FloatArray,
+) -> None:  # fmt: skip
     for s in range(len(poses)):
         px, py, _, qw, qx, qy, qz = poses[s]
         for k in range(len(wheels)):

@@ -1,4 +1,4 @@
-"""What the robot is, and what stands between a command and its wheels. SI units and radians."""
+"""The robot's mass and geometry, and the drive between a command and its wheels. SI units and radians."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Vehicle:
     a: float = parameter(0.256, unit="m", low=0.0, high=1e6, open_low=True)
     """Distance of the rear axle from the centre of gravity [m]; half of the maker's wheelbase, not in the thesis."""
     b: float = parameter(0.256, unit="m", low=0.0, high=1e6, open_low=True)
-    """Distance of the front axle from the centre of gravity [m]; the same."""
+    """Distance of the front axle from the centre of gravity [m]; half of the maker's wheelbase, not in the thesis."""
     x_icr: float = parameter(0.0, unit="m", low=-1e6, high=1e6, search=(-0.25, 0.25))
     """Longitudinal coordinate of the instantaneous centre of rotation [m] (Eq. 2.4, 2.10); 0 by Sec. 2.2.3."""
     gravity: float = parameter(9.81, unit="m/s2", low=0.0, high=1e6, open_low=True)
@@ -73,7 +73,7 @@ class Drive:
     """Greatest rate of change of the linear velocity that the driver asks of its wheels [m/s2]; off (infinite) by default.
     ROS' diff_drive_controller, which drives a Husky, limits v and omega one by one."""
     acceleration_w: float = parameter(math.inf, unit="rad/s2", low=0.0, open_low=True, search=(0.5, 60.0), scale="log")
-    """The same of the yaw rate [rad/s2]."""
+    """Greatest rate of change of the yaw rate that the driver asks of its wheels [rad/s2]; off by default."""
     wheel_lag: float = parameter(0.0, unit="s", low=0.0, high=10.0, search=(0.0, 0.5))
     """Time constant with which the motor controllers follow a wheel-rate reference [s], where the wheel torque loop does
     not describe it; 0: at once."""

@@ -48,20 +48,13 @@ _VEHICLE = packed(Vehicle())
 class PlanarMotion(NamedTuple):
     """A planar robot at one physics step, for compiled functions."""
 
-    x: float
-    """World x [m]."""
-    y: float
-    """World y [m]."""
-    yaw: float
-    """Heading, unwrapped [rad]."""
-    v: float
-    """Forward speed [m/s]."""
-    w: float
-    """Yaw rate [rad/s]."""
-    torque_left: float = 0.0
-    """Torque of the left side in the last step [N m]."""
-    torque_right: float = 0.0
-    """Torque of the right side in the last step [N m]."""
+    x: float  # world x [m]
+    y: float  # world y [m]
+    yaw: float  # heading, unwrapped [rad]
+    v: float  # forward speed [m/s]
+    w: float  # yaw rate [rad/s]
+    torque_left: float = 0.0  # torque of the left side in the last step [N m]
+    torque_right: float = 0.0  # torque of the right side in the last step [N m]
 
 
 @jit
@@ -144,18 +137,13 @@ def run_planar(
 
 
 class _Inputs(NamedTuple):
-    """What drives a whole population."""
+    """Inputs of a whole population."""
 
-    values: FloatArray
-    """(N, 2) commands."""
-    before: FloatArray
-    """(2,) twist commanded before the first command."""
-    prescribed: bool
-    """Whether the values are the wheel rates themselves."""
-    dt: float
-    """Physics step [s]."""
-    stride: int
-    """Steps between samples."""
+    values: FloatArray  # (N, 2) commands
+    before: FloatArray  # (2,) twist commanded before the first command
+    prescribed: bool  # whether the values are the wheel rates themselves
+    dt: float  # physics step [s]
+    stride: int  # steps between samples
 
 
 @jit_parallel
@@ -212,7 +200,7 @@ class PlanarModel:
     vehicle: Vehicle
     """Mass and geometry."""
     drive: Drive
-    """What stands between command and wheels."""
+    """Saturation, delays and conversions between command and wheels."""
 
     @property
     def name(self) -> str:

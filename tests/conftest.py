@@ -13,7 +13,7 @@ from hypothesis import settings
 
 from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.types import Plant
-from validation.plants.profile import PLANTS, Profile, load, make_plant
+from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 
 EXACT = 0.0
 """Bit for bit: repetition, and a fast implementation against its reference."""
@@ -44,7 +44,7 @@ def data_folder() -> Path:
 
 @cache
 def _profile(name: str) -> Profile:
-    return load(name)
+    return load_profile(name)
 
 
 @pytest.fixture(scope="session")

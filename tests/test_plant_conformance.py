@@ -8,15 +8,19 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
+from ssmr.control.loop import POSITION_PERIOD
 from ssmr.geometry import compose
-from ssmr.robot.drive import wheel_rates
+from ssmr.robot.drive import wheel_rates, whole_steps
+from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.simulation import simulate
 from ssmr.types import Commands, Plant, State, Trajectory
 from tests.conftest import EXACT, SYMMETRY
+from validation.motion.sources import RECORDING_GRID
+from validation.plants.profile import Profile
+from validation.plants.table import plant_kind
 
 Make = Callable[[], Plant]
 
-RNG = np.random.default_rng(7)
 WEAVE = Commands(0.05, np.column_stack([np.full(40, 0.5), np.sin(np.arange(40) * 0.3)]))
 """Two seconds of starting and weaving."""
 
@@ -26,10 +30,11 @@ def mirrored(commands: Commands) -> Commands:
     return replace(commands, values=commands.values * [1.0, -1.0])
 
 
-def test_it_has_what_a_plant_has(make: Make) -> None:
+def test_its_name_is_that_of_its_declaration_and_its_step_divides_every_period(make: Make, lab: Profile) -> None:
     plant = make()
-    assert isinstance(plant.name, str)
-    assert plant.dt > 0.0
+    assert isinstance(lab.plants[plant.name].parameters, plant_kind(plant.name).parameters)
+    for period in (COMMAND_PERIOD, POSITION_PERIOD, RECORDING_GRID):
+        assert whole_steps(period, plant.dt, "the period") >= 1
 
 
 def test_equal_runs_are_equal_bit_for_bit_even_after_another_run(make: Make) -> None:
@@ -44,7 +49,7 @@ def test_equal_runs_are_equal_bit_for_bit_even_after_another_run(make: Make) -> 
 
 def test_the_fast_run_equals_the_reference_loop(make: Make) -> None:
     plant = make()
-    push = RNG.normal(0.0, 2.0, round(WEAVE.duration / plant.dt))
+    push = np.random.default_rng(7).normal(0.0, 2.0, round(WEAVE.duration / plant.dt))
     fast = plant.run(WEAVE, State(0.1, -0.2, 0.3, 0.2), 0.01, push)
     slow = simulate(plant, WEAVE, State(0.1, -0.2, 0.3, 0.2), 0.01, push)
     assert np.abs(fast.t - slow.t).max() == EXACT
@@ -80,7 +85,7 @@ def test_reset_starts_where_it_was_asked_to(make: Make) -> None:
 
 
 def test_numbers_stay_finite_under_commands_far_beyond_saturation(make: Make) -> None:
-    wild = Commands(0.05, RNG.uniform(-100.0, 100.0, (60, 2)))
+    wild = Commands(0.05, np.random.default_rng(8).uniform(-100.0, 100.0, (60, 2)))
     motion = make().run(wild, State(), 0.01)
     assert np.abs(motion.pose).max() < 100.0
 

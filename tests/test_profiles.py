@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.plants.profile import PLANTS, ProfileError, load, make_plant, shipped
+from validation.plants.profile import PLANTS, ProfileError, load_profile, make_plant, shipped
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 
@@ -18,7 +18,7 @@ def test_both_profiles_are_shipped() -> None:
 
 @pytest.mark.parametrize("name", shipped())
 def test_a_shipped_profile_loads_drives_and_has_provenance(name: str) -> None:
-    profile = load(name)
+    profile = load_profile(name)
     assert profile.name == name
     assert profile.description
     assert set(profile.plants) == set(PLANTS)
@@ -28,7 +28,7 @@ def test_a_shipped_profile_loads_drives_and_has_provenance(name: str) -> None:
 
 
 def test_the_lab_profile_has_the_published_models() -> None:
-    lab, empty = load("thesis-lab"), type(load("thesis-lab").plants["improved"].parameters)()
+    lab, empty = load_profile("thesis-lab"), type(load_profile("thesis-lab").plants["improved"].parameters)()
     assert lab.plants["improved"].parameters == empty
 
 
@@ -39,7 +39,7 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
         + "[vehicle]\nmass = 50\n[drive]\ndelay_v = 0.1\nacceleration_v = inf\n"
         + "[plants.improved]\ntracked_point = [0.1, -0.2]\n[plants.improved.drive]\ndelay_v = 0.3\n"
     )
-    profile = load(str(path))
+    profile = load_profile(str(path))
     assert profile.plants["coulomb"].drive.delay_v == 0.1
     assert profile.plants["improved"].drive.delay_v == 0.3
     assert profile.plants["improved"].vehicle.mass == 50.0
@@ -71,25 +71,32 @@ def test_a_bad_profile_is_refused(tmp_path: Path, text: str, what: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)
     with pytest.raises(ProfileError, match=what):
-        load(str(path))
+        load_profile(str(path))
 
 
 def test_an_unknown_profile_or_plant_lists_the_known() -> None:
     with pytest.raises(ProfileError, match=r"no profile 'nosuch'; shipped are: .*thesis-lab"):
-        load("nosuch")
+        load_profile("nosuch")
     with pytest.raises(ProfileError, match="unknown plant 'gazebo'; there are: mujoco"):
-        make_plant(load("thesis-lab"), "gazebo")
+        make_plant(load_profile("thesis-lab"), "gazebo")
 
 
 def test_an_impossible_robot_is_refused_when_it_is_built(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(HEAD + "[plants.mujoco.parameters]\nyaw_inertia = 0.5\n")
     with pytest.raises(ProfileError, match=r"plant mujoco: .*must lie between"):
-        make_plant(load(str(path)), "mujoco")
+        make_plant(load_profile(str(path)), "mujoco")
+
+
+def test_a_saved_profile_loads_again(tmp_path: Path) -> None:
+    lab = load_profile("thesis-lab")
+    again = load_profile(lab.save(tmp_path / "mine.toml"))
+    assert again.plants == lab.plants
+    assert again.provenance == lab.provenance
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ProfileError, match="cannot be read as text"):
-        load(str(path))
+        load_profile(str(path))

@@ -16,29 +16,20 @@ from ssmr.robot.vehicle import Vehicle
 class PlanarRobot(NamedTuple):
     """All numbers of a planar robot, for compiled functions."""
 
-    vehicle: Any
-    """Numbers of the `Vehicle`."""
-    parameters: Any
-    """Numbers of the model's own parameter set; their type decides which law is compiled in."""
-    side_limit: float
-    """Greatest torque of a side [N m]."""
-    x_icr: float
-    """Longitudinal coordinate of the centre of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)."""
-    obeys: bool
-    """Whether the wheels turn exactly as they are told, see `PlanarLaw.obeys`."""
+    vehicle: Any  # numbers of the `Vehicle`
+    parameters: Any  # numbers of the model's own parameter set; their type decides which law is compiled in
+    side_limit: float  # greatest torque of a side [N m]
+    x_icr: float  # longitudinal coordinate of the centre of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)
+    obeys: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.obeys`
 
 
 class Advanced(NamedTuple):
     """The velocities after a step."""
 
-    v: float
-    """Forward speed [m/s]."""
-    w: float
-    """Yaw rate [rad/s]."""
-    torque_left: float
-    """Torque of the left side at the start of the step [N m]."""
-    torque_right: float
-    """Torque of the right side at the start of the step [N m]."""
+    v: float  # forward speed [m/s]
+    w: float  # yaw rate [rad/s]
+    torque_left: float  # torque of the left side at the start of the step [N m]
+    torque_right: float  # torque of the right side at the start of the step [N m]
 
 
 Advance = Callable[[float, float, Sides, float, float, PlanarRobot], Advanced]

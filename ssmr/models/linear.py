@@ -55,14 +55,10 @@ class Rates(NamedTuple):
     With the driver's half-track and c_eff equal to c they are those of the thesis, whose t is the track, 2c.
     """
 
-    loop: float
-    """Rate of the speed loop [1/s]."""
-    friction: float
-    """Rate at which friction slows the speed [1/s]."""
-    loop_yaw: float
-    """Rate of the yaw loop over the half-track [1/(m s)]."""
-    friction_yaw: float
-    """Rate at which friction slows the yaw rate [1/s]."""
+    loop: float  # rate of the speed loop [1/s]
+    friction: float  # rate at which friction slows the speed [1/s]
+    loop_yaw: float  # rate of the yaw loop over the half-track [1/(m s)]
+    friction_yaw: float  # rate at which friction slows the yaw rate [1/s]
 
 
 @jit

@@ -47,41 +47,26 @@ class Sides(NamedTuple):
 class DriveNumbers(NamedTuple):
     """A `Drive` for one physics step and one command period, for compiled functions."""
 
-    v_max: float
-    """Saturation of the linear velocity command [m/s]."""
-    w_max: float
-    """Saturation of the yaw-rate command [rad/s]."""
-    half_track: float
-    """Half-track of the driver [m]."""
-    radius: float
-    """Wheel radius of the driver [m]."""
-    change_v: float
-    """Greatest change of v in a step [m/s]."""
-    change_w: float
-    """Greatest change of omega in a step [rad/s]."""
-    share: float
-    """Share of its way that a lagging wheel-rate reference goes in a step [1]; 1 without lag."""
-    delay_v: int
-    """Delay of v in steps."""
-    delay_w: int
-    """Delay of omega in steps."""
-    hold: int
-    """Steps for which the driver holds a command."""
-    period: int
-    """Steps of a command period."""
+    v_max: float  # saturation of the linear velocity command [m/s]
+    w_max: float  # saturation of the yaw-rate command [rad/s]
+    half_track: float  # half-track of the driver [m]
+    radius: float  # wheel radius of the driver [m]
+    change_v: float  # greatest change of v in a step [m/s]
+    change_w: float  # greatest change of omega in a step [rad/s]
+    share: float  # share of its way that a lagging wheel-rate reference goes in a step [1]; 1 without lag
+    delay_v: int  # delay of v in steps
+    delay_w: int  # delay of omega in steps
+    hold: int  # steps for which the driver holds a command
+    period: int  # steps of a command period
 
 
 class Driven(NamedTuple):
     """What the driver asks for at one physics step."""
 
-    v: float
-    """Linear velocity [m/s]."""
-    w: float
-    """Yaw rate [rad/s]."""
-    left: float
-    """Reference of the left wheels' rate [rad/s]."""
-    right: float
-    """Reference of the right wheels' rate [rad/s]."""
+    v: float  # linear velocity [m/s]
+    w: float  # yaw rate [rad/s]
+    left: float  # reference of the left wheels' rate [rad/s]
+    right: float  # reference of the right wheels' rate [rad/s]
 
 
 DRIVE_TEMPLATE = DriveNumbers(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0)

@@ -1,4 +1,4 @@
-"""What mechanics says of a turn on the spot, before any simulation: docs/physics.md and docs/contact.md derive it.
+"""Closed form of a turn on the spot, without any simulation; docs/physics.md and docs/contact.md derive it.
 
 Rigid tyres slide on the ground, left and right ones turning alike and against each other; nothing accelerates. The robot
 then moves so that the forces and the moments of friction cancel, which is where what friction dissipates is least: that is
@@ -17,15 +17,15 @@ from scipy.optimize import linprog, minimize
 from ssmr.types import FloatArray
 
 WHEELBASE, TRACK = 0.512, 0.5708
-"""Of models/husky.xml [m]."""
+"""Distances of the axles and of the sides in models/husky.xml [m]."""
 WHEEL_X = 0.5 * WHEELBASE * np.array([1.0, 1.0, -1.0, -1.0])
 WHEEL_Y = 0.5 * TRACK * np.array([1.0, -1.0, 1.0, -1.0])
-"""Places of the wheels in the order of `validation.husky.WHEELS` [m]."""
+"""Places of the wheels, in the order of `validation.robots.husky.WHEELS` [m]."""
 STRAIGHT = 1e-9
-"""Who turns slower drives straight, to rounding [rad/s]."""
+"""Yaw rate below which a robot drives straight, to rounding [rad/s]."""
 
 Limit = Literal["diamond", "square"]
-"""Of the friction force over the load: |f_1| + |f_2| <= mu, MuJoCo's pyramid; |f_1|, |f_2| <= mu, ODE's."""
+"""Limit of friction over load: `diamond` is MuJoCo's |f_1| + |f_2| <= mu, `square` is ODE's |f_1|, |f_2| <= mu."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class SkidTurn:
     forward: float
     """Speed of the middle between the axles ahead [m/s]."""
     across: float
-    """The same to the left [m/s]."""
+    """Speed of the middle between the axles to the left [m/s]."""
     yaw_rate: float
-    """[rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
+    """Yaw rate [rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
 
     @property
     def multiplier(self) -> float:
@@ -61,7 +61,7 @@ class _Contacts:
 
 
 def _contacts(x: float, y: float, half_width: float) -> _Contacts:
-    """Where tyres touch, their shares of the load (equal springs': linear in the place), and how fast they roll [m/s]."""
+    """Return the contact points, their shares of the load (linear in the place: equal springs) and rolling speeds [m/s]."""
     load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * WHEEL_Y / (0.5 * TRACK) ** 2)
     rolling = np.where(WHEEL_Y > 0.0, -1.0, 1.0)
     if half_width == 0.0:
@@ -72,7 +72,7 @@ def _contacts(x: float, y: float, half_width: float) -> _Contacts:
 
 
 def turn_on_the_spot(x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0) -> SkidTurn:
-    """Coulomb friction, each tyre touching at one point or at two.
+    """Return the turn with Coulomb friction, each tyre touching at one point or at two.
 
     Args:
         x: of the centre of mass, ahead of the middle between the axles [m].
@@ -94,7 +94,7 @@ def turn_on_the_spot(x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_wi
 
 
 def polygonal_turn(limit: Limit, heading: float, x: float = 0.0, y: float = 0.0) -> SkidTurn:
-    """The same where a polygon that does not turn with the robot limits friction, instead of a circle.
+    """Return the turn where a polygon that does not turn with the robot limits friction, instead of a circle.
 
     Args:
         limit: which polygon; a square is a diamond turned by 45 degrees, and greater, of which the motion knows nothing.

@@ -19,6 +19,7 @@ from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter
 from validation.fit.objective import SignedErrors
 from validation.fit.problem import FitProblem
+from validation.plants.table import SIMULATED
 
 METHOD = "robust sandwich estimate at the optimum over {blocks} blocks of time, limited by the bounds"
 _STEP = 0.01
@@ -170,7 +171,7 @@ def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty:
             f"only {'a combination is' if len(group) == 2 else 'combinations are'} determined."
         )
     touched = {*vague, *(name for group, _ in entangled for name in group)}
-    if model == "mujoco" and "friction" in touched:
+    if model in SIMULATED and "friction" in touched:
         out.append(
             "The way a robot turns determines the ratio of lateral to longitudinal friction, not the friction itself. "
             "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: measure it otherwise."

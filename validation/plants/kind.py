@@ -1,4 +1,4 @@
-"""What a plant declares: everything that fits, comparisons and pictures need to know of it, in one place."""
+"""Declaration of a plant: everything that fits and comparisons need to know of it, in one place."""
 
 from __future__ import annotations
 

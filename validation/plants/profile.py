@@ -45,7 +45,7 @@ class Profile:
     description: str
     """One sentence that says which robot and which ground are meant."""
     plants: Mapping[str, PlantProfile]
-    """By plant name."""
+    """Numbers of each plant, by name."""
     provenance: Mapping[str, Any]
     """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has them."""
 
@@ -93,7 +93,7 @@ def load_profile(name_or_path: str | Path) -> Profile:
         raise ProfileError(f"profile {name_or_path}: {error}") from error
 
 
-load = load_profile
+load = load_profile  # the former name
 
 
 def _parse(document: Mapping[str, Any]) -> Profile:

@@ -18,6 +18,7 @@ from validation.logs.recording import POSE_COLUMNS
 from validation.motion.driving import drive
 from validation.motion.sources import Piece
 from validation.plants.profile import PLANTS, Profile, make_plant
+from validation.plants.table import STANDARD
 
 _STANDING = 5.0
 """Time at rest before and after a logged drive [s], in which the gyro's bias shows."""
@@ -72,7 +73,7 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
     """
     faults = settings or LogSettings()
     scenario, _, plant = name.partition("@")
-    plant = plant or "mujoco"
+    plant = plant or STANDARD
     if scenario not in scenarios() or plant not in PLANTS:
         raise ValueError(
             f"no drive '{name}'; there are: {', '.join(scenarios())}, each with @ and any of {', '.join(PLANTS)}"

@@ -37,9 +37,9 @@ class HuskyCalibration:
     com_x: float = parameter(0.0, unit="m", low=-0.25, high=0.25, search=(-0.15, 0.15))
     """Centre of mass of the base ahead of the middle between the axles [m] -> body_ipos; assumed, see husky.xml."""
     com_y: float = parameter(0.0, unit="m", low=-0.25, high=0.25, search=(-0.15, 0.15))
-    """The same to the left [m]."""
+    """Centre of mass of the base to the left of the middle [m] -> body_ipos."""
     com_z: float = parameter(0.062, unit="m", low=0.0, high=1.0, search=(0.0, 0.3))
-    """The same above the bottom plate [m]; the maker's robot description."""
+    """Centre of mass of the base above the bottom plate [m] -> body_ipos; the maker's robot description."""
     yaw_inertia: float = parameter(4.42, unit="kg m2", low=0.0, high=1e3, open_low=True, search=(3.2, 5.3))
     """Moment of inertia of the whole robot about the vertical through the middle [kg m2], the centre of mass being there
     -> body_inertia; derived from the maker's, see husky.xml."""

@@ -28,7 +28,7 @@ GRAVITY = 9.81
 
 
 def xml_path() -> Path:
-    """Where husky.xml lies: inside an installed package, or beside it in a source tree.
+    """Return the path of husky.xml: inside an installed package, or beside it in a source tree.
 
     Raises:
         FileNotFoundError: in neither place.
@@ -42,7 +42,7 @@ def xml_path() -> Path:
 
 
 def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False, terrain: Terrain = FLAT) -> str:
-    """The robot on its ground, as MJCF text.
+    """Return the robot on its ground, as MJCF text.
 
     Args:
         shape: contact shape of the tyres.
@@ -106,12 +106,12 @@ def _lay_ground(arena: Any, terrain: Terrain) -> Any:
 OTHER_GROUND = "other_ground"
 """The part of a two-friction floor that lies right of its edge."""
 GROUND_DEPTH = 0.5
-"""How far what is below the ground's surface reaches [m]: far deeper than any tyre."""
+"""Depth of a two-friction floor's slabs [m]: far deeper than any tyre sinks."""
 SLAB_SIZE = 200.0
-"""Of each half of a two-friction floor [m]: farther than any run goes."""
+"""Size of each half of a two-friction floor [m]: farther than any run goes."""
 
 PRESSED_IN: dict[str, float] = {"ellipsoid": 0.00283, "cylinder": 0.00252, "capsule": 0.00252}
-"""How deep the soft contact of husky.xml lets each shape of tyre in at rest [m], whatever the load: MuJoCo scales a
+"""Depth to which each shape of tyre sinks into the soft contact at rest [m], whatever the load: MuJoCo scales a
 contact by the inertia behind it. The contact point lies halfway, so the rolling radius is half of it less than the
 geom's."""
 
@@ -122,7 +122,7 @@ _models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
 
 
 def build(calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> mujoco.MjModel:
-    """A compiled and calibrated model, the caller's own.
+    """Return a compiled and calibrated model, which belongs to the caller.
 
     Args:
         calibration: the robot's numbers.
@@ -147,12 +147,12 @@ def build(calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: Phys
 
 
 def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
-    """The ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `calibrate`."""
+    """Return the ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `calibrate`."""
     return [model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS]
 
 
 def base_inertia(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> np.ndarray:
-    """(3,) principal inertia of the base [kg m2] about its own centre of mass.
+    """Return the (3,) principal inertia of the base [kg m2] about its own centre of mass.
 
     Roll and pitch inertia scale with the mass; yaw inertia is what the whole robot's leaves when the wheels', which stand
     off the middle, are taken away.

@@ -1,6 +1,6 @@
-"""What MuJoCo is told about contacts, solver and integrator: overrides of what models/husky.xml ships.
+"""Settings of contacts, solver and integrator that override those of models/husky.xml.
 
-These are not calibrated: they say how the physics is computed, not which robot is meant. `validation.husky.build` applies
+These are not calibrated: they say how the physics is computed, not which robot is meant. `husky.build` applies
 them once, after the calibration, so what a fit moves and what a study of settings moves never meet.
 """
 
@@ -35,13 +35,13 @@ class PhysicsSettings:
     solimp: Impedance | None = None
     """Impedance of tyre on ground: at no depth, at full depth [1], that depth [m], its midpoint and power [1]."""
     solref: tuple[float, float] | None = None
-    """Time constant [s] and damping ratio [1] of the same."""
+    """Time constant [s] and damping ratio [1] of tyre on ground."""
     solver: Solver | None = None
-    """-> opt.solver."""
+    """Constraint solver -> opt.solver."""
     iterations: int | None = None
-    """Of the solver, at most -> opt.iterations."""
+    """Greatest number of solver iterations -> opt.iterations."""
     integrator: Integrator | None = None
-    """-> opt.integrator."""
+    """Integrator -> opt.integrator."""
     tangent_ratio: float | None = None
     """Friction along MuJoCo's first tangent over that along its second [1] -> pair_friction. On every shape but the capsule
     the tangents are the world's axes, which no tyre knows of; a robot's own is `HuskyCalibration.friction_ratio`."""

@@ -28,12 +28,12 @@ armature's reaction on to the body)."""
 PRESCRIBED_LAG = 2.5
 """Time constant with which given wheel rates are followed, in time steps."""
 SETTLE_TIME = 1.0
-"""How long the robot stands before its resting height is taken [s]: fifty times the contact's time constant."""
+"""Time for which the robot stands before its resting height is taken [s]: fifty time constants of the contact."""
 
 
 @dataclass(frozen=True)
 class Health:
-    """What the wheel loads say about a run."""
+    """Verdict on a run's contact physics, from its wheel loads."""
 
     lowest_load_share: float
     """Least load of any wheel over that wheel's mean [1]; 0 where a wheel lifted."""
@@ -47,7 +47,7 @@ class Health:
 
     @property
     def advice(self) -> str:
-        """What is wrong and what to change; empty if all is well."""
+        """Text that says what is wrong and what to change; empty if all is well."""
         if self.ok:
             return ""
         what = (
@@ -87,8 +87,8 @@ class MujocoPlant:
 
         Args:
             calibration: the robot's numbers.
-            drive: what stands between command and wheels.
-            terrain: what it stands on.
+            drive: saturation, delays and conversions between command and wheels.
+            terrain: ground.
             strict: raise where a run's wheel loads are unhealthy, instead of leaving the verdict in the result.
             settings: how physics is computed, if not as shipped.
 
@@ -127,7 +127,7 @@ class MujocoPlant:
         return MujocoPlant(self.calibration, drive, terrain=self.terrain, strict=self._strict, settings=self._settings)
 
     def _prescribed_wheels(self) -> mujoco.MjModel:
-        """The same robot with wheels that turn as they are told, whatever torque that takes."""
+        """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
         if self._prescribed is None:
             gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
             self._prescribed = build(
@@ -170,7 +170,7 @@ class MujocoPlant:
         return self.terrain.surface.tangent_planes(poses, self.model.body_pos[self._wheel_bodies], radius)
 
     def _rest(self, state: State) -> FloatArray:
-        """(nq,) the same, without letting it down where the ground is alike everywhere."""
+        """Return the (nq,) configuration at rest, without settling anew where the ground is alike everywhere."""
         if self.terrain.kind == "rough":
             place = State(state.x, state.y, state.yaw)
             if self._rest_on_rough is None or self._rest_on_rough[0] != place:
@@ -210,7 +210,7 @@ class MujocoPlant:
 
     @property
     def drive(self) -> Drive:
-        """What stands between command and wheels."""
+        """Saturation, delays and conversions between command and wheels."""
         return self._drive
 
     @property

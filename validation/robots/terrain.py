@@ -27,21 +27,21 @@ Kind = Literal["flat", "ramp", "rough", "split"]
 PERIOD = 40.0
 """Rough ground repeats itself after so much in x and y [m]: farther than most runs go."""
 WHEEL_RADIUS = 0.1651
-"""By which rough ground is judged, whether wheels touch it in one place [m]."""
+"""Wheel radius for the check that wheels touch rough ground in one place [m]."""
 HALF_WHEELBASE, HALF_TRACK = 0.256, 0.2854
-"""Where the wheels of husky.xml stand [m]."""
+"""Half distances of the axles and of the sides in husky.xml [m]."""
 CELLS_A_LENGTH = 5.0
 """Heights over one correlation length; a spline through them keeps all but a ten-thousandth of the ground's power."""
 
 
 @dataclass(frozen=True)
 class Terrain:
-    """What the ground is like; a field counts only for its kind."""
+    """Shape and friction of the ground; a field has effect only for its kind of ground."""
 
     kind: Kind = "flat"
-    """Which."""
+    """Kind of ground."""
     slope: float = 0.0
-    """Of a ramp [rad]. Positions on it are along its surface."""
+    """Slope of a ramp [rad]. Positions on it are along its surface."""
     toward: float = 0.0
     """The heading in which a ramp rises [rad]."""
     height: float = 0.0
@@ -49,13 +49,13 @@ class Terrain:
     length: float = 0.3
     """Correlation length of rough ground [m]: its autocorrelation is exp(-(distance/length)^2)."""
     seed: int = 0
-    """Of rough ground."""
+    """Seed of rough ground."""
     friction_ratio: float = 1.0
     """Friction right of a two-friction floor's edge, over the calibrated one, which holds left of it [1]."""
     edge_heading: float = 0.0
-    """Along which that edge runs [rad]."""
+    """Heading along which the edge of a two-friction floor runs [rad]."""
     edge_offset: float = 0.0
-    """By how much it lies left of the world's origin [m]."""
+    """Distance of that edge to the left of the world's origin [m]."""
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -81,7 +81,7 @@ class Terrain:
 
     @property
     def even(self) -> bool:
-        """Whether wheel loads on it must be smooth: it is level and without bumps."""
+        """Whether the ground is level and without bumps, so that wheel loads on it must be smooth."""
         return self.kind in ("flat", "split")
 
     @property
@@ -138,14 +138,14 @@ class Terrain:
 
     @property
     def spec(self) -> str:
-        """How the command line says it: `parse_terrain` reads it back."""
+        """Text of the terrain that `parse_terrain` reads back."""
         keys = _KEYS[self.kind]
         given = ",".join(f"{key}={out(getattr(self, name)):.12g}" for key, (name, _, out) in keys.items())
         return f"{self.kind}:{given}" if given else self.kind
 
     @property
     def words(self) -> str:
-        """For titles."""
+        """Description of the terrain for titles."""
         return {
             "flat": "level ground",
             "ramp": f"a ramp of {math.degrees(self.slope):g}° that rises toward {math.degrees(self.toward):g}°",
@@ -197,7 +197,7 @@ FLAT = Terrain()
 
 
 def parse_terrain(text: str) -> Terrain:
-    """What the command line says.
+    """Return the terrain that a text such as `ramp:5` describes.
 
     Raises:
         ValueError: an unknown kind or key, no number, or one outside its range; the message says what would be right.
@@ -238,7 +238,7 @@ def _seed(text: str, whole: str) -> int:
 
 
 def usage(kind: str) -> str:
-    """How a kind is written."""
+    """Return the form in which a kind of terrain is written."""
     keys = list(_KEYS[kind])
     if not keys:
         return kind

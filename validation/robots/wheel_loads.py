@@ -18,7 +18,7 @@ MEASURED, QUASI_STATIC = "wheel_load_N", "quasi_static_load_N"
 
 @dataclass(frozen=True)
 class WheelLoads:
-    """What the four wheels carried over a run; tuples in the order of `WHEELS`."""
+    """Loads of the four wheels over a run; tuples are in the order of `WHEELS`."""
 
     static_N: tuple[float, ...]
     """Loads at rest on level ground, with the plant's own mass and centre of mass [N]."""
@@ -33,11 +33,11 @@ class WheelLoads:
     static_rms_N: float
     """Root mean square of simulated less static loads, over all wheels [N]."""
     quasi_static_rms_N: float
-    """The same of simulated less quasi-static loads [N]: what load transfer by acceleration and slope does not explain."""
+    """Root mean square of simulated less quasi-static loads [N]: the part that load transfer does not explain."""
 
 
 def load_model(plant: MujocoPlant) -> LoadModel:
-    """What the quasi-static formula needs to know of a Husky, read off its compiled model where it rests."""
+    """Return the numbers of the quasi-static formula, read off a Husky's compiled model at rest."""
     model, data = plant.model, mujoco.MjData(plant.model)
     mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_kinematics(model, data)

@@ -13,11 +13,12 @@ import numpy as np
 from ssmr.types import FloatArray, Trajectory
 from validation import store
 from validation.plants.profile import PLANTS, Profile
+from validation.plants.table import SIMULATED
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import MEASURED, QUASI_STATIC
 from validation.study.result import require_seed
 
-PLANAR = tuple(name for name in PLANTS if name != "mujoco")
+PLANAR = tuple(name for name in PLANTS if name not in SIMULATED)
 """Planar models, in the order of tables."""
 AxisName = Literal["speed", "slope", "roughness", "friction"]
 

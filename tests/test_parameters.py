@@ -1,0 +1,48 @@
+"""Declared numbers: every parameter set declares all of its own, within ranges that hold defaults and search bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import pytest
+
+from ssmr.models.table import PLANAR_MODELS, planar_law
+from ssmr.parameters import check_parameters, described, packed, parameter
+from ssmr.robot.vehicle import Drive, Vehicle
+from validation.robots.calibration import HuskyCalibration
+
+SETS = (*(planar_law(name).parameters for name in PLANAR_MODELS), Vehicle, Drive, HuskyCalibration)
+
+
+@dataclass(frozen=True)
+class Tyre:
+    """Two declared numbers."""
+
+    grip: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.1, 1.0))
+    load: float = parameter(10.0, unit="N", low=0.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+def test_what_is_declared_is_described() -> None:
+    grip, load = described(Tyre).values()
+    assert (grip.name, grip.unit, grip.search, grip.scale) == ("grip", "1", (0.1, 1.0), "linear")
+    assert (load.low, load.high, load.search) == (0.0, float("inf"), None)
+    assert packed(Tyre(1, 2))._asdict() == {"grip": 1.0, "load": 2.0}
+
+
+@pytest.mark.parametrize("changed", [{"grip": 0.0}, {"grip": 6.0}, {"load": -1.0}, {"load": float("nan")}])
+def test_numbers_outside_their_range_are_refused_by_name(changed: dict[str, float]) -> None:
+    (name,) = changed
+    with pytest.raises(ValueError, match=rf"Tyre\.{name} = .* lies outside"):
+        replace(Tyre(), **changed)
+
+
+@pytest.mark.parametrize("kind", SETS)
+def test_every_number_is_declared_within_its_range(kind: type) -> None:
+    numbers = {f.name for f in fields(kind) if isinstance(f.default, float)}
+    assert numbers == set(described(kind))
+    for declared in described(kind).values():
+        for value in (declared.default, *(declared.search or ())):
+            assert declared.low <= value <= declared.high

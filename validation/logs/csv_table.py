@@ -47,7 +47,7 @@ class TableError(ValueError):
     header: ClassVar[str]
     """A sentence about what the first line should name."""
     counted: ClassVar[str] = "line"
-    """What an editor calls the lines of such a file."""
+    """Word for the lines of such a file in an editor."""
 
     def __init__(self, path: Path, what: str, line: int | None = None, column: str | None = None) -> None:
         """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""

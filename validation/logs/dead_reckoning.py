@@ -14,7 +14,7 @@ from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
-from validation.logs.groups import POSES, Group, Groups, stacked
+from validation.logs.groups import POSES, Group, Groups, stacked_columns
 from validation.logs.rest import standing, wheel_twist
 
 _TRUTHS = (("gps", ("gps_east", "gps_north")), ("pose", ("x", "y")))
@@ -101,12 +101,14 @@ def reckon(groups: Groups) -> Reckoning | None:
     Returns:
         None where the log has no such positions, or no wheels.
     """
-    found = next(((n, names) for n, names in _TRUTHS if n in groups and stacked(groups[n].columns, names) is not None), None)
+    found = next(
+        ((n, names) for n, names in _TRUTHS if n in groups and stacked_columns(groups[n].columns, names) is not None), None
+    )
     tracks = list(_tracks(groups, found[0])) if found is not None else []
     if found is None or not tracks:
         return None
     truth = groups[found[0]]
-    points = stacked(truth.columns, found[1])
+    points = stacked_columns(truth.columns, found[1])
     start, stop = max(t[0] for _, t, _ in tracks), min(t[-1] for _, t, _ in tracks)
     within = (truth.t >= start) & (truth.t <= stop)
     if points is None or np.count_nonzero(within) < 3:
@@ -125,7 +127,7 @@ def _tracks(groups: Groups, truth: str) -> Iterator[tuple[str, FloatArray, Float
     """Yield name, stamps [s] and positions [m] of each way; the odometry's own pose comes first."""
     odom = groups.get("odom")
     for names in POSES if odom is not None else ():
-        xy = stacked(odom.columns, names[:2]) if odom is not None else None
+        xy = stacked_columns(odom.columns, names[:2]) if odom is not None else None
         if odom is not None and xy is not None:
             yield "odometry's own pose", odom.t, xy
     filters: tuple[tuple[str, dict[str, bool]], ...] = (

@@ -83,7 +83,7 @@ def groups_of(recording: Recording, source: str) -> dict[str, Group]:
     return {**groups, **({_OTHERS: Group(source, recording.t, there)} if there else {})}
 
 
-def stacked(columns: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray | None:
+def stacked_columns(columns: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray | None:
     """Return (M, len(names)) columns side by side; None where one is missing."""
     return np.column_stack([columns[n] for n in names]) if all(n in columns for n in names) else None
 
@@ -213,7 +213,7 @@ def aligned(columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return (M,) columns with every pose among them relative to its own first one (Sec. 4.2)."""
     found = dict(columns)
     for names in POSES:
-        pose = stacked(columns, names)
+        pose = stacked_columns(columns, names)
         if pose is not None:
             found |= dict(zip(names, relative(pose[0], pose).T, strict=True))
     return found

@@ -94,7 +94,7 @@ class Law:
     name: str
     """Name of the controller."""
     gains: type[Gains]
-    """Its gains, each with its default, unit, range and search bounds."""
+    """Dataclass of the gains, which declares default, unit, range and search bounds of each."""
     unpack: Callable[[FloatArray], Any]
     """Kernel that makes the named gains of a row of `Gains.packed`; rows may be longer than needed."""
     position_step: Callable[..., Memory]
@@ -106,7 +106,7 @@ class Law:
     velocity_step: Callable[..., tuple[Memory, Command]] = hold
     """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the command."""
     model_based: bool = False
-    """Whether the linear model (Eq. 2.46) enters the design."""
+    """True if the linear model (Eq. 2.46) enters the design."""
     population: int = 50
     """Default number of candidates in a generation of a tuning."""
     generations: int = 150
@@ -116,7 +116,7 @@ class Law:
 
     @property
     def two_rates(self) -> bool:
-        """Whether a velocity loop of its own stands behind the position loop."""
+        """True if the law has a velocity loop behind its position loop."""
         return self.velocity_step is not hold
 
 

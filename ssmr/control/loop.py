@@ -51,25 +51,25 @@ class LostError(SsmrError):
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """What stands around controller and plant."""
+    """Feedback, noise, disturbance and periods of a closed loop."""
 
     feedback: Feedback = "noisy"
-    """What the controller sees: the `truth`, the truth with the filter's `noisy` output (Tab. 3.4), or an `ekf` run on noisy
-    encoders and gyro."""
+    """Signal that the controller sees: the `truth`, the truth with the filter's `noisy` output (Tab. 3.4), or an `ekf` on
+    noisy encoders and gyro."""
     noise: SensorNoise = field(default_factory=SensorNoise)
-    """Of the noisy feedback."""
+    """Noise of the `noisy` feedback."""
     sensors: SensorModel = field(default_factory=SensorModel)
-    """Of the EKF's encoders and gyro."""
+    """Encoders and gyro of the EKF."""
     filter: EkfSettings = field(default_factory=EkfSettings)
-    """Of the EKF."""
+    """Settings of the EKF."""
     disturbance: bool = True
     """Push the yaw at random (Sec. 3.4.5)."""
     lookahead: float = 0.0
-    """The distance at which the robot is told to keep behind its target [m] (Sec. 4.5)."""
+    """Distance at which the robot keeps behind its target [m] (Sec. 4.5)."""
     position_period: float = POSITION_PERIOD
-    """[s]"""
+    """Period of the position loop [s]."""
     velocity_period: float = VELOCITY_PERIOD
-    """[s]"""
+    """Period of the velocity loop and of commands [s]."""
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -93,7 +93,7 @@ class LoopSettings:
 
 @dataclass(frozen=True)
 class Clock:
-    """How a mission is cut into physics steps."""
+    """The division of a mission into physics steps."""
 
     dt: float
     """Physics step [s]."""
@@ -106,12 +106,12 @@ class Clock:
 
     @property
     def ticks(self) -> int:
-        """How often the position loop runs."""
+        """Number of ticks of the position loop."""
         return 1 + self.n // self.position
 
 
 def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock:
-    """The clock of a mission, which ends with the first tick at or after the last waypoint's time (Alg. 5).
+    """Return the clock of a mission, which ends with the first tick at or after the last waypoint's time (Alg. 5).
 
     Raises:
         ValueError: periods that are no whole number of steps.
@@ -122,7 +122,7 @@ def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock
 
 
 def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, FloatArray]:
-    """The random numbers of a run: (ticks, 8) standard normal ones, and (n,) yaw accelerations [rad/s2], or (1,) none.
+    """Return random numbers of a run: (ticks, 8) standard normal ones, (n,) yaw accelerations [rad/s2], (1,) for none.
 
     They depend on the seed alone, so every plant and every controller meets the same noise.
     """
@@ -133,10 +133,10 @@ def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, F
 
 
 def common_settings(settings: Sequence[LoopSettings], seeds: Sequence[int]) -> LoopSettings:
-    """What all loops of a population share, and their clock and noise are made of; the first one's settings stand for it.
+    """Return the settings of the first loop, which stand for what all loops of a population must share.
 
     Raises:
-        ValueError: there is something that they do not share, or there are no loops or no seeds.
+        ValueError: feedback, disturbance or periods differ, or there are no loops or no seeds.
     """
     if len(settings) == 0 or len(seeds) == 0:
         raise ValueError(f"a population has at least one loop and one seed, got {len(settings)} and {len(seeds)}")
@@ -207,21 +207,21 @@ def make_trackers(
 
 @dataclass(frozen=True, eq=False)
 class ClosedRun:
-    """A robot that followed a reference."""
+    """The log of a robot that followed a reference."""
 
     t: FloatArray
     """(M,) ticks of the position loop [s]."""
     table: FloatArray
-    """(M, 25) what was recorded, see `COLUMNS`."""
+    """(M, 25) the log, see `LOG_COLUMNS`."""
     lost: bool
-    """Whether it left its bounds at the last tick."""
+    """True if the robot left its bounds at the last tick."""
 
     def column(self, name: str) -> FloatArray:
-        """(M,) one of `COLUMNS`."""
+        """Return (M,) one of `LOG_COLUMNS`."""
         return np.asarray(self.table[:, LOG_COLUMNS.index(name)])
 
     def columns(self, *names: str) -> FloatArray:
-        """(M, k) some of `COLUMNS`."""
+        """Return (M, k) some of `LOG_COLUMNS`."""
         return np.asarray(self.table[:, [LOG_COLUMNS.index(name) for name in names]])
 
     @property
@@ -233,11 +233,11 @@ class ClosedRun:
 
     @property
     def state(self) -> State:
-        """Where it ended."""
+        """State of the robot at the last tick."""
         return State(*map(float, self.table[-1, :8]))
 
     def require_kept(self, what: str) -> ClosedRun:
-        """The run itself.
+        """Return the run itself.
 
         Raises:
             LostError: the robot was lost; the message says when and where.

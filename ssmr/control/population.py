@@ -128,7 +128,7 @@ def run_planar_loops(
 
 
 class Batch(NamedTuple):
-    """What changes from period to period in S closed loops whose robots something else moves; kernels write in place."""
+    """State of S closed loops whose robots something else moves; kernels write in place."""
 
     memories: FloatArray
     """(S, 8) memories of the laws."""
@@ -152,8 +152,8 @@ def plan_period(
 ) -> None:
     """Plan one period of the position loop for robots that something else moves.
 
-    What the wheels are asked for until the next tick depends on nothing that happens meanwhile, so the whole period is
-    planned at once.
+    The wheel rates to ask for until the next tick depend on nothing that happens meanwhile, so the whole period is planned
+    at once.
 
     Args:
         k: physics step at which the period begins, a tick of the position loop.

@@ -22,7 +22,7 @@ _REFINEMENT = 20
 
 
 def line(speed: float, length: float = 10.8) -> Waypoints:
-    """A straight line along x.
+    """Return a straight line along x.
 
     The length is not in the thesis. The simulated robot stays short of the end by d_haus, which is the share 1 - d_ratio of
     the length: Tab. 4.6 gives 0.0729 m / 0.0067 = 10.9 m. The printed digits of all four tables of the line (4.5, 4.6,
@@ -40,7 +40,7 @@ def line(speed: float, length: float = 10.8) -> Waypoints:
 
 
 def circle(speed: float, radius: float = 1.5, turns: float = 1.0) -> Waypoints:
-    """A circle to the left, which begins along x; its radius is that of the captions of Tab. 4.7 and 4.8.
+    """Return a circle to the left, which begins along x; its radius is that of the captions of Tab. 4.7 and 4.8.
 
     Args:
         speed: reference speed [m/s].
@@ -56,7 +56,7 @@ def circle(speed: float, radius: float = 1.5, turns: float = 1.0) -> Waypoints:
 
 
 def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods: float = 2.0) -> Waypoints:
-    """A sine along x, y = A sin(2 pi x / lambda).
+    """Return a sine along x, y = A sin(2 pi x / lambda).
 
     Its geometry is not in the thesis: amplitude, wavelength and periods are our choice. The greatest curvature
     A (2 pi / lambda)^2 = 1.23 1/m asks for 0.62 rad/s at 0.5 m/s, under a third of the 2 rad/s that saturate.
@@ -82,7 +82,7 @@ def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods:
 
 
 REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({"line": line, "circle": circle, "sine": sine})
-"""By name, each a function of the reference speed [m/s]. The fourth, generic, is data and no formula."""
+"""Formulas by name, each a function of the reference speed [m/s]; the fourth reference, generic, is data."""
 
 
 def _require_positive(**numbers: float) -> None:
@@ -92,10 +92,10 @@ def _require_positive(**numbers: float) -> None:
 
 
 def _count(length: float) -> int:
-    """How many steps of at most `SPACING` a length [m] takes."""
+    """Return the number of steps of at most `SPACING` in a length [m]."""
     return max(1, math.ceil(length / SPACING - 1e-9))
 
 
 def _spread(length: float) -> FloatArray:
-    """Arc lengths from 0 to `length` [m], evenly and densely spread."""
+    """Return arc lengths from 0 to `length` [m], evenly and densely spread."""
     return np.linspace(0.0, length, _count(length) + 1)

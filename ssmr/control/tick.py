@@ -67,7 +67,7 @@ class Tracker(NamedTuple):
     lookahead: float
     """Distance at which the robot keeps behind its target [m]."""
     by_filter: bool
-    """Whether the controller sees the estimate of the EKF."""
+    """True if the controller sees the estimate of the EKF."""
     belief: Belief
     """State of the EKF, which advances in place."""
     filter: FilterNumbers

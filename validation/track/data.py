@@ -1,4 +1,4 @@
-"""What tracking leaves of one robot: the run, the reference, how well it was followed, and how it was run."""
+"""Data of one robot that followed a reference: its run, the reference, metrics and options."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class TrackedRobot:
     target: Trajectory
     """The reference at the ticks of the run."""
     metrics: Metrics
-    """How well the reference was followed."""
+    """Metrics by name, see `TRACK_METRICS`."""
     wall_s: float
     """Time that simulating took [s]."""
     options: Mapping[str, object]

@@ -27,7 +27,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType({c: tuple(described(law
 
 
 DEFAULT = "default"
-"""The set that every controller has: the defaults of its class."""
+"""Name of the set that every controller has: the defaults of its class."""
 
 
 class GainsError(ValueError):
@@ -41,13 +41,13 @@ class GainSet:
     controller: str
     """One of `FIELDS`."""
     name: str
-    """What results call it."""
+    """Name in results."""
     values: Mapping[str, float]
     """Every gain of the controller by name; the units are those of its class."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    """What they were tuned on, how and when; as it stands in the file."""
+    """Circumstances of the tuning, as the file has them."""
     source: str = ""
-    """Where the numbers come from, in one sentence."""
+    """Origin of the numbers, in one sentence."""
 
     def __post_init__(self) -> None:
         """Check and freeze.
@@ -70,14 +70,14 @@ class GainSet:
 
 
 def names(controller: str | None = None) -> list[str]:
-    """Names of the sets that come with the package, CONTROLLER-NAME each; only those of `controller`, if given."""
+    """Return the names of the shipped sets, CONTROLLER-NAME each; only those of `controller`, if given."""
     folder = resources.files("validation.track").joinpath("gain_sets")
     found = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
     return found if controller is None else [name for name in found if name.rpartition("-")[0] == controller]
 
 
 def load_gains(controller: str, name_or_path: str) -> GainSet:
-    """The gains of a controller: a shipped set by name, or a TOML file by path.
+    """Return the gains of a controller: a shipped set by name, or a TOML file by path.
 
     Args:
         controller: one of `FIELDS`.
@@ -112,7 +112,7 @@ def load_gains(controller: str, name_or_path: str) -> GainSet:
 
 
 def dump_gains(gains: GainSet) -> str:
-    """The set as TOML; `load_gains` gets equal bits back."""
+    """Return the set as TOML; `load_gains` reads equal bits back."""
     document: dict[str, Any] = {"schema": SCHEMA, "controller": gains.controller, "name": gains.name, "source": gains.source}
     document["gains"] = dict(gains.values)
     if gains.provenance:

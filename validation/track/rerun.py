@@ -45,9 +45,9 @@ from validation.track.table import gains_text, headline, require_comparable, tra
 
 REFERENCE, TARGET = "reference", "target"
 TRAIL_UPDATES = 200
-"""How often a trail grows, at most."""
+"""Greatest number of times that a trail grows."""
 TRAIL_POINTS = 600
-"""How many points a trail has at its end, at most."""
+"""Greatest number of points of a trail."""
 TRAIL_HEIGHT = 0.016
 """Just above the reference [m]."""
 TARGET_INK: Rgb = (20, 20, 24)
@@ -55,7 +55,7 @@ QUANTITIES = (
     ("speed", "m/s", "v_x", "u_ref", "v_cmd", 0),
     ("yaw_rate", "rad/s", "yaw_rate", "w_ref", "w_cmd", 2),
 )
-"""What is wanted and commanded: name, unit, columns done, wanted and commanded, and which part of the target's twist."""
+"""Velocities in plots: name, unit, columns of the actual, wanted and commanded one, and index in the target's twist."""
 ERRORS = (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad"))
 
 

@@ -36,7 +36,7 @@ class WaypointError(TableError):
 
 
 class _SheetError(WaypointError):
-    """The same of a spreadsheet."""
+    """A spreadsheet has no waypoints that a robot could follow."""
 
     counted = "row"
 

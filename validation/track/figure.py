@@ -260,12 +260,7 @@ def _draw_paths(results: Sequence[TrackedRobot], ax: Axes) -> None:
     if len(results) == 1 and len(results[0].run.t):
         draw_directions(ax, results[0].run.columns("x", "y"), results[0].plant, (0.25, 0.55))
     equal_scales(ax, 0.6)
-    ax.set(
-        title="Paths [m] (ring: start; square: end of the reference)",
-        xlabel="x [m]",
-        ylabel="y [m]",
-        label="paths",
-    )
+    ax.set(title="Paths [m] (ring: start; square: end)", xlabel="x [m]", ylabel="y [m]", label="paths")
 
 
 # --- all of it ---

@@ -49,11 +49,13 @@ class ReplicateCommand:
 
 
 def main(options: ReplicateCommand) -> None:
-    """Run everything that the thesis reports, and write it beside what the thesis prints, with a verdict for each row.
+    """Repeat everything that the thesis reports, with a verdict for each row.
 
-    Writes replicate.json, replicate.md and replicate.html, one page that needs no other file. Each section is kept in the
-    folder --out as soon as it is finished: the next run takes it from there, unless its settings, inputs or code have
-    changed. Ctrl-C keeps what is finished, and searches as far as they are.
+    Writes replicate.json, replicate.md and replicate.html into the folder --out.
+
+    The next run reuses finished sections unless settings, inputs or code change.
+
+    Ctrl-C keeps finished sections, and unfinished searches as far as they are.
     """
     log, output = options.log, options.output
     with cli.mistakes_are_users():

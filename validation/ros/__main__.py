@@ -98,10 +98,7 @@ class ControlOptions:
 def sim(options: SimOptions) -> None:
     """Put the MuJoCo Husky on a ROS 1 graph, in real time, until Ctrl-C.
 
-    It listens to /joy_teleop/cmd_vel, /twist_marker_server/cmd_vel,
-    /move_base/cmd_vel and /cmd_vel, and publishes /odometry/filtered,
-    /husky_velocity_controller/odom, /imu/data, /vrpn_client_node/husky/pose, /tf
-    and /clock.
+    Its topics are those of a Husky; docs/ros.md lists them.
     """
     o = options
     with cli.mistakes_are_users():

@@ -102,7 +102,7 @@ class Law:
     searched: tuple[str, ...]
     """Gains that a tuning searches by default, in the order of its search space."""
     colour: str
-    """Colour in pictures, as matplotlib knows it."""
+    """Colour in pictures and recordings, as #rrggbb."""
     velocity_step: Callable[..., tuple[Memory, Command]] = hold
     """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the command."""
     model_based: bool = False

@@ -90,4 +90,5 @@ LAW = PlanarLaw(
     advance,
     _rotation_centre,
     vehicle=("mass", "yaw_inertia", "wheel_radius", "effective_half_track", "x_icr"),
+    colour="#d55e00",
 )

@@ -76,4 +76,4 @@ def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, ro
     return Advanced(v_next, w_next, torque.left, torque.right)
 
 
-LAW = PlanarLaw("improved", ImprovedParameters, advance)
+LAW = PlanarLaw("improved", ImprovedParameters, advance, colour="#0072b2")

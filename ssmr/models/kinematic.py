@@ -60,4 +60,12 @@ def _rotation_centre(vehicle: Vehicle, parameters: KinematicParameters) -> float
     return parameters.x_icr
 
 
-LAW = PlanarLaw("kinematic", KinematicParameters, advance, _rotation_centre, vehicle=("wheel_radius",), obeys=True)
+LAW = PlanarLaw(
+    "kinematic",
+    KinematicParameters,
+    advance,
+    _rotation_centre,
+    vehicle=("wheel_radius",),
+    colour="#cc79a7",
+    obeys=True,
+)

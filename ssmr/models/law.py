@@ -55,6 +55,8 @@ class PlanarLaw:
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
     vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "effective_half_track")
     """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""
+    colour: str = "#808080"
+    """Colour in pictures and recordings, as #rrggbb."""
     obeys: bool = False
     """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the body's motion (Eq. 2.9)."""
 

@@ -133,4 +133,4 @@ def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, ro
     return Advanced(v_next, w_next, torque.left, torque.right)
 
 
-LAW = PlanarLaw("linear", LinearParameters, advance)
+LAW = PlanarLaw("linear", LinearParameters, advance, colour="#009e73")

@@ -80,6 +80,8 @@ class PlantKind:
     """Function that prepares candidates, None for one that cannot be built, for a number of threads."""
     free: Mapping[Occasion, tuple[str, ...]]
     """Names of the numbers that a fit moves unless the user says otherwise."""
+    colour: str = "#808080"
+    """Colour in pictures and recordings, as #rrggbb."""
     vehicle: tuple[str, ...] = ()
     """Fields of the vehicle that a fit may move."""
     drive: tuple[str, ...] = tuple(described(Drive))

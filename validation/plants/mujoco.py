@@ -35,5 +35,6 @@ KIND = PlantKind(
             *(*_DRIVEN, "wheel_lag", "tracked_x", "tracked_y"),
         ),
     },
+    colour="#e69f00",  # amber: the Husky is yellow
     together=False,
 )

@@ -50,7 +50,8 @@ def declare(name: str) -> PlantKind:
     own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
     free: Mapping[Occasion, tuple[str, ...]] = {"scenario": (*own, *_READ_OFF), "recording": (*own, *_RECORDED)}
     drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.obeys)
-    return PlantKind(name, law.parameters, _build, PlanarPopulation, _KINEMATIC if law.obeys else free, law.vehicle, drive)
+    chosen = _KINEMATIC if law.obeys else free
+    return PlantKind(name, law.parameters, _build, PlanarPopulation, chosen, law.colour, law.vehicle, drive)
 
 
 def _build(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> PlanarPlant:

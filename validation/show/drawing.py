@@ -28,7 +28,7 @@ from PIL import Image
 
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.types import FloatArray
-from validation.show.palette import CONTROLLER_PALETTE, colour, mix
+from validation.show.palette import colour, controller_colour, mix
 from validation.store import write_atomic
 
 WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
@@ -84,7 +84,7 @@ def ink_of(name: str) -> tuple[float, float, float]:
 
 def controller_ink(name: str) -> tuple[float, float, float]:
     """Return a controller's colour for lines on white."""
-    red, green, blue = mix(CONTROLLER_PALETTE.get(name, (128, 128, 128)), (0, 0, 0), 0.1)
+    red, green, blue = mix(controller_colour(name), (0, 0, 0), 0.1)
     return red / 255.0, green / 255.0, blue / 255.0
 
 

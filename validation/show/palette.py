@@ -1,38 +1,41 @@
-"""One colour for each plant, the same in every picture, plot and recording.
+"""One colour for each plant and controller, the same in every picture, plot and recording.
 
-The hues are those of Okabe and Ito, which people with any of the common colour blindnesses tell apart; they differ in
+Each is declared with its plant or law. The hues shipped are those of Okabe and Ito, which people with any of the common colour blindnesses tell apart; they differ in
 lightness too, so most survive a grey print.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
+
+from validation.plants.table import PLANTS, plant_kind
 
 Rgb = tuple[int, int, int]
 
-PALETTE: Mapping[str, Rgb] = MappingProxyType(
-    {
-        "mujoco": (230, 159, 0),  # amber: the Husky is yellow
-        "improved": (0, 114, 178),  # blue
-        "coulomb": (213, 94, 0),  # vermilion
-        "linear": (0, 158, 115),  # green
-        "kinematic": (204, 121, 167),  # purple
-        "recording": (32, 32, 36),  # near-black: what really happened
-        "truth": (64, 64, 72),  # a plant's motion that the same plant is fitted to
-    }
-)
-"""Red, green, blue, 0-255, by the name of the plant, `recording` or `truth`."""
-
-CONTROLLER_PALETTE: Mapping[str, Rgb] = MappingProxyType(
-    {"pid": (213, 94, 0), "lqr": (0, 114, 178), "lqr-scheduled": (0, 158, 115), "smc": (204, 121, 167)}
-)
-"""Red, green, blue, 0-255, by the name of the controller; others are grey."""
+GREY: Rgb = (128, 128, 128)
+"""Colour of a name that declares none."""
+_REFERENCES: Mapping[str, Rgb] = {
+    "recording": (32, 32, 36),  # near-black: what really happened
+    "truth": (64, 64, 72),  # a plant's motion that the same plant is fitted to
+}
 
 
 def colour(name: str) -> Rgb:
-    """The colour of a plant; mid-grey for a name that has none."""
-    return PALETTE.get(name, (128, 128, 128))
+    """Return the colour of a plant, as it declares it, or of `recording` or `truth`; grey for any other name."""
+    return _rgb(plant_kind(name).colour) if name in PLANTS else _REFERENCES.get(name, GREY)
+
+
+def controller_colour(name: str) -> Rgb:
+    """Return the colour of a controller, as its law declares it; grey for any other name."""
+    from ssmr.control.laws import LAWS
+
+    return _rgb(LAWS[name].colour) if name in LAWS else GREY
+
+
+def _rgb(code: str) -> Rgb:
+    """Return #rrggbb as three numbers."""
+    red, green, blue = bytes.fromhex(code.removeprefix("#"))
+    return red, green, blue
 
 
 def mix(a: Rgb, b: Rgb, share: float) -> Rgb:

@@ -25,7 +25,7 @@ from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from validation import cli
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.robots.loops import HuskyLoop, run_husky_loops
 from validation.robots.plant import MujocoPlant
 from validation.track.gains import load_gains
@@ -43,7 +43,7 @@ ASKED_OVERHEAD = 1.3
 
 def planar_rows(repeats: int, population: int) -> list[Row]:
     """Time closed loops of the improved model on one core."""
-    profile = load("thesis-lab")
+    profile = load_profile("thesis-lab")
     robot = make_robot(profile, "improved")
     assert isinstance(robot.body, PlanarModel)
     waypoints, body = circle(0.5), robot.body
@@ -78,7 +78,7 @@ def planar_rows(repeats: int, population: int) -> list[Row]:
 
 def mujoco_rows(repeats: int, workers: int, population: int) -> list[Row]:
     """A population of closed loops on MuJoCo beside open-loop rollouts of the same robots."""
-    profile = load("thesis-lab")
+    profile = load_profile("thesis-lab")
     robot = make_robot(profile, "mujoco")
     plant = robot.body
     assert isinstance(plant, MujocoPlant)
@@ -107,7 +107,7 @@ def mujoco_rows(repeats: int, workers: int, population: int) -> list[Row]:
 
 def budget_rows(workers: int, candidates: int) -> list[Row]:
     """Tab. 4.3's budget on the generic reference, extrapolated from two smaller generations."""
-    profile = load("thesis-lab")
+    profile = load_profile("thesis-lab")
     label, waypoints = open_reference("generic", 0.25)
     case = TuneCase(label, label, waypoints, make_robot(profile, "improved"), LoopSettings())
     space = make_tuning_space("pid", None, False, {})

@@ -33,7 +33,7 @@ from validation.fit.objective import FitCost
 from validation.fit.problem import FitProblem
 from validation.fit.search import Search
 from validation.fit.targets import FitSources, open_targets
-from validation.plants.profile import PlantProfile, load
+from validation.plants.profile import PlantProfile, load_profile
 from validation.plants.searchable import make_space
 from validation.robots.plant import MujocoPlant
 
@@ -49,7 +49,7 @@ LAB_FREE = ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tr
 
 def problem_of(model: str, source: str, free: tuple[str, ...], cost: FitCost) -> FitProblem:
     """A fit to a scenario with the lab's profile."""
-    profile = load("thesis-lab")
+    profile = load_profile("thesis-lab")
     return FitProblem(
         model,
         profile.plants[model],

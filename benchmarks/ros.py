@@ -30,7 +30,7 @@ from ssmr.control.loop import LoopSettings
 from ssmr.estimation.sensing import SensorModel
 from ssmr.types import State
 from validation import cli, store
-from validation.plants.profile import load, make_plant
+from validation.plants.profile import load_profile, make_plant
 from validation.robots.plant import MujocoPlant
 from validation.ros import messages as msg
 from validation.ros.commands import BASE_TIMEOUT
@@ -265,7 +265,7 @@ def measure_rates(watcher: Watcher, seconds: float) -> list[Finding]:
 
 def lab_robot() -> MujocoPlant:
     """The robot, without ROS."""
-    return cast(MujocoPlant, make_plant(load(PROFILE), "mujoco"))
+    return cast(MujocoPlant, make_plant(load_profile(PROFILE), "mujoco"))
 
 
 def modelled_latency() -> float:
@@ -350,7 +350,7 @@ def drive_circle(watcher: Watcher, *options: str) -> float:
 
 def in_process(seeds: Sequence[int], *, noise: bool) -> list[float]:
     """The same without ROS: one clock, filter and position loop at 50 Hz, commands at 20 Hz [m]."""
-    profile = load(PROFILE)
+    profile = load_profile(PROFILE)
     robot, law = make_robot(profile, "mujoco"), make_controller(profile, load_gains("pid", "published"))
     _, waypoints = open_reference("circle", SPEED)
     settings = LoopSettings(

@@ -45,7 +45,7 @@ from ssmr.simulation import (
 )
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.robots.plant import MujocoPlant
 
 COLUMNS = 13
@@ -110,7 +110,7 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
     Raises:
         SsmrError: the numbers differ.
     """
-    profile, rows = load("thesis-lab"), []
+    profile, rows = load_profile("thesis-lab"), []
     with tempfile.TemporaryDirectory() as folder:
         library = compile_c(Path(folder))
         for name in PLANAR_MODELS:
@@ -133,7 +133,7 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
 
 def peer_rows(commands: Commands, repeats: int) -> list[Row]:
     """The improved model by scipy and the linear one by python-control: the usual tools, for the record."""
-    profile = load("thesis-lab")
+    profile = load_profile("thesis-lab")
     plants = {
         name: PlanarPlant(
             PlanarModel(profile.plants[name].parameters, profile.plants[name].vehicle, profile.plants[name].drive)
@@ -183,7 +183,7 @@ def peer_rows(commands: Commands, repeats: int) -> list[Row]:
 
 def population_row(commands: Commands, repeats: int) -> Row:
     """64 candidates of the improved model on two threads against one."""
-    section = load("thesis-lab").plants["improved"]
+    section = load_profile("thesis-lab").plants["improved"]
     models = [
         PlanarModel(replace(section.parameters, gain=60.0 + i), section.vehicle, section.drive) for i in range(POPULATION)
     ]
@@ -202,7 +202,7 @@ def population_row(commands: Commands, repeats: int) -> Row:
 
 def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     """The Husky as a plant against bare mujoco.rollout of the same model, and against real time."""
-    section = load("thesis-lab").plants["mujoco"]
+    section = load_profile("thesis-lab").plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
     references = wheel_references(commands, section.drive, plant.dt, State())
     data = mujoco.MjData(plant.model)
@@ -225,7 +225,7 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
 
 def metric_rows(commands: Commands, repeats: int) -> list[Row]:
     """All metrics of one run against simulating it."""
-    profile = load("thesis-lab")
+    profile = load_profile("thesis-lab")
     plants = [
         PlanarPlant(PlanarModel(s.parameters, s.vehicle, s.drive))
         for s in (profile.plants["improved"], profile.plants["coulomb"])

@@ -19,7 +19,7 @@ from ssmr.robot.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_s
 from ssmr.types import Commands, State, Trajectory
 from validation.motion.driving import drive
 from validation.motion.sources import open_source
-from validation.plants.profile import PlantProfile, load
+from validation.plants.profile import PlantProfile, load_profile
 from validation.study.contact.bench import SAMPLE, SPIN_LEAD, TURNED, Variant, make_variant, spin
 from validation.study.contact.run import variants
 
@@ -116,7 +116,7 @@ def draw_speed(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> No
 
 def main() -> None:
     """Draw the three panels."""
-    section = load("thesis-lab").plants["mujoco"]
+    section = load_profile("thesis-lab").plants["mujoco"]
     found = {v.key: v for v in variants()}
     print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")

@@ -21,7 +21,7 @@ from ssmr.robot.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, PRESSED_IN, WHEELS, HuskyCalibration, build, limit_torque
 from validation.robots.physics import SHIPPED, Impedance, PhysicsSettings
 from validation.robots.plant import MujocoPlant, check_health
@@ -189,7 +189,7 @@ def table_steps() -> None:
             loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
             turned = f"yaw {np.ptp(runs[1].yaw):.2f} rad"
             print_row(friction, limit, scenario, *apart, *loads, f"{slip:.3f}", turned)
-    lab = load("thesis-lab").plants["mujoco"]
+    lab = load_profile("thesis-lab").plants["mujoco"]
     for scenario in TRAJECTORIES:
         runs = [
             MujocoPlant(replace(lab.parameters, timestep=dt), lab.drive).run(

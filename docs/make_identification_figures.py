@@ -26,7 +26,7 @@ from ssmr.types import CommandKind, FloatArray
 from validation.logs.recording_csv import read_csv
 from validation.motion.driving import drive
 from validation.motion.sources import open_source
-from validation.plants.profile import PLANTS, load, make_plant
+from validation.plants.profile import PLANTS, load_profile, make_plant
 from validation.show.palette import colour
 
 OUTLINE = 0.99, 0.67
@@ -75,13 +75,13 @@ PLACES = (
 
 def measured_multiplier() -> tuple[float, float]:
     """Return the multiplier of the kinematic baseline and its standard error."""
-    profile = load("husky-tile")
+    profile = load_profile("husky-tile")
     found, errors = profile.plants["kinematic"].parameters, _provenance("kinematic")["standard_errors"]
     return (found.y_l - found.y_r) / TRACK, math.hypot(errors["y_l"], errors["y_r"]) / TRACK
 
 
 def _provenance(plant: str) -> Mapping[str, Any]:
-    found: Mapping[str, Any] = load("husky-tile").provenance[plant]
+    found: Mapping[str, Any] = load_profile("husky-tile").provenance[plant]
     return found
 
 
@@ -107,7 +107,7 @@ def _draw_robot(ax: Axes) -> None:
 
 def draw_centre() -> None:
     """Draw the robot from above, the claimed places of its centre, and the multiplier and cost of each."""
-    mujoco = load("husky-tile").plants["mujoco"].parameters
+    mujoco = load_profile("husky-tile").plants["mujoco"].parameters
     errors = _provenance("mujoco")["standard_errors"]
     figure = _figure(13.0, 4.4)
     top, near, turns, costs = figure.subplots(1, 4, width_ratios=(0.75, 0.95, 1.15, 1.15))
@@ -260,7 +260,7 @@ def _overlapping(
 def table_scores(path: str) -> None:
     """Print medians after 6 s over separate windows, with their standard errors, and over overlapping windows."""
     print("input, plant: windows, position [m], yaw [rad], their standard errors; overlapping windows, position, yaw")
-    profile = load("husky-tile")
+    profile = load_profile("husky-tile")
     kinds: dict[str, CommandKind] = {"wheels": "wheels", "commands": "twist"}
     for part, start, stop in (("train", None, SPLIT), ("held out", SPLIT, None)):
         for given, kind in kinds.items():

@@ -312,9 +312,9 @@ def campaign_numbers(count: int, seed: int) -> dict[str, Tally]:
 
 def campaign_plants(count: int, rng: random.Random) -> dict[str, Tally]:
     """Every plant with extreme parameters, driven for a second: refused, failed with a word, or finite."""
-    from validation.plants.profile import PLANTS, load
+    from validation.plants.profile import PLANTS, load_profile
 
-    lab, out = load("thesis-lab"), {}
+    lab, out = load_profile("thesis-lab"), {}
     for name in PLANTS:
         tally = out[f"plant: {name}"] = Tally()
         section = lab.plants[name]

@@ -19,7 +19,7 @@ from validation.fit.problem import FitProblem
 from validation.fit.search import Search
 from validation.fit.targets import FitSources, open_targets
 from validation.motion.sources import open_source
-from validation.plants.profile import Profile, load
+from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import default_free, make_space, with_values
 from validation.thesis import published
 
@@ -61,7 +61,7 @@ def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, t
 @pytest.fixture(scope="module", params=MODELS)
 def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     """The thesis' experiment: a model fitted to trajectory 4 as MuJoCo drives it, and its d_rms on all four."""
-    lab, model = load("thesis-lab"), request.param
+    lab, model = load_profile("thesis-lab"), request.param
     space = make_space(model, default_free(model, "scenario"), {})
     targets, _ = open_targets(("traj4@mujoco",), lab, FitSources())
     problem = FitProblem(model, lab.plants[model], space, targets, FitCost("path"))
@@ -88,7 +88,7 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
     """All plants on what was held out, by input."""
     if not Path(TILE).is_file():
         pytest.skip(f"no recording at {TILE}; SSMR_DATA says where recordings lie")
-    profile = load("husky-tile")
+    profile = load_profile("husky-tile")
     kinds = {"wheels": "wheels", "commands": "twist"}
     return {
         name: compare(open_source(str(TILE), kind, HELD_OUT_FROM), profile, settings=CompareSettings(horizons=(6.0,))).plants  # type: ignore[arg-type]

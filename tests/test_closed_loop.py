@@ -36,7 +36,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
-from validation.plants.profile import Profile, load, make_plant
+from validation.plants.profile import Profile, load_profile, make_plant
 from validation.robots.loops import HuskyLoop, run_husky_loops
 from validation.robots.plant import MujocoPlant
 from validation.thesis import published
@@ -74,13 +74,13 @@ PUBLISHED = {name: controller(name) for name in CONTROLLERS}
 
 @cache
 def model(name: str) -> PlanarModel:
-    plant = load("thesis-lab").plants[name]
+    plant = load_profile("thesis-lab").plants[name]
     return PlanarModel(plant.parameters, plant.vehicle, plant.drive)
 
 
 @pytest.fixture(scope="module")
 def husky() -> MujocoPlant:
-    plant = make_plant(load("thesis-lab"), "mujoco")
+    plant = make_plant(load_profile("thesis-lab"), "mujoco")
     assert isinstance(plant, MujocoPlant)
     return plant
 

@@ -22,7 +22,7 @@ from validation.compare.__main__ import main
 from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, resample, score_horizons
 from validation.motion.sources import open_source
-from validation.plants.profile import Profile, load, make_plant
+from validation.plants.profile import Profile, load_profile, make_plant
 from validation.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -119,7 +119,7 @@ def test_wheel_rates_leave_less_to_guess_than_commands(lab: Profile, tmp_path: P
     """With a wrong delay commands mislead; measured wheel rates do not care."""
     path = str(recorded(lab, "kinematic", tmp_path))
     (tmp_path / "p.toml").write_text('schema = "ssmr.profile/1"\n[drive]\ndelay_v = 0.5\ndelay_w = 0.5\n')
-    late = load(str(tmp_path / "p.toml"))
+    late = load_profile(str(tmp_path / "p.toml"))
     by_commands, by_wheels = (
         compare(open_source(path, kind), late, ("kinematic",)).plants["kinematic"].metrics["sync_rms_m"]
         for kind in ("twist", "wheels")
@@ -143,7 +143,7 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     """A plant whose tracked point is set where the recording's was fits; one whose is not errs by what the point swings."""
     text = 'schema = "ssmr.profile/1"\n[plants.kinematic]\ntracked_point = [0.3, 0.1]\n'
     (tmp_path / "p.toml").write_text(text)
-    shifted = load(str(tmp_path / "p.toml"))
+    shifted = load_profile(str(tmp_path / "p.toml"))
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))
     there = drive(make_plant(shifted, "kinematic"), source.pieces[0], (0.3, 0.1), source.sample_dt)
     assert np.allclose(there.pose[0], source.pieces[0].reference.pose[0])  # type: ignore[union-attr]
@@ -370,7 +370,7 @@ def test_help_says_what_there_is() -> None:
 def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> None:
     """The last 150 s, which no parameter has seen: median error after 6 s [m]."""
     source = open_source(str(TILE), kind, 500.0)  # type: ignore[arg-type]
-    found = compare(source, load("husky-tile"), ("mujoco", "kinematic"), settings=CompareSettings(horizons=(6.0,)))
+    found = compare(source, load_profile("husky-tile"), ("mujoco", "kinematic"), settings=CompareSettings(horizons=(6.0,)))
     assert found.plants["mujoco"].horizons[6.0].position_median_m <= position
     assert found.plants["mujoco"].horizons[6.0].n >= 20
 

@@ -25,7 +25,7 @@ from validation.fit.run import fit as fit_plant
 from validation.fit.search import CheckpointError, Search, SearchOptions, search_for
 from validation.fit.uncertainty import VAGUE, estimate
 from validation.logs.recording_csv import write_csv
-from validation.plants.profile import Profile, load
+from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import make_space
 from validation.progress import Progress
 
@@ -58,7 +58,7 @@ def document(folder: Path) -> dict:  # type: ignore[type-arg]
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "drive.csv"
-    write_csv(recorded(load("thesis-lab"), "kinematic", 40.0), path)
+    write_csv(recorded(load_profile("thesis-lab"), "kinematic", 40.0), path)
     return path
 
 
@@ -68,7 +68,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_known_parameters_come_back(tmp_path: Path) -> None:
     args = ["--free", "u_x,mu_c,gain", "--generations", "60", "--seed", "1"]
     assert call("coulomb", "--to", "traj4@coulomb", "--out", str(tmp_path), *args) == 0
-    found, truth = document(tmp_path), load("thesis-lab").plants["coulomb"].parameters
+    found, truth = document(tmp_path), load_profile("thesis-lab").plants["coulomb"].parameters
     assert found["status"] == "finished"
     assert found["train"]["sync_rms_m"] < 1e-3
     for name, p in found["parameters"].items():
@@ -84,7 +84,7 @@ def test_a_fit_is_a_function_whose_result_shows_and_saves_itself(lab: Profile, t
     assert "held out: traj1" in found.table()
     assert {path.name for path in found.save(tmp_path)} == {"fit.json", "fit.png", "profile.toml"}
     assert document(tmp_path) == json.loads(json.dumps(found.as_dict()))
-    assert load(str(tmp_path / "profile.toml")).plants == found.profile.plants
+    assert load_profile(str(tmp_path / "profile.toml")).plants == found.profile.plants
     assert found.profile.plants["kinematic"].parameters.alpha_l == found.parameters[0].value
     assert all(p.total == 3 and 0.0 <= p.done <= 3 for p in told)
     assert [p.done for p in told] == sorted(p.done for p in told)
@@ -118,9 +118,9 @@ def test_a_log_is_fitted_by_both_inputs_and_judged_on_what_was_cut_off(log: Path
     assert found["parameters"]["y_l"]["value"] == pytest.approx(0.275, abs=0.01)
     for name in ("fit.png", "fit.rrd", "profile.toml", "checkpoint.npz"):
         assert (tmp_path / name).stat().st_size > 500
-    again = load(str(tmp_path / "profile.toml"))
+    again = load_profile(str(tmp_path / "profile.toml"))
     assert again.plants["kinematic"].parameters.y_l == found["parameters"]["y_l"]["value"]
-    assert again.plants["mujoco"] == load("thesis-lab").plants["mujoco"]
+    assert again.plants["mujoco"] == load_profile("thesis-lab").plants["mujoco"]
     provenance = again.provenance["kinematic"]
     assert provenance["seed"] == 0
     assert provenance["cost"] == found["cost"]
@@ -238,7 +238,7 @@ def test_a_broken_off_fit_resumes_to_the_same_end(how: signal.Signals, tmp_path:
         stopped = document(broken)
         assert stopped["status"] == "interrupted"
         assert stopped["parameters"]["gain"]["standard_error"] is None
-        assert load(str(broken / "profile.toml")).provenance["improved"]["status"] == "interrupted"
+        assert load_profile(str(broken / "profile.toml")).provenance["improved"]["status"] == "interrupted"
     assert call(*args, "--out", str(broken), "--resume") == 0
     a, b = document(through), document(broken)
     assert a["parameters"] == b["parameters"]

@@ -25,7 +25,7 @@ from validation.fit.data import FittedParameter, Scored, SearchTrace
 from validation.fit.figure import MAX_HELD_OUT, MAX_TRAIN, fit_figure
 from validation.fit.result import FitResult
 from validation.fit.table import effort, fit_notes, value_text
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.show.drawing import ALARM, save_figure
 
 NAMES = {
@@ -121,7 +121,7 @@ def result(
                      "determined.")  # fmt: skip
     source = ",".join(dict.fromkeys(s.label.partition(" ")[0] for s in train))
     made = FitResult(
-        model=model, begun_with="thesis-lab", profile=load("thesis-lab"), source=source, seed=7, status="finished",
+        model=model, begun_with="thesis-lab", profile=load_profile("thesis-lab"), source=source, seed=7, status="finished",
         stopped_by="improvement", cost=0.02, cost_name="path", evaluations=32 * generations, generations=generations - 1,
         wall_s=12.34, parameters=tuple(parameters), correlation=correlated(n) if known else None,
         uncertainty_method="curvature at the optimum, scatter of 20 blocks of time" if known else "", remarks=tuple(notes),

@@ -14,7 +14,7 @@ from dm_env import test_utils
 
 from ssmr.types import Commands
 from tests.conftest import SYMMETRY
-from validation.plants.profile import load, make_plant
+from validation.plants.profile import load_profile, make_plant
 from validation.track.waypoint_files import open_reference
 
 with warnings.catch_warnings():
@@ -50,7 +50,7 @@ def test_the_environment_is_the_plant(profile: str) -> None:
     for action in table:
         step = environment.step(action)
     _, waypoints = open_reference("circle", 0.5)
-    plant = make_plant(load(profile), "mujoco")
+    plant = make_plant(load_profile(profile), "mujoco")
     motion = plant.run(Commands(0.05, table), waypoints.start, 0.05)
     state, end = environment.task.state(environment.physics), motion.state(len(motion) - 1)
     assert np.allclose(astuple(state), astuple(end), atol=SAME_ROBOT)

@@ -26,7 +26,7 @@ from validation.logs.offsets import estimate_offsets
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import read_csv, write_csv
 from validation.logs.rest import find_rest, unbiased
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.recordings import ConvertSettings, convert, info, open_log
 from validation.recordings.__main__ import LOG_COMMANDS
 from validation.recordings.simulated_log import LogSettings, simulated_log
@@ -158,7 +158,7 @@ def test_odometry_without_another_pose_comes_back_as_the_pose(tmp_path: Path) ->
 # ------------------------------------------------------------------------------------------- a simulated log
 def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
     faults = LogSettings()
-    profile = load("husky-tile")
+    profile = load_profile("husky-tile")
     groups = simulated_log("varied@kinematic", profile, 3)
     late = {o.late: o.seconds for o in estimate_offsets(groups)}
     assert late["pose"] == pytest.approx(faults.pose_late, abs=0.004)

@@ -20,7 +20,7 @@ from tests.test_figures import lines, texts, written
 from tests.test_fit_figure import trace
 from validation.fit.data import FittedParameter
 from validation.fit.table import value_text
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.track.data import reference_of
 from validation.track.gains import GainSet, load_gains
 from validation.track.loops import make_controller, make_robot, rate, run_robots
@@ -51,7 +51,7 @@ def cut(run: ClosedRun, n: int) -> ClosedRun:
 @cache
 def followed(reference: str, plant: str, lost: str = "") -> TunedRun:
     """A short reference with the published gains, and with others; `lost` names who lost it, and after how many ticks."""
-    profile, ways = load("thesis-lab"), WAYS[reference]
+    profile, ways = load_profile("thesis-lab"), WAYS[reference]
     robot, published = make_robot(profile, plant), load_gains("pid", "published")
     tuned = GainSet("pid", "tuned", {**published.values, "k_p_rho": 2.0, "k_p_y": 3.0})
     laws = [make_controller(profile, gains) for gains in (tuned, published)]

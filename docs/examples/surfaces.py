@@ -16,7 +16,7 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import State
-from validation.plants.profile import load, make_plant
+from validation.plants.profile import load_profile, make_plant
 from validation.robots.plant import MujocoPlant
 from validation.robots.terrain import parse_terrain
 
@@ -26,7 +26,7 @@ TERRAINS = ("flat", "ramp:2", "ramp:slope_deg=2,toward_deg=90", "rough:2", "spli
 
 def one_surface(friction: float, terrain: str) -> dict[str, float]:
     """Return the mean d_rms [m] of each planar model over trajectories 1-4; a worker needs nothing but the arguments."""
-    profile = load("thesis-lab")
+    profile = load_profile("thesis-lab")
     section = profile.plants["mujoco"]
     husky = MujocoPlant(replace(section.parameters, friction=friction), section.drive, terrain=parse_terrain(terrain))
     found: dict[str, list[float]] = {"improved": [], "coulomb": [], "linear": []}

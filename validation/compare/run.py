@@ -21,7 +21,7 @@ from validation.compare.data import PlantResult
 from validation.compare.result import Comparison
 from validation.motion.driving import drive, score_horizons
 from validation.motion.sources import RECORDING, Source, open_source
-from validation.plants.profile import PLANTS, Profile, load, make_plant
+from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 from validation.progress import Progress, Report, silent
 from validation.robots.plant import Health, MujocoPlant, check_health
 from validation.robots.terrain import FLAT, Terrain
@@ -215,7 +215,7 @@ def prepare(
         raise ValueError("settings.start and settings.until cut a recording that is given by its path; cut yours before")
     reference = reference or source.reference
     if not isinstance(profile, Profile):
-        profile = load(str(profile or ("husky-tile" if source.reference == RECORDING else "thesis-lab")))
+        profile = load_profile(str(profile or ("husky-tile" if source.reference == RECORDING else "thesis-lab")))
     asked = {*plants, reference} - ({RECORDING} if source.reference == RECORDING else set())
     if unknown := sorted(asked - set(PLANTS)):
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(PLANTS)}")

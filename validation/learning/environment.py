@@ -22,7 +22,7 @@ from ssmr.control.waypoints import ALPHA_SWITCH, Target, Waypoints, position_err
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Driver, whole_steps
 from ssmr.types import FloatArray, State
-from validation.plants.profile import PlantProfile, Profile, load, make_plant
+from validation.plants.profile import PlantProfile, Profile, load_profile, make_plant
 from validation.robots.husky import SIDES, WHEELS, HuskyCalibration, calibrate, limit_torque, xml_path
 from validation.robots.plant import MujocoPlant
 from validation.track.waypoint_files import open_reference
@@ -242,7 +242,7 @@ def tracking(
     Raises:
         ValueError: profiles or waypoints that cannot be read, or do not go together.
     """
-    chosen = [load(name.strip()) for name in profiles.split(",") if name.strip()]
+    chosen = [load_profile(name.strip()) for name in profiles.split(",") if name.strip()]
     _, waypoints = open_reference(reference, speed)
     return composer.Environment(
         Tracking(chosen, waypoints),

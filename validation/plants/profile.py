@@ -93,9 +93,6 @@ def load_profile(name_or_path: str | Path) -> Profile:
         raise ProfileError(f"profile {name_or_path}: {error}") from error
 
 
-load = load_profile  # the former name
-
-
 def _parse(document: Mapping[str, Any]) -> Profile:
     if document.get("schema") != SCHEMA:
         raise ValueError(f"schema is {document.get('schema')!r}, wanted '{SCHEMA}'")

@@ -13,7 +13,7 @@ from validation.logs.log import Log, ReadOptions
 from validation.logs.offsets import estimate_offsets, synchronised
 from validation.logs.recording import Recording, RecordingError
 from validation.logs.rest import find_rest, unbiased
-from validation.plants.profile import Profile, load
+from validation.plants.profile import Profile, load_profile
 from validation.recordings.result import ConvertedLog, LogInfo
 from validation.recordings.simulated_log import is_simulated, simulated_log
 
@@ -69,7 +69,7 @@ def open_log(
     if seed < 0:
         raise ValueError(f"seed {seed} must not be negative")
     if is_simulated(str(source)):
-        chosen = load(profile) if isinstance(profile, str) else profile
+        chosen = load_profile(profile) if isinstance(profile, str) else profile
         return Log(Path(source), simulated_log(str(source), chosen, seed))
     return read_log(source, options)
 

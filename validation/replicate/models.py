@@ -20,7 +20,7 @@ from validation.fit.data import FittedParameter, Scored
 from validation.fit.result import FitResult
 from validation.fit.run import FitSearch, fit
 from validation.fit.table import is_vague
-from validation.plants.profile import load, make_plant
+from validation.plants.profile import load_profile, make_plant
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.replicate.response_figure import Responses, draw_responses
 from validation.thesis import published
@@ -107,7 +107,7 @@ def parameter_table(number: str, model: str, result: FitResult) -> Table:
         if row in _NAMES:
             rows[row] = {"value": _parameter_pair(value, unit, found[_NAMES[row]])}
         else:
-            held = load(_PROFILE).plants[model].drive.torque_limit
+            held = load_profile(_PROFILE).plants[model].drive.torque_limit
             rows[row] = {"value": Pair(value, held, "spread", unit, obstacle="taken from the thesis, not searched")}
     named = {_NAMES[row] for row in rows if row in _NAMES}
     rows |= {name: {"value": _parameter_pair(None, p.unit, p)} for name, p in found.items() if name not in named}
@@ -151,7 +151,7 @@ def _unit(metric: str) -> str:
 
 def _times(context: Context) -> Findings:
     """Take the time of a simulation of trajectory 4 (Sec. 3.6)."""
-    profile, commands = load(_PROFILE), TRAJECTORIES["traj4"].commands()
+    profile, commands = load_profile(_PROFILE), TRAJECTORIES["traj4"].commands()
     walls = {name: _wall(make_plant(profile, name), commands, context.settings.repeats) for name in _TIMED}
     text = published.table("text")["rows"]
     hardware = "another machine and another simulator (Simulink)"
@@ -189,7 +189,7 @@ def _wall(plant: Plant, commands: Commands, repeats: int) -> tuple[float, float]
 
 def _accelerations(context: Context) -> Findings:
     """Find yaw accelerations on trajectory 4 (Fig. 3.33), and delay and rise of step responses."""
-    profile = load(_PROFILE)
+    profile = load_profile(_PROFILE)
     plants = {name: make_plant(profile, name) for name in _TIMED}
     driven = {name: plant.run(TRAJECTORIES["traj4"].commands(), State(), plant.dt) for name, plant in plants.items()}
     steps = [_steps(plants, np.array([_STEP[0], 0.0])), _steps(plants, np.array([0.0, _STEP[1]]))]

@@ -18,7 +18,7 @@ from validation.compare.run import CompareSettings, compare
 from validation.logs.formats import read_recording
 from validation.logs.recording import Recording
 from validation.motion.sources import Source, source_of
-from validation.plants.profile import PLANTS, Profile, load
+from validation.plants.profile import PLANTS, Profile, load_profile
 from validation.replicate.evidence import Context, Findings, Picture, Section
 from validation.replicate.residual_figure import BinnedErrors, draw_residuals
 from validation.show.tables import Cell, Grid
@@ -56,7 +56,7 @@ def _real(context: Context) -> Findings:
     settings = context.settings
     if not settings.recording:
         return Findings(notes=(NOT_RUN,))
-    profile, recording = load(_PROFILE), read_recording(settings.recording)
+    profile, recording = load_profile(_PROFILE), read_recording(settings.recording)
     split = _split_of(profile, settings.split)
     parts = _split_at(recording, split)
     inputs = inputs_of(recording)

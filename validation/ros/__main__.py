@@ -15,7 +15,7 @@ import tyro
 from ssmr.control.laws import CONTROLLERS
 from ssmr.types import State
 from validation import cli
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.ros.control import START_PATIENCE, RobotTopics
 from validation.ros.pilot import Pilot, PilotSettings
 from validation.ros.robot import SensorSettings
@@ -104,7 +104,7 @@ def sim(options: SimOptions) -> None:
     with cli.mistakes_are_users():
         if not o.duration > 0.0 or not all(map(math.isfinite, o.start)):
             raise cli.UserError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
-        chosen = load(o.profile)
+        chosen = load_profile(o.profile)
         sensors = SensorSettings(noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
         _end_on_signals()
         simulate_robot(chosen, State(*o.start), o.duration, sensors, wall_time=o.wall_time)
@@ -121,7 +121,7 @@ def control(options: ControlOptions) -> None:
     """
     o, drive = options, options.drive
     with cli.mistakes_are_users():
-        chosen, wanted = load(o.profile), load_gains(o.controller, o.gains or default_gains(o.controller))
+        chosen, wanted = load_profile(o.profile), load_gains(o.controller, o.gains or default_gains(o.controller))
         label, waypoints = open_reference(o.reference, o.speed)
         settings = PilotSettings(
             v_limit=drive.v_limit, w_limit=drive.w_limit, lookahead=drive.lookahead, absolute=drive.absolute

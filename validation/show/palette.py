@@ -1,7 +1,7 @@
 """One colour for each plant and controller, the same in every picture, plot and recording.
 
-Each is declared with its plant or law. The hues shipped are those of Okabe and Ito, which people with any of the common colour blindnesses tell apart; they differ in
-lightness too, so most survive a grey print.
+Each is declared with its plant or law. The hues shipped are those of Okabe and Ito, which people with any of the common
+colour blindnesses tell apart; they differ in lightness too, so most survive a grey print.
 """
 
 from __future__ import annotations

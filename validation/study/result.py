@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from validation import store
-from validation.plants.profile import Profile, load
+from validation.plants.profile import Profile, load_profile
 from validation.show.result import Result
 from validation.show.tables import Grid, markdown_table
 
@@ -65,7 +65,7 @@ def profile_of(profile: Profile | str) -> Profile:
     Raises:
         ProfileError: there is none of that name, or its numbers are wrong.
     """
-    return profile if isinstance(profile, Profile) else load(profile)
+    return profile if isinstance(profile, Profile) else load_profile(profile)
 
 
 def require_seed(seed: int, seeds: int = 1) -> None:

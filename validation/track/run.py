@@ -12,7 +12,7 @@ from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.robot.vehicle import Drive
 from validation import store
-from validation.plants.profile import Profile, load
+from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress, Report, silent
 from validation.robots.terrain import FLAT, Terrain
 from validation.track.data import TrackedRobot, reference_of
@@ -170,7 +170,7 @@ def prepare_tracking(
     plants = (plant,) if isinstance(plant, str) else tuple(plant)
     if not plants or len(set(plants)) < len(plants):
         raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
-    chosen = profile if isinstance(profile, Profile) else load(str(profile))
+    chosen = profile if isinstance(profile, Profile) else load_profile(str(profile))
     wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains or default_gains(controller)))
     if wanted.controller != controller:
         raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")

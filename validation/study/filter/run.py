@@ -18,7 +18,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.sensing import SensorModel, simulate_sensors
 from ssmr.types import State, Trajectory
-from validation.plants.profile import load
+from validation.plants.profile import load_profile
 from validation.progress import Progress, Report, silent
 from validation.study.filter.findings import (
     CURVE,
@@ -56,7 +56,7 @@ def study_filter(
         ValueError: a profile or a reference cannot be read, or numbers do not go together.
     """
     o = options or FilterOptions()
-    grounds = grounds_of([load(name) for name in o.profiles], o.frictions)
+    grounds = grounds_of([load_profile(name) for name in o.profiles], o.frictions)
     missions = dict(open_reference(name, o.speed) for name in o.references)
     return drive_missions(grounds, missions, o, workers=workers, progress=progress)
 

@@ -325,9 +325,9 @@ def test_published_gains_on_the_published_model_reproduce_the_published_line(
     run = drive(model("improved"), Controller(gains, A, B), way, settings)
     found = compare_paths(run.motion, way.trajectory(float(run.t[1])))
     gap = way.length - run.state.x
-    assert found.d_ratio == pytest.approx(published.value(number, row, "d_ratio"), abs=0.001)
-    assert found.d_haus_m == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
-    assert found.d_haus_m == pytest.approx(gap, rel=0.01)
+    assert found["d_ratio"] == pytest.approx(published.value(number, row, "d_ratio"), abs=0.001)
+    assert found["d_haus_m"] == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
+    assert found["d_haus_m"] == pytest.approx(gap, rel=0.01)
     predicted = speed / gains.k_p_rho * math.exp(-gains.k_i_rho / gains.k_p_rho * way.duration)
     assert predicted == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
     if not disturbed:  # noise moves the end by some millimetres

@@ -178,8 +178,8 @@ def test_9_the_printed_cost_rewards_a_robot_that_stays_at_the_start() -> None:
     reference = lab_run(ImprovedParameters())
     half = Trajectory(reference.t, reference.pose * [0.97, 0.97, 1.0], reference.twist, reference.wheels)
     shrunk, same = compare_paths(half, reference), compare_paths(reference, reference)
-    assert 5.0 * shrunk.d_ratio < 5.0 * same.d_ratio
-    assert 5.0 * abs(1.0 - shrunk.d_ratio) > 5.0 * abs(1.0 - same.d_ratio)
+    assert 5.0 * shrunk["d_ratio"] < 5.0 * same["d_ratio"]
+    assert 5.0 * abs(1.0 - shrunk["d_ratio"]) > 5.0 * abs(1.0 - same["d_ratio"])
 
 
 def test_10_printed_f_update_leaves_its_bounds() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from validation.ros.port import Call, Received
+from validation.ros.port import Call, Port, Received
 
 
 def _stamp() -> SimpleNamespace:
@@ -81,7 +81,7 @@ class FakeClock:
         self.now += seconds + self.overshoot
 
 
-class FakePort:
+class FakePort(Port):
     """A port whose incoming messages are known beforehand, and whose outgoing ones are kept."""
 
     master = "http://nowhere:11311"

@@ -17,7 +17,6 @@ from validation.ros.messages import Seen
 from validation.ros.pilot import FRESH, Phase, Pilot, PilotSettings, StoppedError
 from validation.track.gains import load_gains
 from validation.track.loops import make_controller
-from validation.track.run import default_gains
 
 BEND = Waypoints(np.arange(13.0) * 0.5, 1.2 * np.column_stack([np.sin(np.arange(13) / 10), 1 - np.cos(np.arange(13) / 10)]))
 """A left bend of 1.2 m radius at 0.24 m/s, 6 s long."""
@@ -25,7 +24,7 @@ SHORT = Waypoints(BEND.t[:7], BEND.xy[:7])
 
 
 def law(lab: Profile, name: str = "pid") -> Controller:
-    return make_controller(lab, load_gains(name, default_gains(name)))
+    return make_controller(lab, load_gains(name))
 
 
 def standing(pilot: Pilot, at: Seen, n: int = 20, period: float = 0.02) -> float:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -18,12 +18,10 @@ from validation import cli
 from validation.plants.profile import load_profile
 from validation.ros.control import START_PATIENCE, RobotTopics
 from validation.ros.pilot import Pilot, PilotSettings
+from validation.ros.port import NoGraphError
 from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller
-from validation.track.run import default_gains
-from validation.track.waypoint_files import open_reference
+from validation.track import load_gains, make_controller, open_reference
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ def sim(options: SimOptions) -> None:
             raise cli.UserError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
         chosen = load_profile(o.profile)
         sensors = SensorSettings(noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
-        _end_on_signals()
+    with _on_a_graph():
         simulate_robot(chosen, State(*o.start), o.duration, sensors, wall_time=o.wall_time)
 
 
@@ -121,7 +119,7 @@ def control(options: ControlOptions) -> None:
     """
     o, drive = options, options.drive
     with cli.mistakes_are_users():
-        chosen, wanted = load_profile(o.profile), load_gains(o.controller, o.gains or default_gains(o.controller))
+        chosen, wanted = load_profile(o.profile), load_gains(o.controller, o.gains)
         label, waypoints = open_reference(o.reference, o.speed)
         settings = PilotSettings(
             v_limit=drive.v_limit, w_limit=drive.w_limit, lookahead=drive.lookahead, absolute=drive.absolute
@@ -131,19 +129,20 @@ def control(options: ControlOptions) -> None:
         pilot = Pilot(make_controller(chosen, wanted), waypoints, settings)
         topics = RobotTopics(o.topics.odometry, o.topics.pose, o.topics.command, o.topics.feedback == "pose")
         folder = cli.output_folder(o.out or Path("runs") / "ros" / f"{o.controller}-{Path(o.reference).stem}")
-        _end_on_signals()
+    with _on_a_graph():
         result = control_robot(pilot, wanted, chosen.name, label, topics, drive.patience)
     cli.report_result(result, result.save(folder, recording=False))
 
 
-def _end_on_signals() -> None:
-    """Let SIGTERM end a node as Ctrl-C does."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
-    signal.signal(signal.SIGINT, interrupt)
+@contextlib.contextmanager
+def _on_a_graph() -> Iterator[None]:
+    """Let SIGTERM end a node as Ctrl-C does; a graph that is not there is a mistake of the user."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    except NoGraphError as error:
+        raise cli.UserError(str(error)) from error
 
 
 ROS_COMMANDS: Mapping[str, Callable[[Any], None]] = {"sim": sim, "control": control}

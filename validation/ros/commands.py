@@ -55,11 +55,7 @@ class CommandGate:
     """Multiplexer and watchdog: takes commands with their times, and gives the command for the robot."""
 
     def __init__(self, sources: Sequence[CommandSource] = SOURCES, base_timeout: float = BASE_TIMEOUT) -> None:
-        """Begin without a command.
-
-        Args:
-            sources: topics on which the robot can be commanded.
-            base_timeout: time for which a command holds that was passed on [s].
+        """Begin without a command; one that was passed on holds for `base_timeout` [s].
 
         Raises:
             ValueError: a topic twice, or a timeout that is not positive.
@@ -86,7 +82,8 @@ class CommandGate:
             self._news.append(f"{topic} sent {twist}, which is not finite: ignored")
             return False
         self._heard[topic] = now
-        if self._locked or any(s.priority > source.priority and self._hears(s, now) for s in self._sources.values()):
+        rivals = (s for s in self._sources.values() if s.priority > source.priority)
+        if self._locked or any(now - self._heard.get(s.topic, -math.inf) <= s.timeout for s in rivals):
             return False
         if self._driving and topic != self._from:
             self._news.append(f"{topic} commands now, in place of {self._from}")
@@ -94,9 +91,6 @@ class CommandGate:
             self._news.append(f"{topic} commands")
         self._twist, self._from, self._since, self._driving = twist, topic, now, True
         return True
-
-    def _hears(self, source: CommandSource, now: float) -> bool:
-        return now - self._heard.get(source.topic, -math.inf) <= source.timeout
 
     def lock(self, locked: bool, why: str = LOCK_TOPIC) -> None:
         """Block all sources, or release them; `why` goes into the news."""

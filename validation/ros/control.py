@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from ssmr.errors import SsmrError
 from validation.ros import messages as msg
 from validation.ros.commands import STAND_STILL, Twist
 from validation.ros.messages import Seen
 from validation.ros.pilot import FRESH, Phase, Pilot, StoppedError
-from validation.ros.sim import Channel
+from validation.ros.port import Port
 
 _logger = logging.getLogger(__name__)
 
@@ -28,7 +28,7 @@ SLACK = 0.004
 
 @dataclass(frozen=True)
 class RobotTopics:
-    """RobotTopics of robot and tracking system."""
+    """Topics of robot and tracking system."""
 
     odometry: str = "/odometry/filtered"
     """Topic of nav_msgs/Odometry: speeds, and the pose unless `law_by_pose`."""
@@ -45,7 +45,7 @@ class ControlNode:
 
     def __init__(
         self,
-        port: Channel,
+        port: Port,
         pilot: Pilot,
         topics: RobotTopics,
         *,
@@ -58,7 +58,7 @@ class ControlNode:
             port: an open port with the topics of `connect_control`.
             pilot: the tracker.
             topics: names of the topics.
-            clock: monotonic time [s], the one in which arrivals are given.
+            clock: function that returns monotonic time [s], the one in which arrivals are given.
             patience: time for which a robot to drive is waited for [s].
         """
         self._port, self._pilot, self._topics, self._clock, self._patience = port, pilot, topics, clock, patience
@@ -115,14 +115,11 @@ class ControlNode:
             if left > 0.0:
                 self._take(left)
                 continue
-            self._require_master()
+            if self._port.master_gone.is_set():
+                raise StoppedError(f"the ROS master at {self._port.master} is gone")
             self._send(self._pilot.command(self._clock()))
             # a deadline that was slept through is not made up for
             k = max(k + 1, math.floor((self._clock() - start) / period))
-
-    def _require_master(self) -> None:
-        if self._port.master_gone.is_set():
-            raise StoppedError(f"the ROS master at {self._port.master} is gone")
 
     def _take(self, timeout: float) -> None:
         """Take at most one message, waited for at most `timeout` [s]."""
@@ -135,14 +132,12 @@ class ControlNode:
                 if not self._topics.law_by_pose:
                     self._pilot.see(self._speeds, got.arrival)
             elif got.topic == self._topics.pose:
-                self._take_pose(msg.read_pose_stamped(got.message), got.arrival)
+                seen = msg.read_pose_stamped(got.message)
+                self._pilot.track(seen)
+                if self._topics.law_by_pose and self._speeds is not None and got.arrival - self._speeds_at <= FRESH:
+                    self._pilot.see(seen._replace(v=self._speeds.v, w=self._speeds.w), got.arrival)
         except ValueError as error:
             _logger.warning("%s: %s; ignored", got.topic, error)  # if that goes on, the feedback becomes too old
-
-    def _take_pose(self, seen: Seen, arrival: float) -> None:
-        self._pilot.track(seen)
-        if self._topics.law_by_pose and self._speeds is not None and arrival - self._speeds_at <= FRESH:
-            self._pilot.see(seen._replace(v=self._speeds.v, w=self._speeds.w), arrival)
 
     def _send(self, command: Twist) -> None:
         self._port.send(self._topics.command, lambda m: msg.fill_twist(m, *command))
@@ -154,19 +149,13 @@ class ControlNode:
             self._send(STAND_STILL)
             next_at = self._clock() + period
             while (left := next_at - self._clock()) > 0.0:
-                self._take_last(left)
-
-    def _take_last(self, timeout: float) -> None:
-        """Keep what the tracking system still sends, for the record."""
-        got = self._port.receive(timeout)
-        if got is not None and got.topic == self._topics.pose:
-            try:
-                self._pilot.track(msg.read_pose_stamped(got.message))
-            except ValueError:
-                return
+                got = self._port.receive(left)
+                if got is not None and got.topic == self._topics.pose:  # for the record
+                    with contextlib.suppress(ValueError):
+                        self._pilot.track(msg.read_pose_stamped(got.message))
 
 
-def connect_control(port: Any, topics: RobotTopics) -> None:
+def connect_control(port: Port, topics: RobotTopics) -> None:
     """Make the controller's topics on a port."""
     port.advertise(topics.command, "geometry_msgs/Twist")
     port.listen(topics.odometry, "nav_msgs/Odometry")

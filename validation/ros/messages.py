@@ -102,13 +102,8 @@ def fill_odometry(
 ) -> None:
     """Fill a nav_msgs/Odometry.
 
-    Args:
-        message: the message.
-        stamp: time [s].
-        pose: (3,) x, y [m], yaw [rad] of the base in `odom`.
-        twist: v [m/s] and omega [rad/s] of the base.
-        pose_cov: (3, 3) covariance of x, y, yaw.
-        twist_cov: (3, 3) covariance of v_x, v_y, omega.
+    It takes the time [s], the base's (3,) pose in `odom` [m, m, rad], its v [m/s] and omega [rad/s], and the (3, 3)
+    covariances of x, y, yaw and of v_x, v_y, omega.
     """
     set_stamp(message.header.stamp, stamp)
     message.header.frame_id, message.child_frame_id = ODOM, BASE
@@ -128,12 +123,8 @@ def fill_pose_stamped(message: Any, stamp: float, frame: str, pose: FloatArray) 
 def fill_imu(message: Any, stamp: float, rates: FloatArray, forces: FloatArray, variances: tuple[float, float]) -> None:
     """Fill a raw sensor_msgs/Imu as in REP 145: without orientation, with gravity.
 
-    Args:
-        message: the message.
-        stamp: time [s].
-        rates: (3,) angular velocity [rad/s].
-        forces: (3,) specific force [m/s2]; at rest (0, 0, g).
-        variances: variance of each rate [rad2/s2] and of each force [m2/s4].
+    It takes the time [s], the (3,) angular velocity [rad/s], the (3,) specific force [m/s2], which is (0, 0, g) at rest, and
+    the variances of each rate [rad2/s2] and of each force [m2/s4].
     """
     set_stamp(message.header.stamp, stamp)
     message.header.frame_id = IMU
@@ -145,14 +136,9 @@ def fill_imu(message: Any, stamp: float, rates: FloatArray, forces: FloatArray, 
 
 
 def fill_transform(message: Any, stamp: float, frames: tuple[str, str], at: tuple[float, float, float], yaw: float) -> None:
-    """Fill a geometry_msgs/TransformStamped.
+    """Fill a geometry_msgs/TransformStamped with a child's position [m] and heading [rad] in its parent.
 
-    Args:
-        message: the message.
-        stamp: time [s].
-        frames: parent and child; the transform is the child's pose in the parent.
-        at: position of the child [m].
-        yaw: heading of the child [rad].
+    `frames` names the parent and the child; `stamp` is in seconds.
     """
     set_stamp(message.header.stamp, stamp)
     message.header.frame_id, message.child_frame_id = frames
@@ -187,9 +173,7 @@ def read_pose_stamped(message: Any) -> Seen:
     Raises:
         ValueError: a number is not finite, or there is no orientation.
     """
-    seen = _read_pose(message, message.pose)
-    _finite(seen._replace(v=0.0, w=0.0))
-    return seen
+    return _finite(_read_pose(message, message.pose)._replace(v=0.0, w=0.0))._replace(v=math.nan, w=math.nan)
 
 
 def _read_pose(message: Any, pose: Any) -> Seen:

@@ -24,11 +24,7 @@ def instants(rates: Mapping[str, float], dt: float) -> Iterator[tuple[int, tuple
     """Yield, without end, the steps at which samples are due.
 
     The k-th sample of a rate f is due with the first step at or after k/f, k = 1, 2, ... So a rate whose period is no whole
-    number of steps is kept on average, to the step.
-
-    Args:
-        rates: samples a second [Hz] by name.
-        dt: step [s].
+    number of steps is kept on average, to the step. Rates are in Hz, `dt` in seconds.
 
     Yields:
         The number of a step and the names that are due with it; steps increase.
@@ -39,10 +35,8 @@ def instants(rates: Mapping[str, float], dt: float) -> Iterator[tuple[int, tuple
     for name, rate in rates.items():
         if not 0.0 < rate <= (1.0 + 1e-9) / dt:
             raise ValueError(f"{name}: {rate} Hz is not between 0 and one sample a step of {dt} s")
-    steps = {
-        name: 1 / (Fraction(rate).limit_denominator(10**6) * Fraction(dt).limit_denominator(10**9))
-        for name, rate in rates.items()
-    }
+    step_time = Fraction(dt).limit_denominator(10**9)
+    steps = {name: 1 / (Fraction(rate).limit_denominator(10**6) * step_time) for name, rate in rates.items()}
     count = dict.fromkeys(rates, 1)
     while True:
         due = {name: math.ceil(count[name] * steps[name]) for name in rates}
@@ -79,11 +73,8 @@ class Pace:
 def drift(t: FloatArray, late: FloatArray) -> float:
     """Return the drift of a run [s]: the least lateness of its last second minus that of its first.
 
-    On a busy machine many wake-ups are late but some are in time; a loop that falls behind has none in time.
-
-    Args:
-        t: (M,) instants, increasing [s].
-        late: (M,) lateness of each [s].
+    On a busy machine many wake-ups are late but some are in time; a loop that falls behind has none in time. Instants `t`
+    and their lateness are (M,) [s].
     """
     return float(late[t >= t[-1] - EDGE].min() - late[t <= t[0] + EDGE].min())
 
@@ -92,22 +83,13 @@ class Pacer:
     """Waits for instants counted from one start."""
 
     def __init__(self, clock: Callable[[], float], sleep: Callable[[float], object]) -> None:
-        """Start now.
-
-        Args:
-            clock: function that returns monotonic time [s].
-            sleep: function that waits for some time [s], or a little longer.
-        """
+        """Start now; `clock` returns monotonic time [s], `sleep` waits for some time [s] or a little longer."""
         self._clock, self._sleep = clock, sleep
         self.start = clock()
         self._deadlines, self._late = array("d"), array("d")
 
     def wait(self, instant: float) -> float:
-        """Sleep until `instant` [s] after the start; do not sleep if that has passed.
-
-        Returns:
-            The lateness [s].
-        """
+        """Sleep until `instant` [s] after the start, unless that has passed, and return the lateness [s]."""
         deadline = self.start + instant
         while (left := deadline - self._clock()) > 0.0:
             self._sleep(left)

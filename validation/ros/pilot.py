@@ -77,20 +77,19 @@ class PilotSettings:
 class _Frame:
     """Turns the poses of one sender into the reference's frame, with yaw unwrapped."""
 
-    def __init__(self, origin: FloatArray) -> None:
-        self._to_reference = origin
+    def __init__(self, to_reference: FloatArray) -> None:
+        self._to_reference = to_reference
         self._yaw: float | None = None
+
+    @classmethod
+    def onto(cls, start: FloatArray, seen: Seen) -> _Frame:
+        return cls(compose(start, invert(np.array([seen.x, seen.y, seen.yaw]))))
 
     def take(self, seen: Seen) -> FloatArray:
         """Return the (3,) pose, its yaw unwrapped from the last one (Sec. 4.2)."""
         yaw = seen.yaw if self._yaw is None else self._yaw + float(wrap_angle(seen.yaw - self._yaw))
         self._yaw = yaw
         return compose(self._to_reference, np.array([seen.x, seen.y, yaw]))
-
-
-def _onto(start: FloatArray, seen: Seen) -> FloatArray:
-    """Return the transform that takes the pose seen now to the reference's start."""
-    return compose(start, invert(np.array([seen.x, seen.y, seen.yaw])))
 
 
 class Pilot:
@@ -111,22 +110,17 @@ class Pilot:
         self.waypoints, self.settings = waypoints, settings
         self.phase = Phase.WAITING
         self.why_waiting = "no feedback yet"
-        self._arrival = -math.inf
-        self._stamp = -math.inf
-        self._fresh = 0
+        self._arrival = self._stamp = -math.inf
+        self._fresh, self._begin = 0, 0.0
         self._mind: Mind = FRESH_MIND
-        self._begin = 0.0
-        self._rows: list[FloatArray] = []
         self._times: list[float] = []
+        self._rows: list[FloatArray] = []
         self._tracked: list[FloatArray] = []
         self._last_tracked: Seen | None = None
         self._tracked_frame: _Frame | None = None
         self._frame = _Frame(np.zeros(3))
-        self._warm_up()
-
-    def _warm_up(self) -> None:
         self._run_tick(FRESH_MIND.seen, 0.0, 0.02)
-        velocity_tick(self._tracker, self._mind, self.settings.period)
+        velocity_tick(self._tracker, self._mind, settings.period)
         is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
         self._mind = FRESH_MIND
 
@@ -142,8 +136,7 @@ class Pilot:
         """Take a pose from a tracking system, for the record and not for the controller."""
         self._last_tracked = seen
         if self._tracked_frame is not None:
-            pose = self._tracked_frame.take(seen)
-            self._tracked.append(np.array([seen.stamp - self._begin, *pose]))
+            self._tracked.append(np.array([seen.stamp - self._begin, *self._tracked_frame.take(seen)]))
 
     def see(self, seen: Seen, now: float) -> None:
         """Take the robot's pose and speeds, and run the position loop.
@@ -166,7 +159,6 @@ class Pilot:
                 self._tick(seen, dt)
 
     def _consider(self, seen: Seen, dt: float) -> None:
-        """Start driving, or say in `why_waiting` why not."""
         start = self.waypoints.start
         away = math.hypot(seen.x - start.x, seen.y - start.y)
         if not 0.0 < dt < FRESH:
@@ -184,15 +176,14 @@ class Pilot:
             turn = start.yaw + float(wrap_angle(seen.yaw - start.yaw)) - seen.yaw
             self._frame = _Frame(np.array([0.0, 0.0, turn]))
         else:
-            self._frame = _Frame(_onto(origin, seen))
+            self._frame = _Frame.onto(origin, seen)
         if self._last_tracked is not None:
             here = self._frame.take(seen) if self.settings.absolute else origin
-            self._tracked_frame = _Frame(_onto(here, self._last_tracked))
+            self._tracked_frame = _Frame.onto(here, self._last_tracked)
         self._begin, self.phase = seen.stamp, Phase.DRIVING
         self._tick(seen, dt)
 
     def _tick(self, seen: Seen, dt: float) -> None:
-        """Run one step of the position loop."""
         t = seen.stamp - self._begin
         x, y, yaw = map(float, self._frame.take(seen))
         self._rows.append(self._run_tick(Observation(x, y, yaw, seen.v, seen.w), t, dt))

@@ -95,11 +95,9 @@ def set_pose_service() -> type[Any]:
     Debian does not package robot_localization. A type with the same name and checksum, made here, is the same on the wire:
     its request is one PoseWithCovarianceStamped, its answer is empty.
     """
-    try:
+    if importlib.util.find_spec("robot_localization") is not None:
         found: type[Any] = importlib.import_module("robot_localization.srv").SetPose
         return found
-    except ImportError:
-        pass
     import genpy
     from std_srvs.srv import EmptyResponse
 
@@ -180,19 +178,21 @@ class Port:
             NoGraphError: rospy is missing, or no master answers.
         """
         self._rospy = load_rospy()
-        self._uri = os.environ.setdefault("ROS_MASTER_URI", "http://localhost:11311")
+        self.master = os.environ.setdefault("ROS_MASTER_URI", "http://localhost:11311")
+        """Address of the master."""
         self._id = f"/{name}"
         try:
-            self._pid = ask_master(self._uri, self._id, 10.0 * _MASTER_PATIENCE)
+            self.master_pid = ask_master(self.master, self._id, 10.0 * _MASTER_PATIENCE)
         except OSError:
             raise NoGraphError(
-                f"no ROS master answers at {self._uri}: start one with roscore, or set ROS_MASTER_URI to where it is"
+                f"no ROS master answers at {self.master}: start one with roscore, or set ROS_MASTER_URI to where it is"
             ) from None
-        self._handlers = logging.getLogger().handlers[:], logging.getLogger().level
+        root = logging.getLogger()
+        handlers, level = root.handlers[:], root.level
         with warnings.catch_warnings(action="ignore"):
             self._rospy.init_node(name, disable_signals=True, disable_rosout=True)
-        logging.getLogger().handlers[:], level = self._handlers
-        logging.getLogger().setLevel(level)
+        root.handlers[:] = handlers
+        root.setLevel(level)
         self._inbox: queue.SimpleQueue[Received] = queue.SimpleQueue()
         self._calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
         self._publishers: dict[str, tuple[Any, type[Any]]] = {}
@@ -202,13 +202,11 @@ class Port:
         """Set while the master does not answer, or after another one took its place, which does not know this node."""
         threading.Thread(target=self._watch_master, daemon=True).start()
 
-    # --- the master ---
-
     def _watch_master(self) -> None:
         doubt = 0
         while not self._closed.wait(_MASTER_PERIOD):
             try:
-                same = ask_master(self._uri, self._id, _MASTER_PATIENCE) == self._pid
+                same = ask_master(self.master, self._id, _MASTER_PATIENCE) == self.master_pid
                 doubt = 0 if same else doubt + _REFUSED
             except TimeoutError:
                 doubt += _SILENT
@@ -219,23 +217,10 @@ class Port:
             elif doubt == 0:
                 self.master_gone.clear()
 
-    @property
-    def master_pid(self) -> int:
-        """Process id of the master, on its own machine."""
-        return self._pid
-
-    @property
-    def master(self) -> str:
-        """Address of the master."""
-        return self._uri
-
     def set_parameter(self, name: str, value: Any) -> None:
         """Set a parameter until the port closes; then its old value comes back."""
-        before = self._rospy.get_param(name, None)
-        self._restore = name, before
+        self._restore = name, self._rospy.get_param(name, None)
         self._rospy.set_param(name, value)
-
-    # --- out ---
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
         """Open a topic for sending."""
@@ -249,15 +234,12 @@ class Port:
     def send(self, topic: str, fill: Callable[[Any], None]) -> None:
         """Send a message that `fill` has filled, without waiting for slow subscribers."""
         publisher, made = self._publishers[topic]
-        message = made()
-        fill(message)
+        fill(message := made())
         publisher.publish(message)
 
     def listeners(self, topic: str) -> int:
         """Return the number of listeners of a topic that is open for sending."""
         return int(self._publishers[topic][0].get_num_connections())
-
-    # --- in ---
 
     def listen(self, topic: str, kind: str) -> None:
         """Let the messages of a topic come into the queue."""

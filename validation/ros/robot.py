@@ -144,9 +144,3 @@ class SimulatedRobot:
     def imu(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Return the (3,) rates sensed last [rad/s], the (3,) specific force [m/s2], and the variances reported for both."""
         return self._gyro, self._plant.imu()[1], (self.filter.variance_gyro, _FORCE_VARIANCE)
-
-
-def warm_up(robot: SimulatedRobot) -> None:
-    """Compile the kernels that a robot needs, on a robot that is not used afterwards."""
-    robot.advance(1, STAND_STILL)
-    robot.sense()

@@ -11,11 +11,11 @@ from ssmr.types import State
 from validation import store
 from validation.plants.profile import Profile, make_plant
 from validation.robots.plant import MujocoPlant
-from validation.ros.commands import CommandGate
+from validation.ros.commands import STAND_STILL, CommandGate
 from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
 from validation.ros.pilot import Pilot
 from validation.ros.port import Port
-from validation.ros.robot import SensorSettings, SimulatedRobot, warm_up
+from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.sim import SIM_TIME_PARAMETER, SimNode, SimReport, connect_simulation
 from validation.track.data import TrackedRobot, reference_of, track_metrics
 from validation.track.gains import GainSet
@@ -49,14 +49,16 @@ def simulate_robot(
     port = Port("husky_simulation")
     try:
         plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
-        warm_up(SimulatedRobot(plant, settings))
+        compiled = SimulatedRobot(plant, settings)  # compiles the kernels, and is not used afterwards
+        compiled.advance(1, STAND_STILL)
+        compiled.sense()
         robot = SimulatedRobot(plant, settings, state)
         if not wall_time:
             port.set_parameter(SIM_TIME_PARAMETER, True)
         connect_simulation(port)
         node = SimNode(port, robot, CommandGate(), stamp_offset=time.time() if wall_time else 0.0)
-        where = (profile.name, state.x, state.y, state.yaw)
-        _logger.info("the robot of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", *where)
+        said = "the robot of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends"
+        _logger.info(said, profile.name, state.x, state.y, state.yaw)
         try:
             node.run(duration)
         finally:

@@ -10,7 +10,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ssmr.errors import SsmrError
 from validation.ros import messages as msg
 from validation.ros.commands import LOCK_TOPIC, SOURCES, STAND_STILL, CommandGate, Twist
 from validation.ros.pacing import Pace, Pacer, instants
+from validation.ros.port import Port
 from validation.ros.robot import SENSOR_RATE, SimulatedRobot
 
 _logger = logging.getLogger(__name__)
@@ -55,38 +56,6 @@ _LEAVE_AFTER = 2.0
 listeners see that the robot stands."""
 
 
-class Channel(Protocol):
-    """The methods of a port that the nodes use; `Port` has them for ROS 1."""
-
-    master_gone: threading.Event
-    """Set while the master does not answer."""
-
-    @property
-    def master(self) -> str:
-        """Address of the master."""
-        ...
-
-    def make(self, kind: str) -> Any:
-        """Return an empty message of `package/Type`."""
-        ...
-
-    def send(self, topic: str, fill: Callable[[Any], None]) -> None:
-        """Send a message that `fill` has filled."""
-        ...
-
-    def receive(self, timeout: float = 0.0) -> Any:
-        """Return the next message (topic, arrival, message), waited for at most `timeout` [s]; None if none came."""
-        ...
-
-    def listeners(self, topic: str) -> int:
-        """Return the number of listeners of a topic that is open for sending."""
-        ...
-
-    def call(self) -> Any:
-        """Return the next call of set_pose (request, answer); None if there is none."""
-        ...
-
-
 class MasterGoneError(SsmrError):
     """The master does not answer any more, and the robot was stopped."""
 
@@ -121,7 +90,7 @@ class SimNode:
 
     def __init__(
         self,
-        port: Channel,
+        port: Port,
         robot: SimulatedRobot,
         gate: CommandGate,
         *,
@@ -147,6 +116,7 @@ class SimNode:
             _IMU_TOPIC: lambda m: msg.fill_imu(m, self._stamp, *robot.imu()),
             POSE_TOPIC: lambda m: msg.fill_pose_stamped(m, self._stamp, msg.WORLD, robot.pose),
             _CLOCK_TOPIC: lambda m: msg.set_stamp(m.clock, self._stamp),
+            TF_TOPIC: self._fill_tf,
         }
         self.report = SimReport()
         self._told_late = False
@@ -165,7 +135,7 @@ class SimNode:
             DivergedError: the simulator gave up.
             KeyboardInterrupt: the user interrupted.
         """
-        robot, pacer = self._robot, Pacer(self._clock, self._sleep)
+        port, robot, pacer = self._port, self._robot, Pacer(self._clock, self._sleep)
         try:
             for step, due in instants(PUBLISH_RATES, robot.dt):
                 if step * robot.dt > duration + 1e-9:
@@ -178,7 +148,9 @@ class SimNode:
                 if any(topic in due for topic in _SENSOR_TOPICS):
                     robot.sense()
                 self._watch(pacer.wait(robot.time))
-                self._send(due)
+                for topic in due:
+                    port.send(topic, self._senders[topic])
+                    self.report.sent[topic] += 1
                 self._tell_rest(command)
                 self._leave()
         finally:
@@ -193,8 +165,7 @@ class SimNode:
             if got.topic == LOCK_TOPIC:
                 self._gate.lock(bool(got.message.data))
             elif got.topic == SET_POSE_TOPIC:
-                fault = self._set_pose(got.message)
-                if fault:
+                if fault := self._set_pose(got.message):
                     _logger.warning("%s: %s", SET_POSE_TOPIC, fault)
             elif self._gate.offer(got.topic, msg.read_twist(got.message), got.arrival):
                 self.report.waits.append(now - got.arrival)
@@ -214,14 +185,6 @@ class SimNode:
             return str(error)
         _logger.info("%.2f s: the filter was set to x %.3f m, y %.3f m, yaw %.3f rad", self._robot.time, *pose)
         return ""
-
-    def _send(self, due: tuple[str, ...]) -> None:
-        for topic in due:
-            if topic == TF_TOPIC:
-                self._port.send(TF_TOPIC, self._fill_tf)
-            else:
-                self._port.send(topic, self._senders[topic])
-            self.report.sent[topic] += 1
 
     def _fill_tf(self, message: Any) -> None:
         x, y, yaw = map(float, self._robot.believed()[0])
@@ -265,7 +228,7 @@ class SimNode:
             )
 
 
-def connect_simulation(port: Any) -> None:
+def connect_simulation(port: Port) -> None:
     """Open the simulated Husky's topics and service on a port."""
     for topic, kind in MESSAGE_TYPES.items():
         port.advertise(topic, kind)

@@ -76,12 +76,13 @@ def names(controller: str | None = None) -> list[str]:
     return found if controller is None else [name for name in found if name.rpartition("-")[0] == controller]
 
 
-def load_gains(controller: str, name_or_path: str) -> GainSet:
+def load_gains(controller: str, name_or_path: str | None = None) -> GainSet:
     """Return the gains of a controller: a shipped set by name, or a TOML file by path.
 
     Args:
         controller: one of `FIELDS`.
         name_or_path: a name with the controller's in front (`lqr-manual`) or without (`manual`), `default`, or a path.
+            None: `published` where the thesis has gains for that controller, else `tuned`, else `default`, the law's own.
 
     Raises:
         GainsError: there is none, it belongs to another controller, or it says something that cannot be; one line that
@@ -91,6 +92,9 @@ def load_gains(controller: str, name_or_path: str) -> GainSet:
         _gains_of(controller)
     except ValueError as error:
         raise GainsError(str(error)) from error
+    if name_or_path is None:
+        there = names(controller)
+        name_or_path = next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)
     if name_or_path == DEFAULT:
         values = asdict(LAWS[controller].gains())
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller")

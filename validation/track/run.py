@@ -16,7 +16,7 @@ from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress, Report, silent
 from validation.robots.terrain import FLAT, Terrain
 from validation.track.data import TrackedRobot, reference_of
-from validation.track.gains import DEFAULT, GainSet, load_gains, names
+from validation.track.gains import GainSet, load_gains
 from validation.track.loops import Robot, make_controller, make_robot, odometry_of, rate, require_practicable, run_robots
 from validation.track.result import TrackResult
 from validation.track.waypoint_files import open_reference
@@ -171,7 +171,7 @@ def prepare_tracking(
     if not plants or len(set(plants)) < len(plants):
         raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
     chosen = profile if isinstance(profile, Profile) else load_profile(str(profile))
-    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains or default_gains(controller)))
+    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None)
     if wanted.controller != controller:
         raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
     if isinstance(reference, Waypoints):
@@ -187,9 +187,3 @@ def prepare_tracking(
     for robot in robots:
         require_practicable(waypoints, robot.drive, label)
     return PreparedTracking(law, wanted, label, waypoints, chosen, robots, settings)
-
-
-def default_gains(controller: str) -> str:
-    """Return `published` where the thesis has gains for that controller, else `tuned`, else `default`, the law's own."""
-    there = names(controller)
-    return next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from ssmr.control.law import Observation
-from ssmr.control.waypoints import ALPHA_SWITCH, LARGEST, Target, Waypoints, position_errors, target
+from ssmr.control.waypoints import ALPHA_SWITCH, LARGEST_NUMBER, Target, Waypoints, position_errors, target
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
@@ -46,7 +46,7 @@ NOT_WAYPOINTS: dict[str, tuple[ArrayLike, ArrayLike, str]] = {
     "one": ([0.0], [[0.0, 0.0]], "at least two waypoints, got 1"),
     "nan": ([0, 1, 2], [[0, 0], [1, np.nan], [2, 0]], r"waypoint 2: y is nan, wanted a finite number \[m\]"),
     "infinite": ([0, 1, 2], [[0, 0], [1, 0], [np.inf, 0]], r"waypoint 3: x is inf, wanted a finite number \[m\]"),
-    "far": ([0, 1], [[0, 0], [2 * LARGEST, 0]], r"waypoint 2: x is 2e\+12, wanted .* no larger than 1e\+12"),
+    "far": ([0, 1], [[0, 0], [2 * LARGEST_NUMBER, 0]], r"waypoint 2: x is 2e\+12, wanted .* no larger than 1e\+12"),
     "nan time": ([0, np.nan], [[0, 0], [1, 0]], r"waypoint 2: t is nan, wanted a finite number \[s\]"),
     "time twice": ([0, 1, 1], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 1 s follows 1 s"),
     "time back": ([0, 1, 0.5], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 0.5 s follows 1 s"),

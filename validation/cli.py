@@ -222,6 +222,27 @@ class Run:
     workers: Workers = None
 
 
+@dataclass(frozen=True)
+class Output:
+    """Options for what is written and shown by a program that makes a recording; each program says its own folder."""
+
+    out: Path | None = None
+    view: View = False
+    no_rerun: NoRerun = False
+
+    def check(self) -> None:
+        """Refuse to show a recording that is not written."""
+        if self.view and self.no_rerun:
+            raise UserError("--view shows the rerun recording; leave out --no-rerun")
+
+    def show(self, recording: Path) -> None:
+        """Open the recording in the viewer if that is asked for."""
+        if self.view:
+            from validation.show.viewer import open_viewer
+
+            open_viewer(recording)
+
+
 # ------------------------------------------------------------------------------------------- mistakes
 @contextlib.contextmanager
 def mistakes_are_users() -> Iterator[None]:

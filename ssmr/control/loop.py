@@ -274,12 +274,7 @@ def true_state(state: State, torques: tuple[float, float] = (0.0, 0.0)) -> Truth
 
 
 def run_loop(
-    plant: Plant,
-    controller: Controller,
-    waypoints: Waypoints,
-    settings: LoopSettings,
-    seed: int,
-    start: State | None = None,
+    plant: Plant, controller: Controller, waypoints: Waypoints, settings: LoopSettings, seed: int, start: State | None = None
 ) -> ClosedRun:
     """Drive any plant along a reference, physics step by physics step. The fused loops must equal this slow one.
 

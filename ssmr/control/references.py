@@ -6,8 +6,6 @@ All begin at the origin. Speeds are those of the caller: the thesis ran each at 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import numpy as np
 
@@ -79,10 +77,6 @@ def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods:
     arc = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(x))])
     along = np.interp(_spread(float(arc[-1])), arc, x)
     return Waypoints.from_path(np.column_stack([along, amplitude * np.sin(k * along)]), speed)
-
-
-REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({"line": line, "circle": circle, "sine": sine})
-"""Formulas by name, each a function of the reference speed [m/s]; the fourth reference, generic, is data."""
 
 
 def _require_positive(**numbers: float) -> None:

@@ -22,7 +22,7 @@ SAME_PLACE = 1e-9
 """Neighbouring waypoints no farther apart than this are one point, and give no heading [m]."""
 SAME_TIME = 1e-9
 """Neighbouring waypoints no later than this are at one time, and give no speed [s]."""
-LARGEST = 1e12
+LARGEST_NUMBER = 1e12
 """Greatest coordinate [m] or time [s] that is believed: doubles lie 0.1 mm apart there."""
 
 
@@ -74,9 +74,9 @@ class Errors(NamedTuple):
 def find_fault(t: FloatArray, xy: FloatArray) -> Fault | None:
     """Return the first point that makes (N,) times [s] and (N, 2) places [m] no trajectory, or None."""
     for column, values, unit in (("x", xy[:, 0], "m"), ("y", xy[:, 1], "m"), ("t", t, "s")):
-        bad = np.flatnonzero(~(np.abs(values) <= LARGEST))
+        bad = np.flatnonzero(~(np.abs(values) <= LARGEST_NUMBER))
         if len(bad):
-            what = f"{column} is {values[bad[0]]:g}, wanted a finite number [{unit}] no larger than {LARGEST:g}"
+            what = f"{column} is {values[bad[0]]:g}, wanted a finite number [{unit}] no larger than {LARGEST_NUMBER:g}"
             return Fault(int(bad[0]), column, what)
     still = np.flatnonzero(_lengths(xy) <= SAME_PLACE)
     if len(still):

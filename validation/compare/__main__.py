@@ -38,16 +38,14 @@ class Environment:
 
 
 @dataclass(frozen=True)
-class Output:
+class CompareOutput(cli.Output):
     """Options for what is written and shown."""
 
     out: Annotated[Path | None, cli.out_option("runs/compare/SOURCE; on a terrain SOURCE-TERRAIN")] = None
-    view: cli.View = False
-    no_rerun: cli.NoRerun = False
 
 
 @dataclass(frozen=True)
-class Options:
+class CompareOptions:
     """The options of `python -m validation.compare`."""
 
     source: Annotated[str, tyro.conf.Positional, cli.option(metavar="SOURCE")]
@@ -62,7 +60,7 @@ class Options:
     recording: RecordingOptions = RecordingOptions()
     environment: Environment = Environment()
     run: cli.Run = field(default_factory=cli.Run)
-    output: Output = Output()
+    output: CompareOutput = CompareOutput()
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
@@ -70,7 +68,7 @@ class Options:
         return self.output.out or Path("runs") / "compare" / (Path(self.source).stem + ground)
 
 
-def main(options: Options) -> None:
+def main(options: CompareOptions) -> None:
     """Drive every plant with the same commands and compare each with the reference.
 
     Prints tables and writes compare.json, compare.png and compare.rrd.
@@ -81,8 +79,7 @@ def main(options: Options) -> None:
 
     log, environment, output = options.recording, options.environment, options.output
     with cli.mistakes_are_users():
-        if output.view and output.no_rerun:
-            raise cli.UserError("--view shows the rerun recording; leave out --no-rerun")
+        output.check()
         settings = CompareSettings(
             log.input,
             log.horizons,
@@ -102,10 +99,7 @@ def main(options: Options) -> None:
         if result.health is not None and not result.health.ok:
             cli.warn(f"{result.name}: {result.health.advice}")
     cli.report_result(comparison, written)
-    if output.view:
-        from validation.show.viewer import open_viewer
-
-        open_viewer(folder / "compare.rrd")
+    output.show(folder / "compare.rrd")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from validation.track.run import TrackSettings, prepare_tracking
 
 
 @dataclass(frozen=True)
-class ControlOptions:
+class LawOptions:
     """Options of the controller and of what it sees."""
 
     gains: Annotated[
@@ -31,7 +31,7 @@ class ControlOptions:
 
 
 @dataclass(frozen=True)
-class Environment:
+class World:
     """Options of the simulated world."""
 
     no_noise: cli.Flag = False
@@ -44,16 +44,14 @@ class Environment:
 
 
 @dataclass(frozen=True)
-class Output:
+class TrackOutput(cli.Output):
     """Options for what is written and shown."""
 
     out: Annotated[Path | None, cli.out_option("runs/track/CONTROLLER-REFERENCE")] = None
-    view: cli.View = False
-    no_rerun: cli.NoRerun = False
 
 
 @dataclass(frozen=True)
-class Options:
+class TrackOptions:
     """The options of `python -m validation.track`."""
 
     controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
@@ -69,21 +67,20 @@ class Options:
     """Plant that is the robot. Several, separated by commas, are driven one beside the other; the first one is the one that
     track.json reports."""
     profile: Annotated[str, cli.profile_option()] = "thesis-lab"
-    control: ControlOptions = ControlOptions()
-    environment: Environment = Environment()
+    control: LawOptions = LawOptions()
+    environment: World = World()
     run: cli.Run = field(default_factory=cli.Run)
-    output: Output = Output()
+    output: TrackOutput = TrackOutput()
 
 
-def main(options: Options) -> None:
+def main(options: TrackOptions) -> None:
     """Let a robot follow a reference under a controller.
 
     Prints tables and writes track.json, track.png and track.rrd.
     """
     control, world, output = options.control, options.environment, options.output
     with cli.mistakes_are_users():
-        if output.view and output.no_rerun:
-            raise cli.UserError("--view shows the rerun recording; leave out --no-rerun")
+        output.check()
         settings = TrackSettings(
             options.speed,
             "truth" if world.no_noise else control.feedback,
@@ -100,10 +97,7 @@ def main(options: Options) -> None:
     stem = f"{options.controller}-{Path(options.reference).stem}"
     folder = cli.output_folder(output.out or Path("runs") / "track" / stem)
     cli.report_result(tracked, tracked.save(folder, recording=not output.no_rerun))
-    if output.view:
-        from validation.show.viewer import open_viewer
-
-        open_viewer(folder / "track.rrd")
+    output.show(folder / "track.rrd")
 
 
 if __name__ == "__main__":

@@ -20,11 +20,7 @@ from validation.robots.terrain import FLAT, Terrain
 AT_LIMIT = 0.999
 """From this share of a limit on, a torque or a command counts as saturated."""
 LIMITED: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "side_torque_limit_N_m": ("torque_left", "torque_right"),
-        "v_max_m_s": ("v_cmd",),
-        "w_max_rad_s": ("w_cmd",),
-    }
+    {"side_torque_limit_N_m": ("torque_left", "torque_right"), "v_max_m_s": ("v_cmd",), "w_max_rad_s": ("w_cmd",)}
 )
 """Names of the limits among the options of a result, and the columns of the log that each holds for."""
 
@@ -102,12 +98,7 @@ class TrackedRobot:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the metrics, whether the robot was lost, and how long simulating took."""
-        return {
-            **self.metrics,
-            "lost": self.run.lost,
-            "wall_s": self.wall_s,
-            "real_time_factor": self.real_time_factor,
-        }
+        return {**self.metrics, "lost": self.run.lost, "wall_s": self.wall_s, "real_time_factor": self.real_time_factor}
 
 
 def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from ssmr.control.waypoints import ALPHA_SWITCH
 from validation.robots.terrain import FLAT
@@ -26,7 +25,6 @@ from validation.show.drawing import (
     Dashes,
     Panel,
     Row,
-    Span,
     at_least,
     corner_note,
     draw_dart,
@@ -47,11 +45,7 @@ from validation.show.tables import DEGREES, Unit, length_unit, shortened, units_
 from validation.track.data import TrackedRobot
 from validation.track.table import SHOWN_METRICS, gains_text, headline, lost_text, require_comparable
 
-WIDE = 2.6
-"""A reference wider than so many times its height has a row of its own."""
-ALONE = 1
-"""Greatest number of robots for which wanted, commanded and observed velocities are drawn beside the actual ones."""
-
+_WIDE = 2.6  # a reference wider than so many times its height has a row of its own
 _TITLE_IN, _TABLE_LINE_IN, _GAINS_LINE_IN, _LEGEND_IN, _FOOTER_IN = 0.34, 0.2, 0.17, 0.26, 0.22
 _WIDE_IN, _TALL_IN, _ERRORS_IN, _SPEEDS_IN = (1.5, 2.25), 4.0, 2.0, 2.0
 _HEADING_IN = (9.0, 7.0)  # width of the heading at most, and where somebody was lost
@@ -82,11 +76,6 @@ def _draw_title(results: Sequence[TrackedRobot], ax: Axes) -> None:
     word = word if lost else f"profile {shortened(first.profile, 24)} · seed {first.seed}"
     ax.text(1.0, 1.0, word, transform=ax.transAxes, ha="right", va="top", fontsize=10.5,
             fontweight="bold" if lost else "normal", color=ALARM if lost else QUIET)  # fmt: skip
-
-
-def _gains_lines(result: TrackedRobot) -> list[str]:
-    text = f"gains {shortened(result.gains_name, 40)}: {gains_text(result.gains)}"
-    return textwrap.wrap(text, _GAINS_WRAP, break_on_hyphens=False)
 
 
 def _draw_gains(lines: Sequence[str], ax: Axes) -> None:
@@ -122,7 +111,7 @@ def _draw_measures(results: Sequence[TrackedRobot], ax: Axes) -> None:
 def _draw_legend(results: Sequence[TrackedRobot], ax: Axes) -> None:
     """Draw the legend of everything but the robots."""
     ax.set_axis_off()
-    alone = len(results) <= ALONE
+    alone = len(results) == 1
     handles: list[Artist] = [
         Line2D([], [], color=REFERENCE_INK, linewidth=0.9, linestyle=REFERENCE_DASHES),
         Line2D([], [], color=_WANTED if alone else "0.5", linewidth=0.9, linestyle="solid" if alone else _WANTED_DASHES),
@@ -153,12 +142,6 @@ def _footer_text(result: TrackedRobot) -> str:
 # --- over time ---
 
 
-def _span(results: Sequence[TrackedRobot]) -> Span:
-    """Return the span of time in which any robot was driven [s]."""
-    last = max((float(r.run.t[-1]) for r in results if len(r.run.t)), default=0.0)
-    return 0.0, max(last, _LEAST_TIME)
-
-
 def _shows_seen(result: TrackedRobot) -> bool:
     """Return whether the controller saw something else than the truth."""
     return len(result.run.t) > 0 and not np.array_equal(
@@ -168,21 +151,23 @@ def _shows_seen(result: TrackedRobot) -> bool:
 
 def _finish_time(results: Sequence[TrackedRobot], strips: bool, ax: Axes) -> None:
     """Set the time axis, and mark losses and saturation; with several robots saturation is a strip for each."""
-    ax.set_xlim(*_span(results))
-    ax.set_xlabel("time [s]")
+    alone = len(results) == 1
+    last = max((float(r.run.t[-1]) for r in results if len(r.run.t)), default=0.0)
+    ax.set(xlim=(0.0, max(last, _LEAST_TIME)), xlabel="time [s]")
     ax.locator_params(axis="y", nbins=6)
     for row, r in enumerate(results):
         t = r.run.t
         if r.run.lost and len(t):
             ax.axvline(t[-1], color=ALARM, linewidth=1.0, linestyle=":", zorder=1.9, gid=f"{r.plant} lost")
         at_limit = r.saturated
-        if not at_limit.any() or not (strips or len(results) <= ALONE):
+        if not at_limit.any() or not (strips or alone):
             continue
+        lasting = at_limit | np.concatenate([[False], at_limit[:-1]])  # a tick stands for the time until the next
         below = (len(results) - 1 - row) * _STRIP
-        low, high = (0.0, 1.0) if len(results) <= ALONE else (below, below + _STRIP)
-        ink, alpha = (_SHADE, _SHADE_ALPHA) if len(results) <= ALONE else (ink_of(r.plant), 0.8)
+        low, high = (0.0, 1.0) if alone else (below, below + _STRIP)
+        ink, alpha = (_SHADE, _SHADE_ALPHA) if alone else (ink_of(r.plant), 0.8)
         ax.fill_between(
-            t, low, high, where=_to_next(at_limit), step="post", transform=ax.get_xaxis_transform(), color=ink, alpha=alpha,
+            t, low, high, where=lasting, step="post", transform=ax.get_xaxis_transform(), color=ink, alpha=alpha,
             linewidth=0.0, zorder=0.5, gid=f"{r.plant} saturated",
         )  # fmt: skip
 
@@ -190,11 +175,6 @@ def _finish_time(results: Sequence[TrackedRobot], strips: bool, ax: Axes) -> Non
 def _marker(result: TrackedRobot) -> str:
     """Return the marker of a robot that was lost before there is a line to show."""
     return "o" if len(result.run.t) < 2 else ""
-
-
-def _to_next(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the flags with the sample after each period: a tick stands for the time until the next."""
-    return flags | np.concatenate([[False], flags[:-1]])
 
 
 def _draw_speed(
@@ -208,8 +188,9 @@ def _draw_speed(
     longest = max(results, key=lambda r: len(r.target))
     t, wanted_by = longest.target.t[:-1], longest.target.twist[:-1, target]
     ax.plot(t, wanted_by, color=REFERENCE_INK, linewidth=0.9, linestyle=REFERENCE_DASHES, zorder=2.2, gid="reference")
+    alone = len(results) == 1
     for r in results:
-        t, alone = r.run.t, len(results) <= ALONE
+        t = r.run.t
         if alone and _shows_seen(r):
             ax.plot(t, r.run.column(seen), color=_SEEN, linewidth=0.6, alpha=0.7, zorder=1.2, gid=f"{r.plant} seen")
         if alone:
@@ -221,7 +202,7 @@ def _draw_speed(
         ax.plot(t, r.run.column(done), color=ink_of(r.plant), linewidth=NARROW, marker=_marker(r), zorder=2.5, gid=r.plant)
     ax.set_title(title)
     at_least(ax, least)
-    if len(results) > ALONE:
+    if not alone:
         low, high = ax.get_ylim()
         ax.set_ylim(low - len(results) * _STRIP * (high - low), high)  # room for the strips
     _finish_time(results, True, ax)
@@ -266,8 +247,8 @@ def _draw_paths(results: Sequence[TrackedRobot], ax: Axes) -> None:
 # --- all of it ---
 
 
-def _panels(results: Sequence[TrackedRobot]) -> tuple[Panel, list[Panel], list[Panel]]:
-    """Return the panels of the paths, of the velocities and of the three errors."""
+def _motion_rows(results: Sequence[TrackedRobot]) -> list[Row]:
+    """Return the panels of paths, velocities and errors in rows, arranged by the width of the paths."""
     reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in results if len(r.run.t)]
     length = length_unit([float(max(reach, default=0.0))])
     speeds: list[Panel] = [
@@ -279,15 +260,10 @@ def _panels(results: Sequence[TrackedRobot]) -> tuple[Panel, list[Panel], list[P
         partial(_draw_error, results, "e_y: offset to the left", "e_y", length, 0.01),
         partial(_draw_error, results, "e_alpha: heading", "e_alpha", DEGREES, math.radians(1.0)),
     ]
-    return partial(_draw_paths, results), speeds, errors
-
-
-def _motion_rows(results: Sequence[TrackedRobot]) -> list[Row]:
-    """Return the rows of panels, arranged by the width of the paths."""
-    paths, speeds, errors = _panels(results)
+    paths = partial(_draw_paths, results)
     every = np.concatenate([xy for r in results for xy in (r.target.xy, r.run.columns("x", "y"))])
     width, height = np.ptp(every, axis=0) + 0.3
-    if width > WIDE * height:
+    if width > _WIDE * height:
         tall = float(np.clip(12.0 * height / width + 0.75, *_WIDE_IN))
         return [Row(tall, ((1.0, paths),)), side_by_side(_SPEEDS_IN, speeds), side_by_side(_ERRORS_IN, errors)]
     share = float(np.clip(0.07 + 0.27 * width / height, 0.3, 0.46))
@@ -310,7 +286,8 @@ def draw_track(results: Sequence[TrackedRobot]) -> Figure:
         ValueError: robots that cannot be shown beside one another.
     """
     require_comparable(results)
-    gains = _gains_lines(results[0])
+    gains_line = f"gains {shortened(results[0].gains_name, 40)}: {gains_text(results[0].gains)}"
+    gains = textwrap.wrap(gains_line, _GAINS_WRAP, break_on_hyphens=False)
     rows = [
         text_row(_TITLE_IN, partial(_draw_title, results)),
         text_row(_GAINS_LINE_IN * len(gains), partial(_draw_gains, gains)),

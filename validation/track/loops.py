@@ -48,15 +48,10 @@ class Robot:
         return self.body.terrain if isinstance(self.body, MujocoPlant) else FLAT
 
     @property
-    def side_limit(self) -> float:
-        """Greatest torque of a side [N m]."""
-        return 2.0 * self.drive.torque_limit
-
-    @property
     def limits(self) -> dict[str, float]:
         """Limits of torque and command, by their names among the options of a result."""
         return {
-            "side_torque_limit_N_m": self.side_limit,
+            "side_torque_limit_N_m": 2.0 * self.drive.torque_limit,
             "v_max_m_s": self.drive.v_max,
             "w_max_rad_s": self.drive.w_max,
         }

@@ -43,20 +43,13 @@ from validation.store import write_atomic
 from validation.track.data import TrackedRobot
 from validation.track.table import gains_text, headline, require_comparable, track_markdown
 
-REFERENCE, TARGET = "reference", "target"
-TRAIL_UPDATES = 200
-"""Greatest number of times that a trail grows."""
-TRAIL_POINTS = 600
-"""Greatest number of points of a trail."""
+_TRAIL_UPDATES, _TRAIL_POINTS = 200, 600  # a trail grows at most so many times, and has at most so many points
 TRAIL_HEIGHT = 0.016
 """Just above the reference [m]."""
-TARGET_INK: Rgb = (20, 20, 24)
-QUANTITIES = (
-    ("speed", "m/s", "v_x", "u_ref", "v_cmd", 0),
-    ("yaw_rate", "rad/s", "yaw_rate", "w_ref", "w_cmd", 2),
-)
+_TARGET_INK: Rgb = (20, 20, 24)
+_QUANTITIES = (("speed", "m/s", "v_x", "u_ref", "v_cmd", 0), ("yaw_rate", "rad/s", "yaw_rate", "w_ref", "w_cmd", 2))
 """Velocities in plots: name, unit, columns of the actual, wanted and commanded one, and index in the target's twist."""
-ERRORS = (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad"))
+_ERRORS = (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad"))
 
 
 def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
@@ -74,13 +67,24 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     require_comparable(results)
     first = results[0]
     ground = next((r.terrain for r in results if r.terrain != FLAT), FLAT)  # planar models stand on none
-    reference = Track(REFERENCE, (max(results, key=lambda r: len(r.target)).target,), None, terrain=ground)
+    reference = Track("reference", (max(results, key=lambda r: len(r.target)).target,), None, terrain=ground)
     robots = [Track(r.plant, (r.run.motion,), None, terrain=ground) for r in results]
+
+    about = rr.AnyValues(
+        controller=first.controller,
+        gains=f"{first.gains_name}: {gains_text(first.gains)}",
+        reference=first.reference,
+        speed_m_s=first.speed,
+        profile=first.profile,
+        seed=first.seed,
+    )
 
     def fill(recording: rr.RecordingStream) -> None:
         plots = _plots(results, reference)
         recording.send_blueprint(_layout([reference, *robots], plots), make_active=False, make_default=True)
-        _write_properties(recording, first)
+        recording.send_recording_name(f"{headline(first)}, profile {first.profile}")
+        recording.send_property("tracking", about)
+        write_circumstances(recording, first.options, first.versions)
         report = rr.TextDocument(track_markdown(results), media_type=rr.MediaType.MARKDOWN)
         recording.log("report", report, static=True)
         _write_scene(recording, reference, robots)
@@ -90,20 +94,6 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     asked = (first.controller, sorted(first.gains.items()), first.reference, first.speed, first.profile, first.seed)
     data = encode(identify((*asked, sorted(map(repr, first.options.items()))), [reference, *robots]), fill)
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
-
-
-def _write_properties(recording: rr.RecordingStream, result: TrackedRobot) -> None:
-    recording.send_recording_name(f"{headline(result)}, profile {result.profile}")
-    about = rr.AnyValues(
-        controller=result.controller,
-        gains=f"{result.gains_name}: {gains_text(result.gains)}",
-        reference=result.reference,
-        speed_m_s=result.speed,
-        profile=result.profile,
-        seed=result.seed,
-    )
-    recording.send_property("tracking", about)
-    write_circumstances(recording, result.options, result.versions)
 
 
 # --- the scene ---
@@ -130,21 +120,21 @@ def _write_scene(recording: rr.RecordingStream, reference: Track, robots: Sequen
 def _write_target(recording: rr.RecordingStream, reference: Track) -> None:
     """Log a post with an arrow along the reference's heading, and where it is over time."""
     pose = reference.pose[reference.shown]
-    looks = rr.Arrows3D(origins=[[0.0, 0.0, 0.5]], vectors=[[0.45, 0.0, 0.0]], colors=[TARGET_INK], radii=[0.025])
-    recording.log(f"world/{TARGET}", looks, static=True)
-    post = lines([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]], TARGET_INK, 2.5)
-    recording.log(f"world/{TARGET}/post", post, static=True)
+    looks = rr.Arrows3D(origins=[[0.0, 0.0, 0.5]], vectors=[[0.45, 0.0, 0.0]], colors=[_TARGET_INK], radii=[0.025])
+    recording.log("world/target", looks, static=True)
+    post = lines([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]], _TARGET_INK, 2.5)
+    recording.log("world/target/post", post, static=True)
     time = rr.TimeColumn(TIMELINE, duration=reference.t[reference.shown])
     translation = np.column_stack([pose[:, :2], reference.terrain.height_at(pose[:, :2])])
     quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
-    recording.send_columns(f"world/{TARGET}", [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
+    recording.send_columns("world/target", [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
 
 
 def _write_trail(recording: rr.RecordingStream, track: Track) -> None:
     """Log where a robot has been, as it grows."""
-    every = max(1, math.ceil(len(track.t) / TRAIL_POINTS))
+    every = max(1, math.ceil(len(track.t) / _TRAIL_POINTS))
     points = np.column_stack([track.pose[:, :2], TRAIL_HEIGHT + track.terrain.height_at(track.pose[:, :2])])
-    ends = np.unique(np.linspace(0, len(track.t) - 1, TRAIL_UPDATES).astype(np.intp))
+    ends = np.unique(np.linspace(0, len(track.t) - 1, _TRAIL_UPDATES).astype(np.intp))
     trails = [[np.vstack([points[: end + 1 : every], points[end]])] for end in ends]
     time = rr.TimeColumn(TIMELINE, duration=track.t[ends])
     strips = rr.LineStrips3D.columns(strips=[strip for trail in trails for strip in trail])
@@ -157,42 +147,35 @@ def _write_trail(recording: rr.RecordingStream, track: Track) -> None:
 
 
 def _plots(results: Sequence[TrackedRobot], reference: Track) -> dict[str, Series]:
-    """All series by entity below `plots`."""
+    """Return all series by entity below `plots`."""
     plots = dict[str, Series]()
     grey = mix(BLACK, WHITE, 0.6)
     (target,) = reference.pieces
-    for quantity, unit, *_, column in QUANTITIES:
-        plots[f"{quantity}/{REFERENCE}"] = Series([f"reference [{unit}]"], [grey], target.t[:-1], target.twist[:-1, column])
+    for quantity, unit, *_, column in _QUANTITIES:
+        plots[f"{quantity}/reference"] = Series([f"reference [{unit}]"], [grey], target.t[:-1], target.twist[:-1, column])
     for r in results:
-        plots.update(_plots_of(r))
-    return plots
-
-
-def _plots_of(result: TrackedRobot) -> dict[str, Series]:
-    """The series of one robot by entity."""
-    name, run, plots = result.plant, result.run, dict[str, Series]()
-    ink = Track(name, (), None).bright
-    pale, dark = mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)
-    for quantity, unit, done, wanted, commanded, _ in QUANTITIES:
-        plots[f"{quantity}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(done))
-        plots[f"{quantity}/{name}_wanted"] = Series([f"{name} wanted [{unit}]"], [pale], run.t, run.column(wanted))
-        command = Series([f"{name} command [{unit}]"], [dark], run.t, run.column(commanded), held=True)
-        plots[f"{quantity}/{name}_command"] = command
-    for error, unit in ERRORS:
-        plots[f"{error}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(error))
-    names = [f"{name} {side} [N m]" for side in ("left", "right")]
-    shades = [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
-    plots[f"torque/{name}"] = Series(names, shades, run.t, run.columns("torque_left", "torque_right"))
+        name, run = r.plant, r.run
+        ink = Track(name, (), None).bright
+        pale, dark = mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)
+        for quantity, unit, done, wanted, commanded, _ in _QUANTITIES:
+            plots[f"{quantity}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(done))
+            plots[f"{quantity}/{name}_wanted"] = Series([f"{name} wanted [{unit}]"], [pale], run.t, run.column(wanted))
+            command = Series([f"{name} command [{unit}]"], [dark], run.t, run.column(commanded), held=True)
+            plots[f"{quantity}/{name}_command"] = command
+        for error, unit in _ERRORS:
+            plots[f"{error}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(error))
+        names = [f"{name} {side} [N m]" for side in ("left", "right")]
+        shades = [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
+        plots[f"torque/{name}"] = Series(names, shades, run.t, run.columns("torque_left", "torque_right"))
     return plots
 
 
 def _layout(tracks: Sequence[Track], plots: Mapping[str, Series]) -> rrb.Blueprint:
-    """Looks at the robots and the report on the left, plots on the right."""
-    first = tracks[1]
+    """Return looks at the robots and the report on the left, plots on the right."""
     names = [f"- /world/{track.name}/end/**" for track in tracks]
     scene, above = overviews(Extent(tracks), names)
     bodies = [f"- /world/{track.name}/robot/**" for track in tracks[2:]]
-    close = follower(first, [*names, f"- /world/{REFERENCE}/ticks/time", *bodies])
+    close = follower(tracks[1], [*names, "- /world/reference/ticks/time", *bodies])
     report = rrb.TextDocumentView(origin="/report", name="Report")
     left = rrb.Vertical(rrb.Tabs(scene, above, report), close, row_shares=[6, 5])
     span = (0.0, max(float(track.t[-1]) for track in tracks[1:]))
@@ -205,5 +188,5 @@ def _layout(tracks: Sequence[Track], plots: Mapping[str, Series]) -> rrb.Bluepri
         "torque": "Torques of the sides [N m]",
     }
     views = {entity: plot_view(plots, entity, title, span) for entity, title in titles.items()}
-    errors = [view for error, _ in ERRORS for view in views[error]]
+    errors = [view for error, _ in _ERRORS for view in views[error]]
     return blueprint(left, [views["speed"], views["yaw_rate"], errors, views["torque"]])

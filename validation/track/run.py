@@ -10,7 +10,6 @@ from pathlib import Path
 from ssmr.control.laws import Controller
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.waypoints import Waypoints
-from ssmr.robot.vehicle import Drive
 from validation import store
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress, Report, silent
@@ -50,10 +49,6 @@ class TrackSettings:
             raise ValueError(f"seed {self.seed} must not be negative")
         LoopSettings(self.feedback, lookahead=self.lookahead)
 
-    def around(self, drive: Drive) -> LoopSettings:
-        """Return the settings of the closed loop around a robot with this drive."""
-        return LoopSettings(self.feedback, filter=odometry_of(drive), disturbance=self.disturbance, lookahead=self.lookahead)
-
 
 @dataclass(frozen=True, eq=False)
 class PreparedTracking:
@@ -84,9 +79,10 @@ class PreparedTracking:
         return TrackResult(tuple(found))
 
     def _drive(self, robot: Robot, workers: int | None) -> TrackedRobot:
-        around, seed = self.settings.around(robot.drive), self.settings.seed
+        s, odometry = self.settings, odometry_of(robot.drive)
+        around = LoopSettings(s.feedback, filter=odometry, disturbance=s.disturbance, lookahead=s.lookahead)
         began = time.perf_counter()
-        (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [seed], workers)
+        (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [s.seed], workers)
         wall = time.perf_counter() - began
         run.require_kept(f"{self.controller.name} on {self.label} with the plant {robot.name}")
         options = {
@@ -106,7 +102,7 @@ class PreparedTracking:
             self.waypoints.speed,
             robot.name,
             self.profile.name,
-            seed,
+            s.seed,
             run,
             reference_of(run, self.waypoints),
             rate(run, self.waypoints, robot),

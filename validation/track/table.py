@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,31 +58,10 @@ def gains_text(gains: Mapping[str, float]) -> str:
 
 def lost_text(run: ClosedRun) -> str:
     """Return when and where a robot was lost; empty for one that was not."""
-    if not run.lost:
-        return ""
-    if not len(run.t):
-        return "lost at once"
+    if not run.lost or not len(run.t):
+        return "lost at once" if run.lost else ""
     away = math.hypot(*(run.columns("target_x", "target_y")[-1] - run.columns("x", "y")[-1]))
     return f"lost at t = {run.t[-1]:.2f} s, {away:.2f} m from its target"
-
-
-def _grids(results: Sequence[TrackedRobot]) -> tuple[Grid, Grid]:
-    """Return the measures of the path, and those of the errors and the effort."""
-    labels = [Cell(f"{r.plant} (lost)" if r.run.lost else r.plant) for r in results]
-    metrics = [r.metrics for r in results]
-    units = units_of(SHOWN_METRICS, metrics)
-    columns = [
-        ((m.label, unit.symbol), [Cell(unit.text(of[m.name])) for of in metrics])
-        for m, unit in zip(SHOWN_METRICS, units, strict=True)
-    ]
-    factors = [r.real_time_factor for r in results]
-    columns.append((("real time", "×"), [Cell(unit_of("×", factors).text(f)) for f in factors]))
-
-    def grid(which: Sequence[tuple[tuple[str, str], list[Cell]]]) -> Grid:
-        header = (("plant", ""), *(name for name, _ in which))
-        return Grid(header, (tuple(zip(labels, *(cells for _, cells in which), strict=True)),), left=1)
-
-    return grid(columns[:_OF_THE_PATH]), grid(columns[_OF_THE_PATH:])
 
 
 def track_grids(robots: Sequence[TrackedRobot]) -> list[Grid]:
@@ -92,13 +70,27 @@ def track_grids(robots: Sequence[TrackedRobot]) -> list[Grid]:
     Args:
         robots: one robot or several on one reference.
     """
-    first, (path, errors) = robots[0], _grids(robots)
+    labels = [Cell(f"{r.plant} (lost)" if r.run.lost else r.plant) for r in robots]
+    metrics = [r.metrics for r in robots]
+    units = units_of(SHOWN_METRICS, metrics)
+    columns = [
+        ((m.label, unit.symbol), [Cell(unit.text(of[m.name])) for of in metrics])
+        for m, unit in zip(SHOWN_METRICS, units, strict=True)
+    ]
+    factors = [r.real_time_factor for r in robots]
+    columns.append((("real time", "×"), [Cell(unit_of("×", factors).text(f)) for f in factors]))
+
+    def grid(which: Sequence[tuple[tuple[str, str], list[Cell]]], title: str, caption: str = "") -> Grid:
+        header = (("plant", ""), *(name for name, _ in which))
+        return Grid(header, (tuple(zip(labels, *(cells for _, cells in which), strict=True)),), 1, title, caption)
+
+    first = robots[0]
     title = f"{headline(first)} · profile {one_line(first.profile)}"
     caption = f"gains {one_line(first.gains_name)} · seed {first.seed}"
     feedback = first.options.get("feedback")
     if feedback is not None:
         caption += f" · feedback {one_line(feedback)}"
-    return [replace(path, title=title), replace(errors, title="Errors to the moving target", caption=caption)]
+    return [grid(columns[:_OF_THE_PATH], title), grid(columns[_OF_THE_PATH:], "Errors to the moving target", caption)]
 
 
 def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
@@ -135,7 +127,7 @@ def track_markdown(results: Sequence[TrackedRobot]) -> str:
     Returns:
         The options, the tables of `track_grids`, the sentences of `track_notes`, and the meaning of each measure.
     """
-    first, (path, errors) = results[0], _grids(results)
+    first, (path, errors) = results[0], track_grids(results)
     options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in first.options.items() if v is not None)
     versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in first.versions.items())
     lines = [

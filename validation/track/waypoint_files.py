@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.control import references
+from ssmr.control.references import circle, line, sine
 from ssmr.control.waypoints import Waypoints, find_fault
-from ssmr.types import FloatArray
 from validation.logs.csv_table import DAMAGE, CellTable, TableError, quoted, read_bytes, read_csv_table
 
 _UNITS = {"x": "m", "y": "m", "t": "s"}
@@ -70,7 +69,9 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
         some = "is one waypoint" if table.rows else "are no waypoints"
         raise error(path, f"there {some} after the header; a trajectory needs at least two")
     xy = np.column_stack([columns["x"], columns["y"]])
-    _check(path, columns.get("t", np.arange(len(xy), dtype=np.float64)), xy, table.lines, error)
+    fault = find_fault(columns.get("t", np.arange(len(xy), dtype=np.float64)), xy)
+    if fault is not None:
+        raise error(path, fault.what, table.lines[fault.row], fault.column)
     return Waypoints(columns["t"], xy) if speed is None else Waypoints.from_path(xy, speed)
 
 
@@ -89,7 +90,9 @@ def generic(speed: float) -> Waypoints:
         return read_waypoints(path, speed)
 
 
-REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({**references.REFERENCES, "generic": generic})
+REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
+    {"line": line, "circle": circle, "sine": sine, "generic": generic}
+)
 """The four sample trajectories of Sec. 4.1.3 by name, each a function of the reference speed [m/s]."""
 
 
@@ -134,12 +137,6 @@ def _places_of_columns(table: CellTable, *, timed: bool) -> dict[str, int]:
     return {name: names.index(name) for name in wanted}
 
 
-def _check(path: Path, t: FloatArray, xy: FloatArray, lines: Sequence[int], error: type[WaypointError]) -> None:
-    fault = find_fault(t, xy)
-    if fault is not None:
-        raise error(path, fault.what, lines[fault.row], fault.column)
-
-
 def _read_sheet(path: Path) -> CellTable:
     """Return the first sheet as text, all rows as wide as the header; blank rows are left out."""
     try:
@@ -152,7 +149,7 @@ def _read_sheet(path: Path) -> CellTable:
     try:
         with warnings.catch_warnings(action="ignore"):  # of styles, pictures and other things that are no numbers
             book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-            table = [(k, _texts(cells)) for k, cells in _filled(book.worksheets)]
+            table = list(_filled(book.worksheets[0])) if book.worksheets else []
     except (zipfile.BadZipFile, *DAMAGE) as cause:
         raise _SheetError(path, f"this is no xlsx file, or a damaged one ({quoted([str(cause)])})") from cause
     if not table:
@@ -162,15 +159,10 @@ def _read_sheet(path: Path) -> CellTable:
     return CellTable(path, header, line, rows, [k for k, _ in others], _SheetError)
 
 
-def _filled(sheets: Sequence[Any]) -> Iterator[tuple[int, Sequence[object]]]:
-    """Number and values of each row of the first sheet that holds something."""
-    for sheet in sheets[:1]:
-        sheet.reset_dimensions()  # what a file claims of its size may be wrong
-        for k, values in enumerate(sheet.iter_rows(values_only=True), start=1):
-            if any(v is not None and str(v).strip() for v in values):
-                yield k, values
-
-
-def _texts(values: Iterable[object]) -> list[str]:
-    """Cells as a CSV file would have them; `repr` of a number reads back to the same bits."""
-    return ["" if v is None else v if isinstance(v, str) else repr(v) if isinstance(v, float) else str(v) for v in values]
+def _filled(sheet: Any) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each row of a sheet that holds something; `repr` of a number reads back to the same bits."""
+    sheet.reset_dimensions()  # what a file claims of its size may be wrong
+    for k, values in enumerate(sheet.iter_rows(values_only=True), start=1):
+        cells = ["" if v is None else repr(v) if isinstance(v, float) else str(v) for v in values]
+        if any(map(str.strip, cells)):
+            yield k, cells

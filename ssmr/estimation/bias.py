@@ -36,12 +36,7 @@ def _learn(
 ) -> None:
     """Run the scalar Kalman filter of the bias; write (M, 2) `out`: the bias after each sample and its variance.
 
-    Args:
-        t: (M,) instants [s].
-        gyro: (M,) yaw rate as shown [rad/s].
-        still: (M,) bool, True where the robot stood.
-        prior: variance at start-up, density of the walk, variance of a sample.
-        out: (M, 2) space for the result.
+    `prior` is the variance at start-up, the density of the walk and the variance of a sample.
     """
     bias, (p, walk, variance) = 0.0, prior
     for k in range(len(t)):

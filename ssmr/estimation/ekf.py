@@ -86,11 +86,7 @@ class EkfSettings:
     """Variance of the gyro's yaw rate [rad2/s2]; Tab. 3.4, of the filter's output as well."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a length or a variance that is not positive, a negative or infinite density.
-        """
+        """Check the ranges; ValueError for a length or variance that is not positive, or a negative or infinite density."""
         check_parameters(self)
 
     def packed(self) -> FilterNumbers:
@@ -114,10 +110,7 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
     steps: Q is the integral of f(s) q f(s)' over the step, where an error of yaw, v or omega that is s old has moved the
     pose along its column f(s) of the Jacobian.
 
-    Args:
-        belief: the `Belief`.
-        dt: duration [s], not negative.
-        numbers: `FilterNumbers`.
+    The duration `dt` [s] is not negative.
     """
     m, p = belief
     v, w, half = m[V], m[W], 0.5 * dt
@@ -175,7 +168,7 @@ def update(belief: Belief, j: int, value: float, variance: float) -> None:
     j-th, whose factor 1 - K_j is R/S: no difference of like numbers is left there, so the variance stays positive.
 
     Args:
-        belief: the `Belief`.
+        belief: the mean m and the covariance P.
         j: place of the measured state.
         value: the measurement z, in the state's unit.
         variance: variance of its noise, R > 0.
@@ -205,13 +198,7 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Filter
     """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
 
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy wheels have independent
-    noise.
-
-    Args:
-        belief: the `Belief`.
-        sample: `SensorSample`; NaN where a sensor gave nothing.
-        dt: time since the last sample [s].
-        numbers: `FilterNumbers`.
+    noise. The sample is NaN where a sensor gave nothing.
     """
     predict(belief, dt, numbers)
     v, w = body_rates(sample.left, sample.right, numbers.half_track, numbers.radius)

@@ -65,11 +65,7 @@ class SensorModel:
     """Reading of the gyro at rest [rad/s], which the filter does not know. A real Husky's on tile is -0.0156."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a negative variance, or a number that is not finite.
-        """
+        """Check the ranges; ValueError for a negative variance, or a number that is not finite."""
         check_parameters(self)
 
     def packed(self) -> SensorErrors:
@@ -81,14 +77,9 @@ class SensorModel:
 def sense(
     left: float, right: float, yaw_rate: float, draws: tuple[float, float, float], noise: SensorErrors
 ) -> SensorSample:
-    """Return the `SensorSample` that encoders and gyro show.
+    """Return what encoders and gyro show where these are the true rates of both wheels and of the body [rad/s].
 
-    Args:
-        left: true rate of the left wheels [rad/s].
-        right: true rate of the right wheels [rad/s].
-        yaw_rate: true yaw rate of the body [rad/s].
-        draws: three standard normal numbers, for left, right and gyro; the caller draws them.
-        noise: `SensorErrors`.
+    `draws` are three standard normal numbers, for left, right and gyro, which the caller draws.
     """
     return SensorSample(
         left + noise.encoder_std * draws[0],

@@ -1,4 +1,4 @@
-"""The bag format of logs: streams of a bag become groups of columns.
+"""The bag format of logs: streams of a bag get roles and become groups of columns.
 
 The columns are cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z from `imu`; and x, y, yaw from
 `pose` or, without one, from `odom`. Channels are odom_v [m/s], odom_w [rad/s] from `odom` (and odom_x, odom_y, odom_yaw
@@ -11,7 +11,7 @@ satellite receiver become metres east and north of the first fix.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -19,12 +19,41 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray
-from validation.logs.bag_topics import ROLES, choose_topics, fits
 from validation.logs.bag_writer import write_bag
 from validation.logs.bags import UNITS, Bag, Stream, read_bag
+from validation.logs.csv_table import quoted
 from validation.logs.groups import Group
 from validation.logs.log import Log, LogFormat, ReadOptions, Topic
 from validation.logs.recording import RecordingError
+
+ROLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "cmd": ("v", "w"),
+        "odom": ("v", "w"),
+        "wheels": (),
+        "imu": ("gyro_x", "gyro_y", "gyro_z"),
+        "pose": ("x", "y", "yaw"),
+        "gps": ("latitude", "longitude"),
+    }
+)
+"""Columns that a stream must have for each role; wheels need rates or angles of both sides."""
+
+GUESSED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
+    {
+        "cmd": (("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"), ("cmd_vel",)),
+        "odom": (("nav_msgs/msg/Odometry",), ("controller", "wheel")),
+        "wheels": (("sensor_msgs/msg/JointState",), ()),
+        "imu": (("sensor_msgs/msg/Imu",), ("imu/data",)),
+        "pose": (("geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"), ()),
+        "gps": (("sensor_msgs/msg/NavSatFix",), ()),
+    }
+)
+"""Message types that are taken for each role, and parts of topic names that are preferred."""
+
+_TF_PARENTS = ("map", "world", "mocap", "vicon", "optitrack")
+_TF_CHILDREN = ("base_link", "base_footprint")
+"""A transform is taken for the pose only from one of these parents to one of these children: odom to base_link is
+odometry."""
 
 _GRAVITY_SPAN = (8.8, 10.8)
 """Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it, z is the vertical."""
@@ -33,24 +62,62 @@ _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 """Semi-major axis [m] and flattening [1] of the WGS 84 ellipsoid."""
 
 
-def groups_of_bag(bag: Bag, chosen: Mapping[str, Stream]) -> dict[str, Group]:
-    """Return the streams, by role, as groups of columns.
+# ------------------------------------------------------------------------------------------ roles of topics
+def _wheel_columns(columns: Mapping[str, FloatArray]) -> tuple[str, str]:
+    return ("rate_left", "rate_right") if "rate_left" in columns else ("angle_left", "angle_right")
+
+
+def _fits(stream: Stream, role: str) -> bool:
+    """Return whether a stream has the columns that the role needs."""
+    return all(n in stream.columns for n in (_wheel_columns(stream.columns) if role == "wheels" else ROLES[role]))
+
+
+def _guess(bag: Bag, role: str) -> Stream | None:
+    """Return the stream of a role by its message type; None where no stream has at least two samples of such a type.
+
+    Among several, a topic with a preferred part in its name goes first, then a type that `GUESSED` lists earlier, then the
+    topic with more samples, then the alphabet.
+    """
+    types, parts = GUESSED[role]
+    able = [s for s in bag.streams if s.type in types and _fits(s, role) and len(s) > 1 and _is_global(s)]
+    return min(
+        able, key=lambda s: (not any(p in s.topic for p in parts), types.index(s.type), -len(s), s.topic), default=None
+    )
+
+
+def _is_global(stream: Stream) -> bool:
+    """Return False for a transform that does not place the robot in a map; True for it, and for all other streams."""
+    parent, arrow, child = stream.topic.partition(":")[2].partition("->")
+    return not arrow or (parent in _TF_PARENTS and child.split("/")[-1] in _TF_CHILDREN)
+
+
+def choose_topics(bag: Bag, named: Mapping[str, str] = MappingProxyType({})) -> dict[str, Stream]:
+    """Return the stream of each role: as named, and guessed for the roles that are not.
+
+    Args:
+        bag: the bag.
+        named: topics by role; `none` leaves the role empty.
 
     Raises:
-        RecordingError: no stream was chosen, a number is not finite, a clock jumped, or a stream has fewer than two samples.
+        RecordingError: an unknown role, a topic that is not there, or a topic without the columns of its role.
     """
-    if not chosen:
-        there = ", ".join(f"{s.topic} ({s.type})" for s in bag.streams) or "no topic of a type that can be read"
-        raise RecordingError(bag.path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {there}")
-    return {role: as_group(bag, role, stream, "pose" in chosen) for role, stream in chosen.items()}
+    unknown = [role for role in named if role not in ROLES]
+    if unknown:
+        raise RecordingError(bag.path, f"unknown role {quoted(unknown)}; there are: {', '.join(ROLES)}")
+    chosen = {role: _guess(bag, role) for role in ROLES if role not in named}
+    for role, topic in named.items():
+        if topic == "none":
+            continue
+        chosen[role] = stream = bag.stream(topic)
+        if not _fits(stream, role):
+            wanted = f"wanted {' or '.join(ROLES[role]) or 'wheels'}, as of {GUESSED[role][0][0]}"
+            raise RecordingError(bag.path, f"topic {topic} of {stream.type} cannot be {role}: {wanted}")
+    return {role: found for role in ROLES if (found := chosen.get(role)) is not None}
 
 
-def as_group(bag: Bag, role: str, stream: Stream, has_pose: bool) -> Group:
-    """Return one stream as a group of checked columns; `has_pose` says whether the bag has another pose than odometry's.
-
-    Raises:
-        RecordingError: a number is not finite, the clock jumped, or there are fewer than two samples.
-    """
+# ------------------------------------------------------------------------------------------ columns of a stream
+def _as_group(bag: Bag, role: str, stream: Stream, has_pose: bool) -> Group:
+    """Return one stream as a group of checked columns; `has_pose` says whether the bag has another pose than odometry's."""
     leave = f"topics {role}=none leaves it out"
     if stream.jumps:
         when, size = stream.jumps[0]
@@ -61,65 +128,38 @@ def as_group(bag: Bag, role: str, stream: Stream, has_pose: bool) -> Group:
     if np.count_nonzero(first) < 2:
         raise RecordingError(bag.path, f"topic {stream.topic} has fewer than two samples; {leave}")
     t, columns = stream.t[first], {name: values[first] for name, values in stream.columns.items()}
-    for name in _used(role, stream):
+    posed = role == "pose" or (role == "odom" and _fits(stream, "pose"))
+    used = (
+        *(_wheel_columns(columns) if role == "wheels" else ROLES[role]),
+        *(ROLES["pose"] if posed else ()),
+        *(name for name in ("acc_x", "acc_y", "acc_z") if role == "imu" and name in columns),
+    )
+    for name in used:
         bad = np.flatnonzero(~np.isfinite(columns[name]))
         if len(bad):
             what = f"topic {stream.topic}, {t[bad[0]]:.3f} s: {name} is {columns[name][bad[0]]}"
             raise RecordingError(bag.path, f"{what}, wanted a finite number [{UNITS[name]}]; {leave}")
-    out = _CONVERTERS[role](t, columns)
-    if role == "odom" and fits(stream, "pose"):
-        prefix = "odom_" if has_pose else ""
-        out |= {f"{prefix}{n}": values for n, values in _pose(t, columns).items()}
+    out = _converted(role, t, columns)
+    if posed:
+        prefix = "odom_" if role == "odom" and has_pose else ""
+        out |= {f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n] for n in ROLES["pose"]}
     return Group(stream.topic, t, out)
 
 
-def _used(role: str, stream: Stream) -> tuple[str, ...]:
-    """Return the names of the columns that a recording is made of."""
+def _converted(role: str, t: FloatArray, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the columns of a group that a role has besides a pose."""
+    if role in ("cmd", "odom"):
+        return {f"{role}_v": columns["v"], f"{role}_w": columns["w"]}
     if role == "wheels":
-        return _wheel_columns(stream.columns)
-    pose = ROLES["pose"] if role == "odom" and fits(stream, "pose") else ()
-    return (*ROLES[role], *pose, *(n for n in ("acc_x", "acc_y", "acc_z") if role == "imu" and n in stream.columns))
-
-
-def _wheel_columns(columns: Mapping[str, FloatArray]) -> tuple[str, str]:
-    kind = "rate" if "rate_left" in columns else "angle"
-    return f"{kind}_left", f"{kind}_right"
-
-
-_Columns = Mapping[str, FloatArray]
-
-
-def _cmd(t: FloatArray, columns: _Columns) -> dict[str, FloatArray]:
-    return {"cmd_v": columns["v"], "cmd_w": columns["w"]}
-
-
-def _odom(t: FloatArray, columns: _Columns) -> dict[str, FloatArray]:
-    return {"odom_v": columns["v"], "odom_w": columns["w"]}
-
-
-def _wheels(t: FloatArray, columns: _Columns) -> dict[str, FloatArray]:
-    left, right = (columns[name] for name in _wheel_columns(columns))
-    if "rate_left" not in columns:
-        left, right = (np.asarray(np.gradient(np.unwrap(a), t), dtype=np.float64) for a in (left, right))
-    return {"enc_left": left, "enc_right": right}
-
-
-def _imu(t: FloatArray, columns: _Columns) -> dict[str, FloatArray]:
-    return {"gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"]) @ vertical(columns)}
-
-
-def _pose(t: FloatArray, columns: _Columns) -> dict[str, FloatArray]:
-    return {"x": columns["x"], "y": columns["y"], "yaw": np.unwrap(columns["yaw"])}
-
-
-def _gps(t: FloatArray, columns: _Columns) -> dict[str, FloatArray]:
-    east, north = to_local(columns["latitude"], columns["longitude"])
-    return {"gps_east": east, "gps_north": north}
-
-
-_CONVERTERS: Mapping[str, Callable[[FloatArray, _Columns], dict[str, FloatArray]]] = MappingProxyType(
-    {"cmd": _cmd, "odom": _odom, "wheels": _wheels, "imu": _imu, "pose": _pose, "gps": _gps}
-)
+        left, right = (columns[name] for name in _wheel_columns(columns))
+        if "rate_left" not in columns:
+            left, right = (np.asarray(np.gradient(np.unwrap(a), t), dtype=np.float64) for a in (left, right))
+        return {"enc_left": left, "enc_right": right}
+    if role == "imu":
+        return {"gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"]) @ vertical(columns)}
+    if role == "gps":
+        return dict(zip(("gps_east", "gps_north"), to_local(columns["latitude"], columns["longitude"]), strict=True))
+    return {}
 
 
 def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
@@ -150,16 +190,18 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
 def _read(path: Path, options: ReadOptions) -> Log:
     bag = read_bag(path, options.stamps)
     chosen = choose_topics(bag, options.topics)
+    if not chosen and not options.lenient:
+        there = ", ".join(f"{s.topic} ({s.type})" for s in bag.streams) or "no topic of a type that can be read"
+        raise RecordingError(bag.path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {there}")
     groups: dict[str, Group] = {}
     faults = []
-    if options.lenient:
-        for role, stream in chosen.items():
-            try:
-                groups[role] = as_group(bag, role, stream, "pose" in chosen)
-            except RecordingError as error:
-                faults.append(str(error))
-    else:
-        groups = groups_of_bag(bag, chosen)
+    for role, stream in chosen.items():
+        try:
+            groups[role] = _as_group(bag, role, stream, "pose" in chosen)
+        except RecordingError as error:
+            if not options.lenient:
+                raise
+            faults.append(str(error))
     roles = {id(stream): role for role, stream in chosen.items()}
     topics = [Topic(s.topic, s.type, s.t, tuple(s.columns), roles.get(id(s), "")) for s in bag.streams]
     topics += [Topic(name, kind, np.zeros(count), None) for name, (kind, count) in bag.others.items()]
@@ -171,6 +213,5 @@ BAG = LogFormat(
     (".bag", ".mcap"),
     read=_read,
     write=lambda log, path: write_bag(log.groups, path),
-    recognises=lambda log_format, path: path.is_dir() or path.suffix.lower() in log_format.endings,
     folder="the folder of a ROS 2 bag",
 )

@@ -38,24 +38,19 @@ class _Store:
     ros1: bool
 
     def make(self, kind: str, **fields: Any) -> Any:
-        """Return a message with these fields."""
         return self.types.types[kind](**fields)
 
     def header(self, t: int, frame: str) -> Any:
-        """Return a header, stamped at `t` [ns]."""
         stamp = self.make("builtin_interfaces/msg/Time", sec=t // 10**9, nanosec=t % 10**9)
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **({"seq": 0} if self.ros1 else {}))
 
     def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
-        """Return a Vector3."""
         return self.make("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
 
     def twist(self, v: float, w: float) -> Any:
-        """Return a planar twist."""
         return self.make("geometry_msgs/msg/Twist", linear=self.vector(v), angular=self.vector(z=w))
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
-        """Return a planar pose."""
         point = self.make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0)
         w, i, j, k = map(float, yaw_to_quat_wxyz(yaw))
         turned = self.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w)
@@ -68,15 +63,8 @@ def _cmd(s: _Store, t: int, row: FloatArray) -> Any:
 
 def _joints(s: _Store, t: int, row: FloatArray) -> Any:
     names = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
-    rates = np.array([row[0], row[1], row[0], row[1]])
-    return s.make(
-        "sensor_msgs/msg/JointState",
-        header=s.header(t, ""),
-        name=names,
-        position=np.zeros(0),
-        velocity=rates,
-        effort=np.zeros(0),
-    )
+    known = {"name": names, "position": np.zeros(0), "velocity": np.tile(row[:2], 2), "effort": np.zeros(0)}
+    return s.make("sensor_msgs/msg/JointState", header=s.header(t, ""), **known)
 
 
 def _odometry(s: _Store, t: int, row: FloatArray) -> Any:
@@ -155,8 +143,8 @@ _Message = tuple[int, str, str, Callable[[], Any]]
 def _fill(writer: Any, store: _Store, groups: Groups, serialize: Callable[[Any, str], Any]) -> None:
     """Write all messages in the order of time, as a recorder does."""
     messages = sorted(_messages(store, groups), key=lambda m: m[0])
-    connections = {topic: kind for _, topic, kind, _ in messages}
-    connected = {topic: writer.add_connection(topic, kind, typestore=store.types) for topic, kind in connections.items()}
+    kinds = {topic: kind for _, topic, kind, _ in messages}
+    connected = {topic: writer.add_connection(topic, kind, typestore=store.types) for topic, kind in kinds.items()}
     for ns, topic, kind, make in messages:
         writer.write(connected[topic], ns, serialize(make(), kind))
 

@@ -70,11 +70,6 @@ class Stream:
         """Return the number of samples, M."""
         return len(self.t)
 
-    @property
-    def period(self) -> float:
-        """Median step of time [s]; NaN for fewer than two samples."""
-        return float(np.median(np.diff(self.t))) if len(self) > 1 else math.nan
-
     def remarks(self) -> list[str]:
         """Return sentences about its clock: jumps, stamps of writing, late samples."""
         found, many = [], len(self.jumps)
@@ -108,9 +103,9 @@ class Bag:
         Raises:
             RecordingError: there is no such stream.
         """
-        for stream in self.streams:
-            if stream.topic == topic:
-                return stream
+        found = next((s for s in self.streams if s.topic == topic), None)
+        if found is not None:
+            return found
         if topic in self.others:
             kind, count = self.others[topic]
             raise RecordingError(self.path, f"nothing can be read from topic {topic}: {count} messages of {kind}")
@@ -205,8 +200,9 @@ def read_bag(path: str | Path, stamps: Stamps = "header") -> Bag:
     collected, others = _collect(path)
     if not collected and not others:
         raise RecordingError(path, "the bag is empty: there is no message in it")
-    epoch = min((ns for rows in collected.values() for ns in _preferred(rows, stamps)[0].tolist()), default=0)
-    return Bag(path, epoch, tuple(_stream(*key, collected[key], stamps, epoch) for key in sorted(collected)), others)
+    clocks = {key: _preferred(collected[key], stamps) for key in sorted(collected)}
+    epoch = min((int(ns.min()) for ns, _ in clocks.values()), default=0)
+    return Bag(path, epoch, tuple(_stream(*key, collected[key], *clock, epoch) for key, clock in clocks.items()), others)
 
 
 _Rows = list[tuple[int, int, dict[str, float]]]
@@ -253,13 +249,11 @@ def _preferred(rows: _Rows, stamps: Stamps) -> tuple[NDArray[np.int64], Stamps]:
     return (header, "header") if stamps == "header" and header.all() and apart < _OTHER_CLOCK else (bag, "bag")
 
 
-def _stream(topic: str, kind: str, rows: _Rows, stamps: Stamps, epoch: int) -> Stream:
-    ns, clock = _preferred(rows, stamps)
+def _stream(topic: str, kind: str, rows: _Rows, ns: NDArray[np.int64], clock: Stamps, epoch: int) -> Stream:
     written = np.array([row[0] for row in rows], dtype=np.int64)
     odd = (np.diff(ns) - np.diff(written)) * 1e-9
     jumps = tuple((float(written[k + 1] - epoch) * 1e-9, float(odd[k])) for k in np.flatnonzero(np.abs(odd) > _CLOCK_JUMP))
-    order = np.argsort(ns, kind="stable")
-    late = int(np.count_nonzero(np.diff(ns) < 0))
+    order, late = np.argsort(ns, kind="stable"), int(np.count_nonzero(np.diff(ns) < 0))
     names = {name: None for _, _, numbers in rows for name in numbers}
     columns = {n: np.array([numbers.get(n, math.nan) for _, _, numbers in rows], dtype=np.float64)[order] for n in names}
     t = np.asarray((ns[order] - epoch) * 1e-9, dtype=np.float64)

@@ -58,18 +58,14 @@ def filtered_motion(groups: Groups, *, gyro: bool = True, bias: bool = True) -> 
     Returns:
         The filter's motion; None without wheels or, if `gyro`, without a gyro.
     """
-    wheels, imu = wheel_twist(groups), groups.get("imu")
-    if wheels is None or (gyro and imu is None):
+    wheels = wheel_twist(groups)
+    within = None if wheels is None or not gyro else _gyro_within(groups, wheels[0])
+    if wheels is None or (gyro and within is None):
         return None
     stamps, v, w = wheels
-    turning, t = None, stamps
-    if gyro and imu is not None:
-        within = (imu.t >= stamps[0]) & (imu.t <= stamps[-1])
-        t, turning = imu.t[within], imu.columns["gyro_z"][within]
-        if len(t) < 2:
-            return None
-        if bias:
-            turning = turning - learn_bias(t, turning, standing(groups, t))[:, 0]
+    t, turning = (stamps, None) if within is None else within
+    if turning is not None and bias:
+        turning = turning - learn_bias(t, turning, standing(groups, t))[:, 0]
     settings = EkfSettings()
     left, right = source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
     return run_ekf(t, left, right, turning, settings, State())
@@ -77,18 +73,24 @@ def filtered_motion(groups: Groups, *, gyro: bool = True, bias: bool = True) -> 
 
 def integrated(groups: Groups) -> Group | None:
     """Integrate the wheels' speed along the integral of the gyro, with the midpoint rule; None without wheels or gyro."""
-    wheels, imu = wheel_twist(groups), groups.get("imu")
-    if wheels is None or imu is None:
+    wheels = wheel_twist(groups)
+    within = None if wheels is None else _gyro_within(groups, wheels[0])
+    if wheels is None or within is None:
         return None
-    stamps, v, _ = wheels
-    within = (imu.t >= stamps[0]) & (imu.t <= stamps[-1])
-    t, rate = imu.t[within], imu.columns["gyro_z"][within]
-    if len(t) < 2:
-        return None
+    (stamps, v, _), (t, rate) = wheels, within
     dt = np.diff(t)
     yaw = _summed(dt * 0.5 * (rate[1:] + rate[:-1]))
     speed, heading = np.interp(t[:-1] + 0.5 * dt, stamps, v), 0.5 * (yaw[1:] + yaw[:-1])
     return Group("", t, {"x": _summed(dt * speed * np.cos(heading)), "y": _summed(dt * speed * np.sin(heading))})
+
+
+def _gyro_within(groups: Groups, stamps: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Return the gyro's stamps [s] and yaw rates [rad/s] within `stamps` [s]; None for fewer than two."""
+    imu = groups.get("imu")
+    if imu is None:
+        return None
+    within = (imu.t >= stamps[0]) & (imu.t <= stamps[-1])
+    return (imu.t[within], imu.columns["gyro_z"][within]) if np.count_nonzero(within) > 1 else None
 
 
 def _summed(steps: FloatArray) -> FloatArray:
@@ -101,45 +103,42 @@ def reckon(groups: Groups) -> Reckoning | None:
     Returns:
         None where the log has no such positions, or no wheels.
     """
-    found = next(
-        ((n, names) for n, names in _TRUTHS if n in groups and stacked_columns(groups[n].columns, names) is not None), None
-    )
-    tracks = list(_tracks(groups, found[0])) if found is not None else []
-    if found is None or not tracks:
+    positions = {n: stacked_columns(groups[n].columns, names) for n, names in _TRUTHS if n in groups}
+    name, points = next(((n, xy) for n, xy in positions.items() if xy is not None), ("", None))
+    tracks = list(_tracks(groups)) if points is not None else []
+    if points is None or not tracks:
         return None
-    truth = groups[found[0]]
-    points = stacked_columns(truth.columns, found[1])
+    truth = groups[name]
     start, stop = max(t[0] for _, t, _ in tracks), min(t[-1] for _, t, _ in tracks)
     within = (truth.t >= start) & (truth.t <= stop)
-    if points is None or np.count_nonzero(within) < 3:
+    if np.count_nonzero(within) < 3:
         return None
     at, points = truth.t[within], points[within]
     rows = []
-    for name, t, xy in tracks:
+    for way, t, xy in tracks:
         there = np.column_stack([np.interp(at, t, column) for column in xy.T])
         away = align_rigidly(there, points) - points
         driven = xy[(t >= at[0]) & (t <= at[-1])]
-        rows.append(ReckonedPath(name, float(np.sqrt(np.mean(np.sum(away**2, axis=1)))), path_length(driven)))
-    return Reckoning(f"{truth.source} ({found[0]})", len(at), tuple(rows))
+        rows.append(ReckonedPath(way, float(np.sqrt(np.mean(np.sum(away**2, axis=1)))), path_length(driven)))
+    return Reckoning(f"{truth.source} ({name})", len(at), tuple(rows))
 
 
-def _tracks(groups: Groups, truth: str) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+def _tracks(groups: Groups) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield name, stamps [s] and positions [m] of each way; the odometry's own pose comes first."""
-    odom = groups.get("odom")
-    for names in POSES if odom is not None else ():
-        xy = stacked_columns(odom.columns, names[:2]) if odom is not None else None
-        if odom is not None and xy is not None:
-            yield "odometry's own pose", odom.t, xy
-    filters: tuple[tuple[str, dict[str, bool]], ...] = (
-        ("filter of wheels", {"gyro": False}),
-        ("filter of wheels and gyro", {"bias": False}),
-        ("filter, bias learned at rest", {}),
-    )
+    if "odom" in groups:
+        for names in POSES:
+            xy = stacked_columns(groups["odom"].columns, names[:2])
+            if xy is not None:
+                yield "odometry's own pose", groups["odom"].t, xy
     plain = integrated(groups)
     if plain is not None:
         yield "wheels' speed, gyro's heading", plain.t, np.column_stack(list(plain.columns.values()))
-    for name, options in filters:
-        motion = filtered_motion(groups, **options)
+    for name, gyro, bias in (
+        ("filter of wheels", False, False),
+        ("filter of wheels and gyro", True, False),
+        ("filter, bias learned at rest", True, True),
+    ):
+        motion = filtered_motion(groups, gyro=gyro, bias=bias)
         if motion is not None:
             yield name, motion.t, motion.pose[:, :2]
 

@@ -74,4 +74,4 @@ def write_log(log: Log, path: str | Path) -> None:
 
 
 def _reader(path: Path) -> LogFormat | None:
-    return next((f for f in FORMATS if f.read is not None and f.recognises(f, path)), None)
+    return next((f for f in FORMATS if f.read is not None and f.recognises(path)), None)

@@ -71,10 +71,6 @@ class Log:
         return merge(self.path, self.groups) if self.merged is None else self.merged
 
 
-def _by_ending(log_format: LogFormat, path: Path) -> bool:
-    return not path.is_dir() and path.suffix.lower() in log_format.endings
-
-
 @dataclass(frozen=True)
 class LogFormat:
     """A file format of logs. To add one, write such a value in a module of its own and list it in `formats.FORMATS`."""
@@ -88,7 +84,9 @@ class LogFormat:
     None for a format that is only written. A format with one clock returns `Log.of_recording(path, recording)`."""
     write: Callable[[Log, Path], None] | None = None
     """Function that writes a log whole or not at all; None for a format that is only read."""
-    recognises: Callable[[LogFormat, Path], bool] = _by_ending
-    """Function that says whether a path looks like this format; by default its ending decides, and folders are none."""
     folder: str = ""
-    """Name of a folder that is read as well, such as `a ROS 2 bag's folder`."""
+    """Name of the folders that are read as well, such as `the folder of a ROS 2 bag`; empty where only files are."""
+
+    def recognises(self, path: Path) -> bool:
+        """Return whether a path looks like this format: by its ending, or as a folder."""
+        return bool(self.folder) if path.is_dir() else path.suffix.lower() in self.endings

@@ -62,11 +62,9 @@ def estimate_offsets(groups: Groups) -> list[Offset]:
     out.
     """
     rates = {name: rate for name in (*_CLOCK_ORDER, "cmd") if (rate := yaw_rate(groups, name)) is not None}
-    reference = next((name for name in _CLOCK_ORDER if name in rates), None)
+    reference, *others = list(rates) or [""]
     found: list[Offset] = []
-    for name in rates:
-        if reference is None or name == reference:
-            continue
+    for name in others:
         lag = _lag(groups[reference], rates[reference], groups[name], rates[name], is_held=name == "cmd")
         if lag is not None:
             found.append(Offset(name, reference, *lag))
@@ -112,11 +110,7 @@ def _covered(grid: FloatArray, group: Group) -> FloatArray:
 def _correlations(x: FloatArray, y: FloatArray, of_x: FloatArray, of_y: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
     """Return lags of y behind x, in samples, and Pearson's correlation at each.
 
-    Args:
-        x: (N,) a series.
-        y: (N,) another one.
-        of_x: (N,) 1 where x is known, else 0.
-        of_y: (N,) 1 where y is known, else 0.
+    `x` and `y` are (N,) series; `of_x` and `of_y` are (N,) 1 where these are known, else 0.
     """
     from scipy import signal
 

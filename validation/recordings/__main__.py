@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -43,10 +43,6 @@ class BagOptions:
     stamps: Annotated[Stamps, cli.option()] = "header"
     """Clock that counts: header, when a message was measured; or bag, when it was written."""
 
-    def read_options(self) -> ReadOptions:
-        """Return these options for the reader."""
-        return ReadOptions(self.topics, self.stamps)
-
 
 @dataclass(frozen=True)
 class SimulationOptions:
@@ -78,7 +74,7 @@ class InfoOptions:
 
 @dataclass(frozen=True)
 class ChangeOptions:
-    """Changes that are made to the log."""
+    """Changes that are made to the log; the order is that of `ConvertSettings`."""
 
     rate: Annotated[float | None, cli.option(metavar="HZ", default="the log's own")] = None
     """Samples a second."""
@@ -117,9 +113,9 @@ def _info(options: InfoOptions) -> None:
 
     Compares dead reckoning on the log with the positions in it.
     """
-    simulation = options.simulation
+    bag, simulation = options.bag, options.simulation
     with cli.mistakes_are_users():
-        found = info(options.source, options.bag.read_options(), simulation.profile, simulation.seed)
+        found = info(options.source, ReadOptions(bag.topics, bag.stamps), simulation.profile, simulation.seed)
     for fault in found.log.faults:
         cli.warn(fault)
     cli.report(map(rich_table, found.grids()), found.notes(), [])
@@ -132,17 +128,15 @@ def _convert(options: ConvertOptions) -> None:
 
     Bags keep the stamps of every group of columns, unless --rate is given.
     """
-    changes, simulation = options.changes, options.simulation
+    bag, changes, simulation = options.bag, options.changes, options.simulation
     target = options.out or Path("runs") / "recordings" / f"{Path(options.source).stem}.csv"
     with cli.mistakes_are_users():
         if target.suffix.lower() not in writable():
             known = ", ".join(writable())
             raise cli.UserError(f"--out {target}: no format has the ending '{target.suffix}'; there are: {known}")
-        settings = ConvertSettings(
-            changes.rate, changes.smooth, changes.align, changes.unbias, changes.sync, changes.ekf, changes.start,
-            changes.until,
-        )  # fmt: skip
-        converted = convert(options.source, settings, options.bag.read_options(), simulation.profile, simulation.seed)
+        settings = ConvertSettings(*astuple(changes))
+        reading = ReadOptions(bag.topics, bag.stamps)
+        converted = convert(options.source, settings, reading, simulation.profile, simulation.seed)
         try:
             converted.save(target)
         except OSError as error:

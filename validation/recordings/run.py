@@ -8,7 +8,7 @@ from pathlib import Path
 
 from validation.logs.dead_reckoning import reckon, with_filter
 from validation.logs.formats import read_log
-from validation.logs.groups import Groups, aligned, cut_groups, merge, smoothed_groups
+from validation.logs.groups import aligned, cut_groups, merge, smoothed_groups
 from validation.logs.log import Log, ReadOptions
 from validation.logs.offsets import estimate_offsets, synchronised
 from validation.logs.recording import Recording, RecordingError
@@ -79,11 +79,7 @@ def info(
 ) -> LogInfo:
     """Say what a log holds: topics or columns, rates, gaps, offsets of time, the gyro's bias, and dead reckoning.
 
-    Args:
-        source: path of a log, or a drive to be simulated, see `open_log`.
-        options: choices for logs with topics. Topics that cannot be used are left out and become `LogInfo.log.faults`.
-        profile: profile of the plant that is driven.
-        seed: seed of its sensors' noise.
+    The arguments are those of `open_log`. Topics that cannot be used are left out and become `LogInfo.log.faults`.
 
     Raises:
         ValueError: the log cannot be opened.
@@ -102,14 +98,8 @@ def convert(
 ) -> ConvertedLog:
     """Bring a log onto one clock, and change it as asked; `ConvertedLog.save(path)` writes it in the format of `path`.
 
-    The order is: offsets of time, bias, filter, smoothing, cutting, one clock, alignment.
-
-    Args:
-        source: path of a log, or a drive to be simulated, see `open_log`.
-        settings: changes to make; none if not given.
-        options: choices for logs with topics; all guessed if not given.
-        profile: profile of the plant that is driven.
-        seed: seed of its sensors' noise.
+    The order is: offsets of time, bias, filter, smoothing, cutting, one clock, alignment. The arguments are those of
+    `open_log`, and the changes to make: none if `settings` is not given.
 
     Raises:
         ValueError: the log cannot be opened, or does not hold what a change needs.
@@ -122,7 +112,10 @@ def convert(
     if wanted.unbias:
         groups = unbiased(log.path, groups)
     if wanted.ekf:
-        groups = _filtered(log.path, groups)
+        filtered = with_filter(groups)
+        if filtered is None:
+            raise RecordingError(log.path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
+        groups = filtered
     groups = cut_groups(log.path, smoothed_groups(groups, wanted.smooth), wanted.start, wanted.stop)
     recording = merge(log.path, groups, wanted.rate)
     if wanted.align:
@@ -131,10 +124,3 @@ def convert(
     on_one_clock = Log.of_recording(log.path, recording)
     own_stamps = on_one_clock if wanted.rate is not None else replace(on_one_clock, groups=groups)
     return ConvertedLog(own_stamps, recording, offsets, wanted.sync)
-
-
-def _filtered(path: Path, groups: Groups) -> Groups:
-    found = with_filter(groups)
-    if found is None:
-        raise RecordingError(path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
-    return found

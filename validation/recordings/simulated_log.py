@@ -12,7 +12,7 @@ from ssmr.estimation.sensing import SensorModel, simulate_sensors
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
-from ssmr.types import Commands, FloatArray, State
+from ssmr.types import Commands, State
 from validation.logs.groups import Group
 from validation.logs.recording import POSE_COLUMNS
 from validation.motion.driving import drive
@@ -62,7 +62,7 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
         name: SCENARIO@PLANT; mujoco if no plant is named.
         profile: parameters of the plant.
         seed: seed of all noise.
-        settings: faults of the log.
+        settings: faults of the log; `LogSettings()` if not given.
 
     Returns:
         Groups of columns: commands at 20 Hz, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
@@ -78,7 +78,9 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
         raise ValueError(
             f"no drive '{name}'; there are: {', '.join(scenarios())}, each with @ and any of {', '.join(PLANTS)}"
         )
-    commands = _standing_around(scenarios()[scenario])
+    driven = scenarios()[scenario]
+    rest = np.zeros((math.ceil(_STANDING / driven.dt), 2))
+    commands = Commands(driven.dt, np.concatenate([rest, driven.values, rest]))
     piece = Piece(commands, State(), None, None)
     motion = drive(make_plant(profile, plant), piece, profile.plants[plant].tracked_point, SAMPLE_DT)
     rng = np.random.default_rng(seed)
@@ -86,18 +88,8 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
     pose = motion.pose + rng.standard_normal(motion.pose.shape) * [faults.pose_std, faults.pose_std, faults.yaw_std]
     stamps = np.asarray(np.arange(len(commands.values)) * commands.dt, dtype=np.float64)
     return {
-        "cmd": Group("commands", stamps, _named(("cmd_v", "cmd_w"), commands.values)),
+        "cmd": Group("commands", stamps, dict(zip(("cmd_v", "cmd_w"), commands.values.T, strict=True))),
         "wheels": Group("encoders", shown.t, {"enc_left": shown.left, "enc_right": shown.right}),
         "imu": Group("gyro", shown.t, {"gyro_z": shown.gyro}),
-        "pose": Group("localiser", motion.t + faults.pose_late, _named(POSE_COLUMNS, pose)),
+        "pose": Group("localiser", motion.t + faults.pose_late, dict(zip(POSE_COLUMNS, pose.T, strict=True))),
     }
-
-
-def _standing_around(commands: Commands) -> Commands:
-    """Return commands with a rest before and after."""
-    rest = np.zeros((math.ceil(_STANDING / commands.dt), 2))
-    return Commands(commands.dt, np.concatenate([rest, commands.values, rest]))
-
-
-def _named(names: tuple[str, ...], table: FloatArray) -> dict[str, FloatArray]:
-    return {name: table[:, k].copy() for k, name in enumerate(names)}

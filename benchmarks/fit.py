@@ -35,6 +35,7 @@ from validation.fit.search import Search
 from validation.fit.targets import FitSources, open_targets
 from validation.plants.profile import PlantProfile, load_profile
 from validation.plants.searchable import make_space
+from validation.progress import Progress
 from validation.robots.plant import MujocoPlant
 
 SIMULINK_RUN_S = 2.75
@@ -209,13 +210,11 @@ def sysid_courses(generations: int, threads: int, starts: int) -> list[Course]:
     problem = problem_of("mujoco", "traj4@improved", LAB_FREE, FitCost("sync", yaw_weight=0.2))
     places = np.random.default_rng(7).random((starts, len(problem.space)))
     courses = []
-    with cli.progress() as bar:
-        task = bar.add_task("sysid and jDE", total=2 * starts)
+    with cli.shown("sysid and jDE") as progress:
         for seed, start in enumerate(places):
             courses.append(by_sysid(problem, start, threads))
-            bar.advance(task)
             courses.append(by_jde(problem, start, seed, generations, threads))
-            bar.advance(task)
+            progress(Progress(len(courses), 2 * starts, f"start {seed + 1}"))
     return courses
 
 

@@ -567,7 +567,9 @@ def main(
         repeats: Drives on the circle with noise.
         quick: Count rates only, and briefly: a check that everything runs.
     """
-    names = cli.parse_names(only, NAMES, "measurement")
+    names = tuple(name.strip() for name in only.split(",") if name.strip())
+    if not names or not set(names) <= set(NAMES):
+        raise cli.UserError(f"--only {only}: there are {', '.join(NAMES)}")
     if all(name in names for name in LAST):
         raise cli.UserError(f"{' and '.join(LAST)} both end the master; measure one a run")
     if not seconds >= 2.0 * EDGE or trials < 1 or repeats < 0:

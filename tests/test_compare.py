@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -219,7 +220,8 @@ def test_settings_are_checked() -> None:
 
 # ------------------------------------------------------------------------------- as a program
 def test_names_of_files_cannot_reach_the_terminal_as_escape_sequences(capsys: pytest.CaptureFixture[str]) -> None:
-    cli.report([], ["a\x1b[31m[red]b[/red]"], [Path("c\x1b]0;d")])
+    result = SimpleNamespace(grids=list, notes=lambda: ["a\x1b[31m[red]b[/red]"])
+    cli.report_result(result, [Path("c\x1b]0;d")])
     cli.warn("e\x1b[2Jf\ng")
     out, err = capsys.readouterr()
     assert "\x1b" not in out + err

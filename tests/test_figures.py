@@ -27,8 +27,9 @@ from ssmr.types import CommandKind, Commands, FloatArray, Trajectory
 from tests.conftest import metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare import figure as figures
-from validation.compare.figure import MAX_WINDOWS, comparison_figure, save_figure
+from validation.compare.figure import MAX_WINDOWS, comparison_figure
 from validation.robots.plant import Health
+from validation.show.drawing import save_figure
 
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
 METRICS = metrics_of(0.0145, 0.0250, 1.0312, 0.98, 0.0151, 0.0260, 0.0202, 0.0349)

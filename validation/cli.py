@@ -21,24 +21,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 import tyro
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 from tyro.constructors import PrimitiveConstructorSpec
 
 from ssmr.errors import SsmrError
 from validation import store
 from validation.progress import Progress, Report
-from validation.show.tables import rich_table
+from validation.show.tables import Grid, rich_table
 from validation.words import one_line
-
-if typing.TYPE_CHECKING:
-    from rich.progress import Progress as Bar
-
-    from validation.show.result import Result
 
 EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
@@ -46,8 +40,6 @@ EXIT_INTERRUPTED = 130
 
 LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
-REPORT_WIDTH = 110
-"""Columns of a table where standard output is no terminal."""
 
 T = TypeVar("T")
 
@@ -171,12 +163,7 @@ Names = Annotated[tuple[str, ...], parsed(_comma_names, "A,B,...", ",".join)]
 Numbers = Annotated[tuple[float, ...], parsed(_comma_numbers, "X,Y,...", lambda v: ",".join(f"{x:g}" for x in v))]
 """Comma-separated positive numbers that increase."""
 Values = Annotated[
-    Mapping[str, float],
-    parsed(
-        read_values,
-        "NAME=X,...",
-        lambda v: ",".join(f"{k}={x:g}" for k, x in v.items()),
-    ),
+    Mapping[str, float], parsed(read_values, "NAME=X,...", lambda v: ",".join(f"{k}={x:g}" for k, x in v.items()))
 ]
 """NAME=NUMBER,... as a mapping."""
 Bounds = Annotated[
@@ -267,47 +254,22 @@ def output_folder(path: Path) -> Path:
         raise UserError(f"--out {error}") from error
 
 
-def parse_names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
-    """Return comma-separated names, each known, none twice.
-
-    Raises:
-        UserError: an unknown or repeated name, or none at all.
-    """
-    names = _comma_names(text)
-    unknown = [name for name in names if name not in known]
-    if unknown or not names:
-        raise UserError(f"unknown {what} '{', '.join(unknown)}'; there are: {', '.join(known)}")
-    return names
-
-
 # ------------------------------------------------------------------------------------------- progress and reports
-def progress() -> Bar:
-    """Return a progress bar on standard error, gone when done; it is silent where standard error is no terminal."""
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    console = Console(stderr=True)
-    return Bar(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-
-
 @contextlib.contextmanager
 def shown(title: str) -> Iterator[Report]:
     """Within, a progress bar on standard error; yield the callback that moves it.
 
     Where standard error is no terminal, a line every few seconds says the same: how much is done, what, and the time left.
     """
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
     began = last = time.perf_counter()
     first: float | None = None  # steps that were done before, where work is resumed
-    bar = progress()
+    console = Console(stderr=True)
+    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    words = TextColumn("{task.description}", markup=False)
+    bar = Bar(words, *columns, console=console, transient=True, disable=not console.is_terminal)
 
     def show(now: Progress) -> None:
         nonlocal last, first
@@ -327,23 +289,28 @@ def shown(title: str) -> Iterator[Report]:
 def report_console() -> Console:
     """Return standard output for tables, wide enough for them where it is no terminal."""
     console = Console()
-    return console if console.is_terminal else Console(width=REPORT_WIDTH)
+    return console if console.is_terminal else Console(width=110)
 
 
-def report(tables: Iterable[Table], notes: Iterable[str], written: Iterable[Path]) -> None:
-    """Print tables, sentences and the paths of what was written on standard output."""
+class Reportable(Protocol):
+    """A finding that has tables and sentences below them."""
+
+    def grids(self) -> Sequence[Grid]:
+        """Return its tables."""
+
+    def notes(self) -> Sequence[str]:
+        """Return its sentences."""
+
+
+def report_result(result: Reportable, written: Iterable[Path] = ()) -> None:
+    """Print a result's tables and notes, and the paths of what was written, on standard output."""
     console = report_console()
-    for table in tables:
-        console.print(table)
-    for note in notes:
+    for grid in result.grids():
+        console.print(rich_table(grid))
+    for note in result.notes():
         console.print(Text("\n".join(map(one_line, note.splitlines()))))
     if files := ", ".join(map(one_line, written)):
         console.print(Text(f"written: {files}"), soft_wrap=True)
-
-
-def report_result(result: Result, written: Iterable[Path]) -> None:
-    """Print a result's tables and notes, and the paths of what was written, on standard output."""
-    report(map(rich_table, result.grids()), result.notes(), written)
 
 
 def warn(text: str) -> None:
@@ -367,18 +334,28 @@ def run(
         program: how usage texts call the program, such as `python -m validation.compare`.
         arguments: the command line; by default that of this process.
     """
-    _log_to_standard_error()
+    from rich.logging import RichHandler
+
+    handler = RichHandler(console=Console(stderr=True), show_path=False, show_time=False)
+    logging.basicConfig(format="%(message)s", handlers=[handler])
+    logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
     try:
         called, options = _parse(main, program, arguments)
         called(options)
+        return
     except UserError as error:
-        sys.exit(_complain(f"error: {error}", EXIT_USER_ERROR))
+        said, status = f"error: {error}", EXIT_USER_ERROR
     except SsmrError as error:
-        sys.exit(_complain(f"run failed: {error}", EXIT_FAILED_RUN))
-    except (OSError, MemoryError) as error:
-        sys.exit(_complain(f"run failed: {_circumstance(error)}", EXIT_FAILED_RUN))
+        said, status = f"run failed: {error}", EXIT_FAILED_RUN
+    except MemoryError:
+        said, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
     except KeyboardInterrupt:
-        sys.exit(_complain("interrupted", EXIT_INTERRUPTED))
+        said, status = "interrupted", EXIT_INTERRUPTED
+    _say(said)
+    sys.exit(status)
 
 
 def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:
@@ -393,9 +370,13 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
     try:
         with contextlib.redirect_stderr(said):
             if isinstance(main, Mapping):
-                mains = {_options_of(function): (name, function) for name, function in main.items()}
-                options = read(_subcommands(mains))
-                return mains[type(options)][1], options
+                mains = {_options_of(function): function for function in main.values()}
+                kinds = [
+                    Annotated[kind, tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
+                    for name, (kind, function) in zip(main, mains.items(), strict=True)
+                ]
+                options = read(typing.Union[tuple(kinds)])  # noqa: UP007 - of a list that is known at run time only
+                return mains[type(options)], options
             if (kind := _options_of(main)) is not None:
                 return main, read(kind, description=inspect.getdoc(main))
     except SystemExit as left:
@@ -403,15 +384,6 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
             raise UserError(_mistake_in(said.getvalue())) from None
         raise
     return lambda _: tyro.cli(main, prog=program, args=arguments), None
-
-
-def _subcommands(mains: Mapping[Any, tuple[str, Callable[..., Any]]]) -> Any:
-    """Return the type that tyro reads as one subcommand for each of these dataclasses."""
-    kinds = [
-        Annotated[kind, tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
-        for kind, (name, function) in mains.items()
-    ]
-    return typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
 
 
 def _mistake_in(box: str) -> str:
@@ -444,25 +416,3 @@ def leave_out(package: str) -> None:
                 raise ModuleNotFoundError(f"{package} is left out of this program", name=package)
 
     sys.meta_path.insert(0, Finder)
-
-
-def _log_to_standard_error() -> None:
-    """Let the project's own log say everything from `info` on, and that of other packages only warnings."""
-    from rich.logging import RichHandler
-
-    handler = RichHandler(console=Console(stderr=True), show_path=False, show_time=False)
-    logging.basicConfig(format="%(message)s", handlers=[handler])
-    logging.getLogger("validation").setLevel(logging.INFO)
-
-
-def _circumstance(error: OSError | MemoryError) -> str:
-    """Return what the machine refused, in one line."""
-    if isinstance(error, MemoryError):
-        return "there is not enough memory"
-    where = f" ({error.filename})" if error.filename else ""
-    return f"{error.strerror or error}{where}; what was written before is whole"
-
-
-def _complain(text: str, status: int) -> int:
-    _say(text)
-    return status

@@ -18,18 +18,15 @@ PACKAGES = ("ssmr-testbed", "mujoco", "dm-control", "numpy", "scipy", "numba", "
 
 def versions() -> dict[str, str]:
     """Return the versions of this project, Python and the packages that decide numbers."""
-    return dict(_versions())
+    return {"python": platform.python_version(), **{package: _version(package) for package in PACKAGES}}
 
 
 @cache
-def _versions() -> Mapping[str, str]:
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:

@@ -9,7 +9,6 @@ Everything is drawn by matplotlib's objects under a style of its own: no pyplot,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +24,6 @@ from validation.compare.data import ComparisonData
 from validation.compare.table import HEADLINE_HORIZON, headline_error
 from validation.compare.time_panels import (
     COMMAND_INK,
-    DASHES,
     draw_acceleration,
     draw_loads,
     draw_velocity,
@@ -37,9 +35,6 @@ from validation.compare.time_panels import (
 )
 from validation.robots.terrain import FLAT
 from validation.show.drawing import (
-    BROAD,
-    NARROW,
-    QUIET,
     WIDTH_IN,
     HorizonMarks,
     Panel,
@@ -48,6 +43,7 @@ from validation.show.drawing import (
     at_least,
     draw_dart,
     draw_directions,
+    draw_footer,
     draw_horizons,
     draw_ring,
     draw_section,
@@ -61,7 +57,6 @@ from validation.show.drawing import (
     text_row,
     yaw_degrees,
 )
-from validation.show.drawing import save_figure as save_figure
 from validation.show.tables import length_unit, shortened
 
 LONGEST_PATH = 30.0
@@ -73,12 +68,6 @@ _HEADER_IN, _SECTION_IN, _ROW_IN, _WINDOW_IN, _FOOTER_IN = 0.78, 0.28, 2.3, 3.2,
 _ZOOM_IN, _PATHS_IN = 4.0, (3.0, 5.5)  # least width of the zoom; least and greatest height of the paths
 
 _MARKERS = {"mujoco": "o", "improved": "s", "coulomb": "^", "linear": "D", "kinematic": "v"}
-
-
-def _in_windows(comparison: ComparisonData) -> bool:
-    """Return whether the paths are shown in windows."""
-    start, stop = whole_span(comparison)
-    return stop - start > LONGEST_PATH or len(comparison.reference) > 1
 
 
 def _draw_paths(comparison: ComparisonData, ax: Axes) -> None:
@@ -93,20 +82,12 @@ def _draw_paths(comparison: ComparisonData, ax: Axes) -> None:
     ax.set(title="Paths [m] (ring: start; arrows: direction)", xlabel="x [m]", ylabel="y [m]", label="paths")
 
 
-@dataclass(frozen=True)
-class _Zoom:
-    """The place where a plant is farthest from the reference."""
-
-    piece: int
-    sample: int
-    centre: tuple[float, float]
-    """Middle of all positions at that time [m]."""
-    size: float
-    """Extent of those positions [m]."""
+_Zoom = tuple[int, int, float, float, float]
+"""Piece, sample, middle of all positions then (x, y), and their extent [m]."""
 
 
 def _find_zoom(comparison: ComparisonData) -> _Zoom | None:
-    """Return the place to enlarge; None where that shows no more than the whole picture does."""
+    """Return where a plant is farthest from the reference; None if that shows no more than the whole picture does."""
     worst, i, k = 0.0, 0, 0
     reference, *others = drawn_motions(comparison)
     for motion in others:
@@ -120,20 +101,21 @@ def _find_zoom(comparison: ComparisonData) -> _Zoom | None:
     if not 1e-6 < size < extent / 6.0:
         return None
     x, y = map(float, 0.5 * (low + high))
-    return _Zoom(i, k, (x, y), size)
+    return i, k, x, y, size
 
 
 def _draw_zoom(comparison: ComparisonData, zoom: _Zoom, ax: Axes) -> None:
-    """The paths around one instant, and every robot's pose then."""
+    """Draw the paths around one instant, and every robot's pose then."""
+    i, k, x, y, size = zoom
     for motion in drawn_motions(comparison):
         motion.draw(ax, *joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
-        draw_dart(ax, motion.pieces[zoom.piece].pose[zoom.sample], motion.name, 14.0)
-    (x, y), half = zoom.centre, 0.8 * zoom.size
+        draw_dart(ax, motion.pieces[i].pose[k], motion.name, 14.0)
+    half = 0.8 * size
     ax.locator_params(axis="x", nbins=6)  # asks for new limits, so before they are held
     hold_limits(ax, (x - half, x + half), (y - half, y + half))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x [m]", ylabel="y [m]", label="zoom")
-    ax.set_title(f"Farthest apart, at t = {comparison.reference[zoom.piece].t[zoom.sample]:.2f} s [m]")
+    ax.set_title(f"Farthest apart, at t = {comparison.reference[i].t[k]:.2f} s [m]")
 
 
 def _windows(comparison: ComparisonData) -> tuple[str, list[tuple[int, int, int]]]:
@@ -201,43 +183,26 @@ def _draw_yaw_error(comparison: ComparisonData, ax: Axes) -> None:
     at_least(ax, 0.5)
 
 
-def _horizon_marks(comparison: ComparisonData) -> list[HorizonMarks]:
-    return [
-        HorizonMarks(name, ink_of(name), _MARKERS.get(name, "o"), result.horizons)
-        for name, result in comparison.plants.items()
-        if result.horizons
-    ]
-
-
 def _panels(comparison: ComparisonData) -> list[list[Panel]]:
     """Return the panels below the paths, row by row; those without data are left out."""
     motions = drawn_motions(comparison)
-    with_acceleration = [
-        m for m in motions if not is_impulsive(comparison, m.name) and has_channel(m, "yaw_acceleration_rad_s2")
-    ]
+    smooth = [m for m in motions if not is_impulsive(comparison, m.name) and has_channel(m, "yaw_acceleration_rad_s2")]
     with_loads = [m for m in motions if has_channel(m, "wheel_load_N")]
     errors: list[Panel] = []
-    if any(result.horizons for result in comparison.plants.values()):
+    plants = comparison.plants.items()
+    if marks := [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons) for n, r in plants if r.horizons]:
+        told = "by horizon [{}]: median, bar to 95th percentile"
+        position, yaw = f"Position error {told.format('m')}", f"Yaw error {told.format('deg')}"
         errors = [
-            partial(
-                draw_horizons,
-                _horizon_marks(comparison),
-                "Position error by horizon [m]: median, bar to 95th percentile",
-                lambda e: (e.position_median_m, e.position_p95_m),
-            ),
-            partial(
-                draw_horizons,
-                _horizon_marks(comparison),
-                "Yaw error by horizon [deg]: median, bar to 95th percentile",
-                yaw_degrees,
-            ),
+            partial(draw_horizons, marks, position, lambda e: (e.position_median_m, e.position_p95_m)),
+            partial(draw_horizons, marks, yaw, yaw_degrees),
         ]
     elif len(motions) > 1:
         errors = [partial(_draw_position_error, comparison), partial(_draw_yaw_error, comparison)]
     told = " and command" if has_speed_commands(comparison) else ""
     turn: list[Panel] = [partial(draw_velocity, comparison, f"Yaw rate [rad/s]{told}", 2, 1)]
-    if with_acceleration:
-        turn.append(partial(draw_acceleration, comparison, with_acceleration))
+    if smooth:
+        turn.append(partial(draw_acceleration, comparison, smooth))
     ride: list[Panel] = [partial(draw_velocity, comparison, f"Speed v_x [m/s]{told}", 0, 0)]
     if with_loads:
         ride.append(partial(draw_loads, comparison, with_loads[0]))
@@ -255,17 +220,7 @@ def _draw_header(comparison: ComparisonData, ax: Axes) -> None:
     handles, labels = [], []
     for motion in drawn_motions(comparison):
         marker = _MARKERS.get(motion.name, "o") if marked and not motion.is_reference else ""
-        width = BROAD if motion.is_reference else NARROW
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=ink_of(motion.name),
-                linestyle=DASHES.get(motion.name, "solid"),
-                linewidth=width,
-                marker=marker,
-            )
-        )
+        handles.append(Line2D([], [], marker=marker, **motion.look))
         labels.append(f"{motion.name}\n{'reference' if motion.is_reference else headline_error(comparison, motion.name)}")
     if has_speed_commands(comparison):
         handles.append(Line2D([], [], color=COMMAND_INK, linewidth=1.0))
@@ -273,9 +228,8 @@ def _draw_header(comparison: ComparisonData, ax: Axes) -> None:
     line_legend(ax, handles, labels)
 
 
-def _draw_footer(comparison: ComparisonData, ax: Axes) -> None:
-    """Write in one line how the picture was made."""
-    ax.set_axis_off()
+def _footer(comparison: ComparisonData) -> str:
+    """Return in one line how the picture was made."""
     parts = [
         f"source {shortened(Path(comparison.source).name, 32)}",
         f"profile {shortened(comparison.profile, 20)}",
@@ -285,7 +239,7 @@ def _draw_footer(comparison: ComparisonData, ax: Axes) -> None:
         *(name for name, value in comparison.options.items() if value is True),
         *(f"{name} {comparison.versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in comparison.versions),
     ]
-    ax.text(0.0, 0.0, " · ".join(parts), transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
+    return " · ".join(parts)
 
 
 def _paths_size(comparison: ComparisonData) -> Span:
@@ -299,8 +253,8 @@ def _paths_size(comparison: ComparisonData) -> Span:
 def _rows(comparison: ComparisonData) -> list[Row]:
     """Everything, from top to bottom."""
     rows = [text_row(_HEADER_IN, partial(_draw_header, comparison))]
-    zoom = _find_zoom(comparison)
-    if _in_windows(comparison):
+    zoom, (start, stop) = _find_zoom(comparison), whole_span(comparison)
+    if stop - start > LONGEST_PATH or len(comparison.reference) > 1:
         words, windows = _windows(comparison)
         heading = f"Paths over {words} [m]: all start at the same pose; from small to large errors"
         rows.append(text_row(_SECTION_IN, partial(draw_section, heading)))
@@ -312,7 +266,7 @@ def _rows(comparison: ComparisonData) -> list[Row]:
         paths, closer = partial(_draw_paths, comparison), partial(_draw_zoom, comparison, zoom)
         rows.append(Row(tall, ((wide / WIDTH_IN, paths), (1.0 - wide / WIDTH_IN, closer))))
     rows += [side_by_side(_ROW_IN, panels) for panels in _panels(comparison)]
-    rows.append(text_row(_FOOTER_IN, partial(_draw_footer, comparison)))
+    rows.append(text_row(_FOOTER_IN, partial(draw_footer, _footer(comparison))))
     return rows
 
 

@@ -77,65 +77,47 @@ class History:
 
 
 def write_recording(comparison: ComparisonData, path: Path, report_markdown: str, histories: Sequence[History] = ()) -> None:
-    """Write a comparison as a rerun recording, whole or not at all.
+    """Write a comparison, its report and histories as a rerun recording, whole or not at all.
 
     The recording's id is a digest of what was asked for and of the motions that came out: a run that is repeated compares
     equal, and two that differ can be open in one viewer.
-
-    Args:
-        comparison: what to show.
-        path: the file, `.rrd`; one that is there already is replaced.
-        report_markdown: the report, in markdown.
-        histories: what else to plot, each on its own timeline.
 
     Raises:
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    data = _encoded(comparison, report_markdown, histories)
-    write_atomic(path, lambda temporary: temporary.write_bytes(data))
-
-
-def _encoded(comparison: ComparisonData, report_markdown: str, histories: Sequence[History]) -> bytes:
-    """Return the whole recording as the bytes of a file."""
     c, tracks = comparison, _tracks(comparison)
 
     def fill(recording: rr.RecordingStream) -> None:
-        plots = _plots(comparison, tracks)
+        plots = _command_plots(comparison)
+        for track in tracks:
+            plots.update(_plots_of(track))
+        gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)])
         recording.send_blueprint(_layout(tracks, plots, histories), make_active=False, make_default=True)
-        _write_properties(recording, comparison)
+        recording.send_recording_name(f"{c.source}, profile {c.profile}")
+        about = rr.AnyValues(source=c.source, profile=c.profile, reference=c.reference_name, seed=c.seed)
+        recording.send_property("comparison", about)
+        write_circumstances(recording, c.options, c.versions)
         recording.log("report", rr.TextDocument(report_markdown, media_type=rr.MediaType.MARKDOWN), static=True)
         _write_scene(recording, tracks)
         for entity, series in plots.items():
-            write_series(recording, f"plots/{entity}", series, _gaps(tracks[0]))
+            write_series(recording, f"plots/{entity}", series, gaps)
         for history in histories:
             _write_history(recording, history)
 
-    return encode(identify((c.source, c.profile, c.reference_name, c.seed, sorted(c.options.items())), tracks), fill)
+    identity = identify((c.source, c.profile, c.reference_name, c.seed, sorted(c.options.items())), tracks)
+    data = encode(identity, fill)
+    write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
 def _tracks(comparison: ComparisonData) -> list[Track]:
     """Return all robots, the reference first."""
     plants = comparison.plants
-    known = plants.get(comparison.reference_name) or next(
-        iter(plants.values())
-    )  # where a recording was tracked its plants say
+    known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say
     ground = comparison.terrain
     reference = Track(comparison.reference_name, comparison.reference, None, known.tracked_point, ground)
     others = [result for result in plants.values() if result.name != reference.name]
     return [reference, *(Track(result.name, result.pieces, reference, result.tracked_point, ground) for result in others)]
-
-
-def _write_properties(recording: rr.RecordingStream, comparison: ComparisonData) -> None:
-    recording.send_recording_name(f"{comparison.source}, profile {comparison.profile}")
-    about = rr.AnyValues(
-        source=comparison.source,
-        profile=comparison.profile,
-        reference=comparison.reference_name,
-        seed=comparison.seed,
-    )
-    recording.send_property("comparison", about)
-    write_circumstances(recording, comparison.options, comparison.versions)
 
 
 def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None:
@@ -173,11 +155,6 @@ def _place(rank: int, count: int) -> FloatArray:
     return LINEUP_GAP * (row, 0.5 * (in_row - 1) - column, 0.0)
 
 
-def _gaps(reference: Track) -> FloatArray:
-    """(pieces - 1,) instants between pieces [s]."""
-    return np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(reference.pieces)])
-
-
 def _write_history(recording: rr.RecordingStream, history: History) -> None:
     """Send the values of all steps."""
     entity, steps = f"history/{history.what}", rr.TimeColumn(history.timeline, sequence=np.arange(len(history.values)))
@@ -185,14 +162,6 @@ def _write_history(recording: rr.RecordingStream, history: History) -> None:
     recording.log(entity, style, static=True)
     values = np.where(np.isfinite(history.values), history.values, np.nan)
     recording.send_columns(entity, [steps], rr.Scalars.columns(scalars=values))
-
-
-def _plots(comparison: ComparisonData, tracks: Sequence[Track]) -> dict[str, Series]:
-    """Return all series by entity below `plots`."""
-    plots = _command_plots(comparison)
-    for track in tracks:
-        plots.update(_plots_of(track))
-    return plots
 
 
 def _plots_of(track: Track) -> dict[str, Series]:
@@ -221,9 +190,8 @@ def _plots_of(track: Track) -> dict[str, Series]:
     formula = track.channel(QUASI_STATIC)
     if formula is not None:
         names = [f"{wheel.replace('_', ' ')} quasi-static [N]" for wheel in WHEELS]
-        plots[f"wheel_load/{track.name}_quasi_static"] = Series(
-            names, [mix(c, WHITE, 0.5) for c in WHEEL_COLOURS], track.t, formula
-        )
+        pale = [mix(c, WHITE, 0.5) for c in WHEEL_COLOURS]
+        plots[f"wheel_load/{track.name}_quasi_static"] = Series(names, pale, track.t, formula)
     return plots
 
 
@@ -261,10 +229,7 @@ def _layout(tracks: Sequence[Track], plots: Mapping[str, Series], histories: Seq
     ]
     torques = plot("torque/mujoco", "Motor torques of mujoco [N m]") or plot("torque", "Motor torques [N m]")
     wheels = [*plot("wheel_load", "Wheel loads [N]"), *torques]
-    errors = [
-        *plot("position_error", f"Position error to {name} [m]"),
-        *plot("yaw_error", f"Yaw error to {name} [rad]"),
-    ]
+    errors = [*plot("position_error", f"Position error to {name} [m]"), *plot("yaw_error", f"Yaw error to {name} [rad]")]
     report = rrb.TextDocumentView(origin="/report", name="Report")
     steps = [
         rrb.TimeSeriesView(origin=f"/history/{h.what}", name=f"{h.title} (choose the timeline '{h.timeline}')")

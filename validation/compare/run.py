@@ -25,7 +25,7 @@ from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 from validation.progress import Progress, Report, silent
 from validation.robots.plant import Health, MujocoPlant, check_health
 from validation.robots.terrain import FLAT, Terrain
-from validation.robots.wheel_loads import WheelLoads, resting_loads, summarise, with_quasi_static
+from validation.robots.wheel_loads import resting_loads, summarise, with_quasi_static
 
 WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
 """Commands driven once before the clock runs, so that wall times do not hold compilation."""
@@ -66,14 +66,8 @@ class CompareSettings:
     def as_dict(self) -> dict[str, Any]:
         """Return the options as compare.json has them; the seed stands beside them."""
         span = {"from": self.start, "until": self.until}
-        return {
-            "input": self.input,
-            "horizons": self.horizons,
-            "noise": self.noise,
-            "disturbance": self.disturbance,
-            "terrain": self.terrain.spec,
-            **{name: value for name, value in span.items() if value is not None},
-        }
+        options = {name: getattr(self, name) for name in ("input", "horizons", "noise", "disturbance")}
+        return {**options, "terrain": self.terrain.spec, **{k: v for k, v in span.items() if v is not None}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,19 +104,14 @@ class PreparedComparison:
         every = self.profile.as_dict()
         results = {}
         for name in self.plants:
-            section = self.profile.plants[name]
+            plant, driven = self.plants[name], motions[name]
+            horizons = score_horizons(driven, source, settings.horizons) if recorded else {}
+            health = _health(driven) if settings.terrain.even else None
+            loads = summarise(tuple(driven), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None
             results[name] = PlantResult(
-                name,
-                tuple(motions[name]),
-                compare_pieces(motions[name], truth),
-                score_horizons(motions[name], source, settings.horizons) if recorded else {},
-                wall[name],
-                simulated / wall[name],
-                _health(motions[name]) if settings.terrain.even else None,
-                section.tracked_point,
-                _loads(self.plants[name], motions[name]),
-                every[name],
-            )
+                name, tuple(driven), compare_pieces(driven, truth), horizons, wall[name], simulated / wall[name],
+                health, self.profile.plants[name].tracked_point, loads, every[name],
+            )  # fmt: skip
         commands = tuple(piece.commands for piece in source.pieces)
         return Comparison(
             source.name, self.profile.name, self.reference, truth, commands, results, settings.seed,
@@ -231,8 +220,3 @@ def _health(motions: Sequence[Trajectory]) -> Health | None:
     if not verdicts:
         return None
     return Health(min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts))
-
-
-def _loads(plant: Plant, motions: Sequence[Trajectory]) -> WheelLoads | None:
-    """Sum up what the wheels carried, for a plant that knows it."""
-    return summarise(tuple(motions), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None

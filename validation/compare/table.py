@@ -99,12 +99,10 @@ def _horizon_grid(comparison: ComparisonData) -> Grid | None:
             texts = {name: unit.text(v) for name, v in values.items()}
             best = best_of(texts, values, "low")
             columns.append({name: Cell(text, name in best) for name, text in texts.items()})
-        groups.append(
-            tuple(
-                (Cell(f"{horizon:g}"), Cell(name), Cell(str(e.n)), *(column[name] for column in columns))
-                for name, e in errors.items()
-            )
-        )
+        rows = []
+        for name, e in errors.items():
+            rows.append((Cell(f"{horizon:g}"), Cell(name), Cell(str(e.n)), *(column[name] for column in columns)))
+        groups.append(tuple(rows))
     caption = f"compared with {comparison.reference_name} · emphasised: the best"
     return Grid(tuple(header), tuple(groups), 2, "Error of the relative pose after a horizon", caption)
 
@@ -113,28 +111,15 @@ def _load_grid(comparison: ComparisonData) -> Grid | None:
     """Return the wheel loads of the plants that know them; None where none does."""
     groups = []
     for name, result in comparison.plants.items():
-        loads = result.loads
-        if loads is not None:
-            rows = zip(
-                WHEELS, loads.static_N, loads.mean_N, loads.lowest_N, loads.highest_N, loads.off_ground_share, strict=True
-            )
-            groups.append(
-                tuple(
-                    (
-                        Cell(name),
-                        Cell(wheel.replace("_", " ")),
-                        *(Cell(NEWTONS.text(n)) for n in newtons),
-                        Cell(PERCENT.text(share)),
-                    )
-                    for wheel, *newtons, share in rows
-                )
-            )
-    header = [
-        ("plant", ""),
-        ("wheel", ""),
-        *((n, "N") for n in ("at rest", "mean", "least", "greatest")),
-        ("off ground", "%"),
-    ]
+        if (loads := result.loads) is not None:
+            values = loads.static_N, loads.mean_N, loads.lowest_N, loads.highest_N, loads.off_ground_share
+            rows = []
+            for wheel, *newtons, share in zip(WHEELS, *values, strict=True):
+                texts = name, wheel.replace("_", " "), *map(NEWTONS.text, newtons), PERCENT.text(share)
+                rows.append(tuple(map(Cell, texts)))
+            groups.append(tuple(rows))
+    forces = [(name, "N") for name in ("at rest", "mean", "least", "greatest")]
+    header = [("plant", ""), ("wheel", ""), *forces, ("off ground", "%")]
     return Grid(tuple(header), tuple(groups), 2, "Wheel loads", _load_caption(comparison)) if groups else None
 
 
@@ -156,28 +141,18 @@ def _unhealthy(comparison: ComparisonData) -> list[tuple[str, str]]:
 def comparison_grids(comparison: ComparisonData) -> list[Grid]:
     """Return a comparison's tables, the most telling one first.
 
-    Args:
-        comparison: what was found.
-
-    Returns:
-        On a recording first the errors of the relative pose by horizon and plant: number of windows, median and 95th
-        percentile (p95) of the position error [m] and the yaw error [deg]. Then, with plants as rows and the reference
-        marked, the metrics. Then, for plants that know them, the wheel loads [N]. The best value of each column is
-        emphasised; the reference, at no distance from itself, competes only in speed.
+    On a recording the errors of the relative pose by horizon and plant come first: number of windows, median and 95th
+    percentile (p95) of the position error [m] and the yaw error [deg]. Then, with plants as rows and the reference marked,
+    the metrics. Then, for plants that know them, the wheel loads [N]. The best value of each column is emphasised.
     """
     grids = (_horizon_grid(comparison), _plant_grid(comparison), _load_grid(comparison))
     return [grid for grid in grids if grid is not None]
 
 
 def headline_error(comparison: ComparisonData, name: str) -> str:
-    """The one number by which a plant is known where there is no room for more.
+    """Return the one number, with its unit, by which a plant is known where there is no room for more.
 
-    Args:
-        comparison: what was found.
-        name: which plant.
-
-    Returns:
-        Median errors after the horizon closest to `HEADLINE_HORIZON`, where there are horizons; else d_rms. With units.
+    Where there are horizons, it is the median errors after the horizon closest to `HEADLINE_HORIZON`; else d_rms.
     """
     result = comparison.plants[name]
     if result.horizons:
@@ -193,14 +168,9 @@ def headline_error(comparison: ComparisonData, name: str) -> str:
 
 
 def comparison_markdown(comparison: ComparisonData) -> str:
-    """The whole comparison as GitHub-flavoured markdown.
+    """Return the whole comparison as GitHub-flavoured markdown.
 
-    Args:
-        comparison: what was found.
-
-    Returns:
-        The options of the run, the tables of `comparison_grids`, the meaning of each metric, and advice where a plant is
-        unhealthy.
+    It has the run's options, the tables of `comparison_grids`, the metrics' meanings, and advice where a plant is unhealthy.
     """
     options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in comparison.options.items())
     versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in comparison.versions.items())
@@ -223,6 +193,4 @@ def comparison_markdown(comparison: ComparisonData) -> str:
     ):
         if grid is not None:
             lines += ["", f"## {title}", "", *markdown_table(grid), "", caption]
-    lines += ["", "## What the metrics mean", ""]
-    lines += meanings(COLUMNS)
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", "## What the metrics mean", "", *meanings(COLUMNS)]) + "\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,7 +38,7 @@ _IMPULSIVE = frozenset({"kinematic"})
 _CHATTERING = "coulomb"
 """The plant whose acceleration is drawn thin and behind the others, for it may fill the panel."""
 _Values = Callable[[Trajectory], FloatArray]
-DASHES: dict[str, Dashes] = {
+_DASHES: dict[str, Dashes] = {
     "improved": (0.0, (6.0, 1.5)),
     "coulomb": (0.0, (1.5, 1.0)),
     "linear": (0.0, (7.0, 1.5, 1.5, 1.5)),
@@ -55,18 +56,15 @@ class DrawnMotion:
     pieces: tuple[Trajectory, ...]
     is_reference: bool
 
+    @property
+    def look(self) -> dict[str, Any]:
+        """Properties of its line."""
+        width = BROAD if self.is_reference else NARROW
+        return {"color": ink_of(self.name), "linestyle": _DASHES.get(self.name, "solid"), "linewidth": width}
+
     def draw(self, ax: Axes, x: FloatArray, y: FloatArray) -> None:
-        """Draw a line of its own look: the reference broad and behind, the others on top of it."""
-        broad = self.is_reference
-        ax.plot(
-            x,
-            y,
-            color=ink_of(self.name),
-            linestyle=DASHES.get(self.name, "solid"),
-            linewidth=BROAD if broad else NARROW,
-            zorder=2.0 if broad else 2.5,
-            gid=self.name,
-        )
+        """Draw its line: the reference broad and behind, the others on top of it."""
+        ax.plot(x, y, zorder=2.0 if self.is_reference else 2.5, gid=self.name, **self.look)
 
 
 def drawn_motions(comparison: ComparisonData) -> list[DrawnMotion]:
@@ -158,12 +156,12 @@ def draw_acceleration(comparison: ComparisonData, motions: Sequence[DrawnMotion]
         x, y = over_time([motion.pieces[i]], lambda piece: piece.channels["yaw_acceleration_rad_s2"], span)
         curves[motion.name] = y
         if motion.name == _CHATTERING:
-            band = _reach(motion.pieces[i], span)
+            # least and greatest accelerations since the sample before, which samples alone would hide
+            _, band = over_time([motion.pieces[i]], lambda piece: piece.channels["yaw_acceleration_range_rad_s2"], span)
             curves[f"{motion.name} between samples"] = band.ravel()
-            ax.fill_between(
-                x, band[:, 0], band[:, 1], color=ink_of(motion.name), alpha=0.2, linewidth=0.0, step="pre", zorder=1.6
-            )
-            ax.plot(x, y, color=ink_of(motion.name), linewidth=0.9, zorder=1.7, gid=motion.name)
+            ink = ink_of(motion.name)
+            ax.fill_between(x, band[:, 0], band[:, 1], color=ink, alpha=0.2, linewidth=0.0, step="pre", zorder=1.6)
+            ax.plot(x, y, color=ink, linewidth=0.9, zorder=1.7, gid=motion.name)
         else:
             motion.draw(ax, x, y)
     low, high, cut = _clip(curves)
@@ -175,22 +173,13 @@ def draw_acceleration(comparison: ComparisonData, motions: Sequence[DrawnMotion]
     corner_note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, not drawn" for name in left_out)]))
 
 
-def _reach(piece: Trajectory, span: Span) -> FloatArray:
-    """Return (M, 2) least and greatest yaw accelerations since the sample before [rad/s2]; samples alone would hide them."""
-    inside = (piece.t >= span[0]) & (piece.t <= span[1])
-    return piece.channels["yaw_acceleration_range_rad_s2"][inside]
-
-
 def _clip(curves: Mapping[str, FloatArray]) -> tuple[float, float, list[str]]:
     """Limits of an axis that hold zero and each curve, less lonely spikes; and the spikes that are cut off, in words."""
     peaks = {name: float(np.max(np.abs(y))) for name, y in curves.items()}
     low, high, cut = 0.0, 0.0, []
     for name, y in curves.items():
-        usual = max(
-            float(np.percentile(np.abs(y), _CLIP_PERCENTILE, method="lower")),
-            *(peak for other, peak in peaks.items() if other != name),
-            0.0,
-        )
+        own = float(np.percentile(np.abs(y), _CLIP_PERCENTILE, method="lower"))
+        usual = max(own, *(peak for other, peak in peaks.items() if other != name), 0.0)
         if usual > _CLIP_FLOOR and peaks[name] > _CLIP_RATIO * usual:
             cut.append(f"{name}, which reaches {peaks[name]:.3g}, is cut off")
             y = np.clip(y, -usual, usual)
@@ -211,10 +200,8 @@ def _swiftest_turn(motion: DrawnMotion) -> tuple[bool, int, float]:
         k = np.arange(len(piece))
         change = np.abs(rate[np.minimum(k + reach, len(piece) - 1)] - rate[np.maximum(k - reach, 0)])
         crossing = np.append(rate[1:] * rate[:-1] < 0.0, False) & (change > _TURN_FLOOR)
-        for found, score in (
-            (True, np.where(crossing, change, -1.0)),
-            (False, np.abs(piece.channels["yaw_acceleration_rad_s2"])),
-        ):
+        acceleration = np.abs(piece.channels["yaw_acceleration_rad_s2"])
+        for found, score in ((True, np.where(crossing, change, -1.0)), (False, acceleration)):
             m = int(np.argmax(score))
             if score[m] >= 0.0:
                 best = max(best, (found, float(score[m]), i, float(piece.t[m])))

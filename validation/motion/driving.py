@@ -9,13 +9,8 @@ import numpy as np
 
 from ssmr.geometry import shift_reference, shift_state
 from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
-from ssmr.types import FloatArray, Plant, State, Trajectory
+from ssmr.types import FloatArray, Plant, Trajectory
 from validation.motion.sources import Piece, Source
-
-
-def start_of(piece: Piece, tracked: tuple[float, float]) -> State:
-    """Return the start of a plant's reference point that puts its tracked point (x, y) [m] at the start of the piece."""
-    return shift_state(piece.start, (-tracked[0], -tracked[1]))
 
 
 def drive(
@@ -30,7 +25,8 @@ def drive(
         sample_dt: period at which the plant is sampled [s].
         push: (n,) disturbing yaw acceleration of each physics step [rad/s2].
     """
-    motion = plant.run(piece.commands, start_of(piece, tracked), sample_dt, push)
+    start = shift_state(piece.start, (-tracked[0], -tracked[1]))  # puts the tracked point at the start of the piece
+    motion = plant.run(piece.commands, start, sample_dt, push)
     pose = shift_reference(motion.pose, tracked)
     twist = motion.twist + motion.twist[:, 2:] * np.array([-tracked[1], tracked[0], 0.0])
     motion = replace(motion, pose=pose, twist=twist)
@@ -41,14 +37,11 @@ def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
     """Return the motion at the stamps `t` [s], its first sample being at `t[0]`; linear between samples."""
 
     def at(values: np.ndarray) -> np.ndarray:
-        columns = values.reshape(len(values), -1)
-        return np.column_stack([np.interp(t, motion.t + t[0], column) for column in columns.T]).reshape(
-            len(t), *values.shape[1:]
-        )
+        columns = [np.interp(t, motion.t + t[0], column) for column in values.reshape(len(values), -1).T]
+        return np.column_stack(columns).reshape(len(t), *values.shape[1:])
 
-    return Trajectory(
-        t, at(motion.pose), at(motion.twist), at(motion.wheels), {k: at(v) for k, v in motion.channels.items()}
-    )
+    channels = {name: at(values) for name, values in motion.channels.items()}
+    return Trajectory(t, at(motion.pose), at(motion.twist), at(motion.wheels), channels)
 
 
 def score_horizons(pieces: Sequence[Trajectory], source: Source, horizons: Sequence[float]) -> dict[float, HorizonErrors]:

@@ -20,7 +20,6 @@ RECORDING_GRID = 0.01
 """Period at which a recording's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any
 log of ours."""
 
-
 RECORDING = "recording"
 """The name of the reference where plants are compared with a recorded motion."""
 
@@ -97,18 +96,17 @@ def _piece(segment: Segment, kind: CommandKind) -> Piece:
     commands = segment.commands(kind, RECORDING_GRID)
     start = segment.initial_state()
     before = (float(commands.values[0, 0]), float(commands.values[0, 1]))
-    reference = _recorded_motion(segment, segment.recording)
-    return Piece(replace(commands, before=before), start, segment.t, reference, segment.fresh)
+    return Piece(replace(commands, before=before), start, segment.t, _recorded_motion(segment), segment.fresh)
 
 
-def _recorded_motion(segment: Segment, recording: Recording) -> Trajectory:
-    """The recorded pose; speeds are its slope over half a second, yaw rate the gyro's where there is one."""
+def _recorded_motion(segment: Segment) -> Trajectory:
+    """Return the recorded pose; speeds are its slope over half a second, yaw rate the gyro's where there is one."""
     velocity = _slopes(segment.t, segment.pose, segment.fresh)
     twist = np.column_stack([rotate_world_to_body(velocity[:, :2], segment.pose[:, 2]), velocity[:, 2]])
-    rows = slice(segment.start, segment.stop)
-    if "gyro_z" in recording.columns:
-        twist[:, 2] = recording.columns["gyro_z"][rows]
-    wheels = segment.inputs("wheels") if recording.has_wheels else np.zeros((len(segment.t), 2))
+    columns = segment.recording.columns
+    if "gyro_z" in columns:
+        twist[:, 2] = columns["gyro_z"][segment.start : segment.stop]
+    wheels = segment.inputs("wheels") if segment.recording.has_wheels else np.zeros((len(segment.t), 2))
     return Trajectory(segment.t, segment.pose, twist, wheels)
 
 
@@ -118,7 +116,5 @@ def _slopes(t: FloatArray, values: FloatArray, fresh: NDArray[np.bool_], span: f
     if len(known_t) < 2:
         return np.zeros_like(values)
     low, high = np.clip(t - 0.5 * span, known_t[0], known_t[-1]), np.clip(t + 0.5 * span, known_t[0], known_t[-1])
-    rise = np.column_stack(
-        [np.interp(high, known_t, known[:, i]) - np.interp(low, known_t, known[:, i]) for i in range(values.shape[1])]
-    )
+    rise = np.column_stack([np.interp(high, known_t, column) - np.interp(low, known_t, column) for column in known.T])
     return rise / np.maximum(high - low, 1e-9)[:, None]

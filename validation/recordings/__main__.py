@@ -13,7 +13,6 @@ from validation import cli
 from validation.logs.formats import writable
 from validation.logs.log import ReadOptions, Stamps
 from validation.recordings.run import ConvertSettings, convert, info
-from validation.show.tables import rich_table
 
 
 def _parse_topics(text: str) -> dict[str, str]:
@@ -118,7 +117,7 @@ def _info(options: InfoOptions) -> None:
         found = info(options.source, ReadOptions(bag.topics, bag.stamps), simulation.profile, simulation.seed)
     for fault in found.log.faults:
         cli.warn(fault)
-    cli.report(map(rich_table, found.grids()), found.notes(), [])
+    cli.report_result(found)
 
 
 def _convert(options: ConvertOptions) -> None:
@@ -141,7 +140,7 @@ def _convert(options: ConvertOptions) -> None:
             converted.save(target)
         except OSError as error:
             raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
-    cli.report(map(rich_table, converted.grids()), converted.notes(), [target])
+    cli.report_result(converted, [target])
 
 
 LOG_COMMANDS: Mapping[str, Callable[[Any], None]] = {"info": _info, "convert": _convert}

@@ -59,9 +59,6 @@ Panel = Callable[[Axes], None]
 Span = tuple[float, float]
 Ink = str | tuple[float, float, float]
 
-MAX_LABELLED = 3
-"""Up to so many plants there is room for numbers beside their points."""
-
 DART = Outline([(1.0, 0.0), (-0.8, 0.75), (-0.35, 0.0), (-0.8, -0.75), (1.0, 0.0)], closed=True)
 BROAD, NARROW = 2.6, 1.5
 QUIET, ALARM = "0.4", "#b00020"
@@ -102,16 +99,8 @@ def joined(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, 
 def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
     """A dart at a pose (x, y [m], yaw [rad]) that points along its yaw."""
     marker = MarkerStyle(DART, transform=Affine2D().rotate(float(pose[2])))
-    ax.plot(
-        pose[0],
-        pose[1],
-        marker=marker,
-        markersize=size,
-        color=ink_of(name),
-        markeredgecolor="white",
-        markeredgewidth=0.6,
-        zorder=4.0,
-    )
+    ax.plot(*pose[:2], marker=marker, markersize=size, color=ink_of(name), markeredgecolor="white", markeredgewidth=0.6,
+            zorder=4.0)  # fmt: skip
 
 
 def draw_ring(ax: Axes, x: float, y: float) -> None:
@@ -200,7 +189,7 @@ def draw_horizons(
         ax.vlines(at, median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
         ax.plot(at, high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
         ax.plot(at, median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=each.name)
-        for x, y in zip(at, median, strict=True) if len(marks) <= MAX_LABELLED else ():
+        for x, y in zip(at, median, strict=True) if len(marks) <= 3 else ():  # numbers of more have no room
             ax.annotate(f"{y:.2g}" if y < 10.0 else f"{y:.0f}", (x, y), (0, -6), textcoords="offset points", ha="center",
                         va="top", fontsize=8.0, color="0.25")  # fmt: skip
         smallest, largest = min(smallest, float(median.min())), max(largest, float(high.max()))
@@ -211,9 +200,8 @@ def draw_horizons(
         ax.yaxis.set_minor_formatter(NullFormatter())
     ax.margins(y=0.25)
     counts = [max(each.errors[h].n for each in marks if h in each.errors) for h in horizons]
-    ax.set_xticks(
-        range(len(horizons)), [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)]
-    )
+    texts = [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)]
+    ax.set_xticks(range(len(horizons)), texts)
     ax.grid(visible=False, axis="x")
     ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
 
@@ -323,12 +311,8 @@ def note_rows(notes: Sequence[str]) -> list[Row]:
 def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None = None) -> Figure:
     """Draw rows from top to bottom into a figure 1600 px wide.
 
-    Args:
-        rows: what to draw.
-        finish: called with the figure, in the same style, when all limits are settled and before it is drawn.
-
-    Returns:
-        The figure, drawn once, so that its ticks have this style too; `save_figure` writes that drawing.
+    `finish` is called with the figure, in the same style, when all limits are settled and before it is drawn. The figure is
+    drawn once, so that its ticks have this style too; `save_figure` writes that drawing.
     """
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(WIDTH_IN, 2.0 * EDGE_IN + sum(row.height for row in rows)), dpi=DPI)
@@ -346,11 +330,7 @@ def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None 
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure, whole or not at all.
-
-    Args:
-        figure: what to write.
-        path: where; the suffix says the format (.png, .svg, .pdf).
+    """Write a figure, whole or not at all; the path's suffix says the format (.png, .svg, .pdf).
 
     Raises:
         ValueError: the format is unknown; nothing is written.
@@ -359,7 +339,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     canvas = figure.canvas
     if path.suffix.lower() == ".png" and isinstance(canvas, FigureCanvasAgg) and not figure.stale:
         pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
-        write_atomic(path, lambda temporary: pixels.save(temporary, dpi=(figure.dpi, figure.dpi)))
+        write_atomic(path, lambda temporary: pixels.save(temporary, dpi=(figure.dpi, figure.dpi), compress_level=1))
         return
     with matplotlib.style.context(["default", STYLE]):
         write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=figure.dpi))

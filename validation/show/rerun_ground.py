@@ -41,13 +41,8 @@ def write_ground(recording: rr.RecordingStream, entity: str, terrain: Terrain, l
         recording.log(f"{entity}/other", _sheet(half, -0.5 * BELOW, OTHER_GROUND), static=True)
     if terrain.kind == "ramp" and terrain.slope > 0.0:
         downhill = -np.array([math.cos(terrain.toward), math.sin(terrain.toward), 0.0])
-        arrow = rr.Arrows3D(
-            origins=[[0.0, 0.0, 0.02]],
-            vectors=[1.2 * downhill],
-            colors=[DOWNHILL],
-            radii=[0.02],
-            labels=[f"downhill, {math.degrees(terrain.slope):g}°"],
-        )
+        words, origin = f"downhill, {math.degrees(terrain.slope):g}°", [0.0, 0.0, 0.02]
+        arrow = rr.Arrows3D(origins=[origin], vectors=[1.2 * downhill], colors=[DOWNHILL], radii=[0.02], labels=[words])
         recording.log(f"{entity}/downhill", arrow, static=True)
 
 

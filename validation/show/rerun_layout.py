@@ -38,12 +38,8 @@ class Series:
 def write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
     """Send the samples; at each instant of `gaps` [s] the lines are interrupted."""
     mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
-    style = rr.SeriesLines(
-        names=list(series.names),
-        colors=list(series.colours),
-        widths=[1.0 if series.held else 1.5] * len(series.names),
-        interpolation_mode=mode,
-    )
+    names, colours, widths = list(series.names), list(series.colours), [1.0 if series.held else 1.5] * len(series.names)
+    style = rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode)
     recording.log(entity, style, static=True)
     time = rr.TimeColumn(TIMELINE, duration=series.t)
     recording.send_columns(entity, [time], rr.Scalars.columns(scalars=series.values))
@@ -58,18 +54,13 @@ def plot_view(plots: Mapping[str, Series], entity: str, title: str, span: tuple[
     Empty where there is no such series.
     """
     drawn = [series.values for name, series in plots.items() if f"{name}/".startswith(f"{entity}/")]
+    if not drawn:
+        return []
     at, duration = rr.TimeRangeBoundary.absolute, max(span[1] - span[0], 0.1)
     shown = rr.TimeRange(start=at(seconds=span[0]), end=at(seconds=span[0] + (1.0 + _LEGEND_SHARE) * duration))
-    return [
-        rrb.TimeSeriesView(
-            origin=f"/plots/{entity}",
-            name=title,
-            axis_x=rrb.TimeAxis(view_range=shown),
-            axis_y=rrb.ScalarAxis(range=axis_range(drawn)),
-            plot_legend=rrb.Corner2D.RightTop,
-        )
-        for _ in drawn[:1]
-    ]
+    x, y = rrb.TimeAxis(view_range=shown), rrb.ScalarAxis(range=axis_range(drawn))
+    legend = rrb.Corner2D.RightTop
+    return [rrb.TimeSeriesView(origin=f"/plots/{entity}", name=title, axis_x=x, axis_y=y, plot_legend=legend)]
 
 
 def blueprint(left: rrb.Container, plots: Sequence[Sequence[rrb.TimeSeriesView]]) -> rrb.Blueprint:
@@ -100,10 +91,8 @@ def axis_range(drawn: Sequence[FloatArray]) -> tuple[float, float]:
 def view(name: str, origin: str, looks: rrb.EyeControls3D, without: Sequence[str] = ()) -> rrb.Spatial3DView:
     """Return a view of everything below `origin`, seen by an eye."""
     grid = rrb.LineGrid3D(visible=origin == "/world", spacing=1.0, stroke_width=1.0, color=GRID)
-    contents = [f"{origin}/**", *without]
-    return rrb.Spatial3DView(
-        name=name, origin=origin, contents=contents, background=_SKY, line_grid=grid, eye_controls=looks
-    )
+    seen = [f"{origin}/**", *without]
+    return rrb.Spatial3DView(name=name, origin=origin, contents=seen, background=_SKY, line_grid=grid, eye_controls=looks)
 
 
 def overviews(extent: Extent, names: Sequence[str]) -> list[rrb.Spatial3DView]:

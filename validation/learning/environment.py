@@ -141,21 +141,16 @@ class Tracking(composer.Task):
         plant = self._plants[self._drawn]
         self.husky.calibrate(physics, plant.parameters, plant.drive.torque_limit)
         with physics.reset_context():
-            physics.data.qpos[:] = self._resting[self._drawn]
-            physics.data.qpos[:7] = self._frame_pose(physics)
+            rest, lever = self._resting[self._drawn], np.zeros(3)
+            mujoco.mju_rotVecQuat(lever, np.array(physics.model.body(f"{self.husky.prefix}base").pos), rest[3:7])
+            physics.data.qpos[:] = rest
+            physics.data.qpos[:3] -= lever  # the free joint's frame is the origin of husky.xml, not the base
             physics.data.qvel[:] = 0.0
         self._driver, self._references = Driver(plant.drive, self.physics_timestep, State()), np.zeros((1, 2))
         self._segment, self._start = 0, float(physics.data.time)
 
-    def _frame_pose(self, physics: Any) -> FloatArray:
-        """Return (7,) the pose of the free joint, whose frame is the origin of husky.xml, not the base."""
-        rest, lever = self._resting[self._drawn], np.zeros(3)
-        mujoco.mju_rotVecQuat(lever, np.array(physics.model.body(f"{self.husky.prefix}base").pos), rest[3:7])
-        return np.concatenate([rest[:3] - lever, rest[3:7]])
-
     def before_step(self, physics: Any, action: FloatArray, random_state: np.random.RandomState) -> None:
         """The drive turns the command into wheel-rate references for the physics steps until the next."""
-        del random_state
         n = whole_steps(self.control_timestep, self.physics_timestep, "the control period")
         v, w = map(float, np.asarray(action, dtype=np.float64))
         self._references, self._substep = self._driver.references((v, w), n), 0
@@ -163,13 +158,11 @@ class Tracking(composer.Task):
 
     def before_substep(self, physics: Any, action: FloatArray, random_state: np.random.RandomState) -> None:
         """Set the wheel-rate references of this physics step."""
-        del action, random_state
         physics.data.ctrl[:] = self._references[min(self._substep, len(self._references) - 1)]
         self._substep += 1
 
     def action_spec(self, physics: Any) -> specs.BoundedArray:
         """Return the action (2,): v and omega within the drive's limits."""
-        del physics
         drive = self._plants[0].drive
         top = np.array([drive.v_max, drive.w_max])
         return specs.BoundedArray((2,), np.float64, -top, top, name="v\tomega")

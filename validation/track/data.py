@@ -102,12 +102,7 @@ class TrackedRobot:
 
 
 def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:
-    """Return (M,) whether a torque or a command was at its limit; a limit that is not named is never reached.
-
-    Args:
-        run: M ticks.
-        limits: numbers by the names in `LIMITED`; other entries are ignored.
-    """
+    """Return (M,) whether a torque or a command was at its limit; `limits` may have the names in `LIMITED`, and others."""
     found = np.zeros(len(run.t), dtype=np.bool_)
     for name, columns in LIMITED.items():
         limit = limits.get(name)
@@ -126,10 +121,7 @@ def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -
 def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, object]) -> Metrics:
     """Return how well a run followed its reference; a run that was lost is compared with the whole reference.
 
-    Args:
-        run: the run.
-        waypoints: its reference.
-        limits: greatest torque of a side, speed and yaw rate, by the names in `LIMITED`.
+    `limits` are the greatest torque of a side, speed and yaw rate, by the names in `LIMITED`.
     """
 
     def rms(name: str) -> float:

@@ -172,8 +172,7 @@ def _finish_time(results: Sequence[TrackedRobot], strips: bool, ax: Axes) -> Non
         )  # fmt: skip
 
 
-def _marker(result: TrackedRobot) -> str:
-    """Return the marker of a robot that was lost before there is a line to show."""
+def _marker(result: TrackedRobot) -> str:  # of a robot that was lost before there is a line to show
     return "o" if len(result.run.t) < 2 else ""
 
 
@@ -274,13 +273,9 @@ def _motion_rows(results: Sequence[TrackedRobot]) -> list[Row]:
 def draw_track(results: Sequence[TrackedRobot]) -> Figure:
     """Return the picture of robots that followed one reference, 1600 px wide.
 
-    Args:
-        results: up to five, of different plants, on the same reference.
-
-    Returns:
-        A figure with its layout done: measures, paths, speed and yaw rate with what the position loop wanted and what was
-        commanded, and the three errors. Lines carry their plant as gid, or `PLANT wanted`, `PLANT command`, `PLANT seen`,
-        `reference`.
+    It shows measures, paths, speed and yaw rate with what the position loop wanted and what was commanded, and the three
+    errors of up to five robots. Lines carry their plant as gid, or `PLANT wanted`, `PLANT command`, `PLANT seen`,
+    `reference`.
 
     Raises:
         ValueError: robots that cannot be shown beside one another.

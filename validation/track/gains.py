@@ -88,10 +88,7 @@ def load_gains(controller: str, name_or_path: str | None = None) -> GainSet:
         GainsError: there is none, it belongs to another controller, or it says something that cannot be; one line that
             names file and gain.
     """
-    try:
-        _gains_of(controller)
-    except ValueError as error:
-        raise GainsError(str(error)) from error
+    _gains_of(controller)
     if name_or_path is None:
         there = names(controller)
         name_or_path = next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)
@@ -126,7 +123,7 @@ def dump_gains(gains: GainSet) -> str:
 
 def _gains_of(controller: str) -> tuple[str, ...]:
     if controller not in FIELDS:
-        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(FIELDS)}")
+        raise GainsError(f"unknown controller '{controller}'; there are: {', '.join(FIELDS)}")
     return FIELDS[controller]
 
 

@@ -14,13 +14,9 @@ from validation.compare.table import REAL_TIME
 from validation.show.tables import Cell, Grid, code_span, markdown_table, meanings, one_line, option_text, unit_of, units_of
 from validation.track.data import TRACK_METRICS, TrackedRobot
 
-MOST = 5
-"""Number of robots that can be told apart in one picture or recording."""
-MUCH_SATURATED = 0.05
-"""A robot at its limits for a greater share of time than this follows them rather than its controller."""
-UNSETTLED = 0.5
-"""A speed whose root mean square differs from the reference's by a greater share than this is pointed out."""
-
+_MOST = 5  # robots that can be told apart in one picture or recording
+_MUCH_SATURATED = 0.05  # a robot at its limits for a greater share of time follows them rather than its controller
+_UNSETTLED = 0.5  # a speed whose root mean square differs from the reference's by a greater share is pointed out
 
 SHOWN_METRICS = tuple(TRACK_METRICS[name] for name in (
     "d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad",
@@ -36,8 +32,8 @@ def require_comparable(results: Sequence[TrackedRobot]) -> None:
     Raises:
         ValueError: none of them or too many, different references or speeds, or one plant twice.
     """
-    if not 1 <= len(results) <= MOST:
-        raise ValueError(f"1 to {MOST} robots can be shown beside one another, got {len(results)}")
+    if not 1 <= len(results) <= _MOST:
+        raise ValueError(f"1 to {_MOST} robots can be shown beside one another, got {len(results)}")
     references = sorted({f"{r.reference} at {r.speed:.6g} m/s" for r in results})
     if len(references) > 1:
         raise ValueError(f"robots beside one another follow one reference, got {', '.join(references)}")
@@ -65,11 +61,7 @@ def lost_text(run: ClosedRun) -> str:
 
 
 def track_grids(robots: Sequence[TrackedRobot]) -> list[Grid]:
-    """Return two tables with robots as rows and measures as columns: the path; the errors that the controller sees.
-
-    Args:
-        robots: one robot or several on one reference.
-    """
+    """Return two tables of robots on one reference, a row each: measures of the path; errors that the controller sees."""
     labels = [Cell(f"{r.plant} (lost)" if r.run.lost else r.plant) for r in robots]
     metrics = [r.metrics for r in robots]
     units = units_of(SHOWN_METRICS, metrics)
@@ -100,9 +92,9 @@ def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
         m = r.metrics
         if r.run.lost:
             notes.append(f"{r.plant} was {lost_text(r.run)}: its numbers cover only the time before that.")
-        if m["saturated_fraction"] > MUCH_SATURATED:
+        if m["saturated_fraction"] > _MUCH_SATURATED:
             notes.append(f"{r.plant}: a torque or the command was at its limit {m['saturated_fraction']:.0%} of the time.")
-        if not r.run.lost and abs(m["u_rms_ratio"] - 1.0) > UNSETTLED:
+        if not r.run.lost and abs(m["u_rms_ratio"] - 1.0) > _UNSETTLED:
             notes.append(
                 f"{r.plant}: its speed was {m['u_rms_ratio']:.2f} times that of the reference, by root mean square."
             )
@@ -119,14 +111,7 @@ def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
 
 
 def track_markdown(results: Sequence[TrackedRobot]) -> str:
-    """Return everything in words as GitHub-flavoured markdown.
-
-    Args:
-        results: one robot or several on one reference.
-
-    Returns:
-        The options, the tables of `track_grids`, the sentences of `track_notes`, and the meaning of each measure.
-    """
+    """Return options, tables, notes and the meaning of each measure of robots on one reference as GitHub's markdown."""
     first, (path, errors) = results[0], track_grids(results)
     options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in first.options.items() if v is not None)
     versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in first.versions.items())
@@ -147,8 +132,7 @@ def track_markdown(results: Sequence[TrackedRobot]) -> str:
         "",
         *markdown_table(errors),
     ]
-    notes = track_notes(results)
-    if notes:
+    if notes := track_notes(results):
         lines += ["", "## Notes", "", *(f"- {one_line(note)}" for note in notes)]
     lines += ["", "## What the metrics mean", ""]
     lines += meanings([*SHOWN_METRICS, REAL_TIME])

@@ -61,7 +61,7 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
         raise error(path, f"files ending in '{path.suffix}' are not read; wanted {error.wanted}")
     table = _read_sheet(path) if ending == ".xlsx" else read_csv_table(path, error)
     columns = {}
-    for name, place in _places_of_columns(table, timed=speed is None).items():
+    for name, place in _places_of_columns(table, ("x", "y", "t") if speed is None else ("x", "y")).items():
         values = table.numbers(place, name, _UNITS)
         assert values is not None  # x, y and t are numbers, or an error
         columns[name] = values
@@ -78,10 +78,7 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
 def generic(speed: float) -> Waypoints:
     """The generic trajectory: a lab's tight corners, practicable at 0.25 m/s and hardly at 0.5 (docs/references.md).
 
-    The thesis' own (Fig. 4.5) is lost.
-
-    Args:
-        speed: reference speed [m/s].
+    The thesis' own (Fig. 4.5) is lost. The reference speed is in m/s.
 
     Raises:
         ValueError: the speed is not positive and finite.
@@ -119,18 +116,15 @@ def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, 
     return path.stem, read_waypoints(path, speed)
 
 
-def _places_of_columns(table: CellTable, *, timed: bool) -> dict[str, int]:
-    """Return the index of the columns x, y and, if `timed`, t."""
+def _places_of_columns(table: CellTable, wanted: tuple[str, ...]) -> dict[str, int]:
     path, line, error = table.path, table.header_line, table.error
     names = [cell.strip().lower() for cell in table.header]
     for name in ("x", "y"):
         if name not in names:
-            raise error(
-                path, f"there is no column {name} among {quoted(map(str.strip, table.header))}; {error.header}", line
-            )
-    if timed and "t" not in names:
+            what = f"there is no column {name} among {quoted(map(str.strip, table.header))}; {error.header}"
+            raise error(path, what, line)
+    if "t" in wanted and "t" not in names:
         raise error(path, "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s", line)
-    wanted = ("x", "y", "t") if timed else ("x", "y")
     for name in wanted:
         if names.count(name) > 1:
             raise error(path, "the header names this column twice; each needs a name of its own", line, name)

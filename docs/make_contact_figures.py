@@ -20,8 +20,8 @@ from ssmr.types import Commands, State, Trajectory
 from validation.motion.driving import drive
 from validation.motion.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
-from validation.study.contact.bench import SAMPLE, SPIN_LEAD, TURNED, Variant, make_variant, spin
-from validation.study.contact.run import variants
+from validation.study.contact.bench import SAMPLE, SPIN_LEAD, TURNED, make_variant, spin
+from validation.study.contact.variants import PhysicsVariant, physics_variants
 
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {
@@ -45,7 +45,7 @@ def whole_robot(offset: float, section: PlantProfile) -> float:
     return offset * (mass - 4.0 * 2.637) / mass
 
 
-def by_heading(variant: Variant, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
+def by_heading(variant: PhysicsVariant, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
     """Return (BINS,) headings [deg] and (BINS,) mean yaw rates over rim speed [rad/m] of a slow turn."""
     plant = make_variant(variant, section)
     motion = plant.run(Commands(0.05, np.tile([0.0, SLOW], (round(SLOW_TIME / 0.05), 1))), State(), SAMPLE)
@@ -57,7 +57,7 @@ def by_heading(variant: Variant, section: PlantProfile) -> tuple[np.ndarray, np.
     return (np.arange(BINS) + 0.5) * 90.0 / BINS, rates
 
 
-def draw_theory(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
+def draw_theory(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes) -> None:
     """Draw yaw rate over heading for a friction circle and a friction polygon, in theory and in MuJoCo."""
     headings = np.linspace(0.0, 90.0, 181)
     y = whole_robot(-0.085, section)
@@ -86,7 +86,7 @@ def draw_theory(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> N
     print(f"circle, maker's centre: centre of rotation {turn_on_the_spot(0.0, y).centre[1]:.3f} m to the left")
 
 
-def draw_paths(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
+def draw_paths(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes) -> None:
     """Draw the path of the robot's middle while it turns on the spot."""
     for key, (colour, words) in LADDER.items():
         made = spin(make_variant(found[key], section))
@@ -100,7 +100,7 @@ def draw_paths(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> No
     ax.set_title("Path of the robot's middle, 36 s of turning", fontsize=10)
 
 
-def draw_speed(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> None:
+def draw_speed(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes) -> None:
     """Draw the speed along trajectory 3, on ground turned by 45 degrees."""
     piece = replace(open_source("traj3").pieces[0], start=State(yaw=TURNED))
     for key, (colour, words) in LADDER.items():
@@ -117,7 +117,7 @@ def draw_speed(section: PlantProfile, found: dict[str, Variant], ax: Axes) -> No
 def main() -> None:
     """Draw the three panels."""
     section = load_profile("thesis-lab").plants["mujoco"]
-    found = {v.key: v for v in variants()}
+    found = {v.key: v for v in physics_variants()}
     print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)

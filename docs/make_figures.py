@@ -26,7 +26,7 @@ from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, PRESSED_IN, WH
 from validation.robots.physics import SHIPPED, Impedance, PhysicsSettings
 from validation.robots.plant import MujocoPlant, check_health
 from validation.study.contact.bench import HALF_WIDTH, creep
-from validation.study.contact.run import MUJOCO_IMPEDANCE
+from validation.study.contact.variants import MUJOCO_IMPEDANCE
 
 RADIUS, WEIGHT = 0.1651, 73.30 * GRAVITY
 DIAGONAL = math.hypot(WHEELBASE, TRACK)

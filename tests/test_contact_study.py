@@ -24,7 +24,7 @@ from validation.study.contact import ContactStudy
 from validation.study.contact import bench as bench_module
 from validation.study.contact.bench import SPIN_LEAD, Bench, Measures, TriedVariant, make_bench, make_variant
 from validation.study.contact.figure import badness
-from validation.study.contact.findings import MEASURE_COLUMNS
+from validation.study.contact.result import MEASURE_COLUMNS
 from validation.study.contact.run import try_variants
 from validation.study.contact.variants import BASELINE, PhysicsVariant, chosen_variants, physics_variants
 

@@ -35,7 +35,6 @@ from validation.replicate.evidence import (
     SECTION_FOLDER,
     Answer,
     Context,
-    Effort,
     Findings,
     Picture,
     Section,
@@ -43,13 +42,20 @@ from validation.replicate.evidence import (
     chosen_sections,
     kept,
 )
-from validation.replicate.html_page import prose, render, status_class
-from validation.replicate.report import document_markdown, document_of, linked, unexplained
-from validation.replicate.residual_figure import draw_residuals
+from validation.replicate.figures import draw_residuals
+from validation.replicate.report import (
+    document_html,
+    document_markdown,
+    document_of,
+    linked,
+    prose,
+    status_class,
+    unexplained,
+)
 from validation.replicate.result import order_of
 from validation.replicate.run import ALL_SECTIONS, run_sections
 from validation.show.tables import Cell
-from validation.study.tables.findings import CONTROL_TABLES, TableEntry
+from validation.study.tables.result import CONTROL_TABLES, TableEntry
 from validation.thesis import published
 from validation.thesis.verdicts import STATUSES, Pair
 
@@ -291,8 +297,8 @@ def test_a_recording_without_commands_is_driven_by_its_wheels(tmp_path: Path) ->
     assert count.sum() == count[row, column] == 12 + 7  # of 25 and of 15 s: windows end at samples, none spans the split
     assert all(v[row][column] is not None for v in residuals["yaw_median_rad"].values())
     assert sum(v is not None for line in residuals["yaw_median_rad"]["mujoco"] for v in line) == 1
-    page = render(
-        document_of([Answer(section("real"), findings, Effort(1.0, 1.0))], settings), tmp_path / "out" / FIGURE_FOLDER
+    page = document_html(
+        document_of([Answer(section("real"), findings, 1.0, 1.0)], settings), tmp_path / "out" / FIGURE_FOLDER
     )
     assert page.count("data:image/png;base64,") == 2
 
@@ -406,7 +412,7 @@ def test_numbers_are_printed_beside_ours_with_a_verdict(report: Path) -> None:
 
 def test_what_is_unexplained_is_said_first() -> None:
     rows = {"line_0.25": {"d_rms_m": Pair(1.0, 9.0, "distance", "m"), "d_ratio": Pair(1.0, 1.0, "ratio")}}
-    found = [Answer(section("tables"), Findings({"4.5": Table("a", rows)}), Effort(0.0, 0.0))]
+    found = [Answer(section("tables"), Findings({"4.5": Table("a", rows)}), 0.0, 0.0)]
     assert unexplained(found) == ["Tab. 4.5 d_rms"]
     assert "Unexplained: Tab. 4.5 d_rms." in document_of(found, SMALL).lead
 
@@ -482,7 +488,7 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
             number,
             {r: {m: Pair(v.get(m), 1.0 if number == "4.27" else v[m], rules[m]) for m in rules} for r, v in rows.items()},
         )
-    found = [Answer(section("tables"), Findings(tables), Effort(0.0, 0.0))]
+    found = [Answer(section("tables"), Findings(tables), 0.0, 0.0)]
     document = Replication(SMALL, tmp_path, tuple(found)).as_dict()
     verdicts = {n: next(iter(t["verdicts"].values())) for n, t in document["tables"].items()}
     for number, verdict in verdicts.items():
@@ -499,7 +505,7 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
 def test_the_page_of_docs_is_a_whole_replication() -> None:
     """Nobody wrote it by hand, or published a quick or a partial one: titles and lead are those of this code."""
     text = (Path(__file__).resolve().parents[1] / "docs" / "results.md").read_text(encoding="utf-8")
-    found = [Answer(s, Findings(), Effort(0.0, 0.0)) for s in ALL_SECTIONS]
+    found = [Answer(s, Findings(), 0.0, 0.0) for s in ALL_SECTIONS]
     expected = document_of(found, ReplicationSettings())
     assert text.startswith(f"# {expected.title}\n\n{expected.lead[0]}\n")
     for chapter in expected.chapters:

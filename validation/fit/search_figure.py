@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter, SearchData
@@ -28,6 +28,7 @@ from validation.show.drawing import (
     inset,
     narrow,
     note_rows,
+    plain_ticks,
     put_together,
     side_by_side,
     stacked,
@@ -110,9 +111,7 @@ def _draw_convergence(looks: SearchLooks, ax: Axes) -> None:
     if len(known) and known.min() > 0.0 and known.max() > _DECADE * known.min():
         ax.set_yscale("log")
         span = known.max() / known.min()
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if span < 200.0 else (1.0,)))
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if span < 200.0 else (1.0,))
     ax.margins(x=0.02, y=0.08)
     ax.set_xlim(-0.02 * len(best) - 0.2, len(best) - 1.0 + 0.02 * len(best) + 0.2)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))

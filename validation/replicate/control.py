@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from validation.fit.search import SearchOptions
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.study.tables import TablesOptions, study_tables
-from validation.study.tables.findings import CONTROL_TABLES, TABLE_METRICS, TableEntry
+from validation.study.tables.result import CONTROL_TABLES, TABLE_METRICS, TableEntry
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
 from validation.tune.result import TuneResult
@@ -35,44 +36,35 @@ GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
 }  # fmt: skip
 """Names of the thesis' gains in our gain sets, by controller."""
 _RULE_OF: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
+_ALL_LOST = "every seed lost the reference"
 _CAPTIONS: Mapping[str, str] = {
     "reference_vs_simulated": "the improved model against the reference (beside it the MuJoCo Husky against the reference)",
     "simulated_vs_real": "the improved model against the robot (ours: against the MuJoCo Husky)",
 }
 
 
-def tuned(controller: str, seed: int, context: Context) -> TuneResult:
-    """Search a controller's gains as Sec. 4.3.3 and 4.4.3 did; go on from the search's state where there is one.
-
-    Raises:
-        KeyboardInterrupt: the search was interrupted; its state is on disk.
-        SsmrError: no candidate kept the reference.
-    """
-    settings, (name, speed) = context.settings, _TUNED_ON
-    return searched(
-        context,
-        f"search-{seed}",
-        lambda search, progress: tune(
-            controller, f"{name}@{speed:g}", _PROFILE, plants=(_PLANT,), held_out=(), gains="published", from_scratch=True,
-            guard=0.0, seeds=(_NOISE_SEED,), population=settings.tune_population, generations=settings.tune_generations,
-            search=SearchOptions(**search, seed=seed), progress=progress,
-        ),
-    )  # fmt: skip
-
-
 def _tune_section(controller: str) -> Section:
+    """Return the section that searches a controller's gains as Sec. 4.3.3 and 4.4.3 did."""
     number = TUNED_TABLES[controller]
+
+    def search(seed: int, context: Context) -> TuneResult:
+        settings, (name, speed) = context.settings, _TUNED_ON
+        return searched(
+            context,
+            f"search-{seed}",
+            lambda search, progress: tune(
+                controller, f"{name}@{speed:g}", _PROFILE, plants=(_PLANT,), held_out=(), gains="published",
+                from_scratch=True, guard=0.0, seeds=(_NOISE_SEED,), population=settings.tune_population,
+                generations=settings.tune_generations, search=SearchOptions(**search, seed=seed), progress=progress,
+            ),
+        )  # fmt: skip
 
     def run(context: Context) -> Findings:
         seeds = range(context.settings.seed, context.settings.seed + context.settings.tune_seeds)
-        results = [tuned(controller, seed, context) for seed in seeds]
+        results = [search(seed, context) for seed in seeds]
         best = min(results, key=lambda r: r.cost)
-        figure = best.figure()
-        picture = context.picture(
-            "tune",
-            figure,
-            f"The {controller.upper()} with the gains of the best search, beside the published ones.",
-        )
+        caption = f"The {controller.upper()} with the gains of the best search, beside the published ones."
+        picture = context.picture("tune", best.figure(), caption)
         reduced = " (reduced: --quick)" if context.settings.quick else ""
         notes = (
             f"{len(results)} search{'es' * (len(results) > 1)}{reduced}, cost "
@@ -123,13 +115,29 @@ def _tracked(context: Context) -> Findings:
     options = TablesOptions(_PROFILE, context.settings.noise_seeds)
     study = study_tables(options, workers=context.workers, progress=context.progress)
     found = {
-        e.table: Table(f"{e.controller.upper()}, {_where(e)}: {_CAPTIONS[e.comparison]}", _rows(e)) for e in study.entries
+        e.table: Table(
+            f"{e.controller.upper()}, {e.reference} at {e.speed:g} m/s: {_CAPTIONS[e.comparison]}",
+            {f"{e.reference}_{e.speed:.2f}": _pairs(e)},
+        )
+        for e in study.entries
     }
     by_place = {(e.controller, e.reference, e.speed): e for e in study.entries if e.comparison == "simulated_vs_real"}
-    found["4.37"] = Table(
-        "Simulated against real, both controllers: repeats Tab. 4.13-4.19 and 4.30-4.36", _repeated(by_place)
-    )
-    found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", _changes(by_place))
+    repeated: dict[str, dict[str, Pair]] = {}
+    for row, printed in published.table("4.37")["rows"].items():
+        own = _pairs(by_place[printed["controller"], printed["trajectory"], float(printed["speed_m_s"])])
+        repeated[row] = {metric: replace(pair, published=float(printed[metric])) for metric, pair in own.items()}
+    found["4.37"] = Table("Simulated against real, both controllers: repeats Tab. 4.13-4.19 and 4.30-4.36", repeated)
+    changes: dict[str, dict[str, Pair]] = {}
+    for row, printed in published.table("4.38")["rows"].items():
+        reference, _, speed = row.partition("_")
+        pid, lqr = (by_place[law, reference, float(speed)] for law in ("pid", "lqr"))
+        changes[row] = {}
+        for metric in TABLE_METRICS:
+            name = f"{metric.removesuffix('_m')}_change_percent"
+            change, spread = change_percent(pid, lqr, metric)
+            obstacle = "" if change is not None else _ALL_LOST
+            changes[row][name] = Pair(float(printed[name]), change, "spread", "%", spread, {}, obstacle)
+    found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", changes)
     note = (
         f"Means over {study.seeds} seeds of noise, each with its standard deviation; the thesis prints a single run. "
         "The PID has its published gains, the LQR the manual column of Tab. 4.21 (Sec. 4.4.3). The simulation is disturbed "
@@ -138,14 +146,6 @@ def _tracked(context: Context) -> Findings:
     lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in study.entries if e.lost]
     caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {study.seeds} seeds), one table a row."
     return Findings(found, notes=(note, *lost), pictures=(context.picture("d_rms", study.figure(), caption),))
-
-
-def _where(entry: TableEntry) -> str:
-    return f"{entry.reference} at {entry.speed:g} m/s"
-
-
-def _key(entry: TableEntry) -> str:
-    return f"{entry.reference}_{entry.speed:.2f}"
 
 
 def _pairs(entry: TableEntry) -> dict[str, Pair]:
@@ -157,42 +157,10 @@ def _pairs(entry: TableEntry) -> dict[str, Pair]:
             "m" if metric.endswith("_m") else "1",
             entry.deviation.get(metric) if entry.n > 1 else None,
             {"mujoco": entry.mujoco[metric]} if metric in entry.mujoco else {},
-            "" if entry.mean else "every seed lost the reference",
+            "" if entry.mean else _ALL_LOST,
         )
         for metric in TABLE_METRICS
     }
-
-
-def _rows(entry: TableEntry) -> dict[str, dict[str, Pair]]:
-    return {_key(entry): _pairs(entry)}
-
-
-Places = Mapping[tuple[str, str, float], TableEntry]
-
-
-def _repeated(entries: Places) -> dict[str, dict[str, Pair]]:
-    rows = {}
-    for row, printed in published.table("4.37")["rows"].items():
-        entry = entries[printed["controller"], printed["trajectory"], float(printed["speed_m_s"])]
-        own = _pairs(entry)
-        rows[row] = {
-            m: Pair(float(printed[m]), p.ours, p.rule, p.unit, p.spread, p.beside, p.obstacle) for m, p in own.items()
-        }
-    return rows
-
-
-def _changes(entries: Places) -> dict[str, dict[str, Pair]]:
-    rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table("4.38")["rows"].items():
-        reference, _, speed = row.partition("_")
-        pid, lqr = (entries[law, reference, float(speed)] for law in ("pid", "lqr"))
-        rows[row] = {}
-        for metric in TABLE_METRICS:
-            name = f"{metric.removesuffix('_m')}_change_percent"
-            change, spread = change_percent(pid, lqr, metric)
-            obstacle = "" if change is not None else "every seed lost the reference"
-            rows[row][name] = Pair(float(printed[name]), change, "spread", "%", spread, {}, obstacle)
-    return rows
 
 
 def change_percent(before: TableEntry, after: TableEntry, metric: str) -> tuple[float | None, float | None]:

@@ -36,10 +36,8 @@ _PRESENTATION = frozenset(
     {
         "replicate/__main__.py",
         "replicate/result.py",
-        "replicate/summary_figure.py",
         "replicate/report.py",
         "replicate/tables.py",
-        "replicate/html_page.py",
         "replicate/templates/replicate.html",
         "thesis/verdicts.py",
     }
@@ -81,16 +79,6 @@ class Findings:
     """Pictures, in the order of the report."""
     numbers: Mapping[str, Any] = field(default_factory=dict)
     """Further numbers for replicate.json, ready for JSON."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """The time that a section took."""
-
-    wall_s: float
-    """Time on the clock [s]."""
-    cpu_s: float
-    """Time of all processors together [s]."""
 
 
 @dataclass(frozen=True)
@@ -151,10 +139,6 @@ class Context:
         save_figure(figure, self.folder / FIGURE_FOLDER / file)
         return Picture(file, caption)
 
-    def checkpoint(self, name: str) -> Path:
-        """Return the file in which a search of the section keeps its state; its name depends on the digest."""
-        return self.folder / SECTION_FOLDER / f"{self.key}-{name}.{self.digest[:12]}.npz"
-
 
 def searched(context: Context, name: str, search: Callable[[dict[str, Any], Report], _R]) -> _R:
     """Search to the end, from where a search of the same name and digest stopped, if there is one.
@@ -167,7 +151,7 @@ def searched(context: Context, name: str, search: Callable[[dict[str, Any], Repo
     Raises:
         KeyboardInterrupt: it was stopped; its state is on disk.
     """
-    state = context.checkpoint(name)
+    state = context.folder / SECTION_FOLDER / f"{context.key}-{name}.{context.digest[:12]}.npz"
     options = {"checkpoint": state, "workers": context.workers}
     try:
         result = search({**options, "resume": state.is_file()}, context.progress)
@@ -227,8 +211,10 @@ class Answer(NamedTuple):
     """The section that ran."""
     findings: Findings
     """Its findings."""
-    effort: Effort
-    """Time that it took."""
+    wall_s: float
+    """Time that it took on the clock [s]."""
+    cpu_s: float
+    """Time that it took of all processors together [s]."""
 
 
 def keep(context: Context, answer: Answer) -> None:
@@ -240,7 +226,7 @@ def keep(context: Context, answer: Answer) -> None:
         "digest": context.digest,
         "settings": {name: getattr(context.settings, name) for name in section.needs},
         "versions": store.versions(),
-        "effort": asdict(answer.effort),
+        "effort": {"wall_s": answer.wall_s, "cpu_s": answer.cpu_s},
         "findings": asdict(answer.findings),
     }
     store.write_json(context.folder / SECTION_FOLDER / f"{section.key}.json", store.plain(document))
@@ -254,11 +240,11 @@ def kept(folder: Path, section: Section, digest: str) -> Answer | None:
         document = json.loads((folder / SECTION_FOLDER / f"{section.key}.json").read_text(encoding="utf-8"))
         if document["schema"] != _SCHEMA or document["digest"] != digest:
             return None
-        found, effort = _findings(document["findings"]), Effort(**document["effort"])
+        answer = Answer(section, _findings(document["findings"]), **document["effort"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    whole = all((folder / FIGURE_FOLDER / picture.file).is_file() for picture in found.pictures)
-    return Answer(section, found, effort) if whole else None
+    whole = all((folder / FIGURE_FOLDER / picture.file).is_file() for picture in answer.findings.pictures)
+    return answer if whole else None
 
 
 def _findings(data: Mapping[str, Any]) -> Findings:
@@ -271,17 +257,20 @@ def _findings(data: Mapping[str, Any]) -> Findings:
             )
             for number, t in data["tables"].items()
         },
-        {caption: _grid(grid) for caption, grid in data["grids"].items()},
+        {
+            caption: Grid(
+                tuple((name, unit) for name, unit in grid["header"]),
+                tuple(tuple(tuple(Cell(**cell) for cell in row) for row in group) for group in grid["groups"]),
+                grid["left"],
+                grid["title"],
+                grid["caption"],
+            )
+            for caption, grid in data["grids"].items()
+        },
         tuple(data["notes"]),
         tuple(Picture(**picture) for picture in data["pictures"]),
         data["numbers"],
     )
-
-
-def _grid(data: Mapping[str, Any]) -> Grid:
-    header = tuple((name, unit) for name, unit in data["header"])
-    groups = tuple(tuple(tuple(Cell(**cell) for cell in row) for row in group) for group in data["groups"])
-    return Grid(header, groups, data["left"], data["title"], data["caption"])
 
 
 def chosen_sections(sections: Sequence[Section], names: Sequence[str]) -> tuple[Section, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
-from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from ssmr.types import Commands, FloatArray, Plant, State
 from validation import store
 from validation.fit.data import FittedParameter, Scored
 from validation.fit.result import FitResult
@@ -22,7 +22,7 @@ from validation.fit.run import FitSearch, fit
 from validation.fit.table import is_vague
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
-from validation.replicate.response_figure import Responses, draw_responses
+from validation.replicate.figures import Responses, draw_responses
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
 
@@ -48,45 +48,31 @@ _CHATTER = 3.0
 its yaw acceleration alternates at least this many times as often (with one added to both counts)."""
 
 
-def fitted(model: str, context: Context) -> FitResult:
-    """Fit a model's parameters as Sec. 3.5.4-3.5.6 did; go on from the search's state where there is one.
-
-    Raises:
-        KeyboardInterrupt: the search was interrupted; its state is on disk.
-        SsmrError: a plant diverged.
-    """
-    settings = context.settings
-    population, generations = settings.fit_population, settings.fit_generations
-    return searched(
-        context,
-        "search",
-        lambda search, progress: fit(
-            model, _FITTED_TO, _PROFILE, held_out=_HELD_OUT, objective="path", population=population,
-            generations=generations, search=FitSearch(**search, seed=settings.seed), progress=progress,
-        ),
-    )  # fmt: skip
-
-
 def _fit_section(model: str) -> Section:
+    """Return the section that fits a model's parameters as Sec. 3.5.4-3.5.6 did."""
     parameters, distances = _FITS[model]
     called = _CALLED.get(model, model)
 
     def run(context: Context) -> Findings:
-        result = fitted(model, context)
-        pictures = (
-            context.picture(
-                "fit",
-                result.figure(),
-                f"The {called} model fitted to trajectory 4 as the MuJoCo Husky drives it: the search, the parameters "
-                "between their bounds with 95 % bars, their correlations, and the paths.",
+        settings = context.settings
+        result = searched(
+            context,
+            "search",
+            lambda search, progress: fit(
+                model, _FITTED_TO, _PROFILE, held_out=_HELD_OUT, objective="path", population=settings.fit_population,
+                generations=settings.fit_generations, search=FitSearch(**search, seed=settings.seed), progress=progress,
             ),
+        )  # fmt: skip
+        caption = (
+            f"The {called} model fitted to trajectory 4 as the MuJoCo Husky drives it: the search, the parameters "
+            "between their bounds with 95 % bars, their correlations, and the paths."
         )
-        budget = f"{result.evaluations} simulations, {result.generations} generations of {context.settings.fit_population}"
-        reduced = " (reduced: --quick)" if context.settings.quick else ""
+        budget = f"{result.evaluations} simulations, {result.generations} generations of {settings.fit_population}"
+        reduced = " (reduced: --quick)" if settings.quick else ""
         return Findings(
             {parameters: parameter_table(parameters, model, result), distances: distance_table(distances, model, result)},
             notes=(f"The search took {budget}{reduced}; cost {result.cost:.4g}, seed {result.seed}.", *result.remarks),
-            pictures=pictures,
+            pictures=(context.picture("fit", result.figure(), caption),),
             numbers={
                 "cost": result.cost,
                 "evaluations": result.evaluations,
@@ -129,13 +115,18 @@ def distance_table(number: str, model: str, result: FitResult) -> Table:
     """Return the distances of the fitted model from the robot, for us the MuJoCo Husky, on trajectories 1-4."""
     printed = published.table(number)["rows"]
     scored: dict[str, Scored] = {s.label.partition("@")[0]: s for s in (*result.held_out, *result.train)}
-    rows = {}
-    for row in printed:
-        metrics = scored[row].metrics
-        rows[row] = {
-            metric: Pair(_number(printed[row].get(metric)), _number(metrics[metric]), rule, _unit(metric))
+    rows = {
+        row: {
+            metric: Pair(
+                _number(numbers.get(metric)),
+                _number(scored[row].metrics[metric]),
+                rule,
+                "m" if metric.endswith("_m") else "1",
+            )
             for metric, rule in _METRICS.items()
         }
+        for row, numbers in printed.items()
+    }
     return Table(
         f"The {_CALLED.get(model, model)} model, fitted on trajectory 4, against the robot (ours: the MuJoCo Husky)", rows
     )
@@ -143,10 +134,6 @@ def distance_table(number: str, model: str, result: FitResult) -> Table:
 
 def _number(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
-
-
-def _unit(metric: str) -> str:
-    return "m" if metric.endswith("_m") else "1"
 
 
 def _times(context: Context) -> Findings:
@@ -192,7 +179,10 @@ def _accelerations(context: Context) -> Findings:
     profile = load_profile(_PROFILE)
     plants = {name: make_plant(profile, name) for name in _TIMED}
     driven = {name: plant.run(TRAJECTORIES["traj4"].commands(), State(), plant.dt) for name, plant in plants.items()}
-    steps = [_steps(plants, np.array([_STEP[0], 0.0])), _steps(plants, np.array([0.0, _STEP[1]]))]
+    steps = []
+    for command in np.diag(_STEP):
+        commands = Commands(COMMAND_PERIOD, np.tile(command, (round(_STEP_TIME / COMMAND_PERIOD), 1)))
+        steps.append({name: plant.run(commands, State(), SAMPLE_DT) for name, plant in plants.items()})
     rows: dict[str, dict[str, Pair]] = {}
     for name in _TIMED:
         n = alternations(driven[name].channels["yaw_acceleration_rad_s2"])
@@ -226,11 +216,6 @@ def alternations(acceleration: FloatArray) -> int:
     return int(np.sum((sign[1:-1] * sign[:-2] < 0.0) & (sign[1:-1] * sign[2:] < 0.0)))
 
 
-def _steps(plants: Mapping[str, Plant], command: FloatArray) -> dict[str, Trajectory]:
-    commands = Commands(COMMAND_PERIOD, np.tile(command, (round(_STEP_TIME / COMMAND_PERIOD), 1)))
-    return {name: plant.run(commands, State(), SAMPLE_DT) for name, plant in plants.items()}
-
-
 def delay_and_rise(t: Sequence[float] | FloatArray, answer: FloatArray) -> tuple[float, float]:
     """Return delay and rise of the response to a step at the first stamp, from rest.
 
@@ -246,16 +231,14 @@ def delay_and_rise(t: Sequence[float] | FloatArray, answer: FloatArray) -> tuple
     if not abs(final) > 1e-6:
         return float("nan"), float("nan")
     share = values / final
-    low, high = (_crossing(stamps, share, level) for level in (0.1, 0.9))
+
+    def first(level: float) -> float:
+        """Return the first time at which the response reaches a level, linear between samples."""
+        k = int(np.argmax(share >= level))
+        return float(np.interp(level, share[k - 1 : k + 1], stamps[k - 1 : k + 1])) if k else float(stamps[0])
+
+    low, high = first(0.1), first(0.9)
     return low - float(stamps[0]), high - low
-
-
-def _crossing(t: FloatArray, share: FloatArray, level: float) -> float:
-    """Return the first time at which `share` reaches a level, linear between samples."""
-    k = int(np.argmax(share >= level))
-    if k == 0:
-        return float(t[0])
-    return float(np.interp(level, share[k - 1 : k + 1], t[k - 1 : k + 1]))
 
 
 MODEL_SECTIONS = (

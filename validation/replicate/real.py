@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -11,7 +10,8 @@ import numpy as np
 
 from ssmr.metrics.paths import path_length
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
-from ssmr.types import CommandKind
+from ssmr.types import CommandKind, FloatArray
+from validation import store
 from validation.compare.figure import comparison_figure
 from validation.compare.result import Comparison
 from validation.compare.run import CompareSettings, compare
@@ -19,8 +19,8 @@ from validation.logs.formats import read_recording
 from validation.logs.recording import Recording
 from validation.motion.sources import Source, source_of
 from validation.plants.profile import PLANTS, Profile, load_profile
-from validation.replicate.evidence import Context, Findings, Picture, Section
-from validation.replicate.residual_figure import BinnedErrors, draw_residuals
+from validation.replicate.evidence import Context, Findings, Section
+from validation.replicate.figures import BinnedErrors, draw_residuals
 from validation.show.tables import Cell, Grid
 
 _PROFILE = "husky-tile"
@@ -43,22 +43,19 @@ NOT_RUN = (
 )
 
 
-def _split_of(profile: Profile, given: float | None) -> float | None:
-    """Return the end of the part that was fitted [s]: as given, else by the profile's provenance; None if neither says."""
-    if given is not None:
-        return given
-    until = profile.provenance.get("mujoco", {}).get("until")
-    return float(until) if until is not None else None
-
-
 def _real(context: Context) -> Findings:
     """Compare the plants with the recording; without one, say so."""
     settings = context.settings
     if not settings.recording:
         return Findings(notes=(NOT_RUN,))
     profile, recording = load_profile(_PROFILE), read_recording(settings.recording)
-    split = _split_of(profile, settings.split)
-    parts = _split_at(recording, split)
+    split = settings.split
+    if split is None:  # the end of what the profile was fitted to, if its provenance says it
+        until = profile.provenance.get("mujoco", {}).get("until")
+        split = float(until) if until is not None else None
+    parts = {"everything": recording}
+    if split is not None and float(recording.t[0]) < split < float(recording.t[-1]):
+        parts = {"fitted to": recording.cut(None, split), "held out": recording.cut(split, None)}
     inputs = inputs_of(recording)
     found: dict[tuple[str, str], Comparison] = {}
     pictures, worst, numbers = [], [], {}
@@ -71,10 +68,26 @@ def _real(context: Context) -> Findings:
         caption = f"The plants driven by {words}, {last}: paths over windows, errors by horizon, yaw rate and speed."
         pictures.append(context.picture(f"paths-{input_}", comparison_figure(found[input_, last]), caption))
         residuals = _binned([(found[input_, part], source) for part, source in sources.items()])
-        pictures.append(_residual_picture(context, input_, words, residuals))
+        caption = (
+            f"Errors by motion, plants driven by {words}: median over windows of {_WINDOW:g} s, by recorded speed and yaw "
+            "rate. The grey numbers on the left count the windows."
+        )
+        pictures.append(context.picture(f"residuals-{input_}", draw_residuals(residuals, f"driven by {words}"), caption))
         worst += [worst_of(residuals, words), *_straight_of(residuals, profile, words)]
-        numbers[f"residuals_{input_}"] = _as_numbers(residuals)
-    horizons = {input_: {part: _horizons_of(found[input_, part]) for part in parts} for input_, _, _ in inputs}
+        numbers[f"residuals_{input_}"] = {
+            "window_s": residuals.window,
+            "speed_edges_m_s": list(residuals.speeds),
+            "yaw_rate_edges_rad_s": list(residuals.yaw_rates),
+            "windows": residuals.count.tolist(),
+            "position_median_m": store.plain({name: m[0].tolist() for name, m in residuals.medians.items()}),
+            "yaw_median_rad": store.plain({name: m[1].tolist() for name, m in residuals.medians.items()}),
+        }
+    horizons: dict[str, dict[str, Any]] = {}
+    for (signals, part), comparison in found.items():
+        horizons.setdefault(signals, {})[part] = {
+            name: {f"{h:g}": dict(vars(errors)) for h, errors in result.horizons.items()}
+            for name, result in comparison.plants.items()
+        }
     return Findings(
         grids={
             f"Median pose errors by horizon, plant and input; windows: {_counts(found)}": _horizon_grid(found),
@@ -110,20 +123,6 @@ def inputs_of(recording: Recording) -> list[tuple[Literal["wheels", "commands"],
     return found
 
 
-def _split_at(recording: Recording, split: float | None) -> dict[str, Recording]:
-    """Return the parts of a recording by name: fitted and held out, or everything if it is not split."""
-    if split is None or not float(recording.t[0]) < split < float(recording.t[-1]):
-        return {"everything": recording}
-    return {"fitted to": recording.cut(None, split), "held out": recording.cut(split, None)}
-
-
-def _horizons_of(comparison: Comparison) -> dict[str, Any]:
-    return {
-        name: {f"{h:g}": dict(vars(errors)) for h, errors in result.horizons.items()}
-        for name, result in comparison.plants.items()
-    }
-
-
 def _counts(found: Mapping[tuple[str, str], Comparison]) -> str:
     counts = {}
     for (_, part), comparison in found.items():
@@ -144,17 +143,11 @@ def _horizon_grid(found: Mapping[tuple[str, str], Comparison]) -> Grid:
             for name, r in comparison.plants.items()
         }
         least = [f"{min(column):.3f}" for column in zip(*values.values(), strict=True)]
-        groups.append(
-            tuple(
-                (
-                    Cell(input_),
-                    Cell(part),
-                    Cell(name),
-                    *(Cell(f"{v:.3f}", f"{v:.3f}" == b) for v, b in zip(row, least, strict=True)),
-                )
-                for name, row in values.items()
-            )
-        )
+        rows = []
+        for name, row in values.items():
+            cells = [Cell(f"{v:.3f}", f"{v:.3f}" == b) for v, b in zip(row, least, strict=True)]
+            rows.append((*map(Cell, (input_, part, name)), *cells))
+        groups.append(tuple(rows))
     return Grid(tuple(header), tuple(groups), left=3)
 
 
@@ -168,30 +161,22 @@ def _data_grid(recording: Recording, parts: Mapping[str, Recording]) -> Grid:
         time = sum(float(s.t[-1] - s.t[0]) for s in segments)
         length = sum(path_length(s.pose[s.fresh, :2]) for s in segments if int(np.sum(s.fresh)) > 1)
         fresh = sum(int(np.sum(s.fresh)) for s in segments)
-        speed, rate = (np.concatenate(parts_) for parts_ in zip(*(_motion(s) for s in _pieces(part)), strict=True))
+        speed, rate = _speeds(part)
         numbers = (f"{time:.0f}", str(len(segments)), f"{length:.0f}", f"{fresh / max(time, 1e-9):.1f}",
                    f"{np.percentile(speed, 95.0):.2f}", f"{np.percentile(rate, 95.0):.2f}")  # fmt: skip
         rows.append((Cell(name), *map(Cell, numbers)))
     return Grid(header, (tuple(rows),), left=1)
 
 
-def _pieces(recording: Recording) -> Sequence[Any]:
-    """Return the recorded motions, one for each stretch without a gap."""
-    kind = inputs_of(recording)[0][1]
-    return [p.reference for p in source_of(recording, "recording", kind).pieces if p.reference is not None]
-
-
-def _motion(piece: Any) -> tuple[Any, Any]:
-    """Return the (M,) sizes of speed [m/s] and yaw rate [rad/s]."""
-    return np.hypot(piece.twist[:, 0], piece.twist[:, 1]), np.abs(piece.twist[:, 2])
+def _speeds(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return the (M,) sizes of speed [m/s] and yaw rate [rad/s] of all recorded poses."""
+    pieces = source_of(recording, "recording", inputs_of(recording)[0][1]).pieces
+    twist = np.concatenate([p.reference.twist for p in pieces if p.reference is not None])
+    return np.hypot(twist[:, 0], twist[:, 1]), np.abs(twist[:, 2])
 
 
 def _binned(driven: Sequence[tuple[Comparison, Source]]) -> BinnedErrors:
-    """Return the median errors of every plant over consecutive windows, by recorded speed and yaw rate.
-
-    Args:
-        driven: comparisons with a recording, each with its source.
-    """
+    """Return the median errors of every plant over consecutive windows, by recorded speed and yaw rate."""
     speeds: list[float] = []
     rates: list[float] = []
     errors: dict[str, list[tuple[float, float]]] = {}
@@ -203,7 +188,8 @@ def _binned(driven: Sequence[tuple[Comparison, Source]]) -> BinnedErrors:
             pose = piece.reference.pose
             for i, j in zip(starts, ends, strict=True):
                 span = float(piece.t[j] - piece.t[i])
-                speeds.append(path_length(pose[i : j + 1][_fresh(piece.fresh, i, j), :2]) / span)
+                new = slice(None) if piece.fresh is None else piece.fresh[i : j + 1]
+                speeds.append(path_length(pose[i : j + 1, :2][new]) / span)
                 rates.append(abs(float(pose[j, 2] - pose[i, 2])) / span)
             for name, result in comparison.plants.items():
                 position, yaw = relative_pose_error(result.pieces[k].pose, pose, starts, ends)
@@ -220,19 +206,6 @@ def _binned(driven: Sequence[tuple[Comparison, Source]]) -> BinnedErrors:
             for name, values in errors.items():
                 medians[name][:, i, j] = np.median(np.array(values)[inside], axis=0)
     return BinnedErrors(SPEED_EDGES, YAW_RATE_EDGES, count, medians, _WINDOW)
-
-
-def _fresh(fresh: Any, i: int, j: int) -> Any:
-    """Return (j - i + 1,) which samples of a window have a new pose; its first and last have one."""
-    return np.ones(j - i + 1, dtype=np.bool_) if fresh is None else fresh[i : j + 1]
-
-
-def _residual_picture(context: Context, input_: str, words: str, residuals: BinnedErrors) -> Picture:
-    caption = (
-        f"Errors by motion, plants driven by {words}: median over windows of {_WINDOW:g} s, by recorded speed and yaw "
-        "rate. The grey numbers on the left count the windows."
-    )
-    return context.picture(f"residuals-{input_}", draw_residuals(residuals, f"driven by {words}"), caption)
 
 
 def worst_of(residuals: BinnedErrors, words: str) -> str:
@@ -265,25 +238,9 @@ def _straight_of(residuals: BinnedErrors, profile: Profile, words: str) -> list[
     ]
 
 
-def _as_numbers(residuals: BinnedErrors) -> dict[str, Any]:
-    """Return the numbers for replicate.json, with null where there are few windows."""
-
-    def plain(values: Any) -> Any:
-        return [[None if math.isnan(v) else float(v) for v in line] for line in values]
-
-    return {
-        "window_s": residuals.window,
-        "speed_edges_m_s": list(residuals.speeds),
-        "yaw_rate_edges_rad_s": list(residuals.yaw_rates),
-        "windows": residuals.count.tolist(),
-        "position_median_m": {name: plain(m[0]) for name, m in residuals.medians.items()},
-        "yaw_median_rad": {name: plain(m[1]) for name, m in residuals.medians.items()},
-    }
-
-
 def _limits_of_data(recording: Recording, parts: Mapping[str, Recording]) -> list[str]:
     """Return sentences on what the recording cannot show."""
-    speed, rate = (np.concatenate(x) for x in zip(*(_motion(p) for p in _pieces(recording)), strict=True))
+    speed, rate = _speeds(recording)
     gaps = len(recording.segments()) - 1
     out = [
         f"Limits of the data: one robot on one floor, {gaps} gap{'s' * (gaps != 1)}; half of the time it moves at less than "

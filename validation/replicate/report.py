@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from validation import store
 from validation.replicate.evidence import Answer, Findings, Picture, ReplicationSettings, Section
@@ -100,7 +105,7 @@ def document_of(answers: Sequence[Answer], settings: ReplicationSettings, left_o
         lead.append(f"Unexplained: {'; '.join(open_)}.")
     if left_out:
         lead.append(f"Left out (--only): {', '.join(left_out)}.")
-    wall, cpu = (sum(getattr(a.effort, name) for a in answers) for name in ("wall_s", "cpu_s"))
+    wall, cpu = (sum(getattr(a, name) for a in answers) for name in ("wall_s", "cpu_s"))
     versions = ", ".join(f"{k} {v}" for k, v in store.versions().items())
     foot = f"All sections together took {wall / 60:.1f} minutes, {cpu / 60:.1f} of processor time. Versions: {versions}."
     return Document(_TITLE, tuple(lead), _summary(answers), chapters, foot)
@@ -159,3 +164,44 @@ def document_markdown(document: Document, figures: str, docs: str | None = None)
 def linked(text: str, docs: str) -> str:
     """Return a text in which the pages of docs/ that it names are links."""
     return re.sub(r"(?<![\w/\[])(?<!\]\()docs/(\w+\.md)", lambda m: f"[{m[1]}]({docs}{m[1]})", text)
+
+
+def status_class(cell: Cell) -> str:
+    """Return the style of a cell with a verdict, such as `agrees` or `not-compared`; empty for any other cell."""
+    return next((s.replace(" ", "-") for s in STATUSES if cell.text == s or cell.text.startswith((f"{s} [", f"{s}: "))), "")
+
+
+def prose(text: str) -> Markup:
+    """Return a sentence as HTML: its `code` in code elements, everything else escaped."""
+    pieces = [escape(piece) for piece in text.split("`")]
+    if len(pieces) % 2 == 0:  # an unpaired backtick is text
+        return escape(text)
+    return Markup("").join(Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
+
+
+def picture_data(path: Path) -> str:
+    """Return a PNG file as a `data:` URI.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+
+
+def document_html(document: Document, figures: Path) -> str:
+    """Return the report as one HTML page that contains its pictures and styles, and loads nothing.
+
+    Args:
+        document: the report; all of its texts are escaped.
+        figures: folder of its pictures.
+
+    Raises:
+        OSError: a picture cannot be read.
+    """
+    environment = Environment(
+        loader=PackageLoader("validation.replicate", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["prose"] = prose
+    template = environment.get_template("replicate.html")
+    return template.render(document=document, status_class=status_class, data=lambda file: picture_data(figures / file))

@@ -9,21 +9,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from validation import store
 from validation.plants.profile import PLANTS
 from validation.replicate.evidence import FIGURE_FOLDER, Answer, ReplicationSettings
-from validation.replicate.report import Document, document_markdown, document_of, tally
+from validation.replicate.report import Document, document_html, document_markdown, document_of, tally
 from validation.replicate.tables import row_verdict, verdicts_of
+from validation.show.drawing import draw_section, inset, put_together, side_by_side, text_row
 from validation.show.result import Result
 from validation.show.tables import Grid
 from validation.thesis.verdicts import RULES, STATUSES, Pair, RowVerdict, Verdict
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 _SCHEMA = "ssmr.replicate/1"
+_INKS = {"agrees": "#5fb894", "nearer": "#7fb0e6", "differs": "#e8935c", "not compared": "#c8c8ce"}
+"""Colours of the verdicts: those of the HTML page, a little darker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +54,10 @@ class Replication(Result):
 
     def figure(self) -> Figure:
         """Return the number of rows by section and verdict, drawn anew."""
-        from validation.replicate.summary_figure import draw_summary
-
-        return draw_summary(self.document.summary)
+        summary = self.document.summary
+        height = 0.8 + 0.3 * sum(map(len, summary.groups))
+        heading = text_row(0.35, partial(draw_section, summary.title))
+        return put_together([heading, side_by_side(height, [partial(_draw_bars, summary)])])
 
     def as_dict(self) -> dict[str, Any]:
         """Return what replicate.json holds."""
@@ -79,7 +83,9 @@ class Replication(Result):
             "versions": store.versions(),
             "tables": dict(sorted(tables.items(), key=lambda item: order_of(item[0]))),
             "verdicts": {s: counted[s] for s in STATUSES},
-            "sections": {a.section.key: {**vars(a.effort), "numbers": a.findings.numbers} for a in self.answers},
+            "sections": {
+                a.section.key: {"wall_s": a.wall_s, "cpu_s": a.cpu_s, "numbers": a.findings.numbers} for a in self.answers
+            },
         }
         return dict(store.plain(document))
 
@@ -93,13 +99,11 @@ class Replication(Result):
         Raises:
             OSError: the folder cannot be made or written, or a picture is missing.
         """
-        from validation.replicate.html_page import render
-
         place, figures = Path(folder), self.folder / FIGURE_FOLDER
         if place.resolve() != self.folder.resolve():
             self._copy_pictures(place / FIGURE_FOLDER, "")
         page, text, numbers = (place / f"replicate.{ending}" for ending in ("html", "md", "json"))
-        _write_text(page, render(self.document, figures))
+        _write_text(page, document_html(self.document, figures))
         _write_text(text, document_markdown(self.document, f"{FIGURE_FOLDER}/"))
         store.write_json(numbers, self.as_dict())
         return [page, text, numbers]
@@ -123,6 +127,19 @@ class Replication(Result):
             store.write_atomic(images / f"{prefix}{picture.file}", partial(shutil.copyfile, source))
 
 
+def _draw_bars(summary: Grid, ax: Axes) -> None:
+    rows = [row for group in summary.groups for row in group]
+    left = [0.0] * len(rows)
+    for column, (status, _) in enumerate(summary.header[1:], 1):
+        counts = [float(row[column].text) for row in rows]
+        ax.barh(range(len(rows)), counts, left=left, color=_INKS.get(status, "0.5"), label=status)
+        left = [start + count for start, count in zip(left, counts, strict=True)]
+    inset(ax, left=3.2)
+    ax.set_yticks(range(len(rows)), [row[0].text for row in rows], fontsize=9.0)
+    ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="rows that the thesis prints")
+    ax.legend(loc="lower right", frameon=False)
+
+
 def require_markdown(path: Path) -> None:
     """Refuse a page that is no markdown file.
 
@@ -142,11 +159,11 @@ def _write_text(path: Path, text: str) -> None:
     store.write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
-def _as_words(verdict: RowVerdict) -> dict[str, str]:
+def _as_words(verdict: RowVerdict | Verdict) -> dict[str, str]:
     return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
 
 
 def _as_entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
     entry: dict[str, Any] = {"published": pair.published, "ours": pair.ours, "unit": pair.unit, "spread": pair.spread}
     entry |= {f"ours_{name}" if name in PLANTS else name: value for name, value in pair.beside.items()}
-    return entry | {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
+    return entry | _as_words(verdict)

@@ -14,7 +14,6 @@ from validation.replicate.evidence import (
     SECTION_FOLDER,
     Answer,
     Context,
-    Effort,
     ReplicationSettings,
     Section,
     chosen_sections,
@@ -116,6 +115,6 @@ def _answer(section: Section, context: Context, *, fresh: bool) -> Answer:
         return before
     wall, cpu = time.perf_counter(), time.process_time()
     findings = section.run(context)
-    answer = Answer(section, findings, Effort(time.perf_counter() - wall, time.process_time() - cpu))
+    answer = Answer(section, findings, time.perf_counter() - wall, time.process_time() - cpu)
     keep(context, answer)
     return answer

@@ -17,6 +17,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.markers import MarkerStyle
@@ -195,15 +196,20 @@ def draw_horizons(
         smallest, largest = min(smallest, float(median.min())), max(largest, float(high.max()))
     if smallest > 0.0:
         ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,)))
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,))
     ax.margins(y=0.25)
     counts = [max(each.errors[h].n for each in marks if h in each.errors) for h in horizons]
     texts = [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)]
     ax.set_xticks(range(len(horizons)), texts)
     ax.grid(visible=False, axis="x")
     ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
+
+
+def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
+    """Mark these multiples of every power of ten on a logarithmic axis, in plain numbers."""
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def line_legend(ax: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation import store
 from validation.plants.profile import Profile, load_profile
 from validation.show.result import Result
 from validation.show.tables import Grid, markdown_table
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _REPORTED = ("mujoco", "numpy", "numba", "ssmr-testbed")
 """Packages whose versions a report names; study.json has all of them."""
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StudyResult(Result):
-    """The findings of one study. A study's own result derives from this and adds its fields, `versions` among them."""
+    """The findings of one study. A study's own result derives from this and adds its fields."""
 
     program = "study"
     schema: ClassVar[str] = "ssmr.study/1"
@@ -24,7 +30,7 @@ class StudyResult(Result):
     """Name of the study, as on the command line."""
     title: ClassVar[str]
     """Heading of the report."""
-    versions: Mapping[str, str]
+    versions: Mapping[str, str] = field(default_factory=store.versions)
     """Versions of this project, Python and the packages that decide numbers."""
 
     @abstractmethod
@@ -34,6 +40,11 @@ class StudyResult(Result):
     @abstractmethod
     def findings(self) -> dict[str, Any]:
         """Return what study.json holds besides its schema, the study's name and the versions."""
+
+    def figure(self) -> Figure:
+        """Return its picture: what `draw_NAME` of the module `figure` in the study's package makes of it."""
+        drawn: Figure = getattr(import_module(f"validation.study.{self.study}.figure"), f"draw_{self.study}")(self)
+        return drawn
 
     def report_grids(self) -> Sequence[Grid]:
         """Return the tables of the report: those of the terminal, unless a study has more."""

@@ -28,7 +28,7 @@ from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, WHEELS, HuskyC
 from validation.robots.plant import LIFT_SHARE, MujocoPlant
 from validation.study.contact.variants import PhysicsVariant
 
-_HALF_WIDTH: Mapping[str, float] = MappingProxyType({"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715})
+HALF_WIDTH: Mapping[str, float] = MappingProxyType({"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715})
 """Half the distance between a wheel's outermost contact points [m], by shape."""
 SCENARIOS = ("traj1", "traj2", "traj3", "traj4")
 PUBLISHED_MODELS = ("improved", "coulomb", "linear")
@@ -46,7 +46,7 @@ _STRAIGHT_SPEED, _STRAIGHT_TIME, _STRAIGHT_LEAD, _STRAIGHT_YAW = 0.5, 8.0, 3.0, 
 """Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading [rad] between the axes."""
 _SLOPE, _SLOPE_TIME, _SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
 """Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
-_TURNED = 0.25 * math.pi
+TURNED = 0.25 * math.pi
 """Angle by which the ground is turned under trajectory 3, which should change nothing [rad]."""
 _SURGE_LEAD = 3.0
 """Start of the measurement of speed on trajectory 3, when the robot has accelerated [s]."""
@@ -246,7 +246,7 @@ def closed_form(calibration: HuskyCalibration, ratio: float | None = None) -> fl
         share * calibration.com_x,
         share * calibration.com_y,
         calibration.friction_ratio if ratio is None else ratio,
-        _HALF_WIDTH[calibration.wheel_shape],
+        HALF_WIDTH[calibration.wheel_shape],
     ).multiplier
 
 
@@ -332,7 +332,7 @@ class _Trial:
         """Return the distances from the published models on trajectories 1-4, and what trajectory 3 shows."""
         lab, scenarios = self.bench.lab, self.bench.scenarios
         motions = {name: drive(self.plant, piece, lab.tracked_point, SAMPLE) for name, piece in scenarios.items()}
-        turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=_TURNED)), lab.tracked_point, SAMPLE)
+        turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=TURNED)), lab.tracked_point, SAMPLE)
         rim = _STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
         ahead = [motion.twist[motion.t >= _SURGE_LEAD, 0].max() for motion in (motions["traj3"], turned)]
         apart = {
@@ -343,7 +343,7 @@ class _Trial:
         return {
             "d_rms_m": apart,
             "surge": float(max(ahead)) / rim - 1.0,
-            "turned_ground_m": float(np.hypot(*(_on_map(turned, _TURNED)[-1] - motions["traj3"].xy[-1]))),
+            "turned_ground_m": float(np.hypot(*(_on_map(turned, TURNED)[-1] - motions["traj3"].xy[-1]))),
         }
 
     def halved(self) -> dict[str, float]:

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from validation.show.drawing import ALARM, QUIET, Row, draw_footer, note_rows, put_together, text_row
 from validation.show.palette import Rgb, mix
 from validation.study.contact.bench import TriedVariant
-from validation.study.contact.findings import ContactFindings, MeasureColumn
+from validation.study.contact.result import ContactStudy, MeasureColumn
 from validation.study.contact.variants import BASELINE
 
 _GOOD: Rgb = (255, 255, 255)
@@ -39,7 +39,7 @@ def _ink(rgb: Rgb) -> tuple[float, float, float]:
     return rgb[0] / 255.0, rgb[1] / 255.0, rgb[2] / 255.0
 
 
-def _heights(study: ContactFindings) -> list[tuple[float, TriedVariant]]:
+def _heights(study: ContactStudy) -> list[tuple[float, TriedVariant]]:
     """Return the distance of each row's middle from the top of the table [in]."""
     found, y = [], 0.0
     for tried in study.by_group().values():
@@ -50,7 +50,7 @@ def _heights(study: ContactFindings) -> list[tuple[float, TriedVariant]]:
     return found
 
 
-def _draw_table(study: ContactFindings, ax: Axes) -> None:
+def _draw_table(study: ContactStudy, ax: Axes) -> None:
     ax.set_axis_off()
     figure = ax.get_figure(root=True)
     assert figure is not None
@@ -88,7 +88,7 @@ def _draw_table(study: ContactFindings, ax: Axes) -> None:
             ax.add_patch(Rectangle((0.0, y - 0.5 * _ROW_IN), wide, _ROW_IN, fill=False, edgecolor="0.1", linewidth=1.1))
 
 
-def _draw_header(study: ContactFindings, ax: Axes) -> None:
+def _draw_header(study: ContactStudy, ax: Axes) -> None:
     ax.set_axis_off()
     ax.text(0.0, 1.0, "What physics settings do to the simulated Husky", transform=ax.transAxes, fontsize=14.0,
             fontweight="bold", va="top")  # fmt: skip
@@ -98,7 +98,7 @@ def _draw_header(study: ContactFindings, ax: Axes) -> None:
             transform=ax.transAxes, va="top", fontsize=8.5, color=QUIET)  # fmt: skip
 
 
-def draw_contact(study: ContactFindings) -> Figure:
+def draw_contact(study: ContactStudy) -> Figure:
     """Draw every measure of every variant, 1600 px wide."""
     below = _heights(study)[-1][0] + 0.5 * _ROW_IN
     versions = study.versions

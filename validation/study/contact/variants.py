@@ -42,7 +42,7 @@ class PhysicsVariant:
 
 BASELINE = PhysicsVariant("shipped", "as shipped")
 """Settings that all others are compared with."""
-_MUJOCO_IMPEDANCE = (0.9, 0.95, 0.001, 0.5, 2.0)
+MUJOCO_IMPEDANCE = (0.9, 0.95, 0.001, 0.5, 2.0)
 """MuJoCo's default `solimp`."""
 _HARD_IMPEDANCE = (0.99, 0.999, 0.001, 0.5, 2.0)
 _HARD_REFERENCE = (0.004, 1.0)
@@ -58,7 +58,7 @@ def _soft(at_no_depth: float) -> PhysicsSettings:
 
 
 def _one_at_a_time() -> list[PhysicsVariant]:
-    default = PhysicsSettings(solimp=_MUJOCO_IMPEDANCE)
+    default = PhysicsSettings(solimp=MUJOCO_IMPEDANCE)
     v, s = PhysicsVariant, PhysicsSettings
     made = [v("cone", "pyramidal", s(cone="pyramidal"))]
     made += [v("cone", "pyramidal, impratio 1", s(cone="pyramidal", impratio=1.0))]
@@ -89,13 +89,13 @@ def _one_at_a_time() -> list[PhysicsVariant]:
 
 
 def _together() -> list[PhysicsVariant]:
-    default, v, s = PhysicsSettings(solimp=_MUJOCO_IMPEDANCE), PhysicsVariant, PhysicsSettings
+    default, v, s = PhysicsSettings(solimp=MUJOCO_IMPEDANCE), PhysicsVariant, PhysicsSettings
     group = "default contact"
     made = [v(group, f"{1e3 * dt:g} ms", default, {"timestep": dt}) for dt in (0.0005, 0.005)]
     made += [v(group, "noslip 10", replace(default, noslip=10)), v(group, "impratio 10", replace(default, impratio=10.0))]
     made += [v(group, "cylinders", default, {"wheel_shape": "cylinder"})]
     cylinders: dict[str, float | str] = {"wheel_shape": "cylinder"}
-    plain = s("pyramidal", 1.0, solimp=_MUJOCO_IMPEDANCE, iterations=100, integrator="Euler")
+    plain = s("pyramidal", 1.0, solimp=MUJOCO_IMPEDANCE, iterations=100, integrator="Euler")
     ode = s(
         "pyramidal", 1.0, solimp=_HARD_IMPEDANCE, solref=_HARD_REFERENCE, solver="PGS", iterations=50, integrator="Euler"
     )

@@ -26,7 +26,8 @@ from validation.show.drawing import (
     text_row,
 )
 from validation.show.palette import Rgb, mix
-from validation.study.filter.findings import CURVE, DRIFT_STRETCH, FilterFindings, GroundDrive, filter_variants
+from validation.study.filter.findings import CURVE, DRIFT_STRETCH, GroundDrive, filter_variants
+from validation.study.filter.result import FilterStudy
 
 _HUES: tuple[Rgb, ...] = ((213, 94, 0), (0, 114, 178), (204, 121, 167), (0, 158, 115))
 _INKS: tuple[Ink, ...] = tuple(
@@ -42,7 +43,7 @@ _MOST_ABREAST = 5
 _HEADER_IN, _SECTION_IN, _ROW_IN, _BARS_IN, _FOOTER_IN = 0.84, 0.3, 2.6, 3.0, 0.26
 
 
-def _draw_header(study: FilterFindings, ax: Axes) -> None:
+def _draw_header(study: FilterStudy, ax: Axes) -> None:
     ax.set_axis_off()
     ax.text(0.0, 1.0, "Dead reckoning of the state filter against MuJoCo's truth", transform=ax.transAxes, fontsize=14.0,
             fontweight="bold", va="top")  # fmt: skip
@@ -54,7 +55,7 @@ def _draw_header(study: FilterFindings, ax: Axes) -> None:
     line_legend(ax, handles, [_words(study, k) for k in range(len(_INKS))])
 
 
-def _words(study: FilterFindings, k: int) -> str:
+def _words(study: FilterStudy, k: int) -> str:
     """Return the name of a filter in the legend."""
     v = filter_variants(study.options.bias)[k]
     if v.bias:
@@ -81,7 +82,7 @@ def _draw_errors(drive: GroundDrive, first: bool, ax: Axes) -> None:
         ax.tick_params(labelleft=False)
 
 
-def _draw_bars(study: FilterFindings, field: str, title: str, ax: Axes) -> None:
+def _draw_bars(study: FilterStudy, field: str, title: str, ax: Axes) -> None:
     """Draw the drift in percent by drive and filter, on a logarithmic scale."""
     drives, names = study.drives, [v.name for v in filter_variants(study.options.bias)]
     for row, drive in enumerate(drives):
@@ -99,12 +100,12 @@ def _draw_bars(study: FilterFindings, field: str, title: str, ax: Axes) -> None:
     ax.grid(visible=False, axis="y")
 
 
-def _inset_bars(study: FilterFindings, field: str, title: str, ax: Axes) -> None:
+def _inset_bars(study: FilterStudy, field: str, title: str, ax: Axes) -> None:
     inset(ax, left=1.35)
     _draw_bars(study, field, title, ax)
 
 
-def _drive_rows(study: FilterFindings, reference: str) -> list[Row]:
+def _drive_rows(study: FilterStudy, reference: str) -> list[Row]:
     """Return a heading and the panels of one reference."""
     drives = [d for d in study.drives if d.reference == reference]
     rows = [text_row(_SECTION_IN, partial(draw_section, f"{reference}, {drives[0].distance:.1f} m: error of the position"))]
@@ -114,7 +115,7 @@ def _drive_rows(study: FilterFindings, reference: str) -> list[Row]:
     return rows
 
 
-def draw_filter(study: FilterFindings) -> Figure:
+def draw_filter(study: FilterStudy) -> Figure:
     """Return the picture of a study of dead reckoning, 1600 px wide."""
     bars: list[Panel] = [
         partial(_inset_bars, study, "position", "position [% of the distance]"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from ssmr.estimation.ekf import EkfSettings
 from ssmr.geometry import relative, wrap_angle
 from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray, Trajectory
-from validation import store
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
 from validation.study.result import require_seed
@@ -213,24 +212,3 @@ class GroundDrive:
     """Root mean square of the lateral speed, which the filter takes to be 0, over that of the speed [1]."""
     filters: Mapping[str, VariantDrift]
     """Errors by name of the filter."""
-
-
-@dataclass(frozen=True, eq=False)
-class FilterFindings:
-    """All numbers of a study of dead reckoning: what tables and pictures are made from."""
-
-    grounds: tuple[FilterGround, ...]
-    references: tuple[str, ...]
-    """Names of the references."""
-    speed: float
-    """Speed of the references [m/s]."""
-    options: FilterOptions
-    drives: tuple[GroundDrive, ...]
-    """Drives by reference, then by ground."""
-    versions: Mapping[str, str] = field(default_factory=store.versions)
-    """Versions of this project, Python and the packages that decide numbers."""
-
-    def heading(self) -> str:
-        """Return what was driven, in one line."""
-        o = self.options
-        return f"{', '.join(self.references)} at {self.speed:.3g} m/s, {o.seeds} seeds from {o.seed}"

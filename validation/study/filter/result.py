@@ -4,25 +4,45 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from validation.show.tables import NOTHING, Cell, Grid
-from validation.study.filter.findings import DRIFT_STRETCH, FilterFindings, FilterVariant, VariantDrift, filter_variants
+from validation.study.filter.findings import (
+    DRIFT_STRETCH,
+    FilterGround,
+    FilterOptions,
+    FilterVariant,
+    GroundDrive,
+    VariantDrift,
+    filter_variants,
+)
 from validation.study.result import StudyResult
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TRACKER = "lqr-scheduled"
 """Controller that keeps the robot on the reference, with the gains of its class; any good one would do."""
 
 
 @dataclass(frozen=True, eq=False)
-class FilterStudy(FilterFindings, StudyResult):
+class FilterStudy(StudyResult):
     """Drift of dead reckoning by ground, reference and sensors."""
 
     study = "filter"
     title = "Dead reckoning"
+    grounds: tuple[FilterGround, ...]
+    """Robots on their grounds."""
+    references: tuple[str, ...]
+    """Names of the references."""
+    speed: float
+    """Speed of the references [m/s]."""
+    options: FilterOptions
+    """Options of the study."""
+    drives: tuple[GroundDrive, ...]
+    """Drives by reference, then by ground."""
+
+    def heading(self) -> str:
+        """Return what was driven, in one line."""
+        o = self.options
+        return f"{', '.join(self.references)} at {self.speed:.3g} m/s, {o.seeds} seeds from {o.seed}"
 
     def grids(self) -> list[Grid]:
         """Return the drift of the position and that of the yaw: a drive a row, a filter a column."""
@@ -40,12 +60,6 @@ class FilterStudy(FilterFindings, StudyResult):
                 f"The biased gyro shows {self.options.bias:+g} rad/s at rest.",
             ),
         ]
-
-    def figure(self) -> Figure:
-        """Return the picture of the study, drawn anew."""
-        from validation.study.filter.figure import draw_filter
-
-        return draw_filter(self)
 
     def findings(self) -> dict[str, Any]:
         """Return settings, grounds, filters and the drift of every drive."""

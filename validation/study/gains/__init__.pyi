@@ -1,4 +1,4 @@
-from .findings import GainsOptions as GainsOptions
+from .result import GainsOptions as GainsOptions
 from .result import GainStudy as GainStudy
 from .run import study_gains as study_gains
 

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from validation.show.drawing import controller_ink, draw_footer, inset, line_legend, put_together, side_by_side, text_row
-from validation.study.gains.findings import GainScores
+from validation.show.drawing import (
+    controller_ink,
+    draw_footer,
+    inset,
+    line_legend,
+    plain_ticks,
+    put_together,
+    side_by_side,
+    text_row,
+)
+from validation.study.gains.result import GainStudy
 
 
-def _draw(study: GainScores, plant: str, ax: Axes) -> None:
+def _draw(study: GainStudy, plant: str, ax: Axes) -> None:
     rows = study.by_reference(plant)
     marks = {"published": "s", "manual": "D", "tuned": "o"}
     for name in study.sets:
@@ -19,30 +27,19 @@ def _draw(study: GainScores, plant: str, ax: Axes) -> None:
             (s.cost, k) for k, (_, scores) in enumerate(rows) for s in scores if s.gains == name and s.cost is not None
         ]
         if points:
-            face = controller_ink(controller) if kind == "tuned" else "white"
-            ax.plot(
-                *zip(*points, strict=True),
-                marks[kind],
-                color=controller_ink(controller),
-                mfc=face,
-                ms=7,
-                mew=1.5,
-                label=name,
-            )
+            ink = controller_ink(controller)
+            face = ink if kind == "tuned" else "white"
+            ax.plot(*zip(*points, strict=True), marks[kind], color=ink, mfc=face, ms=7, mew=1.5, label=name)
     inset(ax, left=1.0)
     ax.set_yticks(range(len(rows)), [label for label, _ in rows])
-    ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.set_xscale("log")
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
-    ax.set_xlabel("cost, Sec. 4.3.3")
+    ax.set(xscale="log", xlabel="cost, Sec. 4.3.3", ylim=(len(rows) - 0.5, -0.5))
+    plain_ticks(ax.xaxis)
     ax.set_title(plant, loc="left", fontsize=11)
     ax.grid(axis="both", which="major", alpha=0.3)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
+    ax.spines[["top", "right"]].set_visible(False)
 
 
-def draw_gains(study: GainScores) -> Figure:
+def draw_gains(study: GainStudy) -> Figure:
     """Draw the costs by reference, with a panel for each plant, 1600 px wide."""
     panels = [lambda ax, plant=plant: _draw(study, plant, ax) for plant in study.options.plants]
 

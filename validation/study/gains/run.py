@@ -7,8 +7,7 @@ import numpy as np
 from ssmr.control.loop import LoopSettings
 from validation.plants.profile import PLANTS
 from validation.progress import Progress, Report, silent
-from validation.study.gains.findings import GainScore, GainsOptions
-from validation.study.gains.result import GainStudy
+from validation.study.gains.result import GainScore, GainsOptions, GainStudy
 from validation.study.result import profile_of
 from validation.track.gains import load_gains, names
 from validation.track.loops import make_controller, make_robot, rate, run_robots

@@ -10,7 +10,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from validation.show.drawing import (
     ALARM,
@@ -23,12 +22,14 @@ from validation.show.drawing import (
     inset,
     line_legend,
     note_rows,
+    plain_ticks,
     put_together,
     side_by_side,
     text_row,
 )
 from validation.study.robustness.cases import NOMINAL, single_mismatches
-from validation.study.robustness.outcomes import CVAR_LEVEL, RobustnessRuns, RunErrors, cvar
+from validation.study.robustness.outcomes import CVAR_LEVEL, RunErrors, cvar
+from validation.study.robustness.result import Robustness
 
 _HEADER_IN, _SECTION_IN, _SPREAD_IN, _FOOTER_IN, _LABELS_IN = 0.84, 0.3, 3.2, 0.26, 0.95
 _ALONE_IN, _LINE_IN = 0.95, 0.19  # a row of single mismatches: what it needs besides them, and for each
@@ -37,7 +38,7 @@ _Value = Callable[[RunErrors], float]
 _MEASURES: tuple[tuple[str, _Value], ...] = (("d_rms", lambda o: o.d_rms_m), ("e_rho rms", lambda o: o.e_rho_rms_m))
 
 
-def _draw_header(study: RobustnessRuns, ax: Axes) -> None:
+def _draw_header(study: Robustness, ax: Axes) -> None:
     ax.set_axis_off()
     ax.text(0.0, 1.0, "Trackers on robots that differ from their profile", transform=ax.transAxes, fontsize=14.0,
             fontweight="bold", va="top")  # fmt: skip
@@ -56,12 +57,10 @@ def _logarithmic(ax: Axes, values: Sequence[float]) -> None:
     low, high = 1e3 * max(min(values), 1e-4), 1e3 * max(*values, 2e-4)
     ax.set_xscale("log")
     ax.set_xlim(low / 1.35, high * 1.35)
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 20.0 * low else (1.0, 3.0)))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
+    plain_ticks(ax.xaxis, (1.0, 2.0, 5.0) if high < 20.0 * low else (1.0, 3.0))
 
 
-def _draw_spread(study: RobustnessRuns, name: str, value: _Value, ax: Axes) -> None:
+def _draw_spread(study: Robustness, name: str, value: _Value, ax: Axes) -> None:
     """Draw the share of runs whose error is below each abscissa, with a diamond at the mean of the worse half."""
     every = []
     for controller in study.controllers:
@@ -83,7 +82,7 @@ def _draw_spread(study: RobustnessRuns, name: str, value: _Value, ax: Axes) -> N
     ax.set(xlabel=f"{name} [mm]", ylim=(0.0, 1.02), ylabel="share of runs")
 
 
-def _draw_alone(study: RobustnessRuns, controller: str, value: _Value, name: str, first: bool, ax: Axes) -> None:
+def _draw_alone(study: Robustness, controller: str, value: _Value, name: str, first: bool, ax: Axes) -> None:
     """Draw a controller's errors under each mismatch alone, as bars from the nominal robot's mean."""
     cases: list[tuple[str, list[RunErrors]]] = [(NOMINAL, study.errors(controller, "nominal"))]
     cases += [(m.label, study.errors(controller, "alone", m)) for m in single_mismatches()]
@@ -104,7 +103,7 @@ def _draw_alone(study: RobustnessRuns, controller: str, value: _Value, name: str
     ax.grid(visible=False, axis="y")
 
 
-def _alone_row(study: RobustnessRuns, name: str, value: _Value) -> Row:
+def _alone_row(study: Robustness, name: str, value: _Value) -> Row:
     """Return a row with a panel for each controller; the first names the mismatches."""
     count = len(study.controllers)
     labels = _LABELS_IN / 12.5
@@ -121,7 +120,7 @@ def _alone_row(study: RobustnessRuns, name: str, value: _Value) -> Row:
     return Row(_ALONE_IN + _LINE_IN * (1 + len(single_mismatches())), tuple(panels))
 
 
-def draw_robustness(study: RobustnessRuns) -> Figure:
+def draw_robustness(study: Robustness) -> Figure:
     """Draw the spread of each controller's errors, and its errors under each mismatch alone, 1600 px wide."""
     spreads: list[Panel] = [partial(_draw_spread, study, name, value) for name, value in _MEASURES]
     title = (

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,9 +14,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.types import Commands, Trajectory
-from validation import store
 from validation.robots.plant import Health, MujocoPlant, check_health
-from validation.study.robustness.cases import CaseKind, Mismatch, RobustnessCase, RobustnessOptions, full_grid
 from validation.track.gains import GainSet
 from validation.track.loops import Robot, rate
 
@@ -100,64 +97,6 @@ class ControllerRuns:
     """Errors of each run, in the order of the study's cases."""
     health: Health
     """Wheel loads of the first nominal run."""
-
-
-@dataclass(frozen=True, eq=False)
-class RobustnessRuns:
-    """All runs of a robustness study: what tables and pictures are made from."""
-
-    profile: str
-    """Name of the profile."""
-    parameters: Mapping[str, Any]
-    """Parameters of the profile's MuJoCo Husky."""
-    reference: str
-    """Name of the reference."""
-    speed: float
-    """Mean speed of the reference [m/s]."""
-    duration: float
-    """Duration of one run [s]."""
-    torque: float
-    """Greatest torque of a wheel that the reference needs [N m]."""
-    options: RobustnessOptions
-    """Options of the study."""
-    cases: tuple[RobustnessCase, ...]
-    """Runs that every controller made."""
-    controllers: Mapping[str, ControllerRuns]
-    """Runs by controller."""
-    remarks: tuple[str, ...] = ()
-    """Remarks on the choice of gains."""
-    versions: Mapping[str, str] = field(default_factory=store.versions)
-    """Versions of this project, Python and the packages that decide numbers."""
-
-    def errors(self, controller: str, kind: CaseKind, mismatch: Mismatch | None = None) -> list[RunErrors]:
-        """Return a controller's errors in cases of one kind, all of them or those with one mismatch."""
-        pairs = zip(self.cases, self.controllers[controller].errors, strict=True)
-        return [e for c, e in pairs if c.kind == kind and mismatch in (None, c.mismatch)]
-
-    def failures(self, errors: Sequence[RunErrors]) -> int:
-        """Return how many runs failed."""
-        return sum(e.failed(self.options.bound) for e in errors)
-
-    @property
-    def combined(self) -> int:
-        """Number of runs with a combination of mismatches."""
-        return sum(c.kind == "grid" for c in self.cases)
-
-    def heading(self) -> str:
-        """Return what was studied, in one line."""
-        return (
-            f"profile {self.profile}, {self.reference} at {self.speed:.3g} m/s: {len(self.cases)} runs of each controller, "
-            f"{self.combined} of them drawn from {len(full_grid())} combinations; seed {self.options.seed}"
-        )
-
-    def notes(self) -> list[str]:
-        """Return sentences on controllers whose wheel loads are not smooth or whose gains are missing."""
-        unhealthy = [
-            f"{name}: {found.health.advice.split(':')[0]}, already with the nominal robot."
-            for name, found in self.controllers.items()
-            if not found.health.ok
-        ]
-        return [*self.remarks, *unhealthy]
 
 
 def torque_needed(robot: Robot, waypoints: Waypoints) -> float:

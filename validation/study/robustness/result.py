@@ -4,25 +4,81 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from validation.show.tables import MILLIMETRES, Cell, Grid
 from validation.study.result import StudyResult
-from validation.study.robustness.cases import LEVELS, NOMINAL, single_mismatches
-from validation.study.robustness.outcomes import CVAR_LEVEL, RobustnessRuns, RunErrors, spread
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from validation.study.robustness.cases import (
+    LEVELS,
+    NOMINAL,
+    CaseKind,
+    Mismatch,
+    RobustnessCase,
+    RobustnessOptions,
+    full_grid,
+    single_mismatches,
+)
+from validation.study.robustness.outcomes import CVAR_LEVEL, ControllerRuns, RunErrors, spread
 
 
 @dataclass(frozen=True, eq=False)
-class Robustness(RobustnessRuns, StudyResult):
+class Robustness(StudyResult):
     """The errors of each controller on robots that differ from its profile."""
 
     study = "robustness"
     title = "Robustness"
+    profile: str
+    """Name of the profile."""
+    parameters: Mapping[str, Any]
+    """Parameters of the profile's MuJoCo Husky."""
+    reference: str
+    """Name of the reference."""
+    speed: float
+    """Mean speed of the reference [m/s]."""
+    duration: float
+    """Duration of one run [s]."""
+    torque: float
+    """Greatest torque of a wheel that the reference needs [N m]."""
+    options: RobustnessOptions
+    """Options of the study."""
+    cases: tuple[RobustnessCase, ...]
+    """Runs that every controller made."""
+    controllers: Mapping[str, ControllerRuns]
+    """Runs by controller."""
+    remarks: tuple[str, ...] = ()
+    """Remarks on the choice of gains."""
+
+    def errors(self, controller: str, kind: CaseKind, mismatch: Mismatch | None = None) -> list[RunErrors]:
+        """Return a controller's errors in cases of one kind, all of them or those with one mismatch."""
+        pairs = zip(self.cases, self.controllers[controller].errors, strict=True)
+        return [e for c, e in pairs if c.kind == kind and mismatch in (None, c.mismatch)]
+
+    def failures(self, errors: Sequence[RunErrors]) -> int:
+        """Return how many runs failed."""
+        return sum(e.failed(self.options.bound) for e in errors)
+
+    @property
+    def combined(self) -> int:
+        """Number of runs with a combination of mismatches."""
+        return sum(c.kind == "grid" for c in self.cases)
+
+    def heading(self) -> str:
+        """Return what was studied, in one line."""
+        return (
+            f"profile {self.profile}, {self.reference} at {self.speed:.3g} m/s: {len(self.cases)} runs of each controller, "
+            f"{self.combined} of them drawn from {len(full_grid())} combinations; seed {self.options.seed}"
+        )
+
+    def notes(self) -> list[str]:
+        """Return sentences on controllers whose wheel loads are not smooth or whose gains are missing."""
+        unhealthy = [
+            f"{name}: {found.health.advice.split(':')[0]}, already with the nominal robot."
+            for name, found in self.controllers.items()
+            if not found.health.ok
+        ]
+        return [*self.remarks, *unhealthy]
 
     def grids(self) -> list[Grid]:
         """Return the spread of errors over combinations, and both errors under each mismatch alone."""
@@ -32,12 +88,6 @@ class Robustness(RobustnessRuns, StudyResult):
         )
         alone = self._alone_grid("d_rms_m", "d_rms under each mismatch alone", "")
         return [self._spread_grid(), alone, self._alone_grid("e_rho_rms_m", "e_rho under each mismatch alone", explained)]
-
-    def figure(self) -> Figure:
-        """Return the picture of the study, drawn anew."""
-        from validation.study.robustness.figure import draw_robustness
-
-        return draw_robustness(self)
 
     def findings(self) -> dict[str, Any]:
         """Return options, levels, cases, and for each controller its spread, failures and single runs."""

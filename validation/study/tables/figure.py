@@ -6,14 +6,12 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from validation.show.drawing import draw_footer, inset, put_together, side_by_side, text_row
-from validation.study.tables.findings import TABLE_CAPTIONS, TableEntries, TableEntry
+from validation.show.drawing import draw_footer, inset, plain_ticks, put_together, side_by_side, text_row
+from validation.study.tables.result import TABLE_CAPTIONS, ControlTables, TableEntry
 
 
 def _draw(entries: Sequence[TableEntry], title: str, ax: Axes) -> None:
-    """Draw printed and own d_rms, one table in each row."""
     for k, e in enumerate(entries):
         ink = {"agrees": "#009e73", "differs": "#d55e00"}.get(e.verdict, "#777777")
         if e.mean:
@@ -21,19 +19,15 @@ def _draw(entries: Sequence[TableEntry], title: str, ax: Axes) -> None:
         if e.printed:
             ax.plot(e.printed["d_rms_m"] * 1e3, k, "|", color="black", ms=14, mew=2)
     ax.set_yticks(range(len(entries)), [f"{e.table}  {e.controller} {e.reference} {e.speed:g} m/s" for e in entries])
-    ax.set_ylim(len(entries) - 0.5, -0.5)
+    ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(len(entries) - 0.5, -0.5))
     inset(ax, left=1.7)
-    ax.set_xscale("log")
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
-    ax.set_xlabel("d_rms [mm]")
+    plain_ticks(ax.xaxis)
     ax.set_title(title, loc="left", fontsize=11)
     ax.grid(axis="x", which="both", alpha=0.25)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
+    ax.spines[["top", "right"]].set_visible(False)
 
 
-def draw_tables(study: TableEntries) -> Figure:
+def draw_tables(study: ControlTables) -> Figure:
     """Draw printed and own d_rms, both comparisons side by side, 1600 px wide."""
     panels = []
     for comparison in TABLE_CAPTIONS:

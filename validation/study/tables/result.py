@@ -1,25 +1,122 @@
-"""The result of a tables study: its tables, its picture and its files."""
+"""The result of a tables study: each table of tracked references, with the printed and our numbers.
+
+Reference against simulated: the improved model with noise and disturbance, as in the thesis' simulations. Simulated against
+real: the MuJoCo Husky takes the place of the real robot, with the lab's noise and, as in the lab, without disturbance.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
+from validation.plants.profile import Profile
 from validation.show.tables import NOTHING, Cell, Grid
-from validation.study.result import StudyResult
-from validation.study.tables.findings import TABLE_CAPTIONS, TABLE_METRICS, TableComparison, TableEntries
+from validation.study.result import StudyResult, require_seed
+from validation.thesis.verdicts import FACTOR
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+CONTROL_TABLES = tuple(f"4.{i}" for i in (*range(5, 20), *range(22, 37)))
+"""Numbers of the tables of single references; 4.37 and 4.38 repeat them."""
+TABLE_METRICS = ("d_rms_m", "d_haus_m", "d_ratio")
+"""Metrics of each row. Reference against simulated: a d_rms of at most `FACTOR` times the printed one agrees."""
+_KNOWN = ("line", "circle")
+"""References whose geometry the thesis gives."""
+
+TableComparison = Literal["reference_vs_simulated", "simulated_vs_real"]
 
 
 @dataclass(frozen=True)
-class ControlTables(TableEntries, StudyResult):
+class TablesOptions:
+    """Options of the study of tables."""
+
+    profile: str | Profile = "thesis-lab"
+    """Robot of both plants: name of a shipped profile, or path of a TOML file."""
+    seeds: int = 10
+    """Number of draws of noise and disturbance for each row."""
+    numbers: tuple[str, ...] = CONTROL_TABLES
+    """Numbers of the tables to make."""
+
+    def __post_init__(self) -> None:
+        """Check seeds and tables.
+
+        Raises:
+            ValueError: no seeds, or an unknown table.
+        """
+        require_seed(0, self.seeds)
+        unknown = [number for number in self.numbers if number not in CONTROL_TABLES]
+        if unknown:
+            raise ValueError(f"numbers {', '.join(unknown)} are no tables of tracked references; there are 4.5 to 4.36")
+
+
+@dataclass(frozen=True)
+class TableEntry:
+    """The row of one table."""
+
+    table: str
+    """Number of the table."""
+    comparison: TableComparison
+    """Which motions are compared."""
+    controller: str
+    """`pid` or `lqr`."""
+    gains: str
+    """Name of the gain set."""
+    reference: str
+    """Name of the reference."""
+    speed: float
+    """Speed along the reference [m/s]."""
+    printed: Mapping[str, float]
+    """Printed numbers by metric; empty if the table is lost."""
+    suspect: str
+    """Reason why the print cannot be right; empty if there is none."""
+    mean: Mapping[str, float]
+    """Means by metric over the seeds that kept the reference; empty if none did."""
+    deviation: Mapping[str, float]
+    """Standard deviations by metric over the seeds that kept the reference."""
+    lost: int
+    """Number of seeds that lost the reference."""
+    n: int
+    """Number of seeds."""
+    mujoco: Mapping[str, float]
+    """Reference against simulated: means by metric of the MuJoCo Husky, without disturbance; else empty."""
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in words."""
+        if not self.printed:
+            return "print lost"
+        if not self.mean:
+            return "lost the reference"
+        limit = self.printed["d_rms_m"] * (FACTOR if self.comparison == "reference_vs_simulated" else 1.0)
+        if self.mean["d_rms_m"] <= limit:
+            return "agrees"
+        if self.suspect:
+            return "print is suspect"
+        return "differs" if self.reference in _KNOWN else "other geometry"
+
+
+TABLE_CAPTIONS: Mapping[TableComparison, str] = {
+    "reference_vs_simulated": "Reference against simulated: the improved model, with noise and disturbance",
+    "simulated_vs_real": "Simulated against real: the improved model against the MuJoCo Husky",
+}
+"""Titles by comparison."""
+
+
+@dataclass(frozen=True)
+class ControlTables(StudyResult):
     """The thesis' tables of tracked references, printed beside what this project gets."""
 
     study = "tables"
     title = "Tables of tracked references"
+    profile: str
+    """Name of the profile."""
+    seeds: int
+    """Number of draws of noise and disturbance for each row."""
+    entries: tuple[TableEntry, ...]
+    """Rows, in the order of the thesis."""
+
+    def heading(self) -> str:
+        """Return what was studied, in one line."""
+        return f"profile {self.profile}, {self.seeds} seeds for each row"
 
     def grids(self) -> list[Grid]:
         """Return printed and own numbers by table, for both comparisons."""
@@ -28,12 +125,6 @@ class ControlTables(TableEntries, StudyResult):
     def notes(self) -> list[str]:
         """Return what the numbers are means of."""
         return [f"Means over {self.seeds} seeds, profile {self.profile}; ± is the standard deviation over seeds."]
-
-    def figure(self) -> Figure:
-        """Return the picture of the study, drawn anew."""
-        from validation.study.tables.figure import draw_tables
-
-        return draw_tables(self)
 
     def findings(self) -> dict[str, Any]:
         """Return printed and own numbers of each table, with verdicts."""

@@ -10,8 +10,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.metrics.declared import Metrics, compare_paths
 from validation.progress import Progress, Report, silent
 from validation.study.result import profile_of
-from validation.study.tables.findings import TABLE_METRICS, TableEntry, TablesOptions
-from validation.study.tables.result import ControlTables
+from validation.study.tables.result import TABLE_METRICS, ControlTables, TableEntry, TablesOptions
 from validation.thesis import published
 from validation.track.gains import GainSet, load_gains
 from validation.track.loops import Robot, make_controller, make_robot, rate, run_robots

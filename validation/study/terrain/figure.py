@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from validation.robots.husky import WHEELS
 from validation.robots.wheel_loads import MEASURED, QUASI_STATIC
@@ -21,29 +20,29 @@ from validation.show.drawing import (
     draw_section,
     ink_of,
     line_legend,
+    plain_ticks,
     put_together,
     side_by_side,
     text_row,
 )
-from validation.study.terrain.findings import AXES, BASE, PLANAR, AxisName, LoadRun, TerrainFindings
+from validation.study.terrain.findings import AXES, BASE, PLANAR, AxisName, LoadRun
+from validation.study.terrain.result import TerrainStudy
 
 _DASHES: dict[str, Any] = dict(zip(PLANAR, ("-", (0, (4, 1.5)), (0, (5, 1.2, 1, 1.2)), (0, (1, 1))), strict=True))
 
 
-def _scales(study: TerrainFindings, axis: AxisName, label: str, ax: Axes) -> None:
+def _scales(study: TerrainStudy, axis: AxisName, label: str, ax: Axes) -> None:
     """Set a logarithmic ordinate with plain numbers, and mark the thesis' conditions."""
     name, unit, scale = AXES[axis]
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
     ax.axvline(scale * BASE[axis], color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1.5)
     ax.set_xlabel(f"{name} [{unit}]")
     if axis == next(iter(AXES)):
         ax.set_ylabel(label)
 
 
-def _draw_open(study: TerrainFindings, axis: AxisName, limits: tuple[float, float], ax: Axes) -> None:
+def _draw_open(study: TerrainStudy, axis: AxisName, limits: tuple[float, float], ax: Axes) -> None:
     """Draw the planar models' position errors along an axis."""
     for plant in PLANAR:
         line = [(AXES[axis][2] * p.value, 1e3 * p.position_m) for p in study.line(axis, plant) if p.position_m]
@@ -53,7 +52,7 @@ def _draw_open(study: TerrainFindings, axis: AxisName, limits: tuple[float, floa
     ax.set_ylim(limits)
 
 
-def _draw_closed(study: TerrainFindings, axis: AxisName, limits: tuple[float, float], ax: Axes) -> None:
+def _draw_closed(study: TerrainStudy, axis: AxisName, limits: tuple[float, float], ax: Axes) -> None:
     """Draw the trackers' d_rms along an axis, with a cross where the reference was lost on a ground."""
     for controller in study.options.axes.controllers:
         found = [f for f in study.trackers if f.axis == axis and f.controller == controller and f.d_rms_m]
@@ -71,7 +70,7 @@ def _limits(values: list[float]) -> tuple[float, float]:
     return (0.8 * min(values), 1.25 * max(values)) if values else (1.0, 10.0)
 
 
-def _draw_loads(study: TerrainFindings, run: LoadRun, ax: Axes) -> None:
+def _draw_loads(study: TerrainStudy, run: LoadRun, ax: Axes) -> None:
     """Draw simulated loads, the loads by the formula (dotted) and the static loads."""
     motion = run.motion
     for k, wheel in enumerate(WHEELS):
@@ -103,13 +102,13 @@ def _load_legend(ax: Axes) -> None:
     line_legend(ax, handles, [*(w.replace("_", " ") for w in WHEELS), "quasi-static formula", "static load, Eq. 2.17"])
 
 
-def _closed_legend(study: TerrainFindings, ax: Axes) -> None:
+def _closed_legend(study: TerrainStudy, ax: Axes) -> None:
     ax.set_axis_off()
     handles = [Line2D([], [], color=controller_ink(c), marker="s", ms=4.0) for c in study.options.axes.controllers]
     line_legend(ax, handles, [f"{c}, tuned" for c in study.options.axes.controllers])
 
 
-def draw_terrain(study: TerrainFindings) -> Figure:
+def draw_terrain(study: TerrainStudy) -> Figure:
     """Draw errors without feedback, errors of trackers, and wheel loads, 1600 px wide."""
     opened = _limits([1e3 * p.position_m for p in study.models if p.position_m])
     closed = _limits([1e3 * f.d_rms_m for f in study.trackers if f.d_rms_m])

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from ssmr.types import FloatArray, Trajectory
-from validation import store
 from validation.plants.profile import PLANTS, Profile
 from validation.plants.table import SIMULATED
 from validation.robots.terrain import FLAT, Terrain
@@ -158,49 +156,3 @@ class LoadRun:
         formulas = (simulated.mean(), static, self.motion.channels[QUASI_STATIC])
         spread, from_static, from_quasi_static = (float(np.sqrt(np.mean((simulated - f) ** 2))) for f in formulas)
         return spread, from_static, from_quasi_static
-
-
-@dataclass(frozen=True, eq=False)
-class TerrainFindings:
-    """All numbers of a terrain study: what tables and pictures are made from."""
-
-    profile: str
-    """Name of the profile."""
-    options: TerrainOptions
-    """Options of the study."""
-    models: tuple[ModelErrors, ...]
-    """Errors of the planar models, by axis, value and plant."""
-    trackers: tuple[TrackerErrors, ...]
-    """Errors of the trackers, by axis, value and controller."""
-    loads: tuple[LoadRun, ...]
-    """Wheel loads of the manoeuvre on level ground and on a ramp."""
-    static: FloatArray
-    """(4,) static wheel loads (Eq. 2.17) [N]."""
-    versions: Mapping[str, str] = field(default_factory=store.versions)
-    """Versions of this project, Python and the packages that decide numbers."""
-
-    def line(self, axis: AxisName, plant: str) -> list[ModelErrors]:
-        """Return a planar model's errors along an axis."""
-        return [e for e in self.models if e.axis == axis and e.plant == plant]
-
-    def doubled_at(self, axis: AxisName, plant: str) -> float | None:
-        """Return the value at which a model's position error is twice that under the thesis' conditions [SI].
-
-        It is interpolated linearly between the driven values; None where the error stays below that on the whole axis.
-        """
-        line = [e for e in self.line(axis, plant) if e.position_m is not None and e.value >= BASE[axis]]
-        for before, after in itertools.pairwise(line):
-            assert before.position_m is not None
-            assert after.position_m is not None
-            limit = 2.0 * float(line[0].position_m or 0.0)
-            if after.position_m > limit:
-                share = (limit - before.position_m) / (after.position_m - before.position_m)
-                return before.value + max(share, 0.0) * (after.value - before.value)
-        return None
-
-    def heading(self) -> str:
-        """Return what was driven, in one line."""
-        return (
-            f"profile {self.profile}; trajectories 1-4 without feedback, windows of {self.options.horizon:g} s; "
-            f"reference {TRACKED} tracked"
-        )

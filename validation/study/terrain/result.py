@@ -2,34 +2,75 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ssmr.types import FloatArray
 from validation.show.tables import NOTHING, Cell, Grid
 from validation.study.result import StudyResult
-from validation.study.terrain.findings import AXES, PLANAR, AxisName, TerrainFindings
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from validation.study.terrain.findings import (
+    AXES,
+    BASE,
+    PLANAR,
+    TRACKED,
+    AxisName,
+    LoadRun,
+    ModelErrors,
+    TerrainOptions,
+    TrackerErrors,
+)
 
 
 @dataclass(frozen=True, eq=False)
-class TerrainStudy(TerrainFindings, StudyResult):
+class TerrainStudy(StudyResult):
     """The errors of planar models and trackers as speed, slope, roughness and loss of grip grow."""
 
     study = "terrain"
     title = "Terrain"
+    profile: str
+    """Name of the profile."""
+    options: TerrainOptions
+    """Options of the study."""
+    models: tuple[ModelErrors, ...]
+    """Errors of the planar models, by axis, value and plant."""
+    trackers: tuple[TrackerErrors, ...]
+    """Errors of the trackers, by axis, value and controller."""
+    loads: tuple[LoadRun, ...]
+    """Wheel loads of the manoeuvre on level ground and on a ramp."""
+    static: FloatArray
+    """(4,) static wheel loads (Eq. 2.17) [N]."""
+
+    def line(self, axis: AxisName, plant: str) -> list[ModelErrors]:
+        """Return a planar model's errors along an axis."""
+        return [e for e in self.models if e.axis == axis and e.plant == plant]
+
+    def doubled_at(self, axis: AxisName, plant: str) -> float | None:
+        """Return the value at which a model's position error is twice that under the thesis' conditions [SI].
+
+        It is interpolated linearly between the driven values; None where the error stays below that on the whole axis.
+        """
+        line = [e for e in self.line(axis, plant) if e.position_m is not None and e.value >= BASE[axis]]
+        for before, after in itertools.pairwise(line):
+            assert before.position_m is not None
+            assert after.position_m is not None
+            limit = 2.0 * float(line[0].position_m or 0.0)
+            if after.position_m > limit:
+                share = (limit - before.position_m) / (after.position_m - before.position_m)
+                return before.value + max(share, 0.0) * (after.value - before.value)
+        return None
+
+    def heading(self) -> str:
+        """Return what was driven, in one line."""
+        return (
+            f"profile {self.profile}; trajectories 1-4 without feedback, windows of {self.options.horizon:g} s; "
+            f"reference {TRACKED} tracked"
+        )
 
     def grids(self) -> list[Grid]:
         """Return errors along each axis, the values at which they double, and the errors of load formulas."""
         return [*(self._axis_grid(axis) for axis in AXES), self._doubled_grid(), self._load_grid()]
-
-    def figure(self) -> Figure:
-        """Return the picture of the study, drawn anew."""
-        from validation.study.terrain.figure import draw_terrain
-
-        return draw_terrain(self)
 
     def findings(self) -> dict[str, Any]:
         """Return settings, errors without and with feedback, doubling values and load errors."""

@@ -1,0 +1,148 @@
+"""The pictures of a replication's sections: step responses and accelerations, and errors by speed and yaw rate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from ssmr.types import FloatArray, Trajectory
+from validation.show.drawing import (
+    QUIET,
+    Panel,
+    Row,
+    draw_footer,
+    draw_section,
+    ink_of,
+    line_legend,
+    put_together,
+    side_by_side,
+    text_row,
+)
+
+_SHOWN = 0.5
+"""Duration of the part of the trajectory that is drawn, around a reversal of the turn [s]."""
+_DARK = 0.6
+"""Share of the greatest error from which on numbers are written in white."""
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """Motions to draw."""
+
+    driven: Mapping[str, Trajectory]
+    """Motion on trajectory 4 by plant, at every physics step."""
+    speed: Mapping[str, Trajectory]
+    """Response to a step of the speed command, by plant."""
+    yaw_rate: Mapping[str, Trajectory]
+    """Response to a step of the yaw rate command, by plant."""
+    step: tuple[float, float]
+    """Commanded speed [m/s] and yaw rate [rad/s]."""
+    profile: str
+    """Name of the profile."""
+
+
+def _draw_step(drawn: Mapping[str, Trajectory], column: int, command: float, title: str, ax: Axes) -> None:
+    for k, (name, motion) in enumerate(drawn.items()):
+        ax.plot(motion.t, motion.twist[:, column], color=ink_of(name), linewidth=2.2 - 0.4 * k, gid=name)
+    ax.axhline(command, color=QUIET, linewidth=1.0, linestyle=(0.0, (4.0, 2.0)))
+    ax.set(title=title, xlim=(0.0, 1.5), xlabel="time since the command [s]")
+
+
+def draw_responses(drawn: Responses) -> Figure:
+    """Draw the accelerations of each plant side by side on one scale, and below them the step responses.
+
+    The accelerations are those around the time nearest to the middle of the run at which the first plant's turn reverses.
+    """
+    first = next(iter(drawn.driven.values()))
+    crossings = first.t[:-1][first.twist[1:, 2] * first.twist[:-1, 2] < 0.0]
+    middle = 0.5 * float(first.t[-1])
+    if len(crossings):
+        middle = float(crossings[np.argmin(np.abs(crossings - middle))])
+    seen = {}
+    for name, motion in drawn.driven.items():
+        inside = np.abs(motion.t - middle) <= 0.5 * _SHOWN
+        seen[name] = motion.t[inside], motion.channels["yaw_acceleration_rad_s2"][inside]
+    every = np.concatenate([values for _, values in seen.values()])
+    reach = np.array([every.min(), every.max()]) + np.array([-0.06, 0.06]) * np.ptp(every)
+
+    def accelerations(name: str, ax: Axes) -> None:
+        t, values = seen[name]
+        ax.plot(t, values, color=ink_of(name), linewidth=1.0, gid=name)
+        ax.set(title=name, xlim=(t[0], t[-1]), ylim=reach, xlabel="time [s]")
+
+    def legend(ax: Axes) -> None:
+        ax.set_axis_off()
+        handles = [Line2D([], [], color=ink_of(name), linewidth=2.0) for name in drawn.driven]
+        handles.append(Line2D([], [], color=QUIET, linewidth=1.0, linestyle=(0.0, (4.0, 2.0))))
+        line_legend(ax, handles, [*drawn.driven, "command"])
+
+    below: list[Panel] = [
+        partial(_draw_step, drawn.speed, 0, drawn.step[0], f"speed [m/s] after a command of {drawn.step[0]:g}"),
+        partial(_draw_step, drawn.yaw_rate, 2, drawn.step[1], f"yaw rate [rad/s] after a command of {drawn.step[1]:g}"),
+    ]
+    heading = "Yaw acceleration [rad/s²] on trajectory 4, where the turn reverses"
+    foot = f"every physics step is drawn: 1 ms, mujoco 2 ms · peaks every 50 ms: a new command · profile {drawn.profile}"
+    return put_together(
+        [
+            text_row(0.4, partial(draw_section, heading)),
+            side_by_side(3.0, [partial(accelerations, name) for name in drawn.driven]),
+            text_row(0.3, legend),
+            side_by_side(3.0, below),
+            text_row(0.3, partial(draw_footer, foot)),
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BinnedErrors:
+    """Median errors of plants by speed and yaw rate."""
+
+    speeds: tuple[float, ...]
+    """(R + 1,) edges [m/s]."""
+    yaw_rates: tuple[float, ...]
+    """(C + 1,) edges [rad/s]."""
+    count: NDArray[np.int64]
+    """(R, C) number of windows in each bin."""
+    medians: Mapping[str, FloatArray]
+    """(2, R, C) median sizes of position [m] and yaw errors [rad] by plant; NaN where there are few windows."""
+    window: float
+    """Length of a window [s]."""
+
+
+def _draw_bins(residuals: BinnedErrors, values: FloatArray | None, most: float, name: str, ax: Axes) -> None:
+    """Draw a plant's errors in every bin; with no values, the number of windows, and the names of the bins."""
+    counts = values is None
+    shown = residuals.count if values is None else values
+    colours = np.zeros(shown.shape) if counts else shown
+    ax.imshow(colours, origin="lower", cmap="Greys" if counts else "YlOrBr", vmin=0.0, vmax=most, aspect="auto")
+    for (i, j), value in np.ndenumerate(shown):
+        if not np.isnan(value):
+            ink = "0.45" if counts else "white" if value > _DARK * most else "0.15"
+            ax.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=9.0, color=ink)
+    rates, speeds = residuals.yaw_rates, residuals.speeds
+    ax.set_xticks(np.arange(len(rates)) - 0.5, [f"{r:g}" for r in rates], fontsize=8.0)
+    ax.set_yticks(np.arange(len(speeds)) - 0.5, [f"{s:g}" if counts else "" for s in speeds], fontsize=8.0)
+    ax.grid(visible=False)
+    ax.set(xlabel="yaw rate [rad/s]", ylabel="speed [m/s]" if counts else "")
+    ax.set_title(name, color="black" if counts else ink_of(name))
+
+
+def draw_residuals(residuals: BinnedErrors, how: str) -> Figure:
+    """Draw position errors above and yaw errors below: the number of windows, then a map for each plant."""
+    rows: list[Row] = []
+    for k, what in enumerate(("Position, median error after {:g} s [mm], {}", "Yaw, median error after {:g} s [mrad], {}")):
+        maps = {name: 1e3 * m[k] for name, m in residuals.medians.items()}
+        most = float(max((v for m in maps.values() for v in m[~np.isnan(m)]), default=1.0))
+        panels: list[Panel] = [partial(_draw_bins, residuals, None, 1.0, "windows")]
+        panels += [partial(_draw_bins, residuals, values, most, name) for name, values in maps.items()]
+        heading = what.format(residuals.window, how)
+        rows += [text_row(0.3, partial(draw_section, heading)), side_by_side(3.0, panels)]
+    foot = "bins with few windows are left empty · the darker, the greater the error; one scale for each row"
+    return put_together([*rows, text_row(0.3, partial(draw_footer, foot))])

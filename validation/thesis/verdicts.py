@@ -62,11 +62,7 @@ class Pair:
     """Reason found by the run why they cannot be compared; empty if they can."""
 
     def __post_init__(self) -> None:
-        """Check rule and numbers.
-
-        Raises:
-            ValueError: an unknown rule, or a number that is not finite.
-        """
+        """Raise a ValueError for an unknown rule, or a number that is not finite."""
         if self.rule not in get_args(Rule):
             raise ValueError(f"unknown rule '{self.rule}'; there are: {', '.join(get_args(Rule))}")
         for number in (self.published, self.ours, self.spread, *self.beside.values()):

@@ -20,7 +20,7 @@ from ssmr.errors import DivergedError, SsmrError
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows
 from ssmr.robot.skid_turn import TRACK, turn_on_the_spot
-from ssmr.types import Commands, FloatArray, State, Trajectory
+from ssmr.types import Commands, State, Trajectory
 from validation.motion.driving import drive, score_horizons
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
@@ -146,20 +146,12 @@ def make_bench(profile: Profile, recorded: Profile | None = None, recording: Sou
     for model in PUBLISHED_MODELS:
         plant, tracked = make_plant(profile, model), profile.plants[model].tracked_point
         models[model] = {name: drive(plant, piece, tracked, SAMPLE) for name, piece in scenarios.items()}
-    section = None if recorded is None else recorded.plants["mujoco"]
     if recording is not None and not any(
         p.t is not None and len(horizon_windows(p.t, HORIZON, p.fresh)[0]) for p in recording.pieces
     ):
         raise ValueError(f"{recording.name} has no stretch of {HORIZON:g} s without a gap")
-    return Bench(
-        profile.name,
-        profile.plants["mujoco"],
-        scenarios,
-        models,
-        section,
-        None if recorded is None else recorded.name,
-        recording,
-    )
+    bench = Bench(profile.name, profile.plants["mujoco"], scenarios, models, recording=recording)
+    return bench if recorded is None else replace(bench, recorded=recorded.plants["mujoco"], recording_profile=recorded.name)
 
 
 def make_variant(variant: PhysicsVariant, section: PlantProfile) -> MujocoPlant:
@@ -179,7 +171,7 @@ def rolling_radius(plant: MujocoPlant) -> tuple[float, float]:
     """Drive straight ahead.
 
     Returns:
-        The rolling radius of the tyres [m], and the deviation to the left over the length [1].
+        Rolling radius of the tyres [m], and deviation to the left over the length [1].
 
     Raises:
         DivergedError: the simulator gave up.
@@ -306,7 +298,8 @@ class _Trial:
     def straight(self) -> dict[str, float]:
         """Find the rolling radius in a first drive, and drive again with tyres of the right size."""
         plant = make_variant(self.variant, self.bench.lab)
-        wanted = plant.calibration.wheel_radius
+        self.rolling = plant.calibration  # with the radius that the corrected robot rolls with
+        wanted = self.rolling.wheel_radius
         self.excess = rolling_radius(plant)[0] - wanted
         self.plant = self.corrected(self.bench.lab)
         return {"rolling_radius_error": self.excess / wanted, "veer": rolling_radius(self.plant)[1]}
@@ -318,15 +311,6 @@ class _Trial:
             calibration, wheel_radius=calibration.wheel_radius - self.excess, timestep=calibration.timestep / refine
         )
         return MujocoPlant(calibration, section.drive, settings=self.variant.settings)
-
-    def spin(self) -> dict[str, float]:
-        """Return the measures of a turn on the spot."""
-        return measure_spin(spin(self.plant), self.rolling, self.variant.settings.tangent_ratio)
-
-    @property
-    def rolling(self) -> HuskyCalibration:
-        """Parameters of the robot, with the radius that it rolls with."""
-        return self.variant.calibration(self.bench.lab.parameters)
 
     def trajectories(self) -> dict[str, Any]:
         """Return the distances from the published models on trajectories 1-4, and what trajectory 3 shows."""
@@ -340,10 +324,12 @@ class _Trial:
             for model, paths in self.bench.models.items()
         }
         self.end = motions["traj4"].xy[-1]
+        c, s = math.cos(TURNED), math.sin(TURNED)
+        turned_end = turned.xy @ np.array([[c, -s], [s, c]])  # in the frame of the ground
         return {
             "d_rms_m": apart,
             "surge": float(max(ahead)) / rim - 1.0,
-            "turned_ground_m": float(np.hypot(*(_on_map(turned, TURNED)[-1] - motions["traj3"].xy[-1]))),
+            "turned_ground_m": float(np.hypot(*(turned_end[-1] - motions["traj3"].xy[-1]))),
         }
 
     def halved(self) -> dict[str, float]:
@@ -368,19 +354,14 @@ def measure_variant(bench: Bench, variant: PhysicsVariant, stopped: Callable[[],
     """Return all measures of a variant but the cost of a step; once `stopped()`, the rest is left out."""
     trial = _Trial(bench, variant, stopped)
     if trial.attempt(UNDRIVEABLE, trial.straight):
-        trial.attempt("turn on the spot", trial.spin)
+        ratio = variant.settings.tangent_ratio
+        trial.attempt("turn on the spot", lambda: measure_spin(spin(trial.plant), trial.rolling, ratio))
         trial.attempt("slope", lambda: {"creep_m_s": creep(trial.plant)})
         if trial.attempt("trajectories", trial.trajectories):
             trial.attempt("half the step", trial.halved)
         if bench.recording is not None:
             trial.attempt("recording", trial.recorded)
     return TriedVariant(variant, Measures(**trial.found), MappingProxyType(trial.failures))
-
-
-def _on_map(motion: Trajectory, heading: float) -> FloatArray:
-    """Return the (M, 2) path [m] in the frame of a robot that started at the origin with this heading [rad]."""
-    c, s = math.cos(heading), math.sin(heading)
-    return motion.xy @ np.array([[c, -s], [s, c]])
 
 
 def step_time(plant: MujocoPlant) -> float:

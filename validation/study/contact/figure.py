@@ -35,10 +35,6 @@ def badness(column: MeasureColumn, value: float | None) -> float | None:
     return min(max(math.log(max(abs(value), 1e-300) / good) / math.log(bad / good), 0.0), 1.0)
 
 
-def _ink(rgb: Rgb) -> tuple[float, float, float]:
-    return rgb[0] / 255.0, rgb[1] / 255.0, rgb[2] / 255.0
-
-
 def _heights(study: ContactStudy) -> list[tuple[float, TriedVariant]]:
     """Return the distance of each row's middle from the top of the table [in]."""
     found, y = [], 0.0
@@ -76,7 +72,7 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
             bad = badness(column, column.value(outcome.measures))
             left = _LABEL_IN + k * each
             if bad is not None:
-                fill = _ink(mix(_GOOD, _BAD, bad))
+                fill = [value / 255.0 for value in mix(_GOOD, _BAD, bad)]
                 ax.add_patch(
                     Rectangle((left, y - 0.5 * _ROW_IN), each, _ROW_IN, facecolor=fill, edgecolor="white", linewidth=0.7)
                 )

@@ -27,7 +27,7 @@ from validation.study.contact.variants import PhysicsVariant, chosen_variants
 from validation.study.result import profile_of
 
 _ROUNDS = 5
-"""Number of times that the cost of a step is taken, all variants in turn."""
+"""Number of times that the cost of a step is taken, all variants in turn; the median counts."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,7 @@ class ContactOptions:
     """Leave out what was recorded after this time [s]."""
 
     def __post_init__(self) -> None:
-        """Check the groups.
-
-        Raises:
-            ValueError: an unknown group, or a time without a recording.
-        """
+        """Raise a ValueError for an unknown group, or a time without a recording."""
         chosen_variants(self.only)
         if self.recording is None and (self.start is not None or self.until is not None):
             raise ValueError("start (--from) and until cut a recording; name one as recording")
@@ -110,20 +106,13 @@ def try_variants(
             stop.set()  # an interrupt ends the other variants at their next drive
             raise
     if timed:
-        tried = _timed(bench, tried, progress)
+        plants = {k: make_variant(t.variant, bench.lab) for k, t in enumerate(tried) if UNDRIVEABLE not in t.failures}
+        times: dict[int, list[float]] = {k: [] for k in plants}
+        for done in range(_ROUNDS):
+            progress(Progress(len(tried) + done, total, "timing"))
+            for k, plant in plants.items():
+                times[k].append(step_time(plant))
+        for k, taken in times.items():
+            tried[k] = replace(tried[k], measures=replace(tried[k].measures, cost_s=float(np.median(taken))))
     recording = None if bench.recording is None else bench.recording.name
     return ContactStudy(bench.profile, recording, bench.recording_profile, tuple(tried))
-
-
-def _timed(bench: Bench, tried: Sequence[TriedVariant], progress: Report) -> list[TriedVariant]:
-    """Return the variants with the cost of a step: the median over rounds, in each of which every variant has its turn."""
-    plants = {k: make_variant(t.variant, bench.lab) for k, t in enumerate(tried) if UNDRIVEABLE not in t.failures}
-    times: dict[int, list[float]] = {k: [] for k in plants}
-    for done in range(_ROUNDS):
-        progress(Progress(len(tried) + done, len(tried) + _ROUNDS, "timing"))
-        for k, plant in plants.items():
-            times[k].append(step_time(plant))
-    return [
-        replace(t, measures=replace(t.measures, cost_s=float(np.median(times[k])))) if k in times else t
-        for k, t in enumerate(tried)
-    ]

@@ -84,6 +84,7 @@ def _draw_errors(drive: GroundDrive, first: bool, ax: Axes) -> None:
 
 def _draw_bars(study: FilterStudy, field: str, title: str, ax: Axes) -> None:
     """Draw the drift in percent by drive and filter, on a logarithmic scale."""
+    inset(ax, left=1.35)
     drives, names = study.drives, [v.name for v in filter_variants(study.options.bias)]
     for row, drive in enumerate(drives):
         for k, name in enumerate(names):
@@ -100,11 +101,6 @@ def _draw_bars(study: FilterStudy, field: str, title: str, ax: Axes) -> None:
     ax.grid(visible=False, axis="y")
 
 
-def _inset_bars(study: FilterStudy, field: str, title: str, ax: Axes) -> None:
-    inset(ax, left=1.35)
-    _draw_bars(study, field, title, ax)
-
-
 def _drive_rows(study: FilterStudy, reference: str) -> list[Row]:
     """Return a heading and the panels of one reference."""
     drives = [d for d in study.drives if d.reference == reference]
@@ -118,8 +114,8 @@ def _drive_rows(study: FilterStudy, reference: str) -> list[Row]:
 def draw_filter(study: FilterStudy) -> Figure:
     """Return the picture of a study of dead reckoning, 1600 px wide."""
     bars: list[Panel] = [
-        partial(_inset_bars, study, "position", "position [% of the distance]"),
-        partial(_inset_bars, study, "yaw", "yaw [% of what was turned]"),
+        partial(_draw_bars, study, "position", "position [% of the distance]"),
+        partial(_draw_bars, study, "yaw", "yaw [% of what was turned]"),
     ]
     height = _BARS_IN * max(1.0, len(study.drives) / 10.0)
     versions = study.versions

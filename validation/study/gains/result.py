@@ -26,11 +26,7 @@ class GainsOptions:
     """First seed of noise and disturbance; no shipped set was tuned with seeds from 11 on."""
 
     def __post_init__(self) -> None:
-        """Check the seeds.
-
-        Raises:
-            ValueError: no seeds, or no plants.
-        """
+        """Raise a ValueError for no seeds, or no plants."""
         require_seed(self.seed, self.seeds)
         if not self.plants:
             raise ValueError("plants must name at least one")

@@ -198,20 +198,14 @@ class RobustnessOptions:
     def loop(self, mismatch: Mismatch, drive: Drive | None = None) -> LoopSettings:
         """Return feedback, noise and periods of a loop; a state filter knows the drive's odometry."""
         noise = SensorNoise(**{name: mismatch.noise * value for name, value in asdict(SensorNoise()).items()})
-        sensors = SensorModel()
+        usual = SensorModel()
         sensors = replace(
-            sensors,
-            variance_encoder=mismatch.noise * sensors.variance_encoder,
-            variance_gyro=mismatch.noise * sensors.variance_gyro,
+            usual,
+            variance_encoder=mismatch.noise * usual.variance_encoder,
+            variance_gyro=mismatch.noise * usual.variance_gyro,
         )
-        return LoopSettings(
-            self.feedback,
-            noise,
-            sensors,
-            odometry_of(drive or Drive()),
-            disturbance=self.disturbance,
-            position_period=self.position_period,
-        )
+        odometry, period = odometry_of(drive or Drive()), self.position_period
+        return LoopSettings(self.feedback, noise, sensors, odometry, disturbance=self.disturbance, position_period=period)
 
 
 def mismatched(profile: Profile, mismatch: Mismatch, timestep: float, torque: float) -> Robot:

@@ -84,6 +84,8 @@ def _draw_spread(study: Robustness, name: str, value: _Value, ax: Axes) -> None:
 
 def _draw_alone(study: Robustness, controller: str, value: _Value, name: str, first: bool, ax: Axes) -> None:
     """Draw a controller's errors under each mismatch alone, as bars from the nominal robot's mean."""
+    if first:
+        inset(ax, left=_LABELS_IN)
     cases: list[tuple[str, list[RunErrors]]] = [(NOMINAL, study.errors(controller, "nominal"))]
     cases += [(m.label, study.errors(controller, "alone", m)) for m in single_mismatches()]
     centre = 1e3 * float(np.mean([value(o) for o in cases[0][1]]))
@@ -105,18 +107,11 @@ def _draw_alone(study: Robustness, controller: str, value: _Value, name: str, fi
 
 def _alone_row(study: Robustness, name: str, value: _Value) -> Row:
     """Return a row with a panel for each controller; the first names the mismatches."""
-    count = len(study.controllers)
     labels = _LABELS_IN / 12.5
-    share = (1.0 - labels) / count
+    share = (1.0 - labels) / len(study.controllers)
     panels: list[tuple[float, Panel]] = []
     for k, controller in enumerate(study.controllers):
-
-        def draw(ax: Axes, k: int = k, controller: str = controller) -> None:
-            if k == 0:
-                inset(ax, left=_LABELS_IN)
-            _draw_alone(study, controller, value, name, k == 0, ax)
-
-        panels.append((share + labels if k == 0 else share, draw))
+        panels.append((share + labels * (k == 0), partial(_draw_alone, study, controller, value, name, k == 0)))
     return Row(_ALONE_IN + _LINE_IN * (1 + len(single_mismatches())), tuple(panels))
 
 

@@ -37,11 +37,7 @@ class TablesOptions:
     """Numbers of the tables to make."""
 
     def __post_init__(self) -> None:
-        """Check seeds and tables.
-
-        Raises:
-            ValueError: no seeds, or an unknown table.
-        """
+        """Raise a ValueError for no seeds, or an unknown table."""
         require_seed(0, self.seeds)
         unknown = [number for number in self.numbers if number not in CONTROL_TABLES]
         if unknown:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from validation.robots.husky import WHEELS
 from validation.robots.wheel_loads import MEASURED, QUASI_STATIC
 from validation.show.drawing import (
     QUIET,
+    Row,
     controller_ink,
     draw_footer,
     draw_section,
@@ -70,13 +72,18 @@ def _limits(values: list[float]) -> tuple[float, float]:
     return (0.8 * min(values), 1.25 * max(values)) if values else (1.0, 10.0)
 
 
+def _wheel_style(wheel: str) -> dict[str, Any]:
+    return {
+        "color": ink_of("mujoco") if wheel.startswith("front") else "0.2",
+        "linestyle": "-" if wheel.endswith("left") else (0, (5, 1.5)),
+    }
+
+
 def _draw_loads(study: TerrainStudy, run: LoadRun, ax: Axes) -> None:
     """Draw simulated loads, the loads by the formula (dotted) and the static loads."""
     motion = run.motion
     for k, wheel in enumerate(WHEELS):
-        ink = ink_of("mujoco") if wheel.startswith("front") else "0.2"
-        style = "-" if wheel.endswith("left") else (0, (5, 1.5))
-        ax.plot(motion.t, motion.channels[MEASURED][:, k], color=ink, linestyle=style, linewidth=1.2, gid=wheel)
+        ax.plot(motion.t, motion.channels[MEASURED][:, k], **_wheel_style(wheel), linewidth=1.2, gid=wheel)
         formula = motion.channels[QUASI_STATIC][:, k]
         ax.plot(motion.t, formula, color=ink_of("improved"), linestyle=(0, (1, 1)), linewidth=1.1, zorder=3.0)
     for share in np.unique(study.static.round(6)):
@@ -85,27 +92,12 @@ def _draw_loads(study: TerrainStudy, run: LoadRun, ax: Axes) -> None:
     ax.set_title(f"Wheel loads on {run.terrain.words} [N]")
 
 
-def _legend(ax: Axes) -> None:
-    ax.set_axis_off()
-    handles = [Line2D([], [], color=ink_of(p), linestyle=_DASHES[p], marker="o", ms=4.0) for p in PLANAR]
-    line_legend(ax, handles, list(PLANAR))
+def _legend_row(lines: Sequence[dict[str, Any]], labels: Sequence[str]) -> Row:
+    def draw(ax: Axes) -> None:
+        ax.set_axis_off()
+        line_legend(ax, [Line2D([], [], **style) for style in lines], labels)
 
-
-def _load_legend(ax: Axes) -> None:
-    ax.set_axis_off()
-    handles = [
-        Line2D([], [], color=ink_of("mujoco") if w.startswith("front") else "0.2",
-               linestyle="-" if w.endswith("left") else (0, (5, 1.5)))
-        for w in WHEELS
-    ]  # fmt: skip
-    handles += [Line2D([], [], color=ink_of("improved"), linestyle=(0, (1, 1))), Line2D([], [], color=QUIET)]
-    line_legend(ax, handles, [*(w.replace("_", " ") for w in WHEELS), "quasi-static formula", "static load, Eq. 2.17"])
-
-
-def _closed_legend(study: TerrainStudy, ax: Axes) -> None:
-    ax.set_axis_off()
-    handles = [Line2D([], [], color=controller_ink(c), marker="s", ms=4.0) for c in study.options.axes.controllers]
-    line_legend(ax, handles, [f"{c}, tuned" for c in study.options.axes.controllers])
+    return text_row(0.4, draw)
 
 
 def draw_terrain(study: TerrainStudy) -> Figure:
@@ -117,21 +109,21 @@ def draw_terrain(study: TerrainStudy) -> Figure:
         "(dashed line: as in the thesis)"
     )
     below = "Trackers that know nothing of the ground: distance of the path from the reference (cross: lost on a ground)"
+    at_the_end = "Wheel loads while speeding up, turning left, driving straight, braking and turning on the spot"
+    trackers = study.options.axes.controllers
+    wheels = [_wheel_style(w) for w in WHEELS]
+    wheels += [{"color": ink_of("improved"), "linestyle": (0, (1, 1))}, {"color": QUIET}]
     rows = [
         text_row(0.3, partial(draw_section, top)),
-        text_row(0.4, _legend),
+        _legend_row([{"color": ink_of(p), "linestyle": _DASHES[p], "marker": "o", "ms": 4.0} for p in PLANAR], PLANAR),
         side_by_side(3.0, [partial(_draw_open, study, axis, opened) for axis in AXES]),
         text_row(0.3, partial(draw_section, below)),
-        text_row(0.4, partial(_closed_legend, study)),
-        side_by_side(2.6, [partial(_draw_closed, study, axis, closed) for axis in AXES]),
-        text_row(
-            0.3,
-            partial(
-                draw_section,
-                "Wheel loads while speeding up, turning left, driving straight, braking and turning on the spot",
-            ),
+        _legend_row(
+            [{"color": controller_ink(c), "marker": "s", "ms": 4.0} for c in trackers], [f"{c}, tuned" for c in trackers]
         ),
-        text_row(0.4, _load_legend),
+        side_by_side(2.6, [partial(_draw_closed, study, axis, closed) for axis in AXES]),
+        text_row(0.3, partial(draw_section, at_the_end)),
+        _legend_row(wheels, [*(w.replace("_", " ") for w in WHEELS), "quasi-static formula", "static load, Eq. 2.17"]),
         side_by_side(3.2, [partial(_draw_loads, study, run) for run in study.loads]),
         text_row(0.3, partial(draw_footer, f"{study.heading()} · mujoco {study.versions.get('mujoco', '?')}")),
     ]

@@ -51,11 +51,7 @@ class TerrainAxes:
     """Trackers, with their tuned gains."""
 
     def __post_init__(self) -> None:
-        """Check that every axis has values.
-
-        Raises:
-            ValueError: an axis has none.
-        """
+        """Raise a ValueError for an axis without values."""
         for axis in AXES:
             if not self.values(axis):
                 raise ValueError(f"there are no values of {axis}")
@@ -85,11 +81,7 @@ class TerrainOptions:
     """Values to drive; only from Python."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: no seeds, or a horizon longer than the trajectories.
-        """
+        """Raise a ValueError for no seeds, or a horizon longer than the trajectories."""
         require_seed(self.seed, self.seeds)
         if not 0.0 < self.horizon <= 20.0:
             raise ValueError(f"horizon {self.horizon:g} s must be positive and within the trajectories' 20 s")

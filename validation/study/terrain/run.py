@@ -80,9 +80,13 @@ def study_terrain(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    loads = tuple(_load_run(profile, terrain) for terrain in (FLAT, Terrain("ramp", slope=math.radians(10.0))))
+    loads = []
+    for terrain in (FLAT, Terrain("ramp", slope=math.radians(10.0))):
+        husky = make_plant(profile, "mujoco", terrain)
+        assert isinstance(husky, MujocoPlant)
+        loads.append(LoadRun(terrain, with_quasi_static(husky.run(manoeuvre(), State(), SAMPLE_DT), husky, (0.0, 0.0))))
     static = static_loads(Vehicle(mass=profile.plants["mujoco"].parameters.mass))
-    return TerrainStudy(profile.name, o, tuple(models), tuple(trackers), loads, static)
+    return TerrainStudy(profile.name, o, tuple(models), tuple(trackers), tuple(loads), static)
 
 
 def manoeuvre() -> Commands:
@@ -172,9 +176,3 @@ def _track(
     for k, name in enumerate(names):
         distances = [rate(each[k], waypoints, robot)["d_rms_m"] for robot, each in runs if not each[k].lost]
         yield TrackerErrors(axis, value, name, float(np.mean(distances)) if distances else None, len(runs) - len(distances))
-
-
-def _load_run(profile: Profile, terrain: Terrain) -> LoadRun:
-    plant = make_plant(profile, "mujoco", terrain)
-    assert isinstance(plant, MujocoPlant)
-    return LoadRun(terrain, with_quasi_static(plant.run(manoeuvre(), State(), SAMPLE_DT), plant, (0.0, 0.0)))

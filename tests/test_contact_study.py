@@ -175,7 +175,7 @@ def test_a_study_repeats_whatever_the_workers(small: ContactStudy, bench: Bench)
 def test_d_rms_is_the_comparisons(small: ContactStudy, bench: Bench, lab: Profile) -> None:
     """Against the profile's own record of how near it comes."""
     record = lab.provenance["mujoco"]["d_rms_m"]
-    found = of(small, BASELINE)["d_rms_m"]["improved"]
+    found = of(small, BASELINE).d_rms_m["improved"]
     assert {name: pytest.approx(value, abs=2e-4) for name, value in record.items()} == dict(found)
     motion = drive(make_variant(BASELINE, bench.lab), bench.scenarios["traj4"], bench.lab.tracked_point, bench_module.SAMPLE)
     assert motion.pose[0] == pytest.approx([State().x, State().y, State().yaw], abs=1e-12)

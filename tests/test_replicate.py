@@ -123,7 +123,7 @@ def test_a_broken_off_search_goes_on_to_the_same_end(tmp_path: Path, monkeypatch
         return real(self, *args)
 
     def findings(folder: Path) -> list[Findings]:
-        return [found for _, found, _ in run_sections(both, SMALL, folder, workers=2)]
+        return [found for _, found, *_ in run_sections(both, SMALL, folder, workers=2)]
 
     monkeypatch.setattr(FitProblem, "costs", counting)
     stopped = False
@@ -174,7 +174,7 @@ def test_what_is_kept_is_used_again_only_for_the_same_question(tmp_path: Path) -
     folder, ran = folders(tmp_path / "out"), list[str]()
     one = fake(FOUND, ran)
     for settings, times in ((SMALL, 1), (SMALL, 1), (replace(SMALL, repeats=9), 1), (replace(SMALL, seed=7), 2), (SMALL, 3)):
-        ((_, found, _),) = run_sections([one], settings, folder)
+        ((_, found, *_),) = run_sections([one], settings, folder)
         assert found == FOUND
         assert len(ran) == times
     state = folder / SECTION_FOLDER / "fake-search.0123456789ab.npz"
@@ -190,7 +190,7 @@ def test_a_damaged_section_is_run_again(tmp_path: Path, damage: str) -> None:
     one = fake(FOUND, ran)
     run_sections([one], SMALL, folder)
     (folder / SECTION_FOLDER / "fake.json").write_text(damage, encoding="utf-8")
-    ((_, found, _),) = run_sections([one], SMALL, folder)
+    ((_, found, *_),) = run_sections([one], SMALL, folder)
     assert (found, len(ran)) == (FOUND, 2)
 
 

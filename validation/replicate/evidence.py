@@ -139,6 +139,10 @@ class Context:
         save_figure(figure, self.folder / FIGURE_FOLDER / file)
         return Picture(file, caption)
 
+    def checkpoint(self, name: str) -> Path:
+        """Return the file in which a search of the section keeps its state; its name depends on the digest."""
+        return self.folder / SECTION_FOLDER / f"{self.key}-{name}.{self.digest[:12]}.npz"
+
 
 def searched(context: Context, name: str, search: Callable[[dict[str, Any], Report], _R]) -> _R:
     """Search to the end, from where a search of the same name and digest stopped, if there is one.
@@ -151,7 +155,7 @@ def searched(context: Context, name: str, search: Callable[[dict[str, Any], Repo
     Raises:
         KeyboardInterrupt: it was stopped; its state is on disk.
     """
-    state = context.folder / SECTION_FOLDER / f"{context.key}-{name}.{context.digest[:12]}.npz"
+    state = context.checkpoint(name)
     options = {"checkpoint": state, "workers": context.workers}
     try:
         result = search({**options, "resume": state.is_file()}, context.progress)

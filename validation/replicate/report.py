@@ -86,10 +86,10 @@ def document_of(answers: Sequence[Answer], settings: ReplicationSettings, left_o
         settings: settings that they ran with.
         left_out: titles of sections that were not asked for.
     """
-    chapters = tuple(
-        Chapter(a.section.key, _title(a.section), _notes(a), parts_of(a.section, a.findings), a.findings.pictures)
-        for a in answers
-    )
+    chapters = []
+    for section, findings, _, _ in answers:
+        notes = (*findings.notes, *REMARKS.get(section.key, ()))
+        chapters.append(Chapter(section.key, _title(section), notes, parts_of(section, findings), findings.pictures))
     lead = [
         _GENERATED
         + (" It was made with `--quick`: fewer generations and seeds, so less can be concluded." if settings.quick else ""),
@@ -108,11 +108,7 @@ def document_of(answers: Sequence[Answer], settings: ReplicationSettings, left_o
     wall, cpu = (sum(getattr(a, name) for a in answers) for name in ("wall_s", "cpu_s"))
     versions = ", ".join(f"{k} {v}" for k, v in store.versions().items())
     foot = f"All sections together took {wall / 60:.1f} minutes, {cpu / 60:.1f} of processor time. Versions: {versions}."
-    return Document(_TITLE, tuple(lead), _summary(answers), chapters, foot)
-
-
-def _notes(answer: Answer) -> tuple[str, ...]:
-    return (*answer.findings.notes, *REMARKS.get(answer.section.key, ()))
+    return Document(_TITLE, tuple(lead), _summary(answers), tuple(chapters), foot)
 
 
 def _title(section: Section) -> str:
@@ -179,15 +175,6 @@ def prose(text: str) -> Markup:
     return Markup("").join(Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
 
 
-def picture_data(path: Path) -> str:
-    """Return a PNG file as a `data:` URI.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
-
-
 def document_html(document: Document, figures: Path) -> str:
     """Return the report as one HTML page that contains its pictures and styles, and loads nothing.
 
@@ -203,5 +190,8 @@ def document_html(document: Document, figures: Path) -> str:
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters["prose"] = prose
-    template = environment.get_template("replicate.html")
-    return template.render(document=document, status_class=status_class, data=lambda file: picture_data(figures / file))
+
+    def data(file: str) -> str:
+        return "data:image/png;base64," + base64.b64encode((figures / file).read_bytes()).decode("ascii")
+
+    return environment.get_template("replicate.html").render(document=document, status_class=status_class, data=data)

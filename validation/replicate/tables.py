@@ -82,21 +82,6 @@ def _metric_text(metric: str, value: float | None, unit: str) -> str:
     return number_text(value) if decimals is None else f"{value:.{decimals}f}"
 
 
-def _printed_text(metric: str, pair: Pair) -> str:
-    """Return the printed number, or the limit that the thesis' words are taken to mean."""
-    if pair.rule == "at_least":
-        return f"≥ {pair.beside['at_least']:g}"
-    return _metric_text(metric, pair.published, pair.unit)
-
-
-def _spread_text(metric: str, pair: Pair) -> str:
-    """Return our number with its spread."""
-    own = _metric_text(metric, pair.ours, pair.unit)
-    if pair.ours is None or pair.spread is None:
-        return own
-    return f"{own} ± {_metric_text(metric, pair.spread, pair.unit)}"
-
-
 def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
     """Lay out tables whose rows have the same metrics: printed and own numbers side by side, and a verdict for each row.
 
@@ -122,8 +107,12 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
             cells = [Cell(number)] * several + [Cell(row.replace("_", " ")), reasons.cell(row_verdict(pairs, verdicts[row]))]
             for m in metrics:
                 pair = pairs.get(m, Pair(None, None, "none"))
-                cells += [Cell(_printed_text(m, pair))] if m in printed else []
-                cells.append(Cell(_spread_text(m, pair)))
+                if m in printed:
+                    limit = f"≥ {pair.beside['at_least']:g}" if pair.rule == "at_least" else ""
+                    cells.append(Cell(limit or _metric_text(m, pair.published, pair.unit)))
+                spread = None if pair.ours is None else pair.spread
+                error = "" if spread is None else f" ± {_metric_text(m, spread, pair.unit)}"
+                cells.append(Cell(_metric_text(m, pair.ours, pair.unit) + error))
                 cells += [Cell(_metric_text(m, pair.beside.get(name), pair.unit)) for name in beside[m]]
             rows.append(tuple(cells))
         groups.append(tuple(rows))
@@ -201,17 +190,17 @@ def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:
     for number, table in findings.tables.items():
         if number not in done:
             where = f"Tab. {number}" if number[0].isdigit() else number
-            parts.append(Part(f"{where}. {table.caption}", *_laid_out(number, table)))
+            grid = tall_grid(table, number) if _is_tall(table) else wide_grid({number: table})
+            parts.append(Part(f"{where}. {table.caption}", *grid))
     parts += [Part(caption, grid) for caption, grid in findings.grids.items()]
     return tuple(parts)
 
 
-def _laid_out(number: str, table: Table) -> tuple[Grid, tuple[str, ...]]:
-    """Lay out one table: wide, unless the unit changes from row to row or each row has a metric of its own."""
+def _is_tall(table: Table) -> bool:
+    """Return whether the unit changes from row to row, or each row has a metric of its own."""
     units: dict[str, set[str]] = {}
     for pairs in table.rows.values():
         for metric, pair in pairs.items():
             units.setdefault(metric, set()).add(pair.unit)
     alone = len(units) > 1 and all(len(pairs) == 1 for pairs in table.rows.values())
-    tall = alone or any(len(u) > 1 for u in units.values())
-    return tall_grid(table, number) if tall else wide_grid({number: table})
+    return alone or any(len(u) > 1 for u in units.values())

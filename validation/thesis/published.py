@@ -43,10 +43,7 @@ def published_tables() -> Mapping[str, Any]:
 
 
 def table(number: str) -> Mapping[str, Any]:
-    """Return one table of the thesis.
-
-    Args:
-        number: The table's number as printed, such as ``"3.9"``, or ``"text"`` for the running text.
+    """Return one table of the thesis by its number as printed, such as ``"3.9"``, or ``"text"`` for the running text.
 
     Returns:
         A read-only mapping with ``caption``, ``rows`` (numbers by name of the row) and remarks on the table.
@@ -65,7 +62,7 @@ def value(number: str, row: str, key: str = "value") -> float:
     """Return one number of one table.
 
     Args:
-        number: The table's number as printed, such as ``"3.8"``, or ``"text"`` for the running text.
+        number: The table's number, as for `table`.
         row: The row's name, such as ``"u_x"``, ``"traj4"`` or ``"line_0.25"``.
         key: Which of the row's numbers: ``"value"`` for a parameter, ``"d_rms_m"`` and its like for a metric.
 

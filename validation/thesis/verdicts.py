@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 _SCHEMA = "ssmr.verdicts/1"
 FACTOR = 1.5
@@ -121,12 +121,10 @@ def reasons() -> tuple[Reason, ...]:
     data = tomllib.loads(resources.files("validation.thesis").joinpath("verdicts.toml").read_text(encoding="utf-8"))
     if data.get("schema") != _SCHEMA:
         raise ValueError(f"verdicts.toml has schema {data.get('schema')!r}, expected {_SCHEMA!r}")
-    return tuple(map(_reason, data["reason"]))
-
-
-def _reason(entry: Mapping[str, Any]) -> Reason:
-    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
-    return Reason(**values)
+    entries: list[dict[str, Any]] = [
+        {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()} for entry in data["reason"]
+    ]
+    return tuple(Reason(**entry) for entry in entries)
 
 
 def agrees(pair: Pair) -> bool:
@@ -147,21 +145,13 @@ def agrees(pair: Pair) -> bool:
 
 
 def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason] | None = None) -> Verdict:
-    """Return the verdict on one number of ours.
-
-    Args:
-        table: number of the table.
-        row: name of the row.
-        metric: name of the metric.
-        pair: printed and own number.
-        known: known reasons; those of `verdicts.toml` if not given.
-    """
+    """Return the verdict on one number of ours, with the `known` reasons or, if not given, those of `verdicts.toml`."""
     about = [r for r in (reasons() if known is None else known) if r.concerns(table, row, metric)]
-    barred = next((Verdict("not compared", r.text, r.see) for r in about if not r.comparable), None)
     if pair.obstacle:
         return Verdict("not compared", pair.obstacle)
-    if barred is not None:
-        return barred
+    for reason in about:
+        if not reason.comparable:
+            return Verdict("not compared", reason.text, reason.see)
     if pair.published is None and pair.rule != "at_least":
         return Verdict("not compared", "the thesis prints no number")
     if pair.rule == "none" or pair.ours is None:
@@ -196,11 +186,7 @@ class RowVerdict:
 
 
 def of_row(verdicts: Mapping[str, Verdict]) -> RowVerdict:
-    """Return the verdict on a row.
-
-    Args:
-        verdicts: verdicts on its numbers by metric, at least one.
-    """
+    """Return the verdict on a row from those on its numbers by metric, at least one."""
     judged = {m: v for m, v in verdicts.items() if v.status != "not compared"} or verdicts
     order: tuple[Status, ...] = ("not compared", "agrees", "nearer", "differs")
     worst = max((v.status for v in judged.values()), key=order.index)

@@ -51,16 +51,7 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
             mine = runs[k * n : (k + 1) * n]
             lost = sum(run.lost for run in mine)
             rated = [] if lost else [rate(run, waypoints, robot) for run in mine]
-            scores.append(
-                GainScore(
-                    g.name,
-                    plant,
-                    reference,
-                    speed,
-                    float(np.mean(costs_of(mine, target, waypoints.speed, _COST))) if rated else None,
-                    float(np.mean([r["d_rms_m"] for r in rated])) if rated else None,
-                    float(np.mean([r["e_rho_rms_m"] for r in rated])) if rated else None,
-                    lost,
-                )
-            )
+            cost = None if lost else float(np.mean(costs_of(mine, target, waypoints.speed, _COST)))
+            d_rms, e_rho = (float(np.mean([r[m] for r in rated])) if rated else None for m in ("d_rms_m", "e_rho_rms_m"))
+            scores.append(GainScore(g.name, plant, reference, speed, cost, d_rms, e_rho, lost))
     return GainStudy(profile.name, o, tuple(scores))

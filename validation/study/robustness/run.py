@@ -62,18 +62,9 @@ def study_robustness(
             health = health or health_of(runs[0], waypoints, crew[0], loops[0], part[0].seed)
         assert health is not None
         found[controller] = ControllerRuns(sets[controller], tuple(errors), health)
-    return Robustness(
-        profile.name,
-        profile.as_dict()["mujoco"],
-        name,
-        waypoints.speed,
-        waypoints.duration,
-        torque,
-        o,
-        tuple(cases),
-        MappingProxyType(found),
-        tuple(remarks),
-    )
+    parameters, by_name = profile.as_dict()["mujoco"], MappingProxyType(found)
+    speed, duration = waypoints.speed, waypoints.duration
+    return Robustness(profile.name, parameters, name, speed, duration, torque, o, tuple(cases), by_name, tuple(remarks))
 
 
 def _chosen_gains(controllers: tuple[str, ...], name_or_path: str) -> tuple[Mapping[str, GainSet], list[str]]:

@@ -33,28 +33,27 @@ from validation.study.terrain.result import TerrainStudy
 _DASHES: dict[str, Any] = dict(zip(PLANAR, ("-", (0, (4, 1.5)), (0, (5, 1.2, 1, 1.2)), (0, (1, 1))), strict=True))
 
 
-def _scales(study: TerrainStudy, axis: AxisName, label: str, ax: Axes) -> None:
-    """Set a logarithmic ordinate with plain numbers, and mark the thesis' conditions."""
+def _scales(axis: AxisName, label: str, values: list[float], ax: Axes) -> None:
+    """Set a logarithmic ordinate with plain numbers and room around positive values, and mark the thesis' conditions."""
     name, unit, scale = AXES[axis]
-    ax.set_yscale("log")
+    limits = (0.8 * min(values), 1.25 * max(values)) if values else (1.0, 10.0)
+    ax.set(yscale="log", ylim=limits, xlabel=f"{name} [{unit}]")
     plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
     ax.axvline(scale * BASE[axis], color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1.5)
-    ax.set_xlabel(f"{name} [{unit}]")
     if axis == next(iter(AXES)):
         ax.set_ylabel(label)
 
 
-def _draw_open(study: TerrainStudy, axis: AxisName, limits: tuple[float, float], ax: Axes) -> None:
+def _draw_open(study: TerrainStudy, axis: AxisName, ax: Axes) -> None:
     """Draw the planar models' position errors along an axis."""
     for plant in PLANAR:
         line = [(AXES[axis][2] * p.value, 1e3 * p.position_m) for p in study.line(axis, plant) if p.position_m]
         if line:
             ax.plot(*np.array(line).T, color=ink_of(plant), linestyle=_DASHES[plant], marker="o", ms=4.0, gid=plant)
-    _scales(study, axis, "position error [mm]", ax)
-    ax.set_ylim(limits)
+    _scales(axis, "position error [mm]", [1e3 * p.position_m for p in study.models if p.position_m], ax)
 
 
-def _draw_closed(study: TerrainStudy, axis: AxisName, limits: tuple[float, float], ax: Axes) -> None:
+def _draw_closed(study: TerrainStudy, axis: AxisName, ax: Axes) -> None:
     """Draw the trackers' d_rms along an axis, with a cross where the reference was lost on a ground."""
     for controller in study.options.axes.controllers:
         found = [f for f in study.trackers if f.axis == axis and f.controller == controller and f.d_rms_m]
@@ -63,13 +62,7 @@ def _draw_closed(study: TerrainStudy, axis: AxisName, limits: tuple[float, float
             ax.plot(*line.T, color=controller_ink(controller), marker="s", ms=4.0, gid=controller)
             lost = line[[f.lost > 0 for f in found]]
             ax.plot(*lost.T, "x", color="black", ms=8.0, zorder=3.0)
-    _scales(study, axis, "d_rms, tracked [mm]", ax)
-    ax.set_ylim(limits)
-
-
-def _limits(values: list[float]) -> tuple[float, float]:
-    """Return limits of a logarithmic axis that leave room around positive numbers."""
-    return (0.8 * min(values), 1.25 * max(values)) if values else (1.0, 10.0)
+    _scales(axis, "d_rms, tracked [mm]", [1e3 * f.d_rms_m for f in study.trackers if f.d_rms_m], ax)
 
 
 def _wheel_style(wheel: str) -> dict[str, Any]:
@@ -102,8 +95,6 @@ def _legend_row(lines: Sequence[dict[str, Any]], labels: Sequence[str]) -> Row:
 
 def draw_terrain(study: TerrainStudy) -> Figure:
     """Draw errors without feedback, errors of trackers, and wheel loads, 1600 px wide."""
-    opened = _limits([1e3 * p.position_m for p in study.models if p.position_m])
-    closed = _limits([1e3 * f.d_rms_m for f in study.trackers if f.d_rms_m])
     top = (
         f"Planar models against the MuJoCo Husky: median position error after {study.options.horizon:g} s "
         "(dashed line: as in the thesis)"
@@ -116,12 +107,12 @@ def draw_terrain(study: TerrainStudy) -> Figure:
     rows = [
         text_row(0.3, partial(draw_section, top)),
         _legend_row([{"color": ink_of(p), "linestyle": _DASHES[p], "marker": "o", "ms": 4.0} for p in PLANAR], PLANAR),
-        side_by_side(3.0, [partial(_draw_open, study, axis, opened) for axis in AXES]),
+        side_by_side(3.0, [partial(_draw_open, study, axis) for axis in AXES]),
         text_row(0.3, partial(draw_section, below)),
         _legend_row(
             [{"color": controller_ink(c), "marker": "s", "ms": 4.0} for c in trackers], [f"{c}, tuned" for c in trackers]
         ),
-        side_by_side(2.6, [partial(_draw_closed, study, axis, closed) for axis in AXES]),
+        side_by_side(2.6, [partial(_draw_closed, study, axis) for axis in AXES]),
         text_row(0.3, partial(draw_section, at_the_end)),
         _legend_row(wheels, [*(w.replace("_", " ") for w in WHEELS), "quasi-static formula", "static load, Eq. 2.17"]),
         side_by_side(3.2, [partial(_draw_loads, study, run) for run in study.loads]),

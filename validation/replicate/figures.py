@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -32,22 +32,6 @@ _DARK = 0.6
 """Share of the greatest error from which on numbers are written in white."""
 
 
-@dataclass(frozen=True, eq=False)
-class Responses:
-    """Motions to draw."""
-
-    driven: Mapping[str, Trajectory]
-    """Motion on trajectory 4 by plant, at every physics step."""
-    speed: Mapping[str, Trajectory]
-    """Response to a step of the speed command, by plant."""
-    yaw_rate: Mapping[str, Trajectory]
-    """Response to a step of the yaw rate command, by plant."""
-    step: tuple[float, float]
-    """Commanded speed [m/s] and yaw rate [rad/s]."""
-    profile: str
-    """Name of the profile."""
-
-
 def _draw_step(drawn: Mapping[str, Trajectory], column: int, command: float, title: str, ax: Axes) -> None:
     for k, (name, motion) in enumerate(drawn.items()):
         ax.plot(motion.t, motion.twist[:, column], color=ink_of(name), linewidth=2.2 - 0.4 * k, gid=name)
@@ -55,18 +39,26 @@ def _draw_step(drawn: Mapping[str, Trajectory], column: int, command: float, tit
     ax.set(title=title, xlim=(0.0, 1.5), xlabel="time since the command [s]")
 
 
-def draw_responses(drawn: Responses) -> Figure:
+def draw_responses(
+    driven: Mapping[str, Trajectory], steps: Sequence[Mapping[str, Trajectory]], size: tuple[float, float], profile: str
+) -> Figure:
     """Draw the accelerations of each plant side by side on one scale, and below them the step responses.
 
     The accelerations are those around the time nearest to the middle of the run at which the first plant's turn reverses.
+
+    Args:
+        driven: motions on trajectory 4 by plant, at every physics step.
+        steps: responses to a step of the speed command, and to one of the yaw rate command, by plant.
+        size: speed [m/s] and yaw rate [rad/s] of those commands.
+        profile: name of the profile.
     """
-    first = next(iter(drawn.driven.values()))
+    first = next(iter(driven.values()))
     crossings = first.t[:-1][first.twist[1:, 2] * first.twist[:-1, 2] < 0.0]
     middle = 0.5 * float(first.t[-1])
     if len(crossings):
         middle = float(crossings[np.argmin(np.abs(crossings - middle))])
     seen = {}
-    for name, motion in drawn.driven.items():
+    for name, motion in driven.items():
         inside = np.abs(motion.t - middle) <= 0.5 * _SHOWN
         seen[name] = motion.t[inside], motion.channels["yaw_acceleration_rad_s2"][inside]
     every = np.concatenate([values for _, values in seen.values()])
@@ -79,20 +71,20 @@ def draw_responses(drawn: Responses) -> Figure:
 
     def legend(ax: Axes) -> None:
         ax.set_axis_off()
-        handles = [Line2D([], [], color=ink_of(name), linewidth=2.0) for name in drawn.driven]
+        handles = [Line2D([], [], color=ink_of(name), linewidth=2.0) for name in driven]
         handles.append(Line2D([], [], color=QUIET, linewidth=1.0, linestyle=(0.0, (4.0, 2.0))))
-        line_legend(ax, handles, [*drawn.driven, "command"])
+        line_legend(ax, handles, [*driven, "command"])
 
     below: list[Panel] = [
-        partial(_draw_step, drawn.speed, 0, drawn.step[0], f"speed [m/s] after a command of {drawn.step[0]:g}"),
-        partial(_draw_step, drawn.yaw_rate, 2, drawn.step[1], f"yaw rate [rad/s] after a command of {drawn.step[1]:g}"),
+        partial(_draw_step, steps[0], 0, size[0], f"speed [m/s] after a command of {size[0]:g}"),
+        partial(_draw_step, steps[1], 2, size[1], f"yaw rate [rad/s] after a command of {size[1]:g}"),
     ]
     heading = "Yaw acceleration [rad/s²] on trajectory 4, where the turn reverses"
-    foot = f"every physics step is drawn: 1 ms, mujoco 2 ms · peaks every 50 ms: a new command · profile {drawn.profile}"
+    foot = f"every physics step is drawn: 1 ms, mujoco 2 ms · peaks every 50 ms: a new command · profile {profile}"
     return put_together(
         [
             text_row(0.4, partial(draw_section, heading)),
-            side_by_side(3.0, [partial(accelerations, name) for name in drawn.driven]),
+            side_by_side(3.0, [partial(accelerations, name) for name in driven]),
             text_row(0.3, legend),
             side_by_side(3.0, below),
             text_row(0.3, partial(draw_footer, foot)),

@@ -22,7 +22,7 @@ from validation.fit.run import FitSearch, fit
 from validation.fit.table import is_vague
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
-from validation.replicate.figures import Responses, draw_responses
+from validation.replicate.figures import draw_responses
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
 
@@ -195,7 +195,7 @@ def _accelerations(context: Context) -> Findings:
     rows["coulomb over improved"] = {
         "alternations": Pair(None, chatter["coulomb"] / chatter["improved"], "at_least", beside={"at_least": _CHATTER})
     }
-    figure = draw_responses(Responses(driven, steps[0], steps[1], _STEP, profile.name))
+    figure = draw_responses(driven, steps, _STEP, profile.name)
     caption = (
         "Above, yaw acceleration on trajectory 4 where the turn reverses, at every physics step. Below, the responses to "
         "a step of speed and to a step of yaw rate, from rest."

@@ -22,7 +22,15 @@ from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import load_profile
-from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, PRESSED_IN, WHEELS, HuskyCalibration, build, limit_torque
+from validation.robots.husky import (
+    CAPSULE_HALF_LENGTH,
+    GRAVITY,
+    PRESSED_IN,
+    WHEELS,
+    HuskyCalibration,
+    husky_model,
+    limit_torque,
+)
 from validation.robots.physics import SHIPPED, Impedance, PhysicsSettings
 from validation.robots.plant import MujocoPlant, check_health
 from validation.study.contact.bench import HALF_WIDTH, creep
@@ -61,7 +69,7 @@ class Turn:
 
 def turn(calibration: HuskyCalibration, rate: float = 0.6, solimp: Impedance | None = None, seconds: float = 6.0) -> Turn:
     """Turn on the spot with unlimited torque."""
-    model = build(calibration, settings=PhysicsSettings(solimp=solimp))
+    model = husky_model(calibration, settings=PhysicsSettings(solimp=solimp))
     limit_torque(model, math.inf)
     data = mujoco.MjData(model)
     data.ctrl[:] = wheel_rates(0.0, rate, HALF_TRACK, RADIUS)
@@ -130,7 +138,7 @@ def table_turning() -> None:
 
 def lift_constant() -> float:
     """Return wheel load times the contact's inverse mass times the damping time, N A T d_max / 2 [m/s]."""
-    model = build(HuskyCalibration())
+    model = husky_model(HuskyCalibration())
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
     inverse_mass = float(data.efc_diagA[data.contact[0].efc_address])
@@ -230,7 +238,7 @@ def table_steps() -> None:
 
 def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a robot at rest on its tyres."""
-    model = build(calibration)
+    model = husky_model(calibration)
     limit_torque(model, math.inf)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)

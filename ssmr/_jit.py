@@ -30,8 +30,6 @@ CACHE_LIFETIME = 7 * 24 * 3600.0
 """Time for which the cache of older sources is kept [s]."""
 
 _PACKAGE = Path(__file__).resolve().parent
-
-
 _PLACES: tuple[Callable[[], Path], ...] = (
     lambda: _PACKAGE / "__pycache__",
     lambda: Path(tempfile.gettempdir()) / f"ssmr-{os.getuid()}",  # a full disk has no such place
@@ -46,7 +44,9 @@ def _cache_folder() -> str:
         try:
             folder = (root := place()) / f"numba-{digest.hexdigest()[:12]}"
             if not folder.is_dir():
-                _forget_old(root)
+                for old in root.glob("numba-*"):
+                    if time.time() - old.stat().st_mtime > CACHE_LIFETIME:
+                        shutil.rmtree(old, ignore_errors=True)
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:
             continue
@@ -55,16 +55,7 @@ def _cache_folder() -> str:
     return ""
 
 
-def _forget_old(root: Path) -> None:
-    """Remove the caches of older sources after `CACHE_LIFETIME`."""
-    for folder in root.glob("numba-*"):
-        if time.time() - folder.stat().st_mtime > CACHE_LIFETIME:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
 _FOLDER = _cache_folder()
-
-
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T", bound=tuple[Any, ...])
 
@@ -75,11 +66,6 @@ def jit(function: F) -> F:
     The function is inlined where it is called: the laws are a few lines each, and a call costs as much as they do.
     """
     return _compile(function, forceinline=True)
-
-
-def jit_called(function: F) -> F:
-    """Compile like `jit`, but call the function instead of inlining it: for long ones that loops call now and then."""
-    return _compile(function)
 
 
 def jit_parallel(function: F) -> F:

@@ -53,23 +53,15 @@ def relative(pose_a_to_w: ArrayLike, pose_b_to_w: ArrayLike) -> FloatArray:
 def shift_reference(pose: ArrayLike, offset: ArrayLike) -> FloatArray:
     """Move the reference point of (..., 3) poses by `offset` (x, y) [m], fixed in the body."""
     p = np.asarray(pose, dtype=np.float64)
-    xy = p[..., :2] + rotate_body_to_world(
-        np.broadcast_to(np.asarray(offset, dtype=np.float64), p[..., :2].shape), p[..., 2]
-    )
-    return np.concatenate([xy, p[..., 2:3]], axis=-1)
+    shift = rotate_body_to_world(np.broadcast_to(np.asarray(offset, dtype=np.float64), p[..., :2].shape), p[..., 2])
+    return np.concatenate([p[..., :2] + shift, p[..., 2:3]], axis=-1)
 
 
 def shift_state(state: State, offset: tuple[float, float]) -> State:
     """Return the state of the point at `offset` (x, y) [m] in the body, from the state of the body's reference point."""
     x, y, yaw = shift_reference([state.x, state.y, state.yaw], offset)
-    return replace(
-        state,
-        x=float(x),
-        y=float(y),
-        yaw=float(yaw),
-        v_x=state.v_x - state.yaw_rate * offset[1],
-        v_y=state.v_y + state.yaw_rate * offset[0],
-    )
+    v_x, v_y = state.v_x - state.yaw_rate * offset[1], state.v_y + state.yaw_rate * offset[0]
+    return replace(state, x=float(x), y=float(y), yaw=float(yaw), v_x=v_x, v_y=v_y)
 
 
 def align_rigidly(points: ArrayLike, onto: ArrayLike) -> FloatArray:

@@ -59,16 +59,15 @@ def parameter(
     return field(default=default, metadata={_KEY: Declaration("", default, unit, low, high, open_low, search, scale)})
 
 
+_known: dict[type, Mapping[str, Declaration]] = {}
+
+
 def described(kind: type) -> Mapping[str, Declaration]:
     """Return the declarations of a dataclass by name, in the order of its fields; undeclared fields are left out."""
     if kind not in _known:
-        _known[kind] = MappingProxyType(
-            {f.name: replace(f.metadata[_KEY], name=f.name) for f in fields(kind) if _KEY in f.metadata}
-        )
+        declarations = {f.name: replace(f.metadata[_KEY], name=f.name) for f in fields(kind) if _KEY in f.metadata}
+        _known[kind] = MappingProxyType(declarations)
     return _known[kind]
-
-
-_known: dict[type, Mapping[str, Declaration]] = {}
 
 
 def check_parameters(owner: object) -> None:

@@ -59,15 +59,7 @@ class PlanarMotion(NamedTuple):
 
 @jit
 def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> PlanarMotion:
-    """Advance pose and velocities by one step.
-
-    Args:
-        now: where the robot is.
-        wheels: wheel-rate references [rad/s].
-        disturbance: disturbing yaw acceleration [rad/s2].
-        dt: step [s].
-        robot: numbers of the robot.
-    """
+    """Advance pose and velocities by one step `dt` [s] under wheel-rate references and a disturbing yaw acceleration."""
     v, w, torque_left, torque_right = advance(now.v, now.w, wheels, disturbance, dt, robot)
     v_mid, w_mid = 0.5 * (now.v + v), 0.5 * (now.w + w)
     heading = now.yaw + 0.5 * dt * w_mid
@@ -103,7 +95,7 @@ def run_planar(
         dt: step [s].
         stride: steps between samples.
         robot: numbers of the robot; the type of its parameters chooses the model.
-        start: where the robot starts.
+        start: state at the first step.
         out: (1 + n // stride, 13) samples, see `_COLUMNS`; row 0 is the start.
 
     Returns:
@@ -152,13 +144,8 @@ def _run_population(
 ) -> None:
     """Drive S candidates at once, one a thread; write (S, M, 3) poses, NaN where a candidate diverges.
 
-    Args:
-        kind: template of the model's parameters.
-        inputs: what drives all of them.
-        drives: (S, 11) `DriveNumbers`.
-        robots: (S, k) rows of `_robot_row`.
-        starts: (S, 7) x, y, yaw, v, omega, left and right wheel rate.
-        poses: space for the result.
+    `kind` is a template of the model's parameters; `drives` are (S, 11) `DriveNumbers`, `robots` (S, k) rows of `robot_row`,
+    `starts` (S, 7) x, y, yaw, v, omega, left and right wheel rate.
     """
     for i in numba.prange(len(robots)):
         drive, robot = named_like(DRIVE_TEMPLATE, drives[i]), robot_from_row(kind, robots[i])
@@ -228,6 +215,11 @@ class PlanarModel:
 class PlanarPlant:
     """A planar model as a `Plant`."""
 
+    name: str
+    """Name of the model."""
+    dt: float
+    """Physics step [s]."""
+
     def __init__(self, model: PlanarModel, dt: float = PLANAR_DT) -> None:
         """Start at rest at the origin.
 
@@ -239,27 +231,17 @@ class PlanarPlant:
             ValueError: the drive's hold is no whole number of steps.
         """
         whole_steps(model.drive.hold, dt, "the drive's hold")
-        self._model, self._dt, self._robot = model, dt, model.packed()
+        self.name, self.dt, self._model, self._robot = model.name, dt, model, model.packed()
         self.reset(State())
-
-    @property
-    def name(self) -> str:
-        """Name of the model."""
-        return self._model.name
-
-    @property
-    def dt(self) -> float:
-        """Physics step [s]."""
-        return self._dt
 
     def _advance(
         self, references: FloatArray, disturbance: FloatArray, stride: int, start: PlanarMotion, robot: PlanarRobot
     ) -> tuple[FloatArray, PlanarMotion]:
         """Run the fused loop; return its samples and the end."""
         out = np.empty((1 + len(references) // stride, _COLUMNS))
-        failed, end = run_planar(references, disturbance, self._dt, stride, robot, start, out)
+        failed, end = run_planar(references, disturbance, self.dt, stride, robot, start, out)
         if failed >= 0:
-            t = failed * self._dt
+            t = failed * self.dt
             raise DivergedError(f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)", step=failed, t=t)
         return out, PlanarMotion(*end)
 
@@ -268,30 +250,27 @@ class PlanarPlant:
         self._now = _motion(state)
         out, _ = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._now, self._robot)
         began = State(*map(float, out[0, :8]))
-        self._driver = Driver(self._model.drive, self._dt, state)
+        self._driver = Driver(self._model.drive, self.dt, state)
         return began
 
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
         """Hold a twist command for `dt` [s]."""
-        n = whole_steps(dt, self._dt, "the step")
+        n = whole_steps(dt, self.dt, "the step")
         references = self._driver.references(command, n)
         out, self._now = self._advance(references, np.array([float(yaw_acceleration)]), n, self._now, self._robot)
         return State(*map(float, out[-1, :8]))
 
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
         """Drive `commands` at once; channels are the sides' torques, the yaw acceleration and its range between samples."""
-        stride = whole_steps(sample_dt, self._dt, "the sample period")
-        references = wheel_references(commands, self._model.drive, self._dt, state)
+        stride = whole_steps(sample_dt, self.dt, "the sample period")
+        references = wheel_references(commands, self._model.drive, self.dt, state)
         push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
         if disturbance is not None and len(push) != len(references):
             raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
         robot = self._model.prescribed().packed() if commands.kind == "wheels" else self._robot
         out, _ = self._advance(references, push, stride, _motion(state), robot)
-        channels = {
-            "torque_N_m": out[:, 8:10],
-            "yaw_acceleration_rad_s2": out[:, 10],
-            "yaw_acceleration_range_rad_s2": out[:, 11:13],
-        }
+        channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
+        channels["yaw_acceleration_range_rad_s2"] = out[:, 11:13]
         return Trajectory(sample_dt * np.arange(len(out), dtype=np.float64), out[:, :3], out[:, 3:6], out[:, 6:8], channels)
 
 
@@ -302,12 +281,12 @@ def _motion(state: State) -> PlanarMotion:
 def simulate(
     plant: Plant, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None
 ) -> Trajectory:
-    """The reference loop: drive any plant physics step by physics step. Slow and obvious; `Plant.run` must equal it.
+    """Drive any plant physics step by physics step: the slow and obvious loop that `Plant.run` must equal.
 
     Args:
-        plant: what to drive.
+        plant: the plant to drive.
         commands: twist commands.
-        state: where to start.
+        state: state to start from.
         sample_dt: time between samples of the result [s].
         disturbance: (n,) yaw acceleration at each physics step [rad/s2].
 
@@ -338,8 +317,8 @@ def run_population(
 
     Args:
         models: S candidates of the same kind.
-        commands: what drives all of them.
-        starts: where each starts.
+        commands: commands that all of them get.
+        starts: state from which each starts.
         sample_dt: time between samples [s].
         dt: physics step [s].
 

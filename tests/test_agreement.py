@@ -20,7 +20,8 @@ from validation.fit.search import Search
 from validation.fit.targets import FitSources, open_targets
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load_profile
-from validation.plants.searchable import default_free, make_space, with_values
+from validation.plants.searchable import make_space, with_values
+from validation.plants.table import plant_kind
 from validation.thesis import published
 
 TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")
@@ -62,7 +63,7 @@ def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, t
 def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     """The thesis' experiment: a model fitted to trajectory 4 as MuJoCo drives it, and its d_rms on all four."""
     lab, model = load_profile("thesis-lab"), request.param
-    space = make_space(model, default_free(model, "scenario"), {})
+    space = make_space(model, plant_kind(model).free["scenario"], {})
     targets, _ = open_targets(("traj4@mujoco",), lab, FitSources())
     problem = FitProblem(model, lab.plants[model], space, targets, FitCost("path"))
     search = Search(Jde(len(space), JdeSettings(50, 120, patience=30), 1), {})

@@ -17,7 +17,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from tests.conftest import ROUNDOFF
-from validation.robots.husky import WHEELS, HuskyCalibration, build, calibrate, limit_torque, wheel_geoms, xml_path
+from validation.robots.husky import WHEELS, HuskyCalibration, calibrate, husky_model, limit_torque, wheel_geoms, xml_path
 from validation.robots.plant import DEVIATION_LIMIT, LIFT_SHARE, MujocoPlant, check_health
 
 WHEELBASE, TRACK = 0.512, 0.5708
@@ -131,7 +131,7 @@ def test_the_shipped_lab_profile_is_healthy_and_converged(scenario: str, lab: ob
 
 
 def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = build(calibration)
+    model = husky_model(calibration)
     limit_torque(model, math.inf)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
@@ -218,7 +218,7 @@ def test_every_element_has_a_name() -> None:
     ],
 )
 def test_the_compiled_model_has_the_calibrations_numbers(calibration: HuskyCalibration) -> None:
-    model = build(calibration)
+    model = husky_model(calibration)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     base = model.body("base").id
@@ -230,7 +230,7 @@ def test_the_compiled_model_has_the_calibrations_numbers(calibration: HuskyCalib
         assert model.geom_condim[geom] == 3
         assert model.geom_priority[geom] == 1
     assert np.allclose(model.body_ipos[base], [calibration.com_x, calibration.com_y, calibration.com_z])
-    centred = build(replace(calibration, com_x=0.0, com_y=0.0))
+    centred = husky_model(replace(calibration, com_x=0.0, com_y=0.0))
     mujoco.mj_forward(centred, again := mujoco.MjData(centred))
     full = np.zeros((centred.nv, centred.nv))
     mujoco.mj_fullM(centred, again, full)
@@ -257,7 +257,7 @@ def test_seven_newton_metres_a_wheel_turn_the_robot_below_a_friction_of_0_356() 
 
 
 def test_calibrating_in_place_is_building_anew() -> None:
-    one, other = build(HuskyCalibration(friction=0.3, mass=80.0)), build(HuskyCalibration())
+    one, other = husky_model(HuskyCalibration(friction=0.3, mass=80.0)), husky_model(HuskyCalibration())
     calibrate(other, HuskyCalibration(friction=0.3, mass=80.0))
     for name in (
         "body_mass",
@@ -275,7 +275,7 @@ def test_calibrating_in_place_is_building_anew() -> None:
 @pytest.mark.parametrize("yaw_inertia", [1.0, 30.0])
 def test_an_inertia_no_body_has_is_refused_with_the_range_it_may_have(yaw_inertia: float) -> None:
     with pytest.raises(ValueError, match="must lie between"):
-        build(HuskyCalibration(yaw_inertia=yaw_inertia))
+        husky_model(HuskyCalibration(yaw_inertia=yaw_inertia))
 
 
 def test_a_centre_of_mass_to_the_right_makes_a_turning_robot_drift() -> None:

@@ -88,7 +88,6 @@ def test_axle_loads_balance_about_the_centre_of_gravity() -> None:
     assert force == pytest.approx(SKEWED.mass * SKEWED.gravity)
     front, rear = SKEWED.a / (SKEWED.a + SKEWED.b), SKEWED.b / (SKEWED.a + SKEWED.b)
     assert front * SKEWED.b == pytest.approx(rear * SKEWED.a)
-    assert SKEWED.lateral_lever == pytest.approx(front * SKEWED.b + rear * SKEWED.a)
 
 
 @pytest.mark.parametrize("parameters", [CoulombParameters(0.05, 0.1, 0.0), ImprovedParameters(0.05, 0.12, 0.1, 0.0)])
@@ -121,7 +120,7 @@ def test_ccw_curve_of_a_shifted_icr_slides_outward() -> None:
 # ------------------------------------------------------------------------------- improved friction, Eq. 2.29-2.31
 def breakaway_reference(parameters: ImprovedParameters) -> float:
     """Difference of wheel-rate references at which the yaw moment equals stiction [rad/s]."""
-    moment = parameters.mu_s * VEHICLE.mass * VEHICLE.gravity * VEHICLE.lateral_lever
+    moment = parameters.mu_s * VEHICLE.mass * VEHICLE.gravity * VEHICLE.a
     return moment * VEHICLE.wheel_radius / (VEHICLE.half_track * parameters.gain)
 
 
@@ -143,7 +142,7 @@ def test_stiction_does_not_make_a_moving_robot_stop_between_samples_of_one_sign(
     r, c = VEHICLE.wheel_radius, VEHICLE.half_track
     load = VEHICLE.mass * VEHICLE.gravity
     droop_v = p.u_x * load * r * r / (2.0 * p.gain)
-    droop_w = p.mu_d * load * VEHICLE.lateral_lever * r * r / (2.0 * p.gain * c * c)
+    droop_w = p.mu_d * load * VEHICLE.a * r * r / (2.0 * p.gain * c * c)
     assert motion.twist[-1, 0] == pytest.approx(0.5 - droop_v, rel=1e-9)
     assert motion.twist[-1, 2] == pytest.approx(0.6 - droop_w, rel=1e-9)
 

@@ -16,7 +16,8 @@ from validation.logs.recording import Recording
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import open_source, source_of
 from validation.plants.profile import PLANTS, Profile, make_plant
-from validation.plants.searchable import default_free, find, make_space, searchable, with_values
+from validation.plants.searchable import find, make_space, searchable, with_values
+from validation.plants.table import plant_kind
 
 
 def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Recording:
@@ -129,7 +130,7 @@ def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
     """A cost within its limit is exact; one beyond is a lower bound that exceeds the limit."""
     target = log_target(lab, kind)
     p = FitProblem(
-        "linear", lab.plants["linear"], make_space("linear", default_free("linear", "recording"), {}), [target],
+        "linear", lab.plants["linear"], make_space("linear", plant_kind("linear").free["recording"], {}), [target],
         FitCost("horizon"),
     )  # fmt: skip
     x = points(len(p.space), 24)
@@ -166,14 +167,12 @@ def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
 
 def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
     """Candidates of every plant, by commands and by wheel rates, end where the plant alone ends."""
-    from validation.plants.population import make_population
-
     for kind in ("twist", "wheels"):
         target = log_target(lab, kind)
         piece = target.source.pieces[0]
         for name, plant in lab.plants.items():
             other = replace(plant, tracked_point=(0.12, -0.03))
-            many = make_population(name, [plant, None, other], 2).poses([0, 1, 2], piece, target.source.sample_dt)
+            many = plant_kind(name).population([plant, None, other], 2).poses([0, 1, 2], piece, target.source.sample_dt)
             assert np.isnan(many[1]).all()
             for row, profile in ((0, plant), (2, other)):
                 made = make_plant(Profile("", "", {name: profile}, {}), name)
@@ -190,7 +189,7 @@ def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
                 names, values = ["mu_s", "mu_d"], [2.0 * value, value]
             assert number.read(with_values(model, lab.plants[model], names, values)) == value
         for occasion in ("scenario", "recording"):
-            names = default_free(model, occasion)
+            names = plant_kind(model).free[occasion]
             assert len(make_space(model, names, {})) == len(names)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
-from validation.robots.husky import HuskyCalibration, build, wheel_geoms
+from validation.robots.husky import HuskyCalibration, husky_model, wheel_geoms
 from validation.robots.physics import SHIPPED, PhysicsSettings
 from validation.robots.plant import MujocoPlant
 
@@ -19,7 +19,7 @@ EVERYTHING = PhysicsSettings(
 
 
 def test_nothing_said_is_what_ships() -> None:
-    one, other = build(HuskyCalibration()), build(HuskyCalibration(), settings=SHIPPED)
+    one, other = husky_model(HuskyCalibration()), husky_model(HuskyCalibration(), settings=SHIPPED)
     for name in ("geom_solimp", "geom_solref", "geom_condim", "geom_friction", "body_mass"):
         assert np.array_equal(getattr(one, name), getattr(other, name)), name
     assert (one.opt.cone, one.opt.impratio, one.opt.iterations) == (other.opt.cone, other.opt.impratio, other.opt.iterations)
@@ -27,7 +27,7 @@ def test_nothing_said_is_what_ships() -> None:
 
 def test_everything_said_is_in_the_model_and_the_calibration_stays() -> None:
     calibration = HuskyCalibration(friction=0.4, mass=80.0)
-    model, shipped = build(calibration, settings=EVERYTHING), build(calibration)
+    model, shipped = husky_model(calibration, settings=EVERYTHING), husky_model(calibration)
     tires = wheel_geoms(model)
     assert model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_PGS

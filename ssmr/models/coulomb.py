@@ -13,7 +13,6 @@ from ssmr.models.friction import coulomb_friction
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import Sides, wheel_rates, wheel_torques
-from ssmr.robot.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -80,15 +79,11 @@ def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, ro
     return Advanced(v + 0.5 * dt * (dv + dv2), w + 0.5 * dt * (dw + dw2 + disturbance), torque.left, torque.right)
 
 
-def _rotation_centre(vehicle: Vehicle, parameters: CoulombParameters) -> float:
-    return vehicle.x_icr
-
-
 LAW = PlanarLaw(
     "coulomb",
     CoulombParameters,
     advance,
-    _rotation_centre,
+    lambda vehicle, parameters: vehicle.x_icr,
     vehicle=("mass", "yaw_inertia", "wheel_radius", "effective_half_track", "x_icr"),
     colour="#d55e00",
 )

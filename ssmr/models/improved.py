@@ -30,11 +30,7 @@ class ImprovedParameters:
     """K_P of the wheel torque loop, a side [N m s/rad]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a number lies outside its range, or sliding would grip more than standing.
-        """
+        """Check the ranges, and that sliding does not grip more than standing."""
         check_parameters(self)
         if self.mu_d > self.mu_s:
             raise ValueError(f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing")

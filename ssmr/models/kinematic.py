@@ -14,7 +14,6 @@ from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import Sides
-from ssmr.robot.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -56,15 +55,11 @@ def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, ro
     return Advanced(v_next, w_next, 0.0, 0.0)
 
 
-def _rotation_centre(vehicle: Vehicle, parameters: KinematicParameters) -> float:
-    return parameters.x_icr
-
-
 LAW = PlanarLaw(
     "kinematic",
     KinematicParameters,
     advance,
-    _rotation_centre,
+    lambda vehicle, parameters: parameters.x_icr,
     vehicle=("wheel_radius",),
     colour="#cc79a7",
     obeys=True,

@@ -1,4 +1,4 @@
-"""Everything a planar model is to the rest: its parameter set, and the compiled law by which its velocities advance."""
+"""Declaration of a planar model: its parameter set, and the compiled law by which its velocities advance."""
 
 from __future__ import annotations
 
@@ -37,10 +37,6 @@ Advance = Callable[[float, float, Sides, float, float, PlanarRobot], Advanced]
 time step [s] and the robot's numbers give the velocities after the step."""
 
 
-def _no_shift(vehicle: Vehicle, parameters: Any) -> float:
-    return 0.0
-
-
 @dataclass(frozen=True, eq=False)
 class PlanarLaw:
     """A planar model."""
@@ -51,7 +47,7 @@ class PlanarLaw:
     """Frozen dataclass of the model's parameters, declared with `ssmr.parameters.parameter`."""
     advance: Advance
     """Compiled function that advances the velocities by one step."""
-    rotation_centre: Callable[[Vehicle, Any], float] = _no_shift
+    rotation_centre: Callable[[Vehicle, Any], float] = lambda vehicle, parameters: 0.0
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
     vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "effective_half_track")
     """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""

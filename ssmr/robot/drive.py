@@ -61,7 +61,7 @@ class DriveNumbers(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """What the driver asks for at one physics step."""
+    """Body speeds and wheel rates that the driver asks for at one physics step."""
 
     v: float  # linear velocity [m/s]
     w: float  # yaw rate [rad/s]
@@ -107,15 +107,9 @@ def wheel_torques(wanted: Sides, actual: Sides, gain: float, side_limit: float) 
 
 @jit
 def held_value(values: FloatArray, column: int, step: int, delay: int, drive: DriveNumbers, before: float) -> float:
-    """Return the command on which the driver acts: that of `delay` steps ago, as last sampled; `before` without any.
+    """Return the value in one column of (N, 2) twists on which the driver acts: that of `delay` steps ago, as last sampled.
 
-    Args:
-        values: (N, 2) twist commands.
-        column: which of the two.
-        step: physics steps since the first command.
-        delay: delay in steps.
-        drive: the driver.
-        before: command before the first one.
+    `step` counts the physics steps since the first command; `before` was commanded before it.
     """
     past = step - delay
     if past < 0:
@@ -126,17 +120,9 @@ def held_value(values: FloatArray, column: int, step: int, delay: int, drive: Dr
 
 @jit
 def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[float, float], last: Driven) -> Driven:
-    """Advance the driver by one physics step.
+    """Return the references of one physics step, `step` steps after the first of the (N, 2) twist commands.
 
-    Args:
-        values: (N, 2) twist commands.
-        step: physics steps since the first command.
-        drive: the driver.
-        before: twist commanded before the first command.
-        last: what the driver asked for at the last step.
-
-    Returns:
-        What the driver asks for at this step.
+    `before` is the twist commanded before the first command, `last` holds the references of the last step.
     """
     v = saturate(held_value(values, 0, step, drive.delay_v, drive, before[0]), drive.v_max)
     w = saturate(held_value(values, 1, step, drive.delay_w, drive, before[1]), drive.w_max)
@@ -149,7 +135,7 @@ def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[flo
 
 @jit
 def rolling(wheels: Sides, drive: DriveNumbers) -> Driven:
-    """Return what the driver asks for before its first step, when the wheels turn at `wheels` [rad/s]."""
+    """Return the references before the driver's first step, when the wheels turn at `wheels` [rad/s]."""
     v, w = body_rates(wheels.left, wheels.right, drive.half_track, drive.radius)
     return Driven(v, w, wheels.left, wheels.right)
 
@@ -191,10 +177,10 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
     """Return the wheel-rate references of every physics step.
 
     Args:
-        commands: what is commanded, over `commands.duration`.
+        commands: commands of the whole run.
         drive: the driver; delays are rounded to whole steps.
         dt: physics step [s].
-        state: where the robot starts; ramp and lag start from its wheel rates.
+        state: state at the start; ramp and lag start from its wheel rates.
 
     Returns:
         (n, 2) left and right [rad/s].
@@ -230,12 +216,8 @@ class Driver:
         for k in range(n):
             self._asked = follow(values, step + k, self._drive, self._before, self._asked)
             out[k] = self._asked.left, self._asked.right
-        self._forget()
-        return out
-
-    def _forget(self) -> None:
-        """Drop, a whole number of holds at a time, the samples that no delay reaches any more."""
         hold = self._drive.hold
         spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - hold
-        if spare > 1000:
+        if spare > 1000:  # no delay reaches these samples any more; whole holds are dropped
             del self._samples[: spare // hold * hold]
+        return out

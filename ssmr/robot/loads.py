@@ -18,7 +18,7 @@ DIFFERENTIATED_OVER = 0.1
 
 
 def static_loads(vehicle: Vehicle) -> FloatArray:
-    """(4,) wheel loads [N] at rest on level ground, left and right alike (Eq. 2.17)."""
+    """Return the (4,) wheel loads [N] at rest on level ground, left and right alike (Eq. 2.17)."""
     weight, wheelbase = vehicle.mass * vehicle.gravity, vehicle.a + vehicle.b
     front, rear = 0.5 * weight * vehicle.a / wheelbase, 0.5 * weight * vehicle.b / wheelbase
     return np.array([front, front, rear, rear])
@@ -26,29 +26,25 @@ def static_loads(vehicle: Vehicle) -> FloatArray:
 
 @dataclass(frozen=True)
 class LoadModel:
-    """A rigid robot on four equal springs that hardly give: what decides its wheel loads."""
+    """A rigid robot on four equal springs that hardly give: the numbers that decide its wheel loads."""
 
     mass: float
-    """Total [kg]."""
+    """Total mass [kg]."""
     com_x: float
-    """Centre of mass ahead of the middle between the axles [m]."""
+    """Distance of the centre of mass ahead of the middle between the axles [m]."""
     com_y: float
-    """The same to the left [m]."""
+    """Distance of the centre of mass to the left of that middle [m]."""
     com_height: float
-    """The same above the ground [m]."""
+    """Height of the centre of mass above the ground [m]."""
     wheelbase: float
     """Distance of the axles, L [m]."""
     track: float
     """Distance of left and right wheels, B [m]."""
     spin_inertia: float = 0.0
-    """Of the four wheels together about their axles [kg m2]: to spin them up, and to turn them sideways, takes moments."""
+    """Moment of inertia of all four wheels together about their axles [kg m2]; spinning up and yawing need moments."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a number that is not positive, or not finite.
-        """
+        """Check the ranges."""
         for f in fields(self):
             if f.name in ("com_x", "com_y", "spin_inertia"):
                 require_in_range(self, f.name, -10.0 if f.name != "spin_inertia" else 0.0, 1e3)
@@ -58,7 +54,7 @@ class LoadModel:
     def quasi_static(
         self, acceleration: FloatArray, gravity: FloatArray, spin: FloatArray, spin_rate: FloatArray, yaw_rate: FloatArray
     ) -> FloatArray:
-        """Wheel loads from how the body is accelerated.
+        """Return the wheel loads of a body with given accelerations.
 
         The ground pushes along its plane with F = m (a - g). About the centre of mass, with N_i at (x_i, y_i), the plane a
         height h below, and the wheels' angular momentum J W along the axles,
@@ -70,14 +66,14 @@ class LoadModel:
         Four equal springs under a rigid body take N_i = k0 + k1 x_i + k2 y_i, which makes the three equations enough.
 
         Args:
-            acceleration: (M, 2) of the centre of mass, in the body's axes [m/s2].
-            gravity: (M, 3) in the body's axes [m/s2].
+            acceleration: (M, 2) acceleration of the centre of mass, in the body's axes [m/s2].
+            gravity: (M, 3) gravity in the body's axes [m/s2].
             spin: (M,) mean rate of the wheels, W [rad/s].
-            spin_rate: (M,) its rate of change [rad/s2].
-            yaw_rate: (M,) [rad/s].
+            spin_rate: (M,) rate of change of the spin [rad/s2].
+            yaw_rate: (M,) yaw rate [rad/s].
 
         Returns:
-            (M, 4) [N]; negative where a wheel would have to be held down: it lifts, and the formula no longer holds.
+            (M, 4) loads [N]; negative where a wheel would have to be held down: it lifts, and the formula no longer holds.
         """
         force = self.mass * (acceleration - gravity[:, :2])
         weight = -self.mass * gravity[:, 2]
@@ -88,12 +84,10 @@ class LoadModel:
         return weight[:, None] / 4.0 + np.outer(about_y, x / self.wheelbase**2) + np.outer(about_x, y / self.track**2)
 
     def along(self, motion: Trajectory, gravity: FloatArray, wheel_radius: float) -> FloatArray:
-        """(M, 4) quasi-static loads [N] over a motion of the middle between the axles.
+        """Return the (M, 4) quasi-static loads [N] over a motion of the middle between the axles.
 
-        Args:
-            motion: its speeds are differentiated over `DIFFERENTIATED_OVER`.
-            gravity: (M, 3) in the body's axes [m/s2].
-            wheel_radius: with which rolling wheels are taken to spin where the motion has no wheel rates [m].
+        Speeds are differentiated over `DIFFERENTIATED_OVER`; `gravity` is (M, 3) in the body's axes [m/s2]. Where the motion
+        has no wheel rates, the wheels are taken to roll with `wheel_radius` [m].
         """
         t, (v_x, v_y, w) = motion.t, motion.twist.T
         a_x = slope(t, v_x) - w * v_y - w**2 * self.com_x - slope(t, w) * self.com_y
@@ -103,7 +97,7 @@ class LoadModel:
 
 
 def slope(t: FloatArray, values: FloatArray, span: float = DIFFERENTIATED_OVER) -> FloatArray:
-    """(M,) rate of change of (M,) values over a centred span [s], shorter at the ends."""
+    """Return the (M,) rate of change of (M,) values over a centred span [s], shorter at the ends."""
     if len(t) < 2:
         return np.zeros_like(values)
     low, high = np.clip(t - 0.5 * span, t[0], t[-1]), np.clip(t + 0.5 * span, t[0], t[-1])

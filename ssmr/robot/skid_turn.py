@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog, minimize
@@ -52,8 +52,7 @@ class SkidTurn:
         return -self.across / self.yaw_rate, self.forward / self.yaw_rate
 
 
-@dataclass(frozen=True)
-class _Contacts:
+class _Contacts(NamedTuple):
     x: FloatArray
     y: FloatArray
     load: FloatArray
@@ -66,17 +65,16 @@ def _contacts(x: float, y: float, half_width: float) -> _Contacts:
     rolling = np.where(WHEEL_Y > 0.0, -1.0, 1.0)
     if half_width == 0.0:
         return _Contacts(WHEEL_X, WHEEL_Y, load, rolling)
-    inner, outer = WHEEL_Y - half_width, WHEEL_Y + half_width
-    twice = np.tile
-    return _Contacts(twice(WHEEL_X, 2), np.concatenate([inner, outer]), twice(0.5 * load, 2), twice(rolling, 2))
+    y_twice = np.concatenate([WHEEL_Y - half_width, WHEEL_Y + half_width])
+    return _Contacts(np.tile(WHEEL_X, 2), y_twice, np.tile(0.5 * load, 2), np.tile(rolling, 2))
 
 
 def turn_on_the_spot(x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0) -> SkidTurn:
     """Return the turn with Coulomb friction, each tyre touching at one point or at two.
 
     Args:
-        x: of the centre of mass, ahead of the middle between the axles [m].
-        y: to its left [m].
+        x: distance of the centre of mass ahead of the middle between the axles [m].
+        y: distance of the centre of mass to the left of that middle [m].
         ratio: lateral over longitudinal friction [1].
         half_width: half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
     """
@@ -99,8 +97,8 @@ def polygonal_turn(limit: Limit, heading: float, x: float = 0.0, y: float = 0.0)
     Args:
         limit: which polygon; a square is a diamond turned by 45 degrees, and greater, of which the motion knows nothing.
         heading: yaw of the robot in the polygon's axes [rad].
-        x: of the centre of mass, ahead of the middle between the axles [m].
-        y: to its left [m].
+        x: distance of the centre of mass ahead of the middle between the axles [m].
+        y: distance of the centre of mass to the left of that middle [m].
 
     Returns:
         One of the motions of least dissipation: a polygon may leave the motion across free (docs/contact.md).
@@ -111,9 +109,9 @@ def polygonal_turn(limit: Limit, heading: float, x: float = 0.0, y: float = 0.0)
         heading -= 0.25 * np.pi
     cos, sin = np.cos(heading), np.sin(heading)
     # A diamond dissipates load * max(|s_1|, |s_2|): least t with -t <= s_k <= t. Columns: v_x, v_y, rate, t of every tyre.
-    ones = np.ones(n)
-    along = np.column_stack([ones, 0.0 * ones, -c.y]), c.rolling
-    across = np.column_stack([0.0 * ones, ones, c.x]), 0.0 * ones
+    ones, zeros = np.ones(n), np.zeros(n)
+    along = np.column_stack([ones, zeros, -c.y]), c.rolling
+    across = np.column_stack([zeros, ones, c.x]), zeros
     rows, bounds = [], []
     for p, q in ((cos, -sin), (sin, cos)):
         matrix, offset = p * along[0] + q * across[0], p * along[1] + q * across[1]

@@ -33,11 +33,7 @@ class Surface:
     """x and y of the first height [m]."""
 
     def __post_init__(self) -> None:
-        """Check and freeze.
-
-        Raises:
-            ValueError: too few heights, not square, not finite, or no positive cell.
-        """
+        """Check and freeze."""
         heights = frozen_array(self.heights, "heights", (None, None))
         if heights.shape[0] != heights.shape[1] or len(heights) < 4:
             raise ValueError(f"heights have shape {heights.shape}, wanted a square of at least 4x4")
@@ -51,23 +47,17 @@ class Surface:
         return np.ascontiguousarray(ndimage.spline_filter(self.heights, order=3, mode="grid-wrap"))
 
     def at(self, xy: ArrayLike) -> FloatArray:
-        """(M, 3) height [m] and slopes along x and y [1] at (M, 2) positions [m]."""
+        """Return (M, 3) height [m] and slopes along x and y [1] at (M, 2) positions [m]."""
         points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
         out = np.empty((len(points), 3))
         _sample(self.coefficients, self.cell, self.origin, points, out)
         return out
 
     def tangent_planes(self, poses: FloatArray, wheels: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-        """The planes on which wheels stand.
+        """Return the planes on which wheels of a radius [m] stand, as (S, 4, 3) points [m] and (S, 4, 4) quaternions.
 
-        Args:
-            poses: (S, 7) position [m] and quaternion (w first) of the bodies.
-            wheels: (4, 3) wheel centres in the body [m].
-            radius: of the wheels [m].
-
-        Returns:
-            (S, 4, 3) points where the planes touch the surface [m], and (S, 4, 4) quaternions (w first) from z to their
-            normals.
+        Points are where planes touch the surface; quaternions (w first) turn z to the planes' normals. `poses` are (S, 7)
+        positions [m] and quaternions (w first) of the bodies, `wheels` the (4, 3) wheel centres in the body [m].
         """
         places, turns = np.empty((len(poses), len(wheels), 3)), np.empty((len(poses), len(wheels), 4))
         _tangent_planes(

@@ -33,18 +33,9 @@ class Vehicle:
     """g [m/s2]; list of symbols."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a length, mass or inertia that is not positive, or an ICR outside (-a, b), see Sec. 2.2.1.
-        """
+        """Check the ranges; the ICR must lie within (-a, b), see Sec. 2.2.1."""
         check_parameters(self)
         require_in_range(self, "x_icr", -self.a, self.b)
-
-    @property
-    def lateral_lever(self) -> float:
-        """Lever of lateral friction spread over the wheels by load, 2ab/(a+b) [m]; a where a = b (Eq. 2.17, 2.19)."""
-        return 2.0 * self.a * self.b / (self.a + self.b)
 
 
 VehicleNumbers = numbers_of(Vehicle)
@@ -82,9 +73,5 @@ class Drive:
     (docs/errata.md)."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a limit, a period or a length that is not positive, or a negative delay.
-        """
+        """Check the ranges."""
         check_parameters(self)

@@ -17,9 +17,9 @@ import numpy as np
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.fit.objective import FitCost, FitTarget, SignedErrors, make_raters
-from validation.plants.kind import PlantProfile
-from validation.plants.population import Population, make_population, shares
+from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import with_values
+from validation.plants.table import plant_kind
 
 _T = TypeVar("_T")
 
@@ -88,7 +88,7 @@ class FitProblem:
                 on_share(done[0])
 
         def rate(which: Sequence[int]) -> FloatArray:
-            population = make_population(self.model, [candidates[i] for i in which], workers)
+            population = plant_kind(self.model).population([candidates[i] for i in which], workers)
             return self._costs_of(population, bounds[np.array(which)], lambda s: tell(s * len(which) / len(points)))
 
         costs = np.empty(len(points))
@@ -111,8 +111,9 @@ class FitProblem:
 
     def _side_by_side(self, work: Callable[[Sequence[int]], _T], size: int, workers: int) -> list[tuple[Sequence[int], _T]]:
         """Let `work` do the shares of `size` candidates; an interrupt drops those that have not begun."""
-        parts, at_once = shares(self.model, size, workers)
-        pool = ThreadPoolExecutor(at_once)
+        together = plant_kind(self.model).together  # its compiled loop is itself spread over the workers
+        parts = [list(range(size))] if together else [[i] for i in range(size)]
+        pool = ThreadPoolExecutor(1 if together else workers)
         try:
             return list(zip(parts, pool.map(work, parts), strict=True))
         finally:
@@ -123,7 +124,7 @@ class FitProblem:
         candidates = [self.candidate(p) for p in points]
 
         def drive_all(which: Sequence[int]) -> list[SignedErrors]:
-            population = make_population(self.model, [candidates[i] for i in which], workers)
+            population = plant_kind(self.model).population([candidates[i] for i in which], workers)
             return [
                 rater.errors(population.poses(range(len(which)), piece, target.source.sample_dt))
                 for target, raters in zip(self.targets, self._raters, strict=True)

@@ -26,8 +26,8 @@ from validation.fit.uncertainty import estimate, found_parameters, sentences
 from validation.motion.driving import drive, horizons_of
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
-from validation.plants.searchable import default_free, find, make_space, with_values
-from validation.plants.table import SIMULATED
+from validation.plants.searchable import find, make_space, with_values
+from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress, Report, silent
 
 _SIZE, _SIMULATED_SIZE = (50, 300), (32, 60)  # usual population and generations; Tab. 3.7, and for simulated bodies
@@ -94,7 +94,7 @@ def fit(
     )
     names = [str(to)] if isinstance(to, str | Path) else [str(name) for name in to]
     occasion: Occasion = "scenario" if all(map(is_scenario, names)) else "recording"
-    usual = default_free(model, occasion)
+    usual = plant_kind(model).free[occasion]
     base = profile if isinstance(profile, Profile) else load_profile(profile or PROFILES[occasion])
     begun = with_values(model, base.plants[model], list(parameters.fix), parameters.fix.values())
     free = usual if parameters.free is None else parameters.free

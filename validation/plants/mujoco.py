@@ -14,20 +14,15 @@ from validation.robots.terrain import FLAT, Terrain
 _DRIVEN = ("delay", "acceleration_v", "acceleration_w")
 
 
-def build(section: PlantProfile, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> MujocoPlant:
-    """Return the plant with a profile's numbers.
-
-    Raises:
-        ValueError: numbers that do not go together.
-    """
+def _build(section: PlantProfile, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> MujocoPlant:
     return MujocoPlant(section.parameters, section.drive, terrain=terrain, settings=settings)
 
 
 KIND = PlantKind(
     "mujoco",
     HuskyCalibration,
-    build,
-    partial(OneByOne, build),
+    _build,
+    partial(OneByOne, _build),
     free={
         "scenario": ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tracked_x"),
         "recording": (

@@ -19,32 +19,27 @@ class OneByOne:
     def __init__(
         self, build: Callable[[PlantProfile], Plant], candidates: Sequence[PlantProfile | None], workers: int
     ) -> None:
-        """Keep the candidates; each is built when it is first driven.
+        """Build the candidates.
 
         Args:
             build: function that builds the plant from its numbers.
             candidates: numbers of each candidate; None stands for one that cannot be built.
             workers: no effect.
         """
-        self._build, self._candidates = build, candidates
-        self._plants: dict[int, Plant | None] = {}
-
-    def _plant(self, i: int) -> Plant | None:
-        """Return the plant of a candidate; None where its numbers are impossible."""
-        if i not in self._plants:
-            candidate = self._candidates[i]
+        self._candidates = candidates
+        self._plants: list[Plant | None] = []
+        for candidate in candidates:
             try:
-                self._plants[i] = None if candidate is None else self._build(candidate)
+                self._plants.append(None if candidate is None else build(candidate))
             except ValueError:
-                self._plants[i] = None
-        return self._plants[i]
+                self._plants.append(None)
 
     def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.poses`."""
         samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
         out = np.full((len(which), samples, 3), np.nan)
         for row, i in enumerate(which):
-            plant, candidate = self._plant(i), self._candidates[i]
+            plant, candidate = self._plants[i], self._candidates[i]
             if plant is not None and candidate is not None:
                 x, y = candidate.tracked_point
                 with contextlib.suppress(SsmrError):

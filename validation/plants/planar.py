@@ -80,15 +80,8 @@ class PlanarPopulation:
         numba.set_num_threads(min(self._workers, config.NUMBA_NUM_THREADS))
         poses = run_population([model for _, model, _ in known], piece.commands, starts, sample_dt, PLANAR_DT)
         if piece.t is not None:
-            poses = _resampled(poses, sample_dt, piece.t - piece.t[0])
+            at = np.clip((piece.t - piece.t[0]) / sample_dt, 0.0, poses.shape[1] - 1.0)
+            k = np.minimum(np.floor(at).astype(np.intp), poses.shape[1] - 2)
+            poses = poses[:, k] + (at - k)[:, None] * (poses[:, k + 1] - poses[:, k])
         out[[row for row, _, _ in known]] = shift_reference(poses, offsets[:, None, :])
         return out
-
-
-def _resampled(poses: FloatArray, sample_dt: float, stamps: FloatArray) -> FloatArray:
-    """Return (S, K, 3) poses at (K,) `stamps` after the first [s] from (S, M, 3) poses sampled every `sample_dt` [s]."""
-    at = np.clip(stamps / sample_dt, 0.0, poses.shape[1] - 1.0)
-    k = np.minimum(np.floor(at).astype(np.intp), poses.shape[1] - 2)
-    weight = (at - k)[:, None]
-    interpolated: FloatArray = poses[:, k] + weight * (poses[:, k + 1] - poses[:, k])
-    return interpolated

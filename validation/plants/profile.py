@@ -54,8 +54,19 @@ class Profile:
         return {name: _finite(asdict(plant)) for name, plant in self.plants.items()}
 
     def save(self, path: str | Path) -> Path:
-        """Write the profile as a TOML file, whole or not at all, and return its path; `load_profile` reads it back."""
-        text = dump(self)
+        """Write a TOML file without the numbers that have their default; return its path. `load_profile` reads it back."""
+        plants: dict[str, Any] = {}
+        for name, plant in self.plants.items():
+            parts = (("parameters", plant_kind(name).parameters()), ("vehicle", Vehicle()), ("drive", Drive()))
+            changed = {
+                part: {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
+                for part, default in parts
+            }
+            point = {"tracked_point": list(plant.tracked_point)} if any(plant.tracked_point) else {}
+            if section := {**point, **{part: values for part, values in changed.items() if values}}:
+                plants[name] = section
+        document = {"schema": SCHEMA, "name": self.name, "description": self.description, "plants": plants}
+        text = tomli_w.dumps({**document, "provenance": dict(self.provenance)})
         store.write_atomic(Path(path), lambda part: part.write_text(text, encoding="utf-8"))
         return Path(path)
 
@@ -155,21 +166,6 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
-
-
-def dump(profile: Profile) -> str:
-    """Return the profile as TOML text, without the numbers that have their default."""
-    plants: dict[str, Any] = {}
-    for name, plant in profile.plants.items():
-        section: dict[str, Any] = {"tracked_point": list(plant.tracked_point)} if any(plant.tracked_point) else {}
-        for part, default in (("parameters", plant_kind(name).parameters()), ("vehicle", Vehicle()), ("drive", Drive())):
-            values = {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
-            if values:
-                section[part] = values
-        if section:
-            plants[name] = section
-    document = {"schema": SCHEMA, "name": profile.name, "description": profile.description, "plants": plants}
-    return tomli_w.dumps({**document, "provenance": dict(profile.provenance)})
 
 
 def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> Plant:

@@ -2,47 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from ssmr.parameters import Scale, described
+from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.search.space import Parameter, ParameterSpace
-from validation.plants.kind import Occasion, PlantProfile
+from validation.plants.kind import PlantProfile
 from validation.plants.table import plant_kind
 
 
 @dataclass(frozen=True)
-class Searchable:
-    """A number that a fit may move."""
+class Searchable(Parameter):
+    """A number of a plant that a fit may move, with its default bounds."""
 
-    name: str
-    """Name in commands and results."""
-    places: tuple[str, ...]
+    places: tuple[str, ...] = ()
     """Places in a `PlantProfile`: `section.field`, or `tracked_point.0`."""
-    unit: str
-    """Unit of the number."""
-    lower: float
-    """Default lower bound."""
-    upper: float
-    """Default upper bound."""
-    scale: Scale = "linear"
-    """Spacing of the search between the bounds."""
-    least: float = -math.inf
-    """Least value that is possible."""
-    greatest: float = math.inf
-    """Greatest value that is possible."""
-
-    def parameter(self, bounds: tuple[float, float] | None = None) -> Parameter:
-        """Return the number with its default bounds, or with others.
-
-        Raises:
-            ValueError: bounds that are reversed or not finite.
-        """
-        lower, upper = bounds or (self.lower, self.upper)
-        return Parameter(self.name, self.unit, lower, upper, self.scale, self.least, self.greatest)
 
     def read(self, plant: PlantProfile) -> float:
         """Return the value in a profile; of several places the first."""
@@ -53,16 +29,16 @@ class Searchable:
 
 _DELAY = described(Drive)["delay_v"].search or (0.0, 0.0)
 _EVERY_PLANT = (
-    Searchable("delay", ("drive.delay_v", "drive.delay_w"), "s", *_DELAY, least=0.0),
-    Searchable("tracked_x", ("tracked_point.0",), "m", -0.4, 0.4),
-    Searchable("tracked_y", ("tracked_point.1",), "m", -0.2, 0.2),
+    Searchable("delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")),
+    Searchable("tracked_x", "m", -0.4, 0.4, places=("tracked_point.0",)),
+    Searchable("tracked_y", "m", -0.2, 0.2, places=("tracked_point.1",)),
 )
 """Numbers that are no single field: one delay for both commands, and the point whose path is compared."""
 
 
 def _declared(section: str, kind: type, allowed: Container[str]) -> tuple[Searchable, ...]:
     return tuple(
-        Searchable(name, (f"{section}.{name}",), d.unit, *d.search, d.scale, d.low, d.high)
+        Searchable(name, d.unit, *d.search, d.scale, d.low, d.high, (f"{section}.{name}",))
         for name, d in described(kind).items()
         if d.search is not None and name in allowed
     )
@@ -82,15 +58,6 @@ def searchable(plant: str) -> tuple[Searchable, ...]:
         *_declared("drive", Drive, kind.drive),
         *_EVERY_PLANT,
     )
-
-
-def default_free(plant: str, occasion: Occasion) -> tuple[str, ...]:
-    """Return the names of the numbers that a fit moves unless the user says otherwise.
-
-    Raises:
-        ValueError: there is no such plant.
-    """
-    return plant_kind(plant).free[occasion]
 
 
 def find(plant: str, name: str) -> Searchable:
@@ -122,7 +89,8 @@ def make_space(plant: str, names: Iterable[str], bounds: Mapping[str, tuple[floa
             if place in taken:
                 raise ValueError(f"{taken[place]} and {number.name} move the same number")
             taken[place] = number.name
-    return ParameterSpace(tuple(s.parameter(bounds.get(s.name)) for s in chosen))
+    limits = [bounds.get(s.name, (s.lower, s.upper)) for s in chosen]
+    return ParameterSpace(tuple(replace(s, lower=low, upper=high) for s, (low, high) in zip(chosen, limits, strict=True)))
 
 
 def with_values(name: str, plant: PlantProfile, names: Sequence[str], values: Iterable[float]) -> PlantProfile:

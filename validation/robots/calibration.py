@@ -49,11 +49,7 @@ class HuskyCalibration:
     """Physics step [s] -> opt.timestep; halving it moves the end of trajectories 1-4 by less than 2 mm."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a number outside its range, an unknown wheel shape, friction that the shape cannot have.
-        """
+        """Check the ranges, the wheel shape, and whether the shape can have the friction."""
         check_parameters(self)
         require_in_range(self, "radius_difference", -0.1 * self.wheel_radius, 0.1 * self.wheel_radius)
         if self.wheel_shape not in get_args(WheelShape):

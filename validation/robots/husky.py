@@ -1,6 +1,6 @@
 """models/husky.xml + ground + calibration -> MjModel: dm_control.mjcf composes, mujoco runs.
 
-`compose` builds what has structure (ground, robot, wheel shape, marker); `calibrate` sets the numbers on a compiled model
+`_compose` builds what has structure (ground, robot, wheel shape, marker); `calibrate` sets the numbers on a compiled model
 and is the only place that does, so a fit that edits one model in place and a profile that is loaded from disk mean the
 same robot.
 """
@@ -41,21 +41,10 @@ def xml_path() -> Path:
     raise FileNotFoundError(f"husky.xml is neither at {packaged} nor at {source}: the installation is incomplete")
 
 
-def compose(shape: WheelShape = "ellipsoid", anisotropic: bool = False, terrain: Terrain = FLAT) -> str:
-    """Return the robot on its ground, as MJCF text.
-
-    Args:
-        shape: contact shape of the tyres.
-        anisotropic: add explicit contact pairs, whose two tangential frictions may differ.
-        terrain: what the ground is made of.
-
-    Returns:
-        A complete MJCF model.
-    """
+def _compose(shape: WheelShape, anisotropic: bool, terrain: Terrain) -> str:
+    """Return robot and ground as MJCF text; `anisotropic` adds contact pairs, whose two tangential frictions may differ."""
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # without a screen dm_control's import warns of its search for one; nothing is drawn here
+        warnings.simplefilter("ignore")  # dm_control's import warns where there is no screen; nothing is drawn here
         from dm_control import mjcf
 
     arena = mjcf.from_path(str(xml_path()))
@@ -97,13 +86,13 @@ def _lay_ground(arena: Any, terrain: Terrain) -> Any:
         left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
         down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
         contact = {"solref": tire.solref, "solimp": tire.solimp, "priority": int(tire.priority) + 1}
-        right = {**looks, **slab, **contact, "name": OTHER_GROUND, "rgba": [0.55, 0.68, 0.80, 1]}
+        right = {**looks, **slab, **contact, "name": _OTHER_GROUND, "rgba": [0.55, 0.68, 0.80, 1]}
         arena.worldbody.add("geom", pos=left * (terrain.edge_offset - half) + down, **right)
         return arena.worldbody.add("geom", pos=left * (terrain.edge_offset + half) + down, **slab, **looks)
     return arena.worldbody.add("geom", type="plane", size=[0, 0, 0.05], **looks)
 
 
-OTHER_GROUND = "other_ground"
+_OTHER_GROUND = "other_ground"
 """The part of a two-friction floor that lies right of its edge."""
 GROUND_DEPTH = 0.5
 """Depth of a two-friction floor's slabs [m]: far deeper than any tyre sinks."""
@@ -121,26 +110,23 @@ CAPSULE_HALF_LENGTH = 0.00715
 _models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
 
 
-def build(calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> mujoco.MjModel:
+def husky_model(
+    calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED
+) -> mujoco.MjModel:
     """Return a compiled and calibrated model, which belongs to the caller.
-
-    Args:
-        calibration: the robot's numbers.
-        terrain: what it stands on.
-        settings: how its physics is computed, if not as shipped.
 
     Raises:
         ValueError: a calibration whose inertia no body can have, or tyres that the terrain cannot have.
     """
     if calibration.friction_ratio != 1.0 and terrain.kind == "split":
         raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
-    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0 or settings.needs_pairs, terrain)
+    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0 or settings.tangent_ratio is not None, terrain)
     if key not in _models:
-        _models[key] = mujoco.MjModel.from_xml_string(compose(*key))
+        _models[key] = mujoco.MjModel.from_xml_string(_compose(*key))
     model = mujoco.MjModel.__copy__(_models[key])
     model.opt.gravity = terrain.gravity(GRAVITY)
     if terrain.kind == "split":
-        model.geom_friction[model.geom(OTHER_GROUND).id, 0] = calibration.friction * terrain.friction_ratio
+        model.geom_friction[model.geom(_OTHER_GROUND).id, 0] = calibration.friction * terrain.friction_ratio
     calibrate(model, calibration)
     apply_settings(model, settings, wheel_geoms(model))
     return model
@@ -151,29 +137,6 @@ def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
     return [model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS]
 
 
-def base_inertia(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> np.ndarray:
-    """Return the (3,) principal inertia of the base [kg m2] about its own centre of mass.
-
-    Roll and pitch inertia scale with the mass; yaw inertia is what the whole robot's leaves when the wheels', which stand
-    off the middle, are taken away.
-
-    Raises:
-        ValueError: the rest is not positive, or no rigid body has the three numbers (each at most the sum of the others).
-    """
-    wheels = [model.body(f"{prefix}{wheel}") for wheel in WHEELS]
-    wheel_mass = sum(float(w.mass[0]) for w in wheels)
-    from_wheels = sum(float(w.inertia[2] + w.mass[0] * (w.pos[0] ** 2 + w.pos[1] ** 2)) for w in wheels)
-    scale = (calibration.mass - wheel_mass) / MAKER_BASE_MASS
-    inertia = np.array([MAKER_ROLL_INERTIA * scale, MAKER_PITCH_INERTIA * scale, calibration.yaw_inertia - from_wheels])
-    if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum():
-        low, high = abs(inertia[0] - inertia[1]) + from_wheels, inertia[0] + inertia[1] + from_wheels
-        raise ValueError(
-            f"yaw_inertia {calibration.yaw_inertia} kg m2 leaves the base {inertia.round(3)}, which no rigid body has; "
-            f"with mass {calibration.mass} kg it must lie between {low:.3f} and {high:.3f}"
-        )
-    return inertia
-
-
 MAKER_BASE_MASS = 46.034
 MAKER_ROLL_INERTIA = 0.6022
 MAKER_PITCH_INERTIA = 1.7386
@@ -181,20 +144,28 @@ MAKER_PITCH_INERTIA = 1.7386
 
 
 def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> None:
-    """Set every number of `calibration` on a compiled model.
+    """Set every number of `calibration` on a compiled model, in place.
 
-    Args:
-        model: in place.
-        calibration: the numbers.
-        prefix: in front of the robot's names, where it is part of a larger model.
+    Roll and pitch inertia of the base scale with its mass; its yaw inertia is the whole robot's less that of the wheels,
+    which stand off the middle. `prefix` stands in front of the robot's names in a larger model.
 
     Raises:
-        ValueError: an inertia no body can have; the model is untouched then.
+        ValueError: an inertia that is not positive, or that no rigid body has (each is at most the sum of the others); the
+            model is untouched then.
     """
-    inertia = base_inertia(model, calibration, prefix)
+    wheels = [model.body(f"{prefix}{wheel}") for wheel in WHEELS]
+    base_mass = calibration.mass - sum(float(w.mass[0]) for w in wheels)
+    from_wheels = sum(float(w.inertia[2] + w.mass[0] * (w.pos[0] ** 2 + w.pos[1] ** 2)) for w in wheels)
+    scale = base_mass / MAKER_BASE_MASS
+    inertia = np.array([MAKER_ROLL_INERTIA * scale, MAKER_PITCH_INERTIA * scale, calibration.yaw_inertia - from_wheels])
+    if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum():
+        low, high = abs(inertia[0] - inertia[1]) + from_wheels, inertia[0] + inertia[1] + from_wheels
+        raise ValueError(
+            f"yaw_inertia {calibration.yaw_inertia} kg m2 leaves the base {inertia.round(3)}, which no rigid body has; "
+            f"with mass {calibration.mass} kg it must lie between {low:.3f} and {high:.3f}"
+        )
     base = model.body(f"{prefix}base").id
-    wheel_mass = sum(float(model.body(f"{prefix}{wheel}").mass[0]) for wheel in WHEELS)
-    model.body_mass[base] = calibration.mass - wheel_mass
+    model.body_mass[base] = base_mass
     model.body_inertia[base] = inertia
     model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
     for wheel, geom in zip(WHEELS, wheel_geoms(model, prefix), strict=True):

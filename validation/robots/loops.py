@@ -49,14 +49,12 @@ class _Bodies:
         self._batch.set_models([p.plant.model for p in loops])
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._force = self._batch.bind("actuator_force")
-        self._rough = first.terrain.kind == "rough"
-        if self._rough:
-            self._ground = self._batch.bind("mocap_pos"), self._batch.bind("mocap_quat")
+        rough = first.terrain.kind == "rough"
+        self._ground = [self._batch.bind(name) for name in ("mocap_pos", "mocap_quat")] if rough else []
         nq = first.model.nq
         for row, p in enumerate(loops):
             start = p.plant.placed(state)
             self._qpos[row], self._qvel[row] = start[1 : 1 + nq], start[1 + nq : 1 + nq + first.model.nv]
-        self._left, self._right = first.wheel_dofs
         self._inertia = np.array([p.plant.yaw_inertia for p in loops])
         self._yaw = np.full(len(loops), state.yaw)
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
@@ -75,7 +73,7 @@ class _Bodies:
         out[:, :2], out[:, 2] = self._qpos[:, :2], self._yaw
         out[:, 3:5] = rotate_world_to_body(self._qvel[:, :2], self._yaw)
         out[:, 5] = self._qvel[:, 5]
-        out[:, 6], out[:, 7] = self._qvel[:, self._left].mean(axis=1), self._qvel[:, self._right].mean(axis=1)
+        out[:, 6], out[:, 7] = (self._qvel[:, dofs].mean(axis=1) for dofs in self._first.wheel_dofs)
         out[:, 8:] = self._force
         return out
 
@@ -84,9 +82,8 @@ class _Bodies:
         control = np.zeros((*references.shape[:2], self._width))
         control[:, :, :2] = references
         control[:, :, 2 + 5] = self._inertia[:, None] * pushes
-        pieces = [control] if not self._rough else np.split(control, references.shape[1], axis=1)
-        for piece in pieces:
-            if self._rough:
+        for piece in np.split(control, references.shape[1], axis=1) if self._ground else [control]:
+            if self._ground:
                 for bound, values in zip(self._ground, self._first.planes_under(self._qpos[:, :7]), strict=True):
                     bound[:] = values.reshape(bound.shape)
             self._batch.rollout(piece.shape[1], piece, control_spec=self._spec, record=())

@@ -1,6 +1,6 @@
 """Settings of contacts, solver and integrator that override those of models/husky.xml.
 
-These are not calibrated: they say how the physics is computed, not which robot is meant. `husky.build` applies
+These are not calibrated: they say how the physics is computed, not which robot is meant. `husky_model` applies
 them once, after the calibration, so what a fit moves and what a study of settings moves never meet.
 """
 
@@ -47,11 +47,7 @@ class PhysicsSettings:
     the tangents are the world's axes, which no tyre knows of; a robot's own is `HuskyCalibration.friction_ratio`."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a number that MuJoCo has no meaning for.
-        """
+        """Refuse numbers that MuJoCo has no meaning for."""
         for name in ("impratio", "tangent_ratio"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
@@ -62,11 +58,6 @@ class PhysicsSettings:
                 raise ValueError(f"{name} is {value}, must be at least {least}")
         if self.condim not in (None, 3, 4, 6):
             raise ValueError(f"condim is {self.condim}, must be 3, 4 or 6: a tyre without friction drives nowhere")
-
-    @property
-    def needs_pairs(self) -> bool:
-        """Whether the tyres need explicit contact pairs."""
-        return self.tangent_ratio is not None
 
 
 SHIPPED = PhysicsSettings()

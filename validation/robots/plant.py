@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from ssmr.geometry import quat_wxyz_to_roll_pitch, quat_wxyz_to_yaw, rotate_worl
 from ssmr.robot.drive import Driver, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
-from validation.robots.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, build, limit_torque, wheel_geoms
+from validation.robots.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, husky_model, limit_torque, wheel_geoms
 from validation.robots.physics import SHIPPED, PhysicsSettings
 from validation.robots.terrain import FLAT, Terrain
 
@@ -58,8 +59,7 @@ class Health:
         )
         return (
             f"{what}: keep the soft contact of husky.xml (solimp 0.1 0.95 0.005), an elliptic cone and a time step "
-            "of at most 5 ms; "
-            "if they are as shipped, lower the gain, raise the armature or limit the acceleration"
+            "of at most 5 ms; if they are as shipped, lower the gain, raise the armature or limit the acceleration"
         )
 
 
@@ -73,6 +73,12 @@ class MujocoPlant:
     """A calibrated Husky on its ground."""
 
     name = "mujoco"
+    drive: Drive
+    """Saturation, delays and conversions between command and wheels."""
+    wheel_dofs: tuple[list[int], ...]
+    """Degrees of freedom of the left and of the right wheels."""
+    yaw_inertia: float
+    """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
 
     def __init__(
         self,
@@ -96,14 +102,14 @@ class MujocoPlant:
             ValueError: numbers that do not go together.
         """
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
-        self.calibration, self.terrain, self._drive, self._strict = calibration, terrain, drive, strict
-        self._settings = settings
-        self.model = build(calibration, terrain, settings)
+        self.calibration, self.terrain, self._strict, self._settings = calibration, terrain, strict, settings
+        self.drive = drive
+        self.model = husky_model(calibration, terrain, settings)
         limit_torque(self.model, drive.torque_limit)
         self._data = mujoco.MjData(self.model)
-        self._wheel_dofs = [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS]
-        self._left = [self._wheel_dofs[i] for i, wheel in enumerate(WHEELS) if wheel.endswith("left")]
-        self._right = [self._wheel_dofs[i] for i, wheel in enumerate(WHEELS) if wheel.endswith("right")]
+        self.wheel_dofs = tuple(
+            [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS if wheel.endswith(side)] for side in SIDES
+        )
         self._wheel_bodies = [int(self.model.body(wheel).id) for wheel in WHEELS]
         self._tires = wheel_geoms(self.model)
         radius, wheel = float(self.model.geom_size[self._tires[0], 0]), self.model.body_pos[self._wheel_bodies[0]]
@@ -114,8 +120,11 @@ class MujocoPlant:
         self._imu_columns = [int(self.model.sensor(f"imu_{what}").adr[0]) for what in ("gyro", "accelerometer")]
         self._resting = self._settle(State())
         self._rest_on_rough: tuple[State, FloatArray] | None = None
-        self._yaw_inertia = self._total_yaw_inertia()
-        self._prescribed: mujoco.MjModel | None = None
+        mass_matrix = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self._data, mass_matrix)
+        root = self.model.body("base").id
+        offset = self._data.subtree_com[root][:2] - self._data.xpos[root][:2]
+        self.yaw_inertia = float(mass_matrix[5, 5] - self.model.body_subtreemass[root] * offset @ offset)
         self.reset(State())
 
     def with_drive(self, drive: Drive) -> MujocoPlant:
@@ -126,17 +135,14 @@ class MujocoPlant:
         """
         return MujocoPlant(self.calibration, drive, terrain=self.terrain, strict=self._strict, settings=self._settings)
 
-    def _prescribed_wheels(self) -> mujoco.MjModel:
+    @cached_property
+    def _prescribed(self) -> mujoco.MjModel:
         """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
-        if self._prescribed is None:
-            gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
-            self._prescribed = build(
-                replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0),
-                self.terrain,
-                self._settings,
-            )
-            limit_torque(self._prescribed, math.inf)
-        return self._prescribed
+        gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
+        heavy = replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0)
+        model = husky_model(heavy, self.terrain, self._settings)
+        limit_torque(model, math.inf)
+        return model
 
     @property
     def dt(self) -> float:
@@ -144,7 +150,7 @@ class MujocoPlant:
         return float(self.model.opt.timestep)
 
     def _settle(self, state: State) -> FloatArray:
-        """(nq,) configuration at rest where `state` is: tyres pressed in, the body tilted as its mass and the ground lie."""
+        """Return the (nq,) configuration at rest in `state`: tyres pressed in, the body tilted by mass and ground."""
         data = self._data
         mujoco.mj_resetData(self.model, data)
         data.qpos[:2] = state.x, state.y
@@ -165,7 +171,7 @@ class MujocoPlant:
             (data.mocap_pos[:],), (data.mocap_quat[:],) = self.planes_under(data.qpos[None, :7])
 
     def planes_under(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(S, 4, 3) places and (S, 4, 4) quaternions (w first) of the ground under the wheels of (S, 7) poses."""
+        """Return (S, 4, 3) places and (S, 4, 4) quaternions (w first) of the ground under the wheels of (S, 7) poses."""
         radius = float(self.model.geom_size[self._tires[0], 0])
         return self.terrain.surface.tangent_planes(poses, self.model.body_pos[self._wheel_bodies], radius)
 
@@ -181,14 +187,6 @@ class MujocoPlant:
         mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
         return rest
 
-    def _total_yaw_inertia(self) -> float:
-        """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
-        mass_matrix = np.zeros((self.model.nv, self.model.nv))
-        mujoco.mj_fullM(self.model, self._data, mass_matrix)
-        root = self.model.body("base").id
-        offset = self._data.subtree_com[root][:2] - self._data.xpos[root][:2]
-        return float(mass_matrix[5, 5] - self.model.body_subtreemass[root] * offset @ offset)
-
     def _place(self, state: State) -> None:
         """Put the simulator into `state`, its memory of former runs wiped; on rough ground its speed is level."""
         data, rest = self._data, self._rest(state)
@@ -197,46 +195,30 @@ class MujocoPlant:
         c, s = math.cos(state.yaw), math.sin(state.yaw)
         data.qvel[:2] = c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y
         data.qvel[5] = state.yaw_rate
-        data.qvel[self._left] = state.wheel_left
-        data.qvel[self._right] = state.wheel_right
+        data.qvel[self.wheel_dofs[0]], data.qvel[self.wheel_dofs[1]] = state.wheel_left, state.wheel_right
         self._turns = round((state.yaw - float(quat_wxyz_to_yaw(data.qpos[3:7]))) / (2.0 * math.pi))
 
     def placed(self, state: State) -> FloatArray:
-        """(1 + nq + nv) the simulator's whole state where the robot rests on its tyres in `state`."""
+        """Return the simulator's whole (1 + nq + nv) state where the robot rests on its tyres in `state`."""
         self._place(state)
         start = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
         mujoco.mj_getState(self.model, self._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         return start
 
-    @property
-    def drive(self) -> Drive:
-        """Saturation, delays and conversions between command and wheels."""
-        return self._drive
-
-    @property
-    def yaw_inertia(self) -> float:
-        """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
-        return self._yaw_inertia
-
-    @property
-    def wheel_dofs(self) -> tuple[list[int], list[int]]:
-        """Degrees of freedom of the left and of the right wheels."""
-        return self._left, self._right
-
     def _read(self) -> State:
-        """The simulator's state as a planar one; yaw is unwrapped from the last reading."""
+        """Return the simulator's state as a planar one; yaw is unwrapped from the last reading."""
         qpos, qvel = self._data.qpos, self._data.qvel
         yaw = float(quat_wxyz_to_yaw(qpos[3:7])) + 2.0 * math.pi * self._turns
         v = rotate_world_to_body(qvel[:2], yaw)
         return State(
             float(qpos[0]), float(qpos[1]), yaw, float(v[0]), float(v[1]), float(qvel[5]),
-            float(np.mean(qvel[self._left])), float(np.mean(qvel[self._right])),
+            *(float(np.mean(qvel[dofs])) for dofs in self.wheel_dofs),
         )  # fmt: skip
 
     def reset(self, state: State) -> State:
         """Start from `state`, resting on its tyres, with empty delay lines."""
         self._place(state)
-        self._driver = Driver(self._drive, self.dt, state)
+        self._driver = Driver(self.drive, self.dt, state)
         self._last = self._read()
         return self._last
 
@@ -247,7 +229,7 @@ class MujocoPlant:
             DivergedError: the simulator warned or left the finite numbers.
         """
         data = self._data
-        data.qfrc_applied[5] = self._yaw_inertia * yaw_acceleration
+        data.qfrc_applied[5] = self.yaw_inertia * yaw_acceleration
         turned = self._last.yaw  # to within a step: enough to count whole turns, however long the command is held
         for reference in self._driver.references(command, whole_steps(dt, self.dt, "the step")):
             data.ctrl[:] = reference
@@ -262,9 +244,9 @@ class MujocoPlant:
         return self._last
 
     def imu(self) -> tuple[FloatArray, FloatArray]:
-        """(3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU, along its axes, at the last step's start.
+        """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU, along its axes.
 
-        Zero before the first step.
+        They are those at the last step's start, and zero before the first step.
         """
         gyro, accelerometer = (np.array(self._data.sensordata[column : column + 3]) for column in self._imu_columns)
         return gyro, accelerometer
@@ -281,23 +263,24 @@ class MujocoPlant:
             UnhealthyRunError: wheel loads dropped out or were not smooth, if `strict`.
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
-        references = wheel_references(commands, self._drive, self.dt, state)
+        references = wheel_references(commands, self.drive, self.dt, state)
         start = self.placed(state)
-        spec, control = (
-            mujoco.mjtState.mjSTATE_CTRL,
-            np.vstack([references, references[-1:]]),
-        )  # one more step: its sensors are the end's
+        spec = mujoco.mjtState.mjSTATE_CTRL
+        control = np.vstack([references, references[-1:]])  # one more step: its sensors are the end's
         if disturbance is not None:
             if len(disturbance) != len(references):
                 raise ValueError(f"{len(disturbance)} disturbances for {len(references)} physics steps")
             applied = np.zeros((len(control), self.model.nv))
-            applied[:-1, 5] = self._yaw_inertia * np.asarray(disturbance)
+            applied[:-1, 5] = self.yaw_inertia * np.asarray(disturbance)
             spec, control = spec | mujoco.mjtState.mjSTATE_QFRC_APPLIED, np.hstack([control, applied])
-        model = self._prescribed_wheels() if commands.kind == "wheels" else self.model
+        model = self._prescribed if commands.kind == "wheels" else self.model
         states, sensors = self._roll(model, start, control, int(spec))
-        self._check_finite(states)
-        table = np.vstack([start, states[:-1]])
-        trajectory = self._trajectory(table, sensors, stride, state)
+        # A diverged rollout resets itself: its clock jumps back.
+        bad = np.flatnonzero((np.diff(states[:, 0]) <= 0.0) | ~np.isfinite(states[1:]).all(axis=1))
+        if len(bad):
+            t = (int(bad[0]) + 1) * self.dt
+            raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=states[: int(bad[0]) + 1])
+        trajectory = self._trajectory(np.vstack([start, states[:-1]]), sensors, stride, state)
         health = check_health(trajectory.channels["wheel_load_N"])
         if self._strict and not health.ok:
             raise UnhealthyRunError(health.advice, health=health, loads=trajectory.channels["wheel_load_N"])
@@ -306,7 +289,7 @@ class MujocoPlant:
     def _roll(
         self, model: mujoco.MjModel, start: FloatArray, control: FloatArray, spec: int
     ) -> tuple[FloatArray, FloatArray]:
-        """States after, and sensors before, each of n steps from `start` under (n, ...) controls of the kind `spec`."""
+        """Return states after and sensors before each of n steps from `start` under (n, ...) controls of the kind `spec`."""
         data = self._data
         if self.terrain.kind != "rough":
             states, sensors = rollout.rollout(model, data, start[None], control[None], control_spec=spec)
@@ -323,22 +306,15 @@ class MujocoPlant:
             sensors[k] = data.sensordata
         return states, sensors
 
-    def _check_finite(self, states: FloatArray) -> None:
-        """A diverged rollout resets itself: its clock jumps back."""
-        bad = np.flatnonzero((np.diff(states[:, 0]) <= 0.0) | ~np.isfinite(states[1:]).all(axis=1))
-        if len(bad):
-            t = (int(bad[0]) + 1) * self.dt
-            raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=states[: int(bad[0]) + 1])
-
     def _trajectory(self, table: FloatArray, sensors: FloatArray, stride: int, state: State) -> Trajectory:
-        """Every `stride`-th of (n + 1, 1 + nq + nv) states and their sensors; yaw is unwrapped over all of them."""
+        """Return every `stride`-th of (n + 1, 1 + nq + nv) states and their sensors; yaw is unwrapped over all of them."""
         nq = self.model.nq
         yaw = np.unwrap(quat_wxyz_to_yaw(table[:, 4:8]))[::stride]
         yaw += 2.0 * math.pi * round((state.yaw - yaw[0]) / (2.0 * math.pi))
         table, sensors = table[::stride], sensors[::stride]
         qpos, qvel = table[:, 1 : 1 + nq], table[:, 1 + nq : 1 + nq + self.model.nv]
         twist = np.column_stack([rotate_world_to_body(qvel[:, :2], yaw), qvel[:, 5]])
-        wheels = np.column_stack([qvel[:, self._left].mean(axis=1), qvel[:, self._right].mean(axis=1)])
+        wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
         channels = {
             "wheel_load_N": sensors[:, self._load_columns],
             "torque_N_m": sensors[:, self._torque_columns],

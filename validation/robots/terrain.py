@@ -7,8 +7,8 @@ are in the keys there; in here they are SI.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
@@ -58,11 +58,7 @@ class Terrain:
     """Distance of that edge to the left of the world's origin [m]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: an unknown kind, or a number outside its range.
-        """
+        """Check kind and ranges."""
         if self.kind not in KINDS:
             raise ValueError(f"unknown terrain '{self.kind}'; there are: {', '.join(KINDS)}")
         require_in_range(self, "slope", 0.0, math.radians(45.0))
@@ -90,24 +86,20 @@ class Terrain:
         return math.sqrt(12.0) * self.height / self.length**2
 
     def gravity(self, g: float) -> FloatArray:
-        """(3,) gravity [m/s2] along the axes of the ground."""
+        """Return (3,) gravity [m/s2] along the axes of the ground."""
         if self.kind != "ramp":
             return np.array([0.0, 0.0, -g])
         along = g * math.sin(self.slope)
         return np.array([-along * math.cos(self.toward), -along * math.sin(self.toward), -g * math.cos(self.slope)])
 
     def gravity_in_body(self, yaw: FloatArray, g: float) -> FloatArray:
-        """(M, 3) gravity [m/s2] in the axes of a robot that stands flat on the ground with (M,) headings."""
+        """Return (M, 3) gravity [m/s2] in the axes of a robot that stands flat on the ground with (M,) headings."""
         world = self.gravity(g)
         return np.column_stack([rotate_world_to_body(world[:2], yaw), np.full(len(yaw), world[2])])
 
     @cached_property
     def surface(self) -> Surface:
-        """Rough ground.
-
-        White noise through a Gaussian filter of standard deviation length / 2, so that its autocorrelation is
-        exp(-(d / length)^2), scaled to the root mean square asked for.
-        """
+        """Rough ground: white noise through a Gaussian filter of standard deviation length / 2, scaled to `height`."""
         from scipy import ndimage  # slow to import, like the compiled surface; only rough ground needs them
 
         from ssmr.robot.surface import Surface
@@ -119,11 +111,11 @@ class Terrain:
         return Surface(smooth * (self.height / np.sqrt(np.mean(smooth**2))), PERIOD / n, -0.5 * PERIOD)
 
     def height_at(self, xy: FloatArray) -> FloatArray:
-        """(M,) height [m] of the ground at (M, 2) positions [m]."""
+        """Return the (M,) height [m] of the ground at (M, 2) positions [m]."""
         return self.surface.at(xy)[:, 0] if self.kind == "rough" else np.zeros(len(xy))
 
     def lie(self, pose: FloatArray) -> FloatArray:
-        """(M, 3) height [m], roll and pitch [rad] at (M, 3) poses, of the plane nearest to the ground under the wheels."""
+        """Return (M, 3) height [m], roll and pitch [rad] of the plane nearest to the wheels' ground at (M, 3) poses."""
         if self.kind != "rough":
             return np.zeros_like(pose)
         front_left, front_right, rear_left, rear_right = (
@@ -139,8 +131,8 @@ class Terrain:
     @property
     def spec(self) -> str:
         """Text of the terrain that `parse_terrain` reads back."""
-        keys = _KEYS[self.kind]
-        given = ",".join(f"{key}={out(getattr(self, name)):.12g}" for key, (name, _, out) in keys.items())
+        keys = _KEYS[self.kind].items()
+        given = ",".join(f"{key}={getattr(self, name) / unit:.12g}" for key, (name, unit) in keys)
         return f"{self.kind}:{given}" if given else self.kind
 
     @property
@@ -154,41 +146,20 @@ class Terrain:
         }[self.kind]
 
 
-def _same(value: float) -> float:
-    return value
-
-
-def _milli(value: float) -> float:
-    return 1e3 * value
-
-
-def _from_milli(value: float) -> float:
-    return 1e-3 * value
-
-
-_Key = tuple[str, Callable[[float], float], Callable[[float], float]]
-"""The field it sets, and the conversions into SI and back."""
-
-_KEYS: Mapping[str, Mapping[str, _Key]] = MappingProxyType(
+_DEGREE, _MILLI = math.pi / 180.0, 1e-3
+_KEYS: Mapping[str, Mapping[str, tuple[str, float]]] = MappingProxyType(
     {
         "flat": {},
-        "ramp": {
-            "slope_deg": ("slope", math.radians, math.degrees),
-            "toward_deg": ("toward", math.radians, math.degrees),
-        },
-        "rough": {
-            "height_mm": ("height", _from_milli, _milli),
-            "length_mm": ("length", _from_milli, _milli),
-            "seed": ("seed", _same, _same),
-        },
+        "ramp": {"slope_deg": ("slope", _DEGREE), "toward_deg": ("toward", _DEGREE)},
+        "rough": {"height_mm": ("height", _MILLI), "length_mm": ("length", _MILLI), "seed": ("seed", 1)},
         "split": {
-            "friction_ratio": ("friction_ratio", _same, _same),
-            "edge_deg": ("edge_heading", math.radians, math.degrees),
-            "edge_m": ("edge_offset", _same, _same),
+            "friction_ratio": ("friction_ratio", 1.0),
+            "edge_deg": ("edge_heading", _DEGREE),
+            "edge_m": ("edge_offset", 1.0),
         },
     }
 )
-"""The keys of each kind on the command line; the first may be left out."""
+"""The keys of each kind on the command line, with the field that each sets and its unit in SI; the first may be left out."""
 
 KINDS = tuple(_KEYS)
 """All kinds."""
@@ -211,8 +182,15 @@ def parse_terrain(text: str) -> Terrain:
         key = key.strip() if equals else next(iter(keys), "") if position == 0 else part
         if key not in keys or keys[key][0] in values:
             raise ValueError(f"terrain '{text}': '{part}' is not understood; wanted {usage(kind)}")
-        values[keys[key][0]] = _number(number, text, kind) if key != "seed" else _seed(number, text)
-        values[keys[key][0]] = keys[key][1](values[keys[key][0]])
+        name, unit = keys[key]
+        if key == "seed" and not number.strip().isdecimal():
+            raise ValueError(f"terrain '{text}': seed '{number}' is no whole number")
+        try:
+            values[name] = unit * (int(number) if key == "seed" else float(number))
+        except ValueError:
+            raise ValueError(f"terrain '{text}': '{number}' is no number; wanted {usage(kind)}") from None
+        if not math.isfinite(values[name]):
+            raise ValueError(f"terrain '{text}': {number} is not finite")
     if keys and next(iter(keys.values()))[0] not in values:
         raise ValueError(f"terrain '{text}' says too little; wanted {usage(kind)}")
     try:
@@ -221,27 +199,10 @@ def parse_terrain(text: str) -> Terrain:
         raise ValueError(f"terrain '{text}': {error}") from error
 
 
-def _number(text: str, whole: str, kind: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise ValueError(f"terrain '{whole}': '{text}' is no number; wanted {usage(kind)}") from None
-    if not math.isfinite(value):
-        raise ValueError(f"terrain '{whole}': {text} is not finite")
-    return value
-
-
-def _seed(text: str, whole: str) -> int:
-    if not text.strip().isdecimal():
-        raise ValueError(f"terrain '{whole}': seed '{text}' is no whole number")
-    return int(text)
-
-
 def usage(kind: str) -> str:
     """Return the form in which a kind of terrain is written."""
-    keys = list(_KEYS[kind])
-    if not keys:
+    if not _KEYS[kind]:
         return kind
-    defaults = {f.name: f.default for f in fields(Terrain)}
-    more = [f"{key}={_KEYS[kind][key][2](defaults[_KEYS[kind][key][0]]):g}" for key in keys[1:]]  # type: ignore[arg-type]
-    return f"{kind}:{','.join([f'{keys[0]}=NUMBER', *more])}"
+    first, *others = _KEYS[kind].items()
+    more = [f"{key}={getattr(FLAT, name) / unit:g}" for key, (name, unit) in others]
+    return f"{kind}:{','.join([f'{first[0]}=NUMBER', *more])}"

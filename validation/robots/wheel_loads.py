@@ -66,7 +66,7 @@ def resting_loads(plant: MujocoPlant) -> FloatArray:
 
 
 def with_quasi_static(motion: Trajectory, plant: MujocoPlant, tracked: tuple[float, float]) -> Trajectory:
-    """A motion of the plant's tracked point (x, y) [m] with the channel `QUASI_STATIC`.
+    """Return a motion of the plant's tracked point (x, y) [m] with the channel `QUASI_STATIC` added.
 
     On rough ground gravity is turned with the body, as far as roll and pitch were kept.
     """
@@ -86,15 +86,7 @@ def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> WheelLoads:
     def rms(values: FloatArray) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
-    def tell(values: FloatArray) -> tuple[float, ...]:
-        return tuple(map(float, values))
-
-    return WheelLoads(
-        tell(static),
-        tell(measured.mean(axis=0)),
-        tell(measured.min(axis=0)),
-        tell(measured.max(axis=0)),
-        tell(np.mean(measured < LIFT_SHARE * static.mean(), axis=0)),
-        rms(measured - static),
-        rms(measured - formula),
-    )
+    lifted = np.mean(measured < LIFT_SHARE * static.mean(), axis=0)
+    values = (static, measured.mean(axis=0), measured.min(axis=0), measured.max(axis=0), lifted)
+    still, mean, lowest, highest, off = (tuple(map(float, v)) for v in values)
+    return WheelLoads(still, mean, lowest, highest, off, rms(measured - static), rms(measured - formula))

@@ -21,7 +21,7 @@ from validation import cli
 from validation.compare import CompareSettings, compare
 from validation.compare.__main__ import main
 from validation.logs.recording_csv import write_csv
-from validation.motion.driving import drive, resample, score_horizons
+from validation.motion.driving import drive, horizons_of, resample
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.progress import Progress
@@ -148,7 +148,7 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))
     there = drive(make_plant(shifted, "kinematic"), source.pieces[0], (0.3, 0.1), source.sample_dt)
     assert np.allclose(there.pose[0], source.pieces[0].reference.pose[0])  # type: ignore[union-attr]
-    error = score_horizons([there], source, (2.0,))[2.0].position_median_m
+    error = horizons_of([(source, [there])], (2.0,))[2.0].position_median_m
     assert 0.02 < error < 0.4
 
 

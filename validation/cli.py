@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import inspect
 import io
 import itertools
@@ -339,6 +340,7 @@ def run(
     handler = RichHandler(console=Console(stderr=True), show_path=False, show_time=False)
     logging.basicConfig(format="%(message)s", handlers=[handler])
     logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
+    gc.set_threshold(50_000, 20, 100)  # imports make many objects that stay, and Python would look through them all the time
     try:
         called, options = _parse(main, program, arguments)
         called(options)

@@ -185,14 +185,10 @@ def _ratio(candidate: float, reference: float, floor: float) -> float:
 
 @jit
 def one_sided_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> tuple[float, float, float]:
-    """Return the three metrics of Eq. 3.1, for use from other kernels: half the work of all metrics. It never raises.
+    """Return d_rms [m], d_haus [m] and d_ratio (Eq. 3.1), for use from other kernels: half the work of all metrics.
 
-    Args:
-        candidate_xy: (N, 2) positions [m].
-        reference_xy: (M, 2) positions [m].
-
-    Returns:
-        d_rms [m], d_haus [m], d_ratio; all NaN where a path has no sample or one that is not finite (or beyond 1e75 m).
+    Paths are (N, 2) and (M, 2) positions [m]. It never raises: all are NaN where a path has no sample or one that is not
+    finite (or beyond 1e75 m).
     """
     if not (_is_measurable(candidate_xy) and _is_measurable(reference_xy)):
         return math.nan, math.nan, math.nan
@@ -240,15 +236,9 @@ def measure_paths(
 ) -> PathMeasures:
     """Measure a candidate against a reference, for use from other kernels too: it never raises.
 
-    Args:
-        candidate_t: (N,) strictly increasing stamps [s].
-        candidate_pose: (N, 3) x [m], y [m], yaw [rad].
-        reference_t: (M,) strictly increasing stamps [s].
-        reference_pose: (M, 3) x [m], y [m], yaw [rad].
-
-    Returns:
-        The measures. Those of the paths are NaN where a path has no sample or one that is not finite (or beyond 1e75 m), as
-        a diverged candidate has; those at equal times are NaN where there is no common stamp.
+    Stamps [s] increase strictly; poses are (N, 3) and (M, 3) x [m], y [m], yaw [rad]. Measures of the paths are NaN where a
+    path has no sample or one that is not finite (or beyond 1e75 m), as a diverged candidate has; those at equal times are
+    NaN where there is no common stamp.
     """
     n = reference_pose.shape[0]
     sync, yaw, common = sync_rms_kernel(candidate_t, candidate_pose, reference_t, reference_pose)
@@ -260,18 +250,10 @@ def measure_paths(
     to_candidate = nearest_squared(reference_pose, candidate_pose, candidate_step)
     to_reference = nearest_squared(candidate_pose, reference_pose, reference_step)
     mean, largest = np.mean(to_candidate), np.max(to_candidate)
-    return PathMeasures(
-        n,
-        common,
-        math.sqrt(mean),
-        math.sqrt(largest),
-        math.sqrt(0.5 * (mean + np.mean(to_reference))),
-        math.sqrt(max(largest, np.max(to_reference))),
-        (candidate_length, reference_length),
-        (_bending(candidate_pose, BENDING_SPACING), _bending(reference_pose, BENDING_SPACING)),
-        sync,
-        yaw,
-    )
+    rms_both, largest_both = math.sqrt(0.5 * (mean + np.mean(to_reference))), math.sqrt(max(largest, np.max(to_reference)))
+    lengths = candidate_length, reference_length
+    bendings = _bending(candidate_pose, BENDING_SPACING), _bending(reference_pose, BENDING_SPACING)
+    return PathMeasures(n, common, math.sqrt(mean), math.sqrt(largest), rms_both, largest_both, lengths, bendings, sync, yaw)
 
 
 def path_length(xy: ArrayLike) -> float:

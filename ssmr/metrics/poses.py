@@ -30,17 +30,15 @@ def _wrapped(angle: float) -> float:
 def sync_rms_kernel(
     candidate_t: FloatArray, candidate_pose: FloatArray, reference_t: FloatArray, reference_pose: FloatArray
 ) -> tuple[float, float, int]:
-    """RMS errors at equal stamps, for use from other kernels: it never raises.
+    """Return RMS errors at equal stamps, for use from other kernels: it never raises.
 
-    Args:
-        candidate_t: (N,) strictly increasing stamps [s].
-        candidate_pose: (N, 3) x [m], y [m], yaw [rad]; interpolated linearly, yaw the short way round.
-        reference_t: (M,) strictly increasing stamps [s]; those beyond the candidate's span are left out.
-        reference_pose: (M, 3) x [m], y [m], yaw [rad].
+    Stamps [s] increase strictly; poses are (N, 3) and (M, 3) x [m], y [m], yaw [rad]. The candidate is interpolated
+    linearly, yaw the short way round; the reference's stamps beyond its span are left out. A stamp that both have is
+    compared as it is.
 
     Returns:
         Position RMS [m], yaw RMS [rad] (of wrapped differences), and the number of stamps they are taken over; with none of
-        them, NaN and NaN. A stamp that both have is compared as it is, without interpolation.
+        them, NaN and NaN.
     """
     last = candidate_t.shape[0] - 1
     position, heading, n, k = 0.0, 0.0, 0, 0
@@ -152,14 +150,7 @@ def horizon_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = Non
 
 
 def horizon_errors(position: ArrayLike, yaw: ArrayLike) -> HorizonErrors:
-    """Sum up the relative pose errors of all windows of one horizon.
-
-    Args:
-        position: (n,) position errors [m], of all segments together.
-        yaw: (n,) yaw errors [rad] of the same windows.
-
-    Returns:
-        Medians and 95th percentiles.
+    """Sum up the (n,) position [m] and yaw errors [rad] of all windows of one horizon: medians and 95th percentiles.
 
     Raises:
         ValueError: there is no window, lengths differ, or a number is not finite.

@@ -81,15 +81,9 @@ def main(options: CompareOptions) -> None:
     with cli.mistakes_are_users():
         output.check()
         settings = CompareSettings(
-            log.input,
-            log.horizons,
-            log.start,
-            log.until,
-            environment.noise,
-            environment.disturbance,
-            options.run.seed,
-            parse_terrain(environment.terrain),
-        )
+            log.input, log.horizons, log.start, log.until, environment.noise, environment.disturbance,
+            options.run.seed, parse_terrain(environment.terrain),
+        )  # fmt: skip
         prepared = prepare(options.source, options.profile, options.plants or PLANTS, options.reference, settings)
     with cli.shown("comparing") as progress:
         comparison = prepared.run(options.run.workers, progress)

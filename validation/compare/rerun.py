@@ -29,7 +29,6 @@ from validation.robots.terrain import FLAT
 from validation.robots.wheel_loads import QUASI_STATIC
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import encode, rr, write_circumstances
-from validation.show.rerun_ground import write_ground
 from validation.show.rerun_layout import Series, blueprint, eye, follower, overviews, plot_view, rrb, view, write_series
 from validation.show.rerun_robots import (
     BLACK,
@@ -42,6 +41,7 @@ from validation.show.rerun_robots import (
     opacity_of,
     outline,
     round_interval,
+    write_ground,
     write_motion,
     write_path,
     write_robot,

@@ -19,7 +19,7 @@ from ssmr.types import Commands, Plant, State, Trajectory
 from validation import store
 from validation.compare.data import PlantResult
 from validation.compare.result import Comparison
-from validation.motion.driving import drive, score_horizons
+from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 from validation.progress import Progress, Report, silent
@@ -105,7 +105,7 @@ class PreparedComparison:
         results = {}
         for name in self.plants:
             plant, driven = self.plants[name], motions[name]
-            horizons = score_horizons(driven, source, settings.horizons) if recorded else {}
+            horizons = horizons_of([(source, driven)], settings.horizons) if recorded else {}
             health = _health(driven) if settings.terrain.even else None
             loads = summarise(tuple(driven), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None
             results[name] = PlantResult(

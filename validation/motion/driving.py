@@ -44,15 +44,13 @@ def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
     return Trajectory(t, at(motion.pose), at(motion.twist), at(motion.wheels), channels)
 
 
-def score_horizons(pieces: Sequence[Trajectory], source: Source, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
-    """Return errors of the relative pose by horizon [s], over windows that never span a gap; empty horizons are left out."""
-    return horizons_of([(source, pieces)], horizons)
-
-
 def horizons_of(
     driven: Sequence[tuple[Source, Sequence[Trajectory]]], horizons: Sequence[float]
 ) -> dict[float, HorizonErrors]:
-    """Return errors of the relative pose by horizon over several sources together; only recordings have windows."""
+    """Return errors of the relative pose by horizon [s] over several sources together; only recordings have windows.
+
+    Windows never span a gap. A horizon without any is left out.
+    """
     found = {}
     for horizon in horizons:
         position, yaw = [], []

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -47,7 +48,7 @@ class RobotMesh:
     places: Mapping[str, FloatArray]
     """(3,) of each body, seen from the reference point on the ground below the middle between the axles [m]."""
 
-    @property
+    @cached_property
     def box(self) -> FloatArray:
         """(2, 3) lowest and highest coordinates of the whole robot [m]."""
         corners = np.concatenate([self.places[name] + mesh.vertices for name, mesh in self.bodies.items()])

@@ -21,7 +21,6 @@ from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
 from validation.robots.terrain import FLAT
 from validation.show.palette import Rgb, mix
 from validation.show.rerun_file import TIMELINE, encode, rr, write_circumstances
-from validation.show.rerun_ground import write_ground
 from validation.show.rerun_layout import Series, blueprint, follower, overviews, plot_view, rrb, write_series
 from validation.show.rerun_robots import (
     BLACK,
@@ -33,6 +32,7 @@ from validation.show.rerun_robots import (
     opacity_of,
     outline,
     round_interval,
+    write_ground,
     write_motion,
     write_path,
     write_robot,

@@ -21,7 +21,7 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows
 from ssmr.robot.skid_turn import TRACK, turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
-from validation.motion.driving import drive, score_horizons
+from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, WHEELS, HuskyCalibration
@@ -346,7 +346,7 @@ class _Trial:
         assert section is not None
         plant = self.corrected(section)
         motions = [drive(plant, piece, section.tracked_point, source.sample_dt) for piece in source.pieces]
-        errors = score_horizons(motions, source, [HORIZON])[HORIZON]
+        errors = horizons_of([(source, motions)], [HORIZON])[HORIZON]
         return {"recording_position_m": errors.position_median_m, "recording_yaw_rad": errors.yaw_median_rad}
 
 

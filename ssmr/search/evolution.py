@@ -25,17 +25,10 @@ CROSSOVERS = ("bin", "exp")
 
 
 def adapt(values: FloatArray, draws: FloatArray, bounds: tuple[float, float], tau: float, descent: float) -> FloatArray:
-    """Return F or CR of the trials (Sec. 3.5.1): drawn anew with probability tau, else lowered, but not below the least.
+    """Return (S,) F or CR of the trials (Sec. 3.5.1): drawn anew with probability tau, else lowered, not below the least.
 
-    Args:
-        values: (S,) F or CR of the parents.
-        draws: (2, S) uniform in [0, 1): the first row decides whether to draw anew, the second is the new value.
-        bounds: least and greatest value.
-        tau: probability of a new value.
-        descent: slp (ng - 1) / ng_max.
-
-    Returns:
-        (S,) values within the bounds.
+    The first row of the (2, S) draws, uniform in [0, 1), decides whether to draw anew, the second gives the new value;
+    `descent` is slp (ng - 1) / ng_max.
     """
     low, high = bounds
     return np.where(draws[0] < tau, low + (high - low) * draws[1], np.maximum(values - values * descent, low))
@@ -44,13 +37,8 @@ def adapt(values: FloatArray, draws: FloatArray, bounds: tuple[float, float], ta
 def distinct_partners(draws: FloatArray) -> _Indices:
     """Return, for each i, k indices that differ from each other and from i; every ordered choice is equally likely.
 
-    The j-th index is drawn from the S - 1 - j that are left, then counted past the taken ones in increasing order.
-
-    Args:
-        draws: (k, S) uniform in [0, 1), k < S.
-
-    Returns:
-        (k, S) indices within 0 and S - 1; column i belongs to vector i.
+    The j-th index is drawn from the S - 1 - j that are left, then counted past the taken ones in increasing order. Draws
+    are (k, S), uniform in [0, 1), and k < S; column i of the (k, S) indices belongs to vector i.
     """
     k, size = draws.shape
     left = (size - 1 - np.arange(k, dtype=np.float64))[:, np.newaxis]
@@ -71,20 +59,10 @@ def distinct_partners(draws: FloatArray) -> _Indices:
 def mutate(
     strategy: Strategy, population: FloatArray, best: FloatArray, f: FloatArray, partners: _Indices
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the base vectors, and the donors V_i that start from them, before repair.
+    """Return the (n,) or (S, n) base vectors, and the (S, n) donors V_i that start from them and may leave the cube.
 
     best/2: V = X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1); best/1: V = X_best + F (X_r1 - X_r2);
-    rand/1: V = X_r1 + F (X_r2 - X_r3).
-
-    Args:
-        strategy: name of the formula.
-        population: (S, n) parents.
-        best: (n,) the best parent.
-        f: (S,) F of the trials.
-        partners: (k, S) indices r1 to rk.
-
-    Returns:
-        (n,) or (S, n) base vectors and (S, n) donors, which may leave the cube.
+    rand/1: V = X_r1 + F (X_r2 - X_r3). The (k, S) partners are the indices r1 to rk.
     """
     x = population[partners]
     if strategy == "rand/1":
@@ -100,29 +78,15 @@ def mutate(
 
 
 def repair(donors: FloatArray, base: FloatArray) -> FloatArray:
-    """Put genes beyond a bound of the cube midway between the base vector's gene and that bound.
-
-    Args:
-        donors: (S, n) any finite numbers.
-        base: (n,) or (S, n) within the cube.
-
-    Returns:
-        (S, n) within the cube.
-    """
+    """Return (S, n) donors whose genes beyond a bound of the cube lie midway between the base vector's and that bound."""
     inside = np.where(donors < 0.0, 0.5 * base, donors)
     return np.where(donors > 1.0, 0.5 + 0.5 * base, inside)
 
 
 def binomial_mask(cr: FloatArray, draws: FloatArray, first: _Indices) -> _Mask:
-    """Return a mask of the genes that come from the donor: each with probability CR, and gene `first` always.
+    """Return an (S, n) mask of the genes that come from the donor: each with probability CR, and gene `first` always.
 
-    Args:
-        cr: (S,) CR of the trials.
-        draws: (S, n) uniform in [0, 1).
-        first: (S,) index of one gene of each trial.
-
-    Returns:
-        (S, n) mask.
+    The (S, n) draws are uniform in [0, 1).
     """
     mask = draws < cr[:, np.newaxis]
     mask[np.arange(len(cr)), first] = True
@@ -130,18 +94,9 @@ def binomial_mask(cr: FloatArray, draws: FloatArray, first: _Indices) -> _Mask:
 
 
 def exponential_mask(cr: FloatArray, draws: FloatArray, first: _Indices, n: int) -> _Mask:
-    """Return a mask of the genes that come from the donor: a run from `first` that wraps around the end.
+    """Return an (S, n) mask of the genes that come from the donor: a run from `first` that wraps around the end.
 
-    The p-th gene after `first` belongs to the run with probability CR^p.
-
-    Args:
-        cr: (S,) CR of the trials.
-        draws: (S,) uniform in [0, 1).
-        first: (S,) index at which the run begins.
-        n: number of genes.
-
-    Returns:
-        (S, n) mask.
+    The p-th gene after `first` belongs to the run with probability CR^p; the (S,) draws are uniform in [0, 1).
     """
     after = (np.arange(n) - first[:, np.newaxis]) % n
     return draws[:, np.newaxis] < cr[:, np.newaxis] ** after

@@ -28,19 +28,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr.search.evolution import (
-    CROSSOVERS,
-    PARTNERS,
-    Crossover,
-    Strategy,
-    adapt,
-    binomial_mask,
-    distinct_partners,
-    exponential_mask,
-    mutate,
-    repair,
-    replaces,
-)
+from ssmr.search import evolution
+from ssmr.search.evolution import CROSSOVERS, PARTNERS, Crossover, Strategy
 from ssmr.types import FloatArray, frozen_array
 
 Finished = Literal["", "generations", "improvement", "target"]
@@ -119,13 +108,9 @@ class Jde:
     """One search. `while not search.finished: search.tell(costs_of(search.ask()))`."""
 
     def __init__(self, n: int, settings: JdeSettings, seed: int, start: ArrayLike | None = None) -> None:
-        """Draw the initial population.
+        """Draw the initial population of vectors of n genes; (k, n) points to start with replace the first k drawn.
 
-        Args:
-            n: number of genes of a vector.
-            settings: of the search.
-            seed: seed of the random generator; equal seeds give equal searches.
-            start: (k, n) points of the unit cube that replace the first k vectors drawn, or None.
+        Equal seeds give equal searches.
 
         Raises:
             ValueError: n is not positive, the seed is negative, or the start is not in the cube or has more than S rows.
@@ -167,8 +152,7 @@ class Jde:
     @property
     def best(self) -> FloatArray:
         """(n,) the vector of least cost so far; the first one while no cost is known."""
-        best: FloatArray = self._population[self._best].copy()
-        return best
+        return np.array(self._population[self._best])
 
     @property
     def best_cost(self) -> float:
@@ -207,13 +191,10 @@ class Jde:
         return "generations" if g >= self.settings.generations else ""
 
     def ask(self) -> FloatArray:
-        """Return the points whose costs are wanted: the initial population first, then the trials of each generation.
+        """Return the (S, n) points whose costs are wanted: the initial population first, then the trials of each generation.
 
         A second call before the costs are told returns equal points. Random numbers are drawn here only, as many for
         each generation, whatever the costs.
-
-        Returns:
-            (S, n) points of the unit cube.
 
         Raises:
             ValueError: the search has finished.
@@ -235,24 +216,22 @@ class Jde:
         rows = draws[: (5 + k) * size].reshape(5 + k, size)
         crossing = draws[(5 + k) * size :]
         descent = s.slope * self.generation / s.generations  # ng - 1 generations are complete
-        f = adapt(self._f, rows[0:2], s.f_bounds, s.tau_f, descent)
-        cr = adapt(self._cr, rows[2:4], s.cr_bounds, s.tau_cr, descent)
+        f = evolution.adapt(self._f, rows[0:2], s.f_bounds, s.tau_f, descent)
+        cr = evolution.adapt(self._cr, rows[2:4], s.cr_bounds, s.tau_cr, descent)
         first = (rows[4] * n).astype(np.intp)
-        base, donors = mutate(s.strategy, self._population, self._population[self._best], f, distinct_partners(rows[5:]))
+        partners = evolution.distinct_partners(rows[5:])
+        base, donors = evolution.mutate(s.strategy, self._population, self._population[self._best], f, partners)
         if binomial:
-            mask = binomial_mask(cr, crossing.reshape(size, n), first)
+            mask = evolution.binomial_mask(cr, crossing.reshape(size, n), first)
         else:
-            mask = exponential_mask(cr, crossing, first, n)
-        return np.where(mask, repair(donors, base), self._population), f, cr
+            mask = evolution.exponential_mask(cr, crossing, first, n)
+        return np.where(mask, evolution.repair(donors, base), self._population), f, cr
 
     def tell(self, costs: ArrayLike) -> None:
-        """Take the costs of the points asked for, and select: a trial replaces its parent unless it is worse.
+        """Take the (S,) costs of the points asked for, and select: a trial replaces its parent unless it is worse.
 
         A cost that is NaN or infinite counts as worse than any. A lower bound of a trial's cost will do where it exceeds the
         parent's cost, as an evaluation broken off gives it: the outcome is the same.
-
-        Args:
-            costs: (S,) in the order of the points.
 
         Raises:
             ValueError: nothing was asked, or the shape is another one.
@@ -262,7 +241,7 @@ class Jde:
         told = np.asarray(costs, dtype=np.float64)
         if told.shape != self._costs.shape:
             raise ValueError(f"costs have shape {told.shape}, wanted {self._costs.shape}")
-        won = replaces(told, self._costs)
+        won = evolution.replaces(told, self._costs)
         self._costs = np.where(won, told, self._costs)
         if self._history:
             self._population = np.where(won[:, np.newaxis], self._trials, self._population)
@@ -274,8 +253,7 @@ class Jde:
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the whole search as arrays that `numpy.savez` keeps without pickle, points asked for but not told included.
 
-        Returns:
-            Copies by name; settings under `settings.<name>`.
+        Settings have names such as `settings.<name>`.
         """
         generator: Any = self._rng.bit_generator.state
         words = [generator["state"][key] for key in ("state", "inc")]
@@ -340,11 +318,6 @@ _ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
 
 
 def _like(array: NDArray[Any], wanted: NDArray[Any], name: str) -> NDArray[Any]:
-    """Return an array of a state, if its shape and type are those wanted.
-
-    Raises:
-        ValueError: they are not.
-    """
     if array.shape != wanted.shape:
         raise ValueError(f"{name} of the state has shape {array.shape}, wanted {wanted.shape}")
     if array.dtype.kind != wanted.dtype.kind:

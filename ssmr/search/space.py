@@ -47,13 +47,11 @@ class Parameter:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
             raise ValueError(f"the bounds of {self.name}, {self.lower:g} and {self.upper:g}, must be finite")
         if not self.lower < self.upper:
-            raise ValueError(
-                f"the bounds of {self.name} are {self.lower:g} and {self.upper:g}: the lower must be less than the upper"
-            )
+            bounds = f"{self.lower:g} and {self.upper:g}"
+            raise ValueError(f"the bounds of {self.name} are {bounds}: the lower must be less than the upper")
         if self.scale == "log" and not self.lower > 0.0:
-            raise ValueError(
-                f"{self.name} is searched on a logarithmic scale; its lower bound {self.lower:g} must be positive"
-            )
+            bound = f"its lower bound {self.lower:g} must be positive"
+            raise ValueError(f"{self.name} is searched on a logarithmic scale; {bound}")
 
 
 def declared(declaration: Declaration, bounds: tuple[float, float] | None = None) -> Parameter:
@@ -62,11 +60,10 @@ def declared(declaration: Declaration, bounds: tuple[float, float] | None = None
     Raises:
         ValueError: no bounds are declared or given, or they make no sense.
     """
-    d = declaration
-    if bounds is None and d.search is None:
+    d, within = declaration, bounds or declaration.search
+    if within is None:
         raise ValueError(f"{d.name} has no bounds of a search; give some")
-    lower, upper = bounds or d.search or (0.0, 0.0)
-    return Parameter(d.name, d.unit, lower, upper, d.scale, d.low, d.high)
+    return Parameter(d.name, d.unit, *within, d.scale, d.low, d.high)
 
 
 class ParameterSpace:

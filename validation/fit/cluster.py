@@ -74,14 +74,10 @@ class Cluster:
 
     def _check_versions(self) -> None:
         here = store.versions()
-        for worker, there in self._run_versions().items():
+        for worker, there in self._client.run(store.versions).items():
             differs = [f"{p} {there.get(p)} there, {here[p]} here" for p in MUST_AGREE if there.get(p) != here[p]]
             if differs:
                 raise ClusterError(f"worker {worker} has other versions, so its numbers would differ: {'; '.join(differs)}")
-
-    def _run_versions(self) -> dict[str, dict[str, str]]:
-        """Return the versions of the packages on each worker."""
-        return dict(self._client.run(store.versions))
 
     def __call__(
         self, points: FloatArray, limits: FloatArray, on_share: Callable[[float], object] | None = None
@@ -92,7 +88,7 @@ class Cluster:
             KeyboardInterrupt: Ctrl-C was pressed; the work that has not begun is cancelled.
         """
         workers = self._client.scheduler_info(n_workers=-1)["workers"]
-        addresses = sorted(workers)
+        addresses = sorted(workers)[: len(points)]
         shares = [np.arange(len(points))[i :: len(addresses)] for i in range(len(addresses))]
         futures = [
             self._client.submit(
@@ -100,14 +96,13 @@ class Cluster:
                 allow_other_workers=True, pure=False,
             )
             for address, share in zip(addresses, shares, strict=True)
-            if len(share)
         ]  # fmt: skip
         try:
             while on_share is not None and not all(f.done() for f in futures):
                 on_share(sum(f.done() for f in futures) / len(futures))
                 time.sleep(0.05)
             costs = np.empty(len(points))
-            for share, found in zip([s for s in shares if len(s)], self._client.gather(futures), strict=True):
+            for share, found in zip(shares, self._client.gather(futures), strict=True):
                 costs[share] = found
         except KeyboardInterrupt:
             self._client.cancel(futures)

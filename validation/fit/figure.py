@@ -23,36 +23,13 @@ from ssmr.metrics.poses import HorizonErrors, horizon_windows, relative_pose_err
 from ssmr.types import FloatArray, Trajectory
 from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import FitData, Scored
-from validation.fit.search_figure import SearchLooks, draw_title, search_page
+from validation.fit.search_figure import SearchLooks, draw_title, search_page, title_path
 from validation.fit.table import (
     fit_notes,
     source_text,
 )
-from validation.show.drawing import (
-    BESIDE_INK,
-    BROAD,
-    DASHED,
-    NARROW,
-    Dashes,
-    HorizonMarks,
-    Ink,
-    Panel,
-    Row,
-    corner_note,
-    draw_dart,
-    draw_horizons,
-    draw_ring,
-    draw_section,
-    equal_scales,
-    ink_of,
-    inset,
-    joined,
-    line_legend,
-    narrow,
-    side_by_side,
-    text_row,
-    yaw_degrees,
-)
+from validation.show import drawing
+from validation.show.drawing import BESIDE_INK, BROAD, DASHED, NARROW, Dashes, HorizonMarks, Ink, Panel, Row
 from validation.show.tables import length_unit, shortened
 
 _LONGEST_STRETCH = 30.0
@@ -69,9 +46,6 @@ def _truth_key(result: FitData, scored: Scored) -> str:
     return "truth" if scored.reference_name == result.model else scored.reference_name
 
 
-# --- header, notes, footer ---
-
-
 def _draw_header(result: FitData, ax: Axes) -> None:
     """Draw the title, how the search ended, and the legend of all motions."""
     names = [Path(part.strip()).name for part in result.source.split(",")]
@@ -80,17 +54,14 @@ def _draw_header(result: FitData, ax: Axes) -> None:
     draw_title(result, f"{result.model} fitted to ", f"{shortened(names[0], 80)}{more}", about, ax)
     handles, labels = [], []
     for key, name in {_truth_key(result, s): s.reference_name for s in (*result.train, *result.held_out)}.items():
-        handles.append(Line2D([], [], color=ink_of(key), linewidth=BROAD))
+        handles.append(Line2D([], [], color=drawing.ink_of(key), linewidth=BROAD))
         labels.append(f"{name}, the true motion")
-    handles.append(Line2D([], [], color=ink_of(result.model), linewidth=NARROW))
+    handles.append(Line2D([], [], color=drawing.ink_of(result.model), linewidth=NARROW))
     labels.append(f"{result.model}, fitted")
     if any(s.before for s in (*result.train, *result.held_out)):
         handles.append(Line2D([], [], color=BESIDE_INK, linewidth=1.1, linestyle=DASHED))
         labels.append(f"{result.model} before the fit")
-    line_legend(ax, handles, labels)
-
-
-# --- fitted against the truth ---
+    drawing.line_legend(ax, handles, labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +113,7 @@ def _quality(stretch: _Stretch) -> str:
 def _draw_path(result: FitData, stretch: _Stretch, ax: Axes) -> None:
     """Draw the true motion, the fitted plant and the plant before, laid on one start where only a part is shown."""
     scored, k = stretch.scored, stretch.piece
-    inset(ax, above=0.22)
+    drawing.inset(ax, above=0.22)
 
     def seen(piece: Trajectory) -> FloatArray:
         if stretch.whole:
@@ -154,21 +125,17 @@ def _draw_path(result: FitData, stretch: _Stretch, ax: Axes) -> None:
     if scored.before:
         before = seen(scored.before[k])
         ax.plot(*before[:, :2].T, color=BESIDE_INK, linewidth=1.1, linestyle=DASHED, zorder=2.2, gid="before")
-    ax.plot(*truth[:, :2].T, color=ink_of(key), linewidth=BROAD, zorder=2.0, gid="truth")
-    ax.plot(*motion[:, :2].T, color=ink_of(result.model), linewidth=NARROW, zorder=2.5, gid="fitted")
-    draw_dart(ax, truth[-1], key, 12.0)
-    draw_dart(ax, motion[-1], result.model, 12.0)
-    draw_ring(ax, *map(float, truth[0, :2]))
-    equal_scales(ax, 0.6)
+    ax.plot(*truth[:, :2].T, color=drawing.ink_of(key), linewidth=BROAD, zorder=2.0, gid="truth")
+    ax.plot(*motion[:, :2].T, color=drawing.ink_of(result.model), linewidth=NARROW, zorder=2.5, gid="fitted")
+    drawing.draw_dart(ax, truth[-1], key, 12.0)
+    drawing.draw_dart(ax, motion[-1], result.model, 12.0)
+    drawing.draw_ring(ax, *map(float, truth[0, :2]))
+    drawing.equal_scales(ax, 0.6)
     ax.locator_params(nbins=6)
     names = ("x [m]", "y [m]") if stretch.whole else ("ahead [m]", "to the left [m]")
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    box = ax.get_window_extent()
-    title = ax.set_title(source_text(scored, 80), pad=19.0, fontsize=10.0)
-    narrow(title, (min(box.x1 + 0.5 * figure.dpi, figure.bbox.x1 - 0.1 * figure.dpi) - box.x0) / figure.dpi)
+    title_path(source_text(scored, 80), 19.0, 0.5, ax)
     if stretch.held_out:
-        corner_note(ax, "held out")
+        drawing.corner_note(ax, "held out")
     ax.set(xlabel=names[0], ylabel=names[1], label="held out" if stretch.held_out else "train")
     ax.annotate(_quality(stretch), (0.0, 1.0), (0.0, 5.0), xycoords="axes fraction", textcoords="offset points", va="bottom",
                 fontsize=8.5, color="0.25")  # fmt: skip
@@ -176,13 +143,14 @@ def _draw_path(result: FitData, stretch: _Stretch, ax: Axes) -> None:
 
 def _draw_position_error(result: FitData, scored: Scored, ax: Axes) -> None:
     """Draw the distance from the true motion at the same instant, of the fitted plant and of the plant before."""
-    inset(ax, above=0.22)
-    looks: list[tuple[Sequence[Trajectory], Ink, Dashes, str]] = [(scored.motion, ink_of(result.model), "solid", "fitted")]
+    drawing.inset(ax, above=0.22)
+    fitted = drawing.ink_of(result.model)
+    looks: list[tuple[Sequence[Trajectory], Ink, Dashes, str]] = [(scored.motion, fitted, "solid", "fitted")]
     if scored.before:
         looks.append((scored.before, BESIDE_INK, DASHED, "before"))
     curves = []
     for pieces, _, _, _ in looks:
-        curves.append(joined([(r.t, np.hypot(*(p.xy - r.xy).T)) for p, r in zip(pieces, scored.truth, strict=True)]))
+        curves.append(drawing.joined([(r.t, np.hypot(*(p.xy - r.xy).T)) for p, r in zip(pieces, scored.truth, strict=True)]))
     unit = length_unit([float(np.nanmax(error)) for _, error in curves])
     for (_, ink, dashes, gid), (t, error) in zip(looks, curves, strict=True):
         ax.plot(t, error * unit.scale, color=ink, linestyle=dashes, linewidth=NARROW if gid == "fitted" else 1.1, gid=gid)
@@ -202,60 +170,46 @@ def _path_rows(result: FitData) -> tuple[list[Row], list[str]]:
     if shown[0].whole and len(panels) < MAX_ABREAST:
         panels.insert(1, partial(_draw_position_error, result, shown[0].scored))
     abreast = math.ceil(len(panels) / math.ceil(len(panels) / MAX_ABREAST))
-    rows = [text_row(_SECTION_IN, partial(draw_section, _path_heading(shown)))]
+    heading = "Paths [m]"
+    if not all(stretch.whole for stretch in shown):
+        heading = "Paths over the stretch of median error, all laid on the same pose at its start [m]"
+    rows = [drawing.text_row(_SECTION_IN, partial(drawing.draw_section, heading))]
     for k in range(0, len(panels), abreast):
         part = panels[k : k + abreast]
         if len(part) == 2 and len(panels) == 2 and shown[0].whole:
-            share = _path_share(shown[0])
+            width, height = np.ptp(shown[0].scored.truth[shown[0].piece].xy, axis=0) + 0.5
+            share = float(np.clip(0.06 + 0.2 * width / height, 0.36, 0.64))  # by the path's own proportions
             rows.append(Row(_PATHS_IN[2], ((share, part[0]), (1.0 - share, part[1]))))
         else:
-            rows.append(side_by_side(_PATHS_IN[len(part)], part))
+            rows.append(drawing.side_by_side(_PATHS_IN[len(part)], part))
     without = [source_text(s) for s in (*result.train[MAX_TRAIN:], *result.held_out[MAX_HELD_OUT:])]
     return rows, [f"Without a picture of their own: {', '.join(without)}."] if without else []
 
 
-def _path_share(stretch: _Stretch) -> float:
-    """Return the share of the width that a path beside one other panel takes, by its own proportions."""
-    width, height = np.ptp(stretch.scored.truth[stretch.piece].xy, axis=0) + 0.5
-    return float(np.clip(0.06 + 0.2 * width / height, 0.36, 0.64))
-
-
-def _path_heading(shown: Sequence[_Stretch]) -> str:
-    if all(stretch.whole for stretch in shown):
-        return "Paths [m]"
-    return "Paths over the stretch of median error, all laid on the same pose at its start [m]"
-
-
-# --- errors by horizon ---
-
-
 def _horizon_rows(result: FitData) -> list[Row]:
     """Return panels of position and yaw error by horizon, on sources that were fitted to and held out."""
-    ink = ink_of(result.model)
+    ink = drawing.ink_of(result.model)
     darker: Ink = (0.55 * ink[0], 0.55 * ink[1], 0.55 * ink[2])
+    most = 32 if len(result.held_out) < 3 else 20
     marks = [
         HorizonMarks("before the fit", BESIDE_INK, "X", result.before_horizons),
         HorizonMarks("fitted to", ink, "o", result.train_horizons),
     ]
     for scored, marker in zip(result.held_out, "DsvP" * len(result.held_out), strict=False):
-        marks.append(
-            HorizonMarks(
-                f"held out: {source_text(scored, 32 if len(result.held_out) < 3 else 20)}", darker, marker, scored.horizons
-            )
-        )
+        marks.append(HorizonMarks(f"held out: {source_text(scored, most)}", darker, marker, scored.horizons))
     marks = [each for each in marks if each.errors]
     if not marks:
         return []
     bar = "median, bar to 95th percentile"
+
+    def millimetres(errors: HorizonErrors) -> tuple[float, float]:
+        return 1e3 * errors.position_median_m, 1e3 * errors.position_p95_m
+
     panels: list[Panel] = [
-        partial(draw_horizons, marks, f"Position error by horizon [mm]: {bar}", _position_mm),
-        partial(draw_horizons, marks, f"Yaw error by horizon [deg]: {bar}", yaw_degrees),
+        partial(drawing.draw_horizons, marks, f"Position error by horizon [mm]: {bar}", millimetres),
+        partial(drawing.draw_horizons, marks, f"Yaw error by horizon [deg]: {bar}", drawing.yaw_degrees),
     ]
-    return [side_by_side(_HORIZON_IN, panels), text_row(_LEGEND_IN, partial(_draw_marks, marks))]
-
-
-def _position_mm(errors: HorizonErrors) -> tuple[float, float]:
-    return 1e3 * errors.position_median_m, 1e3 * errors.position_p95_m
+    return [drawing.side_by_side(_HORIZON_IN, panels), drawing.text_row(_LEGEND_IN, partial(_draw_marks, marks))]
 
 
 def _draw_marks(marks: Sequence[HorizonMarks], ax: Axes) -> None:
@@ -264,12 +218,12 @@ def _draw_marks(marks: Sequence[HorizonMarks], ax: Axes) -> None:
     handles = [
         Line2D([], [], color=m.ink, marker=m.marker, markersize=8.0, markeredgecolor="white", linewidth=2.5) for m in marks
     ]
-    line_legend(ax, handles, [m.name for m in marks])
+    drawing.line_legend(ax, handles, [m.name for m in marks])
 
 
 def fit_figure(result: FitData) -> Figure:
     """Draw a fit, 1600 px wide: course of the search, parameters, correlations, paths, errors by horizon, notes."""
     paths, left_out = _path_rows(result)
-    looks = SearchLooks(result, ink_of(result.model), "Parameters", "before the fit", result.correlation)
+    looks = SearchLooks(result, drawing.ink_of(result.model), "Parameters", "before the fit", result.correlation)
     details = [*paths, *_horizon_rows(result)]
     return search_page(partial(_draw_header, result), looks, details, [*fit_notes(result), *left_out])

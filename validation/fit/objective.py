@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+from typing import Literal, get_args
 
 import numba
 import numpy as np
@@ -89,18 +90,6 @@ class SignedErrors:
     """(K,) number of the block of time that each error belongs to, counted over all pieces."""
 
 
-class Rater(Protocol):
-    """A rater of one piece of motion."""
-
-    def cost(self, poses: FloatArray) -> FloatArray:
-        """Return the (S,) terms of the cost of (S, M, 3) poses; NaN where a pose is NaN."""
-        ...
-
-    def errors(self, poses: FloatArray) -> SignedErrors:
-        """Return the signed errors that the cost is made of, or stands for."""
-        ...
-
-
 @jit_parallel
 def path_costs(poses, truth, k_rms, k_haus, k_ratio):
     """Return (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
@@ -112,7 +101,7 @@ def path_costs(poses, truth, k_rms, k_haus, k_ratio):
 
 
 class SyncRater:
-    """The sync objective: RMS of position and yaw errors at equal times."""
+    """The rater of one piece by the sync objective: RMS of position and yaw errors at equal times."""
 
     def __init__(self, truth: Trajectory, cost: FitCost, weight: float, block: int) -> None:
         """Keep the true motion, the piece's share in the cost, and the number of its first block of time."""
@@ -124,7 +113,7 @@ class SyncRater:
         return error[..., :2], wrap_angle(error[..., 2])
 
     def cost(self, poses: FloatArray) -> FloatArray:
-        """Return the (S,) terms of the cost, see `Rater`."""
+        """Return the (S,) terms of the cost of (S, M, 3) poses; NaN where a pose is NaN."""
         position, yaw = self._errors(poses)
         rms = np.sqrt((position**2).sum(axis=2).mean(axis=1)), np.sqrt((yaw**2).mean(axis=1))
         return self._weight * (rms[0] + self._cost.yaw_weight * rms[1])
@@ -154,8 +143,7 @@ class HorizonRater:
         self._cost = cost
         found = [windows(truth.t, horizon, piece.fresh) for horizon in cost.horizons]
         self._starts, self._ends = (np.concatenate([f[end] for f in found]) for end in (0, 1))
-        horizons = len(cost.horizons)
-        shares = [np.full(len(f[0]), 1.0 / (n * horizons)) for f, n in zip(found, counts, strict=True)]
+        shares = [np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)]
         self._weight = np.concatenate(shares)
         self._block = block + np.floor((truth.t[self._starts] - truth.t[0]) / BLOCK_S)
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
@@ -166,7 +154,7 @@ class HorizonRater:
         return error[..., :2], wrap_angle(error[..., 2])
 
     def cost(self, poses: FloatArray) -> FloatArray:
-        """Return the (S,) terms of the cost, see `Rater`."""
+        """Return the (S,) terms of the cost of (S, M, 3) poses."""
         position, yaw = self._errors(poses)
         size = np.hypot(position[..., 0], position[..., 1]) + self._cost.yaw_weight * np.abs(yaw)
         return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
@@ -177,11 +165,14 @@ class HorizonRater:
         return SignedErrors(position, yaw, self._weight, self._block)
 
 
-def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> tuple[IndexArray, IndexArray]:
-    """Return overlapping windows of a gap-free record: those of `horizon_windows`, begun every `WINDOW_STRIDE`.
+Rater = SyncRater | HorizonRater
+"""A rater of one piece of motion: its `cost`, and the signed `errors` that the cost is made of, or stands for."""
 
-    Returns:
-        (W,) start indices and (W,) end indices, each window once, in order of start.
+
+def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> tuple[IndexArray, IndexArray]:
+    """Return (W,) starts and ends of overlapping windows of a gap-free record, each once, in order of start.
+
+    They are those of `horizon_windows`, begun every `WINDOW_STRIDE`.
     """
     found: set[tuple[int, int]] = set()
     for offset in np.arange(0.0, horizon, WINDOW_STRIDE):
@@ -201,25 +192,20 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[list[Rater]
         ValueError: no window of a horizon fits into the sources.
     """
     pieces = [pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)]
-    raters: list[Rater] = []
-    block = 0
+    seconds = [float(truth.t[-1] - truth.t[0]) for _, truth in pieces]
+    lengths = [1 + int(s / (BLOCK_S if cost.objective == "horizon" else SCENARIO_BLOCK_S)) for s in seconds]
+    blocks = itertools.accumulate(lengths[:-1], initial=0)  # the first block of each piece
+    raters: Iterator[Rater]
     if cost.objective == "horizon":
         per_piece = [[len(windows(truth.t, h, piece.fresh)[0]) for h in cost.horizons] for piece, truth in pieces]
         counts = np.sum(per_piece, axis=0)
         if not counts.all():
-            longest = max(float(truth.t[-1] - truth.t[0]) for _, truth in pieces)
             raise ValueError(
                 f"no window of {cost.horizons[int(np.argmin(counts))]:g} s fits into the sources, whose longest stretch "
-                f"without a gap has {longest:.1f} s; name shorter horizons"
+                f"without a gap has {max(seconds):.1f} s; name shorter horizons"
             )
-        for piece, truth in pieces:
-            raters.append(HorizonRater(truth, piece, cost, list(counts), block))
-            block += 1 + int((truth.t[-1] - truth.t[0]) / BLOCK_S)
+        raters = (HorizonRater(r, p, cost, list(counts), b) for (p, r), b in zip(pieces, blocks, strict=True))
     else:
-        total = sum(float(truth.t[-1] - truth.t[0]) for _, truth in pieces)
         make = PathRater if cost.objective == "path" else SyncRater
-        for _, truth in pieces:
-            raters.append(make(truth, cost, float(truth.t[-1] - truth.t[0]) / total, block))
-            block += 1 + int((truth.t[-1] - truth.t[0]) / SCENARIO_BLOCK_S)
-    split = iter(raters)
-    return [[next(split) for _ in target.source.pieces] for target in targets]
+        raters = (make(r, cost, s / sum(seconds), b) for (_, r), s, b in zip(pieces, seconds, blocks, strict=True))
+    return [[next(raters) for _ in target.source.pieces] for target in targets]

@@ -30,14 +30,7 @@ class FitProblem:
     def __init__(
         self, model: str, base: PlantProfile, space: ParameterSpace, targets: Sequence[FitTarget], cost: FitCost
     ) -> None:
-        """Prepare the scoring windows.
-
-        Args:
-            model: the plant that is fitted.
-            base: its numbers where they are not searched.
-            space: the parameters that are searched.
-            targets: the motions that it is fitted to.
-            cost: the distance that is made small; an objective that is None is chosen by the targets.
+        """Prepare the scoring windows of a fit that begins with the numbers of `base`; targets choose an objective of None.
 
         Raises:
             ValueError: the sources are too short for the cost.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -33,12 +34,8 @@ class CheckpointError(ValueError):
     """A checkpoint that cannot be read, or that belongs to another search."""
 
 
-class Evaluate(Protocol):
-    """A function that rates a generation, in this process or on a cluster."""
-
-    def __call__(self, points: FloatArray, limits: FloatArray, on_share: Callable[[float], object] | None) -> FloatArray:
-        """Return the (S,) costs of (S, n) points with (S,) limits, see `SearchProblem.costs`."""
-        ...
+Evaluate = Callable[[FloatArray, FloatArray, Callable[[float], object] | None], FloatArray]
+"""A function that rates a generation, here or on a cluster: points, limits and `on_share`, see `SearchProblem.costs`."""
 
 
 class SearchProblem(Protocol):
@@ -52,16 +49,13 @@ class SearchProblem(Protocol):
     def costs(
         self, points: FloatArray, limits: FloatArray | None, workers: int, on_share: Callable[[float], object] | None
     ) -> FloatArray:
-        """Rate candidates.
+        """Return the (S,) costs of (S, n) points of the unit cube; infinite for one that is impossible or fails.
 
         Args:
-            points: (S, n) points of the unit cube.
+            points: the candidates.
             limits: (S,) costs; a candidate whose partial sum exceeds its limit is abandoned, and that sum is returned.
             workers: number of threads; the result does not depend on it.
             on_share: called, from any thread, with the share of the work that is done.
-
-        Returns:
-            (S,) costs; infinite for a candidate that is impossible or fails.
         """
         ...
 
@@ -119,15 +113,9 @@ class SearchOptions:
         Raises:
             ValueError: a number is out of its range.
         """
-        return JdeSettings(
-            population=population if self.population is None else self.population,
-            generations=generations if self.generations is None else self.generations,
-            strategy=self.strategy,
-            crossover=self.crossover,
-            df=self.df,
-            patience=self.patience,
-            target=-np.inf if self.target is None else self.target,
-        )
+        usual = {"population": population, "generations": generations, "target": -math.inf}
+        chosen = {f.name: getattr(self, f.name) for f in fields(JdeSettings) if hasattr(self, f.name)}
+        return JdeSettings(**chosen | {k: v for k, v in usual.items() if chosen[k] is None})
 
     def record(self, settings: JdeSettings) -> dict[str, Any]:
         """Return what a result file holds of the search's settings."""
@@ -180,10 +168,7 @@ class Search:
     def run(self, evaluate: Evaluate, checkpoint: Path | None = None, progress: Report = silent) -> None:
         """Search until a stop rule holds or Ctrl-C is pressed; either way what was found stays.
 
-        Args:
-            evaluate: rates a generation.
-            checkpoint: file to write after every generation.
-            progress: called with the number of generations done and the best candidate.
+        The checkpoint is written, and `progress` called with the best candidate, after every generation.
         """
         began, before, rated = time.perf_counter(), self.wall_s, self.jde.evaluations
 
@@ -215,9 +200,8 @@ class Search:
         text = f"cost {self.jde.best_cost:.5g}"
         if self.space is None or not np.isfinite(self.jde.best_cost):
             return text
-        values = list(zip(self.space.names, self.space.values(self.jde.best), strict=True))
-        more = ", …" if len(values) > _SHOWN_VALUES else ""
-        return f"{text}: {', '.join(f'{n} {v:.4g}' for n, v in values[:_SHOWN_VALUES])}{more}"
+        values = [f"{n} {v:.4g}" for n, v in zip(self.space.names, self.space.values(self.jde.best), strict=True)]
+        return f"{text}: {', '.join(values[:_SHOWN_VALUES])}{', …' * (len(values) > _SHOWN_VALUES)}"
 
     def save(self, path: Path) -> None:
         """Write a checkpoint, whole or not at all."""
@@ -233,14 +217,7 @@ class Search:
 
     @classmethod
     def load(cls, path: Path, identity: Mapping[str, str]) -> tuple[Search, dict[str, str]]:
-        """Read a checkpoint.
-
-        Args:
-            path: the file.
-            identity: the digests of the search that is asked for now; the checkpoint must have the same.
-
-        Returns:
-            The search, and the versions of the packages that it began with.
+        """Return the search of a checkpoint, which must have this identity, and the package versions that it began with.
 
         Raises:
             CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
@@ -289,16 +266,8 @@ def search_for(
 ) -> Search:
     """Search from the beginning, or from a checkpoint, until a stop rule holds or Ctrl-C is pressed.
 
-    Args:
-        problem: rates the candidates.
-        settings: the optimiser's.
-        options: seed, threads and checkpoint.
-        start: (k, n) candidates for the first population.
-        progress: called as the search goes on.
-        evaluate: rates a generation in the place of `problem.costs`, such as a cluster.
-
-    Returns:
-        The search with at least one candidate of finite cost.
+    The (k, n) `start` are candidates for the first population; `evaluate`, such as a cluster, rates generations in the place
+    of `problem.costs`. The search that is returned has at least one candidate of finite cost.
 
     Raises:
         ValueError: settings that make no sense, a folder that cannot be written, or the checkpoint of another search.
@@ -308,11 +277,12 @@ def search_for(
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
     plain |= {"start": None if start is None else start.tolist(), "seed": options.seed}
     identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
-    if options.resume and options.checkpoint is None:
-        raise ValueError("resume needs a checkpoint to continue from")
-    search = _loaded(options.checkpoint, identity) if options.resume and options.checkpoint is not None else None
-    if search is None:
-        search = Search(Jde(len(problem.space), settings, options.seed, start), identity)
+    search = None
+    if options.resume:
+        if options.checkpoint is None:
+            raise ValueError("resume needs a checkpoint to continue from")
+        search = _loaded(options.checkpoint, identity)
+    search = search or Search(Jde(len(problem.space), settings, options.seed, start), identity)
     search.space = problem.space
     if options.checkpoint is not None:
         store.make_folder(options.checkpoint.parent)

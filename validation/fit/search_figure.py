@@ -16,24 +16,8 @@ from matplotlib.ticker import MaxNLocator
 from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter, SearchData
 from validation.fit.table import STOPPED, effort, ending, flags, unit_text, value_text
-from validation.show.drawing import (
-    ALARM,
-    BESIDE_INK,
-    DASHED,
-    QUIET,
-    Ink,
-    Panel,
-    Row,
-    draw_footer,
-    inset,
-    narrow,
-    note_rows,
-    plain_ticks,
-    put_together,
-    side_by_side,
-    stacked,
-    text_row,
-)
+from validation.show import drawing
+from validation.show.drawing import ALARM, BESIDE_INK, DASHED, QUIET, Ink, Panel, Row
 from validation.show.tables import option_text, shortened
 
 _BESIDE = 6
@@ -53,23 +37,11 @@ def draw_title(result: SearchData, lead: str, title: str, about: str, ax: Axes) 
     """Draw the title, how the search ended, and a line about it."""
     ax.set_axis_off()
     heading = ax.text(0.0, 1.0, f"{lead}{title}", transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top")
-    narrow(heading, _HEADING_IN, lead)
+    drawing.narrow(heading, _HEADING_IN, lead)
     finished = result.status == "finished"
     ax.text(1.0, 1.0, ending(result), transform=ax.transAxes, ha="right", va="top", fontsize=10.5,
             fontweight="normal" if finished else "bold", color=QUIET if finished else ALARM)  # fmt: skip
     ax.text(0.0, 0.64, shortened(f"{effort(result)} · {about}", 150), transform=ax.transAxes, va="top", color="0.25")
-
-
-def footer_text(result: SearchData) -> str:
-    """Return the line at the bottom: profile, seed, options and versions."""
-    options = [
-        f"{k} {option_text(result.options[k])}" for k in ("objective", "strategy", "population") if k in result.options
-    ]
-    versions = [
-        f"{name} {version}" for name, version in result.versions.items() if name in ("ssmr-testbed", "mujoco", "numpy")
-    ]
-    parts = [f"profile {shortened(result.begun_with, 24)}", f"seed {result.seed}", *options, *versions]
-    return shortened(" · ".join(parts), 170)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +83,7 @@ def _draw_convergence(looks: SearchLooks, ax: Axes) -> None:
     if len(known) and known.min() > 0.0 and known.max() > _DECADE * known.min():
         ax.set_yscale("log")
         span = known.max() / known.min()
-        plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if span < 200.0 else (1.0,))
+        drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if span < 200.0 else (1.0,))
     ax.margins(x=0.02, y=0.08)
     ax.set_xlim(-0.02 * len(best) - 0.2, len(best) - 1.0 + 0.02 * len(best) + 0.2)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
@@ -124,7 +96,7 @@ def _draw_strips(looks: SearchLooks, which: Sequence[int], places: int, ax: Axes
     result = looks.result
     names = [f"{i + 1}  {p.name}" if looks.numbered else p.name for i, p in enumerate(result.parameters)]
     right = max(len(f"{p.upper:g} {unit_text(p.unit)}") for p in result.parameters)
-    inset(ax, left=_CHARACTER_IN * (max(map(len, names)) + 8) - 0.45, right=_CHARACTER_IN * right)
+    drawing.inset(ax, left=_CHARACTER_IN * (max(map(len, names)) + 8) - 0.45, right=_CHARACTER_IN * right)
     ax.set(xlim=(0.0, 1.0), ylim=(places - 0.45, -0.6), xticks=[], yticks=[])
     ax.set_title(f"{looks.what} within their bounds" if which[0] == 0 else "")
     ax.spines[:].set_visible(False)
@@ -174,7 +146,7 @@ def _draw_correlation(looks: SearchLooks, beside: bool, ax: Axes) -> None:
     n = len(result.parameters)
     assert correlation is not None
     if not beside:
-        inset(ax, left=_CHARACTER_IN * (max(len(p.name) for p in result.parameters) + 4) - 0.5)
+        drawing.inset(ax, left=_CHARACTER_IN * (max(len(p.name) for p in result.parameters) + 4) - 0.5)
     colours = matplotlib.colormaps["RdBu_r"].with_extremes(bad="0.9")  # grey where a parameter would meet itself
     others = np.ma.masked_array(correlation, np.eye(n, dtype=np.bool_))
     ax.imshow(others, cmap=colours, vmin=-1.0, vmax=1.0, aspect="auto", interpolation="nearest")
@@ -197,7 +169,7 @@ def _draw_correlation(looks: SearchLooks, beside: bool, ax: Axes) -> None:
                         color="white" if abs(correlation[i, j]) > 0.65 else "0.2")  # fmt: skip
 
 
-def search_rows(looks: SearchLooks) -> list[Row]:
+def _search_rows(looks: SearchLooks) -> list[Row]:
     """Return rows of convergence, parameters and correlations, arranged by the number of parameters."""
     n, convergence = len(looks.result.parameters), partial(_draw_convergence, looks)
     every = partial(_draw_strips, looks, range(n), n)
@@ -209,15 +181,29 @@ def search_rows(looks: SearchLooks) -> list[Row]:
     if not looks.numbered:
         half = (n + 1) // 2
         columns = [partial(_draw_strips, looks, range(half), half), partial(_draw_strips, looks, range(half, n), half)]
-        return [side_by_side(_CONVERGENCE_IN, [convergence]), side_by_side(_STRIPS_IN + _STRIP_IN * half, columns)]
+        strips = drawing.side_by_side(_STRIPS_IN + _STRIP_IN * half, columns)
+        return [drawing.side_by_side(_CONVERGENCE_IN, [convergence]), strips]
     height = max(5.8, _STRIPS_IN + _STRIP_IN * n)
     upper = 2.0 / (height - 1.67)
-    left = partial(stacked, [(upper, convergence), (1.0 - upper, partial(_draw_correlation, looks, False))])
+    left = partial(drawing.stacked, [(upper, convergence), (1.0 - upper, partial(_draw_correlation, looks, False))])
     return [Row(height, ((0.42, left), (0.58, every)))]
 
 
 def search_page(header: Panel, looks: SearchLooks, details: Sequence[Row], notes: Sequence[str]) -> Figure:
     """Put a search's picture together: header, course and values of the search, further rows, notes and footer."""
-    footer = text_row(_FOOTER_IN, partial(draw_footer, footer_text(looks.result)))
-    rows = [text_row(_HEADER_IN, header), Row(_GAP_IN, ()), *search_rows(looks), *details, *note_rows(notes), footer]
-    return put_together(rows)
+    result = looks.result
+    parts = [f"profile {shortened(result.begun_with, 24)}", f"seed {result.seed}"]
+    shown = [k for k in ("objective", "strategy", "population") if k in result.options]
+    parts += [f"{k} {option_text(result.options[k])}" for k in shown]
+    parts += [f"{k} {result.versions[k]}" for k in result.versions if k in ("ssmr-testbed", "mujoco", "numpy")]
+    footer = drawing.text_row(_FOOTER_IN, partial(drawing.draw_footer, shortened(" · ".join(parts), 170)))
+    rows = [drawing.text_row(_HEADER_IN, header), Row(_GAP_IN, ()), *_search_rows(looks), *details]
+    return drawing.put_together([*rows, *drawing.note_rows(notes), footer])
+
+
+def title_path(text: str, pad: float, beyond: float, ax: Axes) -> None:
+    """Write the title of a panel `pad` points above it, shortened to end at most `beyond` [in] to the right of it."""
+    figure, box = ax.get_figure(root=True), ax.get_window_extent()
+    assert figure is not None
+    end = min(box.x1 + beyond * figure.dpi, figure.bbox.x1 - 0.1 * figure.dpi)
+    drawing.narrow(ax.set_title(text, pad=pad, fontsize=10.0), (end - box.x0) / figure.dpi)

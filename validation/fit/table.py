@@ -10,21 +10,8 @@ from pathlib import Path
 from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.metrics.poses import HorizonErrors
 from validation.fit.data import FitData, FittedParameter, Scored, SearchData
-from validation.show.tables import (
-    DEGREES,
-    METRES,
-    NOTHING,
-    Cell,
-    Grid,
-    Unit,
-    code_span,
-    markdown_table,
-    meanings,
-    one_line,
-    option_text,
-    shortened,
-    units_of,
-)
+from validation.show import tables
+from validation.show.tables import NOTHING, Cell, Grid, one_line
 
 VAGUE_SHARE = 0.5
 """A parameter whose interval takes up a greater share of the space between its bounds is marked as uncertain."""
@@ -46,9 +33,9 @@ STOPPED = {
 AT_BOUND, VAGUE = "at bound", "uncertain"
 
 _METRICS = tuple(METRICS[name] for name in ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad"))
-_HORIZONS: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] = (
-    ("position", METRES, lambda e: e.position_median_m),
-    ("yaw", DEGREES, lambda e: e.yaw_median_rad),
+_HORIZONS: tuple[tuple[str, tables.Unit, Callable[[HorizonErrors], float]], ...] = (
+    ("position", tables.METRES, lambda e: e.position_median_m),
+    ("yaw", tables.DEGREES, lambda e: e.yaw_median_rad),
 )
 
 
@@ -89,7 +76,7 @@ def unit_text(unit: str) -> str:
 
 def source_text(scored: Scored, most: int = LONGEST_SOURCE) -> str:
     """Return a source's name without its folders, in at most `most` characters."""
-    return shortened(Path(scored.label).name, most)
+    return tables.shortened(Path(scored.label).name, most)
 
 
 def flags(p: FittedParameter) -> list[str]:
@@ -151,7 +138,7 @@ def _rows(result: FitData) -> list[list[tuple[str, Metrics, dict[float, HorizonE
 def _score_grid(result: FitData) -> Grid:
     groups = _rows(result)
     scores = [metrics for group in groups for _, metrics, _ in group]
-    units = units_of(_METRICS, scores)
+    units = tables.units_of(_METRICS, scores)
     header = [("source", "")] + [(metric.label, unit.symbol) for metric, unit in zip(_METRICS, units, strict=True)]
 
     def cells(label: str, metrics: Metrics) -> tuple[Cell, ...]:
@@ -203,23 +190,23 @@ def fit_notes(result: FitData) -> list[str]:
 
 def fit_markdown(result: FitData) -> str:
     """Return the whole fit as markdown: options, tables, sentences, and the meaning of each metric."""
-    options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in result.options.items() if v is not None)
+    options = ", ".join(f"{one_line(k)} {tables.option_text(v)}" for k, v in result.options.items() if v is not None)
     versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in result.versions.items())
     lines = [
         "# Fit",
         "",
-        f"- plant: {code_span(result.model)}",
-        f"- source: {code_span(result.source)}",
-        f"- begun with profile: {code_span(result.begun_with)}",
+        f"- plant: {tables.code_span(result.model)}",
+        f"- source: {tables.code_span(result.source)}",
+        f"- begun with profile: {tables.code_span(result.begun_with)}",
         f"- {effort(result)}",
         f"- status: {ending(result)}",
-        f"- options: {code_span(options) if options else 'none'}",
-        f"- versions: {code_span(versions) if versions else 'unknown'}",
+        f"- options: {tables.code_span(options) if options else 'none'}",
+        f"- versions: {tables.code_span(versions) if versions else 'unknown'}",
     ]
     for heading, grid in zip(("Parameters", "Scores", "Errors by horizon"), fit_grids(result), strict=False):
         lines += ["", f"## {heading}", ""]
         lines += [f"{grid.title}:", ""] * (heading == "Errors by horizon")
-        lines += markdown_table(grid)
+        lines += tables.markdown_table(grid)
     lines += ["", "## Notes", "", *(f"- {note}" for note in fit_notes(result))] if fit_notes(result) else []
-    lines += ["", "## What the metrics mean", "", *meanings(_METRICS)]
+    lines += ["", "## What the metrics mean", "", *tables.meanings(_METRICS)]
     return "\n".join(lines) + "\n"

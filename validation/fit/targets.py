@@ -16,11 +16,7 @@ from validation.motion.sources import Source, open_source
 from validation.plants.profile import Profile, make_plant
 
 Input = Literal["commands", "wheels", "both"]
-_KINDS: dict[Input, tuple[tuple[str, CommandKind], ...]] = {
-    "commands": (("commands", "twist"),),
-    "wheels": (("wheels", "wheels"),),
-    "both": (("wheels", "wheels"), ("commands", "twist")),
-}
+_KINDS: dict[str, CommandKind] = {"wheels": "wheels", "commands": "twist"}
 _Span = tuple[float | None, float | None]
 
 
@@ -47,17 +43,9 @@ def is_scenario(name: str) -> bool:
 def open_targets(
     names: Sequence[str], profile: Profile, options: FitSources
 ) -> tuple[tuple[FitTarget, ...], tuple[FitTarget, ...]]:
-    """Open the sources of a fit; a plant that drives scenarios is built once.
+    """Return the targets to fit to and those that are held out; a plant that drives scenarios is built once.
 
     A scenario that is held out is driven by the plant that drives the fit's own scenario, unless it names another.
-
-    Args:
-        names: the sources to fit to.
-        profile: gives the plant that drives a scenario its numbers.
-        options: held-out sources, inputs and time span.
-
-    Returns:
-        The targets to fit to, and those that are held out.
 
     Raises:
         ValueError: a source is missing, named twice, cannot be read, or lacks what is asked for.
@@ -94,24 +82,23 @@ def _held_out(names: Sequence[str], options: FitSources, truth_of: _Resolve) -> 
             if full in names or name in names:
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
             held_out.append(truth_of(open_source(full), name))
-        elif Path(name).resolve() in [Path(n).resolve() for n in names]:
-            ends: list[_Span] = [(None, options.start_at), (options.until, None)]
-            spans = [span for span in ends if span != (None, None)]
+            continue
+        spans: list[_Span] = [(None, None)]
+        if Path(name).resolve() in [Path(n).resolve() for n in names]:
+            spans = [span for span in ((None, options.start_at), (options.until, None)) if span != (None, None)]
             if not spans:
                 raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
-            held_out += _recorded(name, options.input, spans, truth_of)
-        else:
-            held_out += _recorded(name, options.input, [(None, None)], truth_of)
+        held_out += _recorded(name, options.input, spans, truth_of)
     return held_out
 
 
 def _recorded(name: str, given: Input, spans: Sequence[_Span], truth_of: _Resolve) -> list[FitTarget]:
     """Return a recording once for each input; several spans of it are one target."""
     targets = []
-    for word, kind in _KINDS[given]:
-        parts = [open_source(name, kind, start, stop) for start, stop in spans]
+    for word in _KINDS if given == "both" else (given,):
+        parts = [open_source(name, _KINDS[word], start, stop) for start, stop in spans]
         whole = replace(parts[0], pieces=tuple(piece for part in parts for piece in part.pieces))
-        targets.append(truth_of(whole, f"{name} ({word})" if len(_KINDS[given]) > 1 else name))
+        targets.append(truth_of(whole, f"{name} ({word})" if given == "both" else name))
     return targets
 
 

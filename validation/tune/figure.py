@@ -12,28 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.control.loop import ClosedRun
-from validation.fit.search_figure import SearchLooks, draw_title, search_page
-from validation.show.drawing import (
-    ALARM,
-    BESIDE_INK,
-    NARROW,
-    REFERENCE_DASHES,
-    REFERENCE_INK,
-    Ink,
-    Panel,
-    Row,
-    corner_note,
-    draw_dart,
-    draw_loss,
-    draw_reference,
-    draw_section,
-    equal_scales,
-    ink_of,
-    inset,
-    line_legend,
-    narrow,
-    text_row,
-)
+from validation.fit.search_figure import SearchLooks, draw_title, search_page, title_path
+from validation.show import drawing
+from validation.show.drawing import ALARM, BESIDE_INK, NARROW, REFERENCE_DASHES, REFERENCE_INK, Ink, Panel, Row
 from validation.show.tables import length_unit, shortened
 from validation.track.table import gains_text
 from validation.tune.data import TuneData, TunedRun
@@ -46,10 +27,6 @@ _SECTION_IN = 0.3
 _PATHS_IN = {1: 3.4, 2: 3.3, 3: 3.1, 4: 2.75}  # height of a row of paths by how many stand in it
 
 
-def _plants(result: TuneData) -> list[str]:
-    return list(dict.fromkeys(f.plant for f in (*result.train, *result.held_out)))
-
-
 def _draw_header(result: TuneData, ax: Axes) -> None:
     """Draw the title, how the search ended, and the legend of paths."""
     names = [Path(name).name for name in result.source.split(",")]
@@ -60,10 +37,10 @@ def _draw_header(result: TuneData, ax: Axes) -> None:
         Line2D([], [], color=BESIDE_INK, linewidth=1.3),
     ]
     labels = ["reference", shortened(result.baseline_name, 40)]
-    for plant in _plants(result):
-        handles.append(Line2D([], [], color=ink_of(plant), linewidth=NARROW))
+    for plant in dict.fromkeys(f.plant for f in (*result.train, *result.held_out)):
+        handles.append(Line2D([], [], color=drawing.ink_of(plant), linewidth=NARROW))
         labels.append(f"tuned, {plant}")
-    line_legend(ax, handles, labels)
+    drawing.line_legend(ax, handles, labels)
 
 
 def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, ax: Axes) -> None:
@@ -71,7 +48,7 @@ def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, a
     x, y = run.columns("x", "y").T
     ax.plot(x, y, color=ink, linewidth=width, zorder=zorder, gid=gid)
     if run.lost and len(x):
-        draw_loss(ax, x[-1], y[-1], f"{gid} lost")
+        drawing.draw_loss(ax, x[-1], y[-1], f"{gid} lost")
 
 
 def _quality(followed: TunedRun) -> tuple[str, str]:
@@ -91,25 +68,21 @@ def _quality(followed: TunedRun) -> tuple[str, str]:
 def _draw_path(followed: TunedRun, held_out: bool, ax: Axes) -> None:
     """Draw the reference, and the robot's path with the tuned gains and with those of the baseline."""
     f = followed
-    inset(ax, above=0.36)
-    draw_reference(ax, f.target.xy)
+    drawing.inset(ax, above=0.36)
+    drawing.draw_reference(ax, f.target.xy)
     _draw_run(f.baseline, BESIDE_INK, 1.3, 2.2, "baseline", ax)
-    _draw_run(f.tuned, ink_of(f.plant), NARROW, 2.5, "tuned", ax)
+    _draw_run(f.tuned, drawing.ink_of(f.plant), NARROW, 2.5, "tuned", ax)
     if len(f.tuned.t):
-        draw_dart(ax, f.tuned.columns("x", "y", "yaw")[-1], f.plant, 11.0)
-    equal_scales(ax, 0.6)
+        drawing.draw_dart(ax, f.tuned.columns("x", "y", "yaw")[-1], f.plant, 11.0)
+    drawing.equal_scales(ax, 0.6)
     ax.locator_params(nbins=5)
     ax.set(xlabel="x [m]", ylabel="y [m]", label="held out" if held_out else "train")
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    box = ax.get_window_extent()
-    title = ax.set_title(run_text(f, 80), pad=31.0, fontsize=10.0)
-    narrow(title, (min(box.x1 + 0.3 * figure.dpi, figure.bbox.x1 - 0.1 * figure.dpi) - box.x0) / figure.dpi)
+    title_path(run_text(f, 80), 31.0, 0.3, ax)
     for k, (text, lost) in enumerate(zip(_quality(f), (f.tuned.lost, f.baseline.lost), strict=True)):
         ax.annotate(text, (0.0, 1.0), (0.0, 17.0 - 12.0 * k), xycoords="axes fraction", textcoords="offset points",
                     va="bottom", fontsize=8.5, color=ALARM if lost else "0.15" if k == 0 else "0.45")  # fmt: skip
     if held_out:
-        corner_note(ax, "held out")
+        drawing.corner_note(ax, "held out")
 
 
 def _path_rows(result: TuneData) -> tuple[list[Row], list[str]]:
@@ -120,11 +93,9 @@ def _path_rows(result: TuneData) -> tuple[list[Row], list[str]]:
         return [], []
     abreast = math.ceil(len(panels) / math.ceil(len(panels) / MAX_ABREAST))
     heading = "Paths [m]: the ring is the start of the reference, the square its end"
-    rows = [text_row(_SECTION_IN, partial(draw_section, heading))]
+    rows = [drawing.text_row(_SECTION_IN, partial(drawing.draw_section, heading))]
     for k in range(0, len(panels), abreast):
-        part = panels[k : k + abreast]
-        share = 1.0 / abreast
-        rows.append(Row(_PATHS_IN[abreast], tuple((share, panel) for panel in part)))
+        rows.append(Row(_PATHS_IN[abreast], tuple((1.0 / abreast, panel) for panel in panels[k : k + abreast])))
     without = [run_text(f) for f in (*result.train[MAX_TRAIN:], *result.held_out[MAX_HELD_OUT:])]
     return rows, [f"Without a picture of their own: {', '.join(without)}."] if without else []
 
@@ -132,7 +103,7 @@ def _path_rows(result: TuneData) -> tuple[list[Row], list[str]]:
 def tune_figure(result: TuneData) -> Figure:
     """Draw a tuning, 1600 px wide: convergence, gains within their bounds, the paths along each reference, and notes."""
     paths, left_out = _path_rows(result)
-    ink: Ink = ink_of(result.train[0].plant) if result.train else "0.1"
+    ink: Ink = drawing.ink_of(result.train[0].plant) if result.train else "0.1"
     looks = SearchLooks(result, ink, "Gains", "baseline", before_cost=result.baseline_cost)
     held = result.held_gains
     notes = [*tune_notes(result), *left_out, *([f"Gains that were held: {gains_text(held)}."] if held else [])]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import control
 import numpy as np
 
 from ssmr._jit import jit
@@ -78,6 +77,8 @@ def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float])
     Raises:
         ValueError: no regulator exists.
     """
+    import control  # here: it brings scipy.signal and matplotlib along, two seconds that a help text need not wait for
+
     try:
         k, _, _ = control.lqr(a, b, np.diag(q), np.diag(r))
     except (np.linalg.LinAlgError, control.ControlArgument) as error:

@@ -21,9 +21,7 @@ class _Sources(FitSources):
     """Options for the sources."""
 
     start_at: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
-    """Leave out what was recorded before this time [s]."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
-    """Leave out what was recorded after this time [s]."""
     held_out: Annotated[cli.Names, cli.option(metavar="SOURCE,...", default="none")] = ()
     """Sources to test on, separated by commas. A fitted recording stands for its parts outside --from and --until."""
 
@@ -62,18 +60,14 @@ class _Search(FitSearch):
     """Options for the search."""
 
     population: Annotated[cli.Count, cli.option(default="50, and 32 for mujoco")] = None
-    """Number of candidates in a generation."""
     generations: Annotated[cli.Count, cli.option(default="300, and 60 for mujoco")] = None
-    """Greatest number of generations after the first population."""
     target: Annotated[cli.Number, cli.option(metavar="COST", default="none")] = None
-    """Cost at which the search stops."""
     seed: cli.Seed = 0
     workers: cli.Workers = None
     checkpoint: tyro.conf.Suppress[Path | None] = None
     resume: cli.Flag = False
     """Continue from the checkpoint in the folder of --out."""
     scheduler: Annotated[str | None, cli.option(metavar="ADDRESS", default="threads of this computer")] = None
-    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates."""
 
 
 @dataclass(frozen=True)

@@ -47,10 +47,10 @@ class FitParameters(FreeParameters):
 
 @dataclass(frozen=True)
 class FitSearch(SearchOptions):
-    """Options of a fit's search."""
+    """Options of a fit's search. A scheduler of None uses this computer's threads."""
 
     scheduler: str | None = None
-    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates. None uses threads."""
+    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates."""
 
 
 def fit(

@@ -66,12 +66,15 @@ class SearchProblem(Protocol):
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Options of the search itself."""
+    """Options of the search itself.
+
+    None takes the sizes that are usual for what is searched, no target, every processor, and no checkpoint.
+    """
 
     population: int | None = None
-    """Number of candidates in a generation. None takes the number that is usual for what is searched."""
+    """Number of candidates in a generation."""
     generations: int | None = None
-    """Greatest number of generations after the first population. None takes the usual number."""
+    """Greatest number of generations after the first population."""
     strategy: Strategy = "best/2"
     """Mutation: best/2 converges fast; rand/1 is slower and leaves local minima."""
     crossover: Crossover = "bin"
@@ -81,13 +84,13 @@ class SearchOptions:
     patience: int = 30
     """Number of generations over which the improvement of the cost is judged."""
     target: float | None = None
-    """The search stops when the cost reaches this value. None never stops it that way."""
+    """Cost at which the search stops."""
     seed: int = 0
     """Seed of the random numbers; equal seeds give equal results."""
     workers: int | None = None
-    """Number of threads; the result does not depend on it. None uses every processor."""
+    """Number of threads; the result does not depend on it."""
     checkpoint: Path | None = None
-    """File in which the search's state is kept after every generation. None keeps none."""
+    """File in which the search's state is kept after every generation."""
     resume: bool = False
     """Continue from the checkpoint."""
 

@@ -22,14 +22,14 @@ _Span = tuple[float | None, float | None]
 
 @dataclass(frozen=True)
 class FitSources:
-    """The parts of sources that a fit uses, and the inputs that drive the plant."""
+    """The parts of sources that a fit uses, and the inputs that drive the plant. A time of None leaves out nothing."""
 
     input: Input = "commands"
     """Inputs of a recording that drive the plant: commands, measured wheel rates, or both, each in its turn."""
     start_at: float | None = None
-    """Leave out what was recorded before this time [s]. None leaves out nothing."""
+    """Leave out what was recorded before this time [s]."""
     until: float | None = None
-    """Leave out what was recorded after this time [s]. None leaves out nothing."""
+    """Leave out what was recorded after this time [s]."""
     held_out: tuple[str, ...] = ()
     """Sources to judge the fit on. A recording that is also fitted to stands for its parts before `start_at` and after
     `until`."""

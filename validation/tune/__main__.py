@@ -12,7 +12,7 @@ from ssmr.control.laws import CONTROLLERS
 from validation import cli
 from validation.fit.search import CHECKPOINT, SearchOptions
 from validation.tune.cost import TuneCost
-from validation.tune.run import TuneParameters, TuneTask, tune
+from validation.tune.options import TuneParameters, TuneTask
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,6 @@ class _Parameters(TuneParameters):
     bounds: Annotated[cli.Bounds, cli.option(default="those of Tab. 4.4 and 4.21")] = field(default_factory=dict)
     """Bounds of the search, such as k_p_y=0:10."""
     gains: Annotated[str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any")] = None
-    """Gain set to begin with, to hold what is not searched, and to compare the outcome with."""
     all: cli.Flag = False
     from_scratch: cli.Flag = False
 
@@ -54,7 +53,6 @@ class _Cost(TuneCost):
     noise_seeds: Annotated[cli.Count, cli.option()] = 1
     """Number of draws of noise and disturbance that the cost is the mean of."""
     k_u: Annotated[cli.Number, cli.option(default="50 for lqr (Tab. 4.20), else 0")] = None
-    """Weight of |1 - u_RMS|, the speed's RMS over the reference's mean speed."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +60,8 @@ class _Search(SearchOptions):
     """Options for the search."""
 
     population: Annotated[cli.Count, cli.option(default="100 (pid, smc), 50 (others), 24 with mujoco")] = None
-    """Number of candidates in a generation."""
     generations: Annotated[cli.Count, cli.option(default="300 (lqr), 150 (others), 20 with mujoco")] = None
-    """Greatest number of generations after the first population."""
     target: Annotated[cli.Number, cli.option(metavar="COST", default="none")] = None
-    """Cost at which the search stops."""
     seed: cli.Seed = 0
     workers: cli.Workers = None
     checkpoint: tyro.conf.Suppress[Path | None] = None
@@ -106,6 +101,8 @@ def main(options: Options) -> None:
 
     Ctrl-C ends the search and writes the best result found so far.
     """
+    from validation.tune.run import tune  # here: a help text need not wait for MuJoCo
+
     plants, seed, output = options.task.plants, options.search.seed, options.output
     folder = output.out or Path("runs") / "tune" / f"{options.controller}-{'-'.join(plants)}"
     with cli.mistakes_are_users(), cli.shown("tune") as progress:

@@ -21,7 +21,10 @@ GUARD_DISTANCE = 1.0
 
 @dataclass(frozen=True)
 class TuneCost:
-    """The cost that a tuning makes small, over all references and plants together."""
+    """The cost that a tuning makes small, over all references and plants together.
+
+    A `k_u` of None is 50 for the LQR (Tab. 4.20), and 0 for other controllers.
+    """
 
     cost: TuneMeasure = "path"
     """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times in the place of distances between
@@ -39,8 +42,7 @@ class TuneCost:
     k_bend: float = 10.0
     """Weight of |1 - e_bend_ratio|."""
     k_u: float | None = None
-    """Weight of |1 - u_RMS|, the speed's RMS over the reference's mean speed. None takes 50 for the LQR (Tab. 4.20), and 0
-    for other controllers."""
+    """Weight of |1 - u_RMS|, the speed's RMS over the reference's mean speed."""
 
     def __post_init__(self) -> None:
         """Check names and weights.

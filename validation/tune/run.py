@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from ssmr.control.laws import LAWS
-from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.loop import LoopSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.fit.search import FreeParameters, SearchOptions, put_options, search_for
+from validation.fit.search import SearchOptions, put_options, search_for
 from validation.fit.uncertainty import bound_sentences, found_parameters
 from validation.plants.profile import Profile, load_profile
 from validation.plants.table import SIMULATED
@@ -22,48 +22,13 @@ from validation.track.gains import DEFAULT, GainSet, load_gains, names
 from validation.track.loops import Robot, make_controller, make_robot, odometry_of, require_practicable
 from validation.track.waypoint_files import open_reference
 from validation.tune.cost import TuneCost
+from validation.tune.options import TuneParameters, TuneTask
 from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space
 from validation.tune.result import TuneResult
 
 _SIMULATED_SIZE = (24, 20)  # population and generations: a simulated run costs a hundred times that of a planar model
 HELD_OUT = tuple(f"{name}@{speed}" for name in ("line", "circle", "sine", "generic") for speed in (0.25, 0.5))
 """References that a tuning is judged on unless others are named, except those it is tuned on."""
-
-
-@dataclass(frozen=True)
-class TuneTask:
-    """The robots, references and noise that a controller is tuned and judged with."""
-
-    plants: tuple[str, ...] = ("improved",)
-    """Plants that the controller must drive; the cost is the mean over all."""
-    speed: float = 0.25
-    """Speed of references that name none [m/s]."""
-    held_out: tuple[str, ...] | None = None
-    """References to judge the gains on. None takes line, circle, sine and generic at 0.25 and 0.5 m/s, except those that are
-    tuned on."""
-    feedback: Feedback = "noisy"
-    """Pose and speed that the controller sees: truth, noisy or ekf."""
-    noise: bool = True
-    """Noise in the feedback, and random disturbances of the yaw rate."""
-    lookahead: float = 0.0
-    """Distance at which the robot keeps behind its target [m]."""
-
-    def loop(self) -> LoopSettings:
-        """Return the settings of the closed loop."""
-        return LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise, lookahead=self.lookahead)
-
-
-@dataclass(frozen=True)
-class TuneParameters(FreeParameters):
-    """The gains that are tuned, and those that the search begins with."""
-
-    gains: str | None = None
-    """Name or path of the gain set to begin with, to hold what is not searched, and to compare the outcome with. None takes
-    the published set, or the controller's defaults where there is none."""
-    all: bool = False
-    """Search the gains too that the thesis sets by hand: feedforward, K_alpha, K_y, K_I."""
-    from_scratch: bool = False
-    """Leave the gains it begins with out of the first population."""
 
 
 def tune(

@@ -1,0 +1,43 @@
+"""Options of a tuning, besides those of its cost and its search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ssmr.control.loop import Feedback, LoopSettings
+from validation.fit.search import FreeParameters
+
+
+@dataclass(frozen=True)
+class TuneTask:
+    """The robots, references and noise that a controller is tuned and judged with."""
+
+    plants: tuple[str, ...] = ("improved",)
+    """Plants that the controller must drive; the cost is the mean over all."""
+    speed: float = 0.25
+    """Speed of references that name none [m/s]."""
+    held_out: tuple[str, ...] | None = None
+    """References to judge the gains on. None takes line, circle, sine and generic at 0.25 and 0.5 m/s, except those that are
+    tuned on."""
+    feedback: Feedback = "noisy"
+    """Pose and speed that the controller sees: truth, noisy or ekf."""
+    noise: bool = True
+    """Noise in the feedback, and random disturbances of the yaw rate."""
+    lookahead: float = 0.0
+    """Distance at which the robot keeps behind its target [m]."""
+
+    def loop(self) -> LoopSettings:
+        """Return the settings of the closed loop."""
+        return LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise, lookahead=self.lookahead)
+
+
+@dataclass(frozen=True)
+class TuneParameters(FreeParameters):
+    """The gains that are tuned, and those that the search begins with: None takes the published set, else the defaults."""
+
+    gains: str | None = None
+    """Gain set to begin with, to hold what is not searched, and to compare the outcome with."""
+    all: bool = False
+    """Search the gains too that the thesis sets by hand: feedforward, K_alpha, K_y, K_I."""
+    from_scratch: bool = False
+    """Leave the gains it begins with out of the first population."""

@@ -15,11 +15,9 @@ from validation.fit.problem import FitProblem
 
 CONNECT_TIMEOUT = 15.0
 """Time within which the scheduler must answer, and then have a worker [s]."""
-MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")
-"""Packages whose versions decide the numbers."""
+_MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")  # packages whose versions decide the numbers
 
-_one_at_a_time = threading.Lock()
-"""A worker process rates one share at a time, on all its threads: the compiled loops use all of them."""
+_one_at_a_time = threading.Lock()  # a worker process rates one share at a time: the compiled loops use all its threads
 
 
 class ClusterError(ValueError):
@@ -75,7 +73,7 @@ class Cluster:
     def _check_versions(self) -> None:
         here = store.versions()
         for worker, there in self._client.run(store.versions).items():
-            differs = [f"{p} {there.get(p)} there, {here[p]} here" for p in MUST_AGREE if there.get(p) != here[p]]
+            differs = [f"{p} {there.get(p)} there, {here[p]} here" for p in _MUST_AGREE if there.get(p) != here[p]]
             if differs:
                 raise ClusterError(f"worker {worker} has other versions, so its numbers would differ: {'; '.join(differs)}")
 

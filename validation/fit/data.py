@@ -43,8 +43,7 @@ class FittedParameter:
     def share(self, value: float) -> float:
         """Return where a value lies between the bounds, on the scale of the search: 0 at the lower, 1 at the upper bound.
 
-        Args:
-            value: in its unit; on a logarithmic scale a value that is not positive lies infinitely far below.
+        On a logarithmic scale a value that is not positive lies infinitely far below.
         """
         if self.scale == "log":
             return math.log(value / self.lower) / math.log(self.upper / self.lower) if value > 0.0 else -math.inf
@@ -106,16 +105,10 @@ class SearchData:
 
     def shared_dict(self) -> dict[str, Any]:
         """Return what the JSON files of fits and tunings have in common."""
+        plain = ("seed", "status", "stopped_by", "cost", "cost_name", "evaluations", "generations", "wall_s")
         return {
             "profile": self.begun_with,
-            "seed": self.seed,
-            "status": self.status,
-            "stopped_by": self.stopped_by,
-            "cost": self.cost,
-            "cost_name": self.cost_name,
-            "evaluations": self.evaluations,
-            "generations": self.generations,
-            "wall_s": self.wall_s,
+            **{name: getattr(self, name) for name in plain},
             "parameters": {p.name: p.as_dict() for p in self.parameters},
             "notes": list(self.remarks),
             "options": dict(self.options),

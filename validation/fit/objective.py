@@ -20,15 +20,10 @@ from validation.motion.sources import Piece, Source
 
 Objective = Literal["path", "sync", "horizon"]
 
-WINDOW_STRIDE = 1.0
-"""Windows of the horizon cost begin this far apart [s]: they overlap, so that noise of single poses averages out."""
-BLOCK_S = 6.0
-"""Errors that begin within one block of time count as one observation [s]: such windows share poses, commands and
-ground."""
-SCENARIO_BLOCK_S = 1.0
-"""Length of a block on the twenty seconds of a scenario [s]."""
-SYNC_STRIDE_S = 0.1
-"""Time between the signed errors of a comparison at equal times [s]."""
+_WINDOW_STRIDE = 1.0  # windows of the horizon cost begin this far apart [s]: noise of single poses averages out
+_BLOCK_S = 6.0  # errors that begin within one block of time count as one observation [s]: they share poses and ground
+_SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
+_SYNC_STRIDE_S = 0.1  # time between the signed errors of a comparison at equal times [s]
 
 
 @dataclass(frozen=True)
@@ -106,7 +101,7 @@ class SyncRater:
     def __init__(self, truth: Trajectory, cost: FitCost, weight: float, block: int) -> None:
         """Keep the true motion, the piece's share in the cost, and the number of its first block of time."""
         self._truth, self._cost, self._weight, self._block = truth, cost, weight, block
-        self._every = max(1, round(SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
+        self._every = max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
 
     def _errors(self, poses: FloatArray, every: int = 1) -> tuple[FloatArray, FloatArray]:
         error = poses[:, ::every] - self._truth.pose[::every]
@@ -123,7 +118,7 @@ class SyncRater:
         position, yaw = self._errors(poses, self._every)
         t = self._truth.t[:: self._every]
         weight = np.full(len(t), self._weight / len(t))
-        return SignedErrors(position, yaw, weight, self._block + np.floor((t - t[0]) / SCENARIO_BLOCK_S))
+        return SignedErrors(position, yaw, weight, self._block + np.floor((t - t[0]) / _SCENARIO_BLOCK_S))
 
 
 class PathRater(SyncRater):
@@ -136,7 +131,7 @@ class PathRater(SyncRater):
 
 
 class HorizonRater:
-    """The horizon objective: mean size of relative pose errors over windows that begin every `WINDOW_STRIDE`."""
+    """The horizon objective: mean size of relative pose errors over windows that begin every second."""
 
     def __init__(self, truth: Trajectory, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
         """Cut the windows; `counts` are the windows of all pieces by horizon, `block` the piece's first block of time."""
@@ -145,7 +140,7 @@ class HorizonRater:
         self._starts, self._ends = (np.concatenate([f[end] for f in found]) for end in (0, 1))
         shares = [np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)]
         self._weight = np.concatenate(shares)
-        self._block = block + np.floor((truth.t[self._starts] - truth.t[0]) / BLOCK_S)
+        self._block = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
 
     def _errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -172,10 +167,10 @@ Rater = SyncRater | HorizonRater
 def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> tuple[IndexArray, IndexArray]:
     """Return (W,) starts and ends of overlapping windows of a gap-free record, each once, in order of start.
 
-    They are those of `horizon_windows`, begun every `WINDOW_STRIDE`.
+    They are those of `horizon_windows`, begun every second.
     """
     found: set[tuple[int, int]] = set()
-    for offset in np.arange(0.0, horizon, WINDOW_STRIDE):
+    for offset in np.arange(0.0, horizon, _WINDOW_STRIDE):
         first = int(np.searchsorted(t, t[0] + offset - 1e-9))
         if first >= len(t) - 1:
             break
@@ -193,7 +188,7 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[list[Rater]
     """
     pieces = [pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)]
     seconds = [float(truth.t[-1] - truth.t[0]) for _, truth in pieces]
-    lengths = [1 + int(s / (BLOCK_S if cost.objective == "horizon" else SCENARIO_BLOCK_S)) for s in seconds]
+    lengths = [1 + int(s / (_BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S)) for s in seconds]
     blocks = itertools.accumulate(lengths[:-1], initial=0)  # the first block of each piece
     raters: Iterator[Rater]
     if cost.objective == "horizon":

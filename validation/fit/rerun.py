@@ -17,22 +17,11 @@ from validation.fit.table import fit_markdown
 from validation.show.palette import colour
 from validation.show.tables import option_text
 
-BEFORE = "before"
-"""Name of the plant before the fit."""
-TRUTH = "truth"
-"""Name of the true motion where the same plant made it."""
-GENERATION = "generation"
-"""The timeline of the search."""
-
 
 def write_fit_recording(result: FitData, path: Path) -> None:
     """Write a fit as a rerun recording, whole or not at all.
 
     The robots are those of the first source that was fitted to. The cost has a timeline of its own, `generation`.
-
-    Args:
-        result: the fit.
-        path: the file, `.rrd`; one that is there already is replaced.
 
     Raises:
         OSError: the file cannot be written.
@@ -40,7 +29,7 @@ def write_fit_recording(result: FitData, path: Path) -> None:
     """
     costs = np.column_stack([result.trace.best_cost, result.trace.median_cost])
     names = (f"best {result.cost_name} cost", "median of the population")
-    history = History("cost", "Cost", GENERATION, names, (colour(result.model), colour("")), costs)
+    history = History("cost", "Cost", "generation", names, (colour(result.model), colour("")), costs)
     write_recording(as_comparison(result), path, fit_markdown(result), [history])
 
 
@@ -50,7 +39,7 @@ def as_comparison(result: FitData) -> ComparisonData:
     Bodies are drawn by the tracked point where that was fitted, else as if it were the plants' own reference point.
     """
     first = result.train[0]
-    reference = TRUTH if first.reference_name == result.model else first.reference_name
+    reference = "truth" if first.reference_name == result.model else first.reference_name
     found = {p.name: p for p in result.parameters}
 
     def tracked(of: Callable[[FittedParameter], float]) -> tuple[float, float]:
@@ -62,7 +51,7 @@ def as_comparison(result: FitData) -> ComparisonData:
 
     plants = [plant(result.model, first.motion, tracked(lambda p: p.value))]
     if first.before:
-        plants.append(plant(BEFORE, first.before, tracked(lambda p: p.before)))
+        plants.append(plant("before", first.before, tracked(lambda p: p.before)))
     if reference != "recording":
         plants.append(plant(reference, first.truth, (0.0, 0.0)))
     return ComparisonData(

@@ -33,8 +33,7 @@ from validation.progress import Progress, Report, silent
 _SIZE, _SIMULATED_SIZE = (50, 300), (32, 60)  # usual population and generations; Tab. 3.7, and for simulated bodies
 PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
 """The profile that a fit begins with unless another is given."""
-SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)
-"""Horizons of the relative pose errors in results [s]."""
+_SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)  # horizons of the relative pose errors in results [s]
 
 
 @dataclass(frozen=True)
@@ -155,11 +154,7 @@ def _record(
 def _first_points(
     space: ParameterSpace, model: str, base: PlantProfile, start: Mapping[str, float] | None
 ) -> FloatArray | None:
-    """Return the (1, n) candidate to begin with, in the unit cube; None for none.
-
-    Raises:
-        ValueError: a start outside the bounds, or of a parameter that is not free.
-    """
+    """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
     if start is None:
         return None
     for name in start:
@@ -171,16 +166,10 @@ def _first_points(
 
 
 def _require_possible(problem: FitProblem) -> None:
-    """Refuse numbers that no candidate can have: the profile's own, and bounds of the inertia that no body has.
-
-    Raises:
-        ValueError: the plant cannot be built; the message says why.
-    """
-    ends: list[dict[str, float]] = [{}]
-    if problem.model in SIMULATED:
-        bodies = [p for p in problem.space.parameters if p.name in ("yaw_inertia", "mass")]
-        ends += [{p.name: end} for p in bodies for end in (p.lower, p.upper)]
-    for end in ends:
+    """Refuse numbers that no candidate can have: the profile's own, and bounds of the inertia that no body has."""
+    bodies = [p for p in problem.space.parameters if p.name in ("yaw_inertia", "mass") and problem.model in SIMULATED]
+    ends = [{p.name: end} for p in bodies for end in (p.lower, p.upper)]
+    for end in ({}, *ends):
         plant = with_values(problem.model, problem.base, list(end), end.values())
         try:
             _built(problem.model, plant)
@@ -193,11 +182,7 @@ def _built(model: str, plant: PlantProfile) -> Plant:
 
 
 def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget]) -> dict[str, Any]:
-    """Return the fields of a `FitResult` that say how well the fitted plant predicts motion.
-
-    Raises:
-        SsmrError: the fitted plant fails on what is held out.
-    """
+    """Return the fields of a `FitResult` that say how well the fitted plant predicts motion."""
     fitted = problem.candidate(point)
     assert fitted is not None
     plants = [(_built(problem.model, p), p.tracked_point) for p in (fitted, problem.base)]
@@ -211,20 +196,18 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget
         before: tuple[Trajectory, ...] = ()
         with contextlib.suppress(SsmrError):
             before = motions(target, 1)
-        errors = horizons_of([(target.source, motion)], SCORE_HORIZONS)
+        errors = horizons_of([(target.source, motion)], _SCORE_HORIZONS)
         metrics = compare_pieces(motion, target.truth)
         return Scored(target.label, target.source.reference, target.truth, motion, before, metrics, errors)
 
     train = tuple(map(scored, problem.targets))
     sources = [target.source for target in problem.targets]
-    known_before = all(s.before for s in train)
+    befores = list(zip(sources, [s.before for s in train], strict=True))
     return {
         "train": train,
         "train_metrics": compare_pieces([m for s in train for m in s.motion], [t for s in train for t in s.truth]),
-        "train_horizons": horizons_of(list(zip(sources, [s.motion for s in train], strict=True)), SCORE_HORIZONS),
-        "before_horizons": horizons_of(list(zip(sources, [s.before for s in train], strict=True)), SCORE_HORIZONS)
-        if known_before
-        else {},
+        "train_horizons": horizons_of(list(zip(sources, [s.motion for s in train], strict=True)), _SCORE_HORIZONS),
+        "before_horizons": horizons_of(befores, _SCORE_HORIZONS) if all(s.before for s in train) else {},
         "held_out": tuple(map(scored, held_out)),
     }
 

@@ -13,16 +13,11 @@ from validation.fit.data import FitData, FittedParameter, Scored, SearchData
 from validation.show import tables
 from validation.show.tables import NOTHING, Cell, Grid, one_line
 
-VAGUE_SHARE = 0.5
-"""A parameter whose interval takes up a greater share of the space between its bounds is marked as uncertain."""
-KNOWN_DIGITS = 4
-"""Significant digits of a number whose error is not known."""
-MOST_DIGITS = 7
-"""Greatest number of significant digits: only a fit to a model's own motion has smaller errors."""
-SHOWN_HORIZONS = (2.0, 6.0, 30.0)
-"""Horizons in tables [s]; all that were scored where none of these was."""
-LONGEST_SOURCE = 32
-"""Greatest number of characters of a source's name."""
+_VAGUE_SHARE = 0.5  # a parameter with a wider interval, as a share of the space between its bounds, is marked as uncertain
+_KNOWN_DIGITS = 4  # significant digits of a number whose error is not known
+_MOST_DIGITS = 7  # greatest number of significant digits: only a fit to a model's own motion has smaller errors
+_SHOWN_HORIZONS = (2.0, 6.0, 30.0)  # horizons in tables [s]; all that were scored where none of these was
+_LONGEST_SOURCE = 32  # greatest number of characters of a source's name
 STOPPED = {
     "generations": "all generations done",
     "improvement": "no more improvement",
@@ -30,7 +25,6 @@ STOPPED = {
     "interrupt": "interrupted",
 }
 """Reasons why a search ended, in words."""
-AT_BOUND, VAGUE = "at bound", "uncertain"
 
 _METRICS = tuple(METRICS[name] for name in ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad"))
 _HORIZONS: tuple[tuple[str, tables.Unit, Callable[[HorizonErrors], float]], ...] = (
@@ -40,8 +34,8 @@ _HORIZONS: tuple[tuple[str, tables.Unit, Callable[[HorizonErrors], float]], ...]
 
 
 def is_vague(p: FittedParameter) -> bool:
-    """Return whether the 95 % interval takes up more than `VAGUE_SHARE` of the space between the bounds."""
-    return p.interval_95 is not None and p.share(p.interval_95[1]) - p.share(p.interval_95[0]) > VAGUE_SHARE
+    """Return whether the 95 % interval takes up more than `_VAGUE_SHARE` of the space between the bounds."""
+    return p.interval_95 is not None and p.share(p.interval_95[1]) - p.share(p.interval_95[0]) > _VAGUE_SHARE
 
 
 def value_text(p: FittedParameter) -> str:
@@ -55,7 +49,7 @@ def value_text(p: FittedParameter) -> str:
     exponent = math.floor(math.log10(error))
     leading = error / 10.0**exponent
     decimals = (1 if leading < 3.55 else 0) - exponent
-    most = MOST_DIGITS - 1 - math.floor(math.log10(abs(p.value))) if p.value != 0.0 else decimals
+    most = _MOST_DIGITS - 1 - math.floor(math.log10(abs(p.value))) if p.value != 0.0 else decimals
     if decimals > most:
         return f"{p.value:.{max(most, 0)}f} ± {error:.1g}"
     rounded = (f"{round(x, decimals):.{max(decimals, 0)}f}" for x in (p.value, error))
@@ -66,7 +60,7 @@ def number_text(value: float) -> str:
     """Return a number whose error is not known; `off` for the infinite value of a limit that is off."""
     if math.isinf(value):
         return "off"
-    return f"{value:.{KNOWN_DIGITS}g}" if math.isfinite(value) else NOTHING
+    return f"{value:.{_KNOWN_DIGITS}g}" if math.isfinite(value) else NOTHING
 
 
 def unit_text(unit: str) -> str:
@@ -74,14 +68,14 @@ def unit_text(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
-def source_text(scored: Scored, most: int = LONGEST_SOURCE) -> str:
+def source_text(scored: Scored, most: int = _LONGEST_SOURCE) -> str:
     """Return a source's name without its folders, in at most `most` characters."""
     return tables.shortened(Path(scored.label).name, most)
 
 
 def flags(p: FittedParameter) -> list[str]:
     """Return warnings about a parameter."""
-    return [AT_BOUND] * p.at_bound + [VAGUE] * is_vague(p)
+    return ["at bound"] * p.at_bound + ["uncertain"] * is_vague(p)
 
 
 def ending(result: SearchData) -> str:
@@ -106,23 +100,11 @@ def parameter_grid(parameters: Sequence[FittedParameter], what: str, before: str
     known = any(p.standard_error is not None for p in parameters)
     value = "value ±\u00a0standard\u00a0error" if known else "value"
     names = (what, "unit", value, "lower bound", "upper bound", before, "warning")
-    rows = [
-        tuple(
-            map(
-                Cell,
-                (
-                    p.name,
-                    unit_text(p.unit),
-                    value_text(p),
-                    f"{p.lower:g}",
-                    f"{p.upper:g}",
-                    number_text(p.before),
-                    ", ".join(flags(p)),
-                ),
-            )
-        )
-        for p in parameters
-    ]
+    rows = []
+    for p in parameters:
+        bounds = f"{p.lower:g}", f"{p.upper:g}"
+        texts = p.name, unit_text(p.unit), value_text(p), *bounds, number_text(p.before), ", ".join(flags(p))
+        rows.append(tuple(map(Cell, texts)))
     return Grid(tuple((name, "") for name in names), (tuple(rows),), left=2)
 
 
@@ -144,37 +126,33 @@ def _score_grid(result: FitData) -> Grid:
     def cells(label: str, metrics: Metrics) -> tuple[Cell, ...]:
         return Cell(label), *(Cell(u.text(metrics[m.name])) for m, u in zip(_METRICS, units, strict=True))
 
-    return Grid(tuple(header), tuple(tuple(cells(label, m) for label, m, _ in group) for group in groups), left=1)
+    rows = tuple(tuple(cells(label, m) for label, m, _ in group) for group in groups)
+    return Grid(tuple(header), rows, title="Scores of the fitted plant", left=1)
 
 
-def _horizon_grid(result: FitData) -> Grid | None:
-    """Return medians by horizon; None where there are no recordings."""
+def _horizon_grids(result: FitData) -> list[Grid]:
+    """Return medians by horizon, where there are recordings."""
     groups = [[row for row in group if row[2]] for group in _rows(result)]
     known = sorted({h for group in groups for _, _, errors in group for h in errors})
-    shown = [h for h in known if h in SHOWN_HORIZONS] or known
+    shown = [h for h in known if h in _SHOWN_HORIZONS] or known
     if not shown:
-        return None
+        return []
     header = [("source", "")] + [(f"{name} {h:g}\u00a0s", unit.symbol) for name, unit, _ in _HORIZONS for h in shown]
 
     def cells(label: str, errors: dict[float, HorizonErrors]) -> tuple[Cell, ...]:
         texts = [unit.text(value(errors[h])) if h in errors else NOTHING for _, unit, value in _HORIZONS for h in shown]
         return Cell(label), *map(Cell, texts)
 
-    return Grid(tuple(header), tuple(tuple(cells(k, e) for k, _, e in group) for group in groups if group), left=1)
+    rows = tuple(tuple(cells(k, e) for k, _, e in group) for group in groups if group)
+    return [Grid(tuple(header), rows, title="Median error of the relative pose after a horizon", left=1)]
 
 
 def fit_grids(result: FitData) -> list[Grid]:
     """Return the parameters, the scores on each source, and median errors by horizon where there are recordings."""
     title = f"{result.model} fitted to {one_line(result.source)} · begun with profile {one_line(result.begun_with)}"
     parameters = parameter_grid(result.parameters, "parameter", "before")
-    grids = [
-        replace(parameters, title=title, caption=f"{effort(result)}\n{ending(result)}\n"),
-        replace(_score_grid(result), title="Scores of the fitted plant"),
-    ]
-    horizons = _horizon_grid(result)
-    if horizons is not None:
-        grids.append(replace(horizons, title="Median error of the relative pose after a horizon"))
-    return grids
+    caption = f"{effort(result)}\n{ending(result)}\n"
+    return [replace(parameters, title=title, caption=caption), _score_grid(result), *_horizon_grids(result)]
 
 
 def fit_notes(result: FitData) -> list[str]:

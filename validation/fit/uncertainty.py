@@ -21,18 +21,13 @@ from validation.fit.objective import SignedErrors
 from validation.fit.problem import FitProblem
 from validation.plants.table import SIMULATED
 
-METHOD = "robust sandwich estimate at the optimum over {blocks} blocks of time, limited by the bounds"
-_STEP = 0.01
-"""Step of the central differences, in the unit cube."""
-IGNORANCE = 12.0**-0.5
-"""Standard deviation of a number of which only the bounds are known, in the unit cube."""
+_STEP = 0.01  # of the central differences, in the unit cube
+_IGNORANCE = 12.0**-0.5  # standard deviation of a number of which only the bounds are known, in the unit cube
 VAGUE = 0.2
 """A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
 bounds alone it is 0.29."""
-ENTANGLED = 0.95
-"""Correlation beyond which the data cannot tell two parameters apart ..."""
-WORTH_TELLING = 0.01
-"""... unless both are known to better than this share of the bounds' width."""
+_ENTANGLED = 0.95  # correlation beyond which the data cannot tell two parameters apart ...
+_WORTH_TELLING = 0.01  # ... unless both are known to better than this share of the bounds' width
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +47,7 @@ class Uncertainty:
 
 
 def estimate(problem: FitProblem, point: FloatArray, workers: int = 1) -> Uncertainty:
-    """Estimate standard errors and correlations at a point.
-
-    Args:
-        problem: the fit's problem.
-        point: (n,) the optimum, in the unit cube.
-        workers: threads; the result does not depend on it.
-    """
+    """Estimate standard errors and correlations at the optimum, an (n,) point of the unit cube, on so many threads."""
     n = len(point)
     below, above = np.maximum(point - _STEP, 0.0), np.minimum(point + _STEP, 1.0)
     beside = [np.where(np.arange(n) == i, end, point) for i in range(n) for end in (below, above)]
@@ -77,7 +66,7 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1) -> Uncert
         np.where(known[:, None], np.stack(ends, axis=1), np.nan),
         correlation,
         share,
-        METHOD.format(blocks=len(np.unique(found.block))),
+        f"robust sandwich estimate at the optimum over {len(np.unique(found.block))} blocks of time, limited by the bounds",
     )
 
 
@@ -90,8 +79,8 @@ def _linearised(found: SignedErrors, width: FloatArray, yaw_weight: float) -> tu
 def _sandwich(rows: FloatArray, jacobian: FloatArray, weight: FloatArray, block: FloatArray) -> FloatArray:
     """Return the (n, n) covariance in the unit cube.
 
-    The curvature of the ignorance, R = (noise / IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
-    direction that no error sees gets IGNORANCE, one that all see is not touched, and none gets more: where the scatter
+    The curvature of the ignorance, R = (noise / _IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
+    direction that no error sees gets _IGNORANCE, one that all see is not touched, and none gets more: where the scatter
     of a few blocks claims more than the bounds allow, the bounds say more than it.
     """
     n = jacobian.shape[2]
@@ -111,10 +100,10 @@ def _sandwich(rows: FloatArray, jacobian: FloatArray, weight: FloatArray, block:
     sums -= sums.mean(axis=0)  # at an optimum of the cost itself it is nothing
     scatter = sums.T @ sums * (blocks / max(blocks - 1, 1))
     noise = float(np.trace(scatter)) / max(float(np.trace(curvature)), 1e-300)
-    ridge = max(noise, 1e-300) / IGNORANCE**2
+    ridge = max(noise, 1e-300) / _IGNORANCE**2
     inverse = np.linalg.inv(curvature + ridge * np.eye(n))
-    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * IGNORANCE) ** 2 * np.eye(n)) @ inverse)
-    return np.asarray((axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T)
+    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * _IGNORANCE) ** 2 * np.eye(n)) @ inverse)
+    return np.asarray((axes * np.clip(spread, 0.0, _IGNORANCE**2)) @ axes.T)
 
 
 def found_parameters(
@@ -148,14 +137,7 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
 
 
 def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty | None) -> tuple[str, ...]:
-    """Return sentences on what the fit cannot say.
-
-    Args:
-        model: the plant.
-        space: the parameters that were searched.
-        point: (n,) the optimum, in the unit cube.
-        uncertainty: of the values; None where it was not estimated.
-    """
+    """Return sentences on what a fit with its optimum at an (n,) point of the unit cube cannot say."""
     out = bound_sentences(space, point)
     if uncertainty is None:
         return tuple(out)
@@ -180,11 +162,11 @@ def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty:
 
 
 def _groups(names: Sequence[str], uncertainty: Uncertainty) -> list[tuple[list[str], str]]:
-    """Return the groups of parameters linked by correlations beyond ENTANGLED, and the strength of these in words."""
+    """Return the groups of parameters linked by correlations beyond _ENTANGLED, and the strength of these in words."""
     from scipy.sparse.csgraph import connected_components
 
     size, share = np.abs(uncertainty.correlation), uncertainty.share
-    linked = (size > ENTANGLED) & (np.maximum.outer(share, share) > WORTH_TELLING) & ~np.eye(len(names), dtype=bool)
+    linked = (size > _ENTANGLED) & (np.maximum.outer(share, share) > _WORTH_TELLING) & ~np.eye(len(names), dtype=bool)
     count, label = connected_components(linked, directed=False)
     found = []
     for k in range(count):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -22,15 +22,15 @@ from validation.tune.data import TunedRun
 
 
 def make_tuning_space(
-    controller: str, free: Sequence[str] | None, everything: bool, bounds: Mapping[str, tuple[float, float]]
+    controller: str,
+    free: Sequence[str] | None,
+    everything: bool,
+    bounds: Mapping[str, tuple[float, float]],
+    fixed: Collection[str] = (),
 ) -> ParameterSpace:
     """Return the gains that are searched, with their usual bounds or those given.
 
-    Args:
-        controller: name of the controller.
-        free: names of the gains; None for the usual ones.
-        everything: search the gains too that the thesis sets by hand.
-        bounds: lower and upper bounds by name.
+    They are those that are free, or the usual ones, or `everything`, also what the thesis sets by hand; without the fixed.
 
     Raises:
         ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no sense.
@@ -38,7 +38,7 @@ def make_tuning_space(
     law = LAWS[controller]
     known = {name: d for name, d in described(law.gains).items() if d.search is not None}
     rest = [name for name in known if everything and name not in law.searched]
-    names = [*law.searched, *rest] if free is None else list(free)
+    names = [name for name in ((*law.searched, *rest) if free is None else free) if name not in fixed]
     for name in (*names, *bounds):
         if name not in known:
             raise ValueError(f"{controller} has no gain '{name}' to tune; there are: {', '.join(known)}")
@@ -83,12 +83,7 @@ class TuneProblem:
     ) -> None:
         """Sample the references, and delay each robot for the stability guard.
 
-        Args:
-            profile: gives model-based laws their model.
-            base: the gains that are not searched, and that the tuned ones are compared with.
-            space: the gains that are searched.
-            cases: the robots and references that the cost is the mean of.
-            cost: what is made small.
+        The profile gives model-based laws their model; the tuned gains are compared with those of `base`.
         """
         self.profile, self.base, self.space, self.cases, self.cost = profile, base, space, tuple(cases), cost
         self._seeds = cost.seeds or (0,)

@@ -11,7 +11,6 @@ import numpy as np
 
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
-from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.fit.search import SearchOptions, put_options, search_for
 from validation.fit.uncertainty import bound_sentences, found_parameters
@@ -73,7 +72,7 @@ def tune(
     chosen = profile if isinstance(profile, Profile) else load_profile(profile)
     base = _base_gains(controller, parameters)
     make_controller(chosen, base)
-    space = _search_space(controller, parameters)
+    space = make_tuning_space(controller, parameters.free, parameters.all, parameters.bounds, parameters.fix)
     law = LAWS[controller]
     heavy = any(name in SIMULATED for name in task.plants)
     settings = search.settings(*(_SIMULATED_SIZE if heavy else (law.population, law.generations)))
@@ -110,22 +109,8 @@ def tune(
     return replace(result, gain_set=_with_provenance(result))
 
 
-def _search_space(controller: str, parameters: TuneParameters) -> ParameterSpace:
-    """Return the gains that are searched, without those that are fixed."""
-    free = [n for n in parameters.free or () if n not in parameters.fix] if parameters.free is not None else None
-    space = make_tuning_space(controller, free, parameters.all, parameters.bounds)
-    if any(name in parameters.fix for name in space.names):
-        kept = [name for name in space.names if name not in parameters.fix]
-        space = make_tuning_space(controller, kept, parameters.all, parameters.bounds)
-    return space
-
-
 def _base_gains(controller: str, parameters: TuneParameters) -> GainSet:
-    """Return the gains that a tuning begins with: those named, else the published, else the defaults; with those held.
-
-    Raises:
-        ValueError: unknown gains.
-    """
+    """Return the gains that a tuning begins with: those named, else the published, else the defaults; with those held."""
     published = f"{controller}-published" in names(controller)
     base = load_gains(controller, parameters.gains or ("published" if published else DEFAULT))
     unknown = [name for name in parameters.fix if name not in base.values]
@@ -135,11 +120,7 @@ def _base_gains(controller: str, parameters: TuneParameters) -> GainSet:
 
 
 def _references(wanted: Sequence[str], speed: float) -> list[tuple[str, float]]:
-    """Return names and speeds [m/s] of references such as `circle@0.5`; `speed` where none is named.
-
-    Raises:
-        ValueError: a speed that is no number.
-    """
+    """Return names and speeds [m/s] of references such as `circle@0.5`; `speed` where none is named."""
     out = []
     for text in wanted:
         name, at, given = text.rpartition("@")
@@ -151,11 +132,7 @@ def _references(wanted: Sequence[str], speed: float) -> list[tuple[str, float]]:
 
 
 def _cases(wanted: Sequence[tuple[str, float]], robots: Sequence[Robot], settings: LoopSettings) -> tuple[TuneCase, ...]:
-    """Return every robot on every reference.
-
-    Raises:
-        ValueError: a reference that cannot be read, or that no wheel can follow.
-    """
+    """Return every robot on every reference."""
     out = []
     for name, speed in wanted:
         label, waypoints = open_reference(name, speed)

@@ -62,7 +62,7 @@ def test_other_versions_are_refused(lab: Profile, address: str, monkeypatch: pyt
     now = store.versions()
     monkeypatch.setattr("validation.fit.cluster.store.versions", lambda: {**now, "mujoco": "2.0"})
     p = problem(lab, scenario(lab), FitCost(), "coulomb")
-    monkeypatch.setattr(Cluster, "_run_versions", lambda self: {"worker": now})
+    monkeypatch.setattr(distributed.Client, "run", lambda self, function: {"worker": now})
     with pytest.raises(ClusterError, match=r"mujoco .* there, 2\.0 here"):
         Cluster(address, p)
 

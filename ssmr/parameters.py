@@ -1,11 +1,11 @@
 """Numbers of a model, declared once: default, unit, allowed range and search bounds stand at the dataclass field.
 
-@dataclass(frozen=True)
-class Tyre:
-friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, search=(0.1, 1.2))
+    @dataclass(frozen=True)
+    class Tyre:
+        friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, search=(0.1, 1.2))
 
-def __post_init__(self) -> None:
-check_parameters(self)
+        def __post_init__(self) -> None:
+            check_parameters(self)
 """
 
 from __future__ import annotations

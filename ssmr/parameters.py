@@ -1,5 +1,7 @@
 """Numbers of a model, declared once: default, unit, allowed range and search bounds stand at the dataclass field.
 
+For example:
+
     @dataclass(frozen=True)
     class Tyre:
         friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, search=(0.1, 1.2))

@@ -8,10 +8,8 @@ compiled functions keep their Python source, see `source`.
 from __future__ import annotations
 
 import hashlib
-import importlib
 import os
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,14 +22,6 @@ from numba.core import types
 from numba.extending import overload
 
 from ssmr.types import FloatArray
-
-if "scipy.linalg" not in sys.modules:
-    # Numba would load all of scipy.linalg only to see whether there is a BLAS. Products of matrices still find it.
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
-    try:
-        importlib.import_module("numba.np.arraymath")
-    finally:
-        del sys.modules["scipy.linalg"]
 
 config: Any = numba_config
 """Settings of numba, which it reads from the environment when it is imported; no stub declares them."""

@@ -176,10 +176,10 @@ def good_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any], flo
     add("sheet", ".xlsx", _write_sheet, lambda p: waypoint_files.read_waypoints(p, 0.25), 0.05)
     shipped = ROOT / "validation"
     for name in ("thesis-lab", "husky-tile"):
-        source = shipped / "profiles" / f"{name}.toml"
-        add(f"profile {name}", ".toml", lambda p, s=source: shutil.copy(s, p), lambda p: profiles.load(str(p)), 0.10)
+        source = shipped / "plants" / "profiles" / f"{name}.toml"
+        add(f"profile {name}", ".toml", lambda p, s=source: shutil.copy(s, p), lambda p: profiles.load_profile(str(p)), 0.10)
     for name in ("pid-tuned", "smc-tuned"):
-        source = shipped / "gains" / f"{name}.toml"
+        source = shipped / "track" / "gain_sets" / f"{name}.toml"
         law = name.partition("-")[0]
         read = lambda p, law=law: gains.load_gains(law, str(p))  # noqa: E731
         add(f"gains {name}", ".toml", lambda p, s=source: shutil.copy(s, p), read, 0.05)

@@ -184,6 +184,7 @@ class RobustnessOptions:
         if max(self.seeds, self.runs) > _MOST_RUNS:
             raise ValueError(f"seeds {self.seeds} and runs {self.runs} must not exceed {_MOST_RUNS}")
         require_in_range(self, "timestep", 1e-5, 0.01)
+        require_in_range(self, "speed", 0.0, 100.0, open_low=True)
         if not 0.0 < self.bound <= LOST:
             raise ValueError(f"bound {self.bound:g} m must be positive and at most {LOST:g} m, where a robot counts as lost")
         draw_cases(self.runs, self.seeds, self.seed)

@@ -75,8 +75,9 @@ def places(chains: list[list[str]], floor: dict[str, int], panel: str) -> dict[s
     x = dict.fromkeys(floor, 0.5)
     rows = [[name for name in floor if floor[name] == level] for level in range(1 + max(floor.values()))]
     for _ in range(24):
-        for row in rows:
-            row.sort(key=lambda name: sum(x[n] for n in near[name]) / len(near[name]) if near[name] else 0.5)
+        for row in rows:  # ties are broken by name, so that every run draws the same picture
+            middle = {n: sum(sorted(x[o] for o in near[n])) / len(near[n]) if near[n] else 0.5 for n in row}
+            row.sort(key=lambda name: (round(middle[name], 9), name))
             for i, name in enumerate(row):
                 x[name] = (i + 0.5) / len(row)
     left, width, _ = PANELS[panel]

@@ -41,7 +41,7 @@ def test_a_quick_run_ends_well(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_models_in_another_order_than_c_was_told_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What version 1.0 did: the order changed in Python alone."""
+    """Version 1.0 failed in this way: the order of models changed in Python alone."""
     header = simulate.shared_header()
     monkeypatch.setattr(simulate, "shared_header", lambda: header.replace("enum { ", "enum { ANOTHER, ", 1))
     with pytest.raises(SsmrError, match=r"C and numba disagree by .*; planar\.c is out of date"):

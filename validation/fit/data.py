@@ -130,7 +130,7 @@ class Scored:
     motion: tuple[Trajectory, ...]
     """The fitted plant's motion, at the same stamps."""
     before: tuple[Trajectory, ...]
-    """The same plant's motion with the numbers from before the fit; empty where it could not be driven."""
+    """Motion of the plant with the numbers from before the fit; empty where it could not be driven."""
     metrics: Metrics
     """Distances of `motion` from `truth`, over all pieces."""
     horizons: Mapping[float, HorizonErrors]

@@ -21,7 +21,7 @@ class Study:
     name: str
     """Name of its package and of its command."""
     question: str
-    """What it finds out, in one sentence."""
+    """Question that the study answers, in one sentence."""
 
     @property
     def run(self) -> Callable[..., StudyResult]:

@@ -25,9 +25,9 @@ ROUNDING = 1e-9
 """Relative tolerance of the limits, for rounding."""
 
 Rule = Literal["distance", "ratio", "spread", "at_least", "none"]
-"""How two numbers are compared. `distance`: by their ratio. `ratio`: by their difference, since one is perfect. `spread`: by
-the uncertainty of ours. `at_least`: the thesis says in words that the number is large, which is taken to mean at least
-`beside["at_least"]`. `none`: not at all; the number is shown for the record."""
+"""Rule by which two numbers are compared. `distance` compares by their ratio, `ratio` by their difference because one is
+perfect, `spread` by the uncertainty of ours. `at_least` is for numbers that the thesis calls large in words: ours must reach
+`beside["at_least"]`. `none` compares nothing and shows the number for the record."""
 Status = Literal["agrees", "nearer", "differs", "not compared"]
 """`nearer`: it differs, but a distance of ours is smaller than the printed one."""
 STATUSES: tuple[Status, ...] = get_args(Status)

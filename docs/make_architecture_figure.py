@@ -99,7 +99,8 @@ def box(room: str, centre: Place, width: float) -> str:
     x, y = centre
     frame = f'<rect x="{x - width / 2:.0f}" y="{y - BOX / 2:.0f}" width="{width:.0f}" height="{BOX}" rx="7"'
     name = escape(room.split(".")[1])
-    text = f'<text x="{x:.0f}" y="{y + 5:.0f}" font-size="13" text-anchor="middle" fill="{INK}">{name}</text>'
+    size = 11 if width < 80.0 else 13
+    text = f'<text x="{x:.0f}" y="{y + 5:.0f}" font-size="{size}" text-anchor="middle" fill="{INK}">{name}</text>'
     return f'{frame} fill="#ffffff" stroke="{INK}"/>{text}'
 
 

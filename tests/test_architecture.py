@@ -17,7 +17,7 @@ ROOMS = (
     {"ssmr.models", "ssmr.estimation"},
     {"ssmr.simulation"},
     {"ssmr.control"},
-    {"validation.thesis", "validation.store", "validation.progress", "validation.words"},
+    {"validation.thesis", "validation.store", "validation.reading", "validation.progress", "validation.words"},
     {"validation.logs", "validation.robots"},
     {"validation.plants"},
     {"validation.show"},

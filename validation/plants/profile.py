@@ -8,7 +8,9 @@ published value.
 
 from __future__ import annotations
 
-import tomllib
+import math
+import os
+import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from importlib import resources
@@ -16,12 +18,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-import numpy as np
 import tomli_w
 
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Plant
-from validation import store
+from validation import reading, store
 from validation.plants.kind import PlantProfile
 from validation.plants.table import PLANTS, plant_kind
 from validation.robots.physics import SHIPPED, PhysicsSettings
@@ -86,72 +87,66 @@ def load_profile(name_or_path: str | Path) -> Profile:
     Raises:
         ProfileError: there is none, or it says something that cannot be; the message names file, section and key.
     """
-    name_or_path = str(name_or_path)
-    if name_or_path in shipped():
-        text = resources.files("validation.plants").joinpath("profiles", f"{name_or_path}.toml").read_text(encoding="utf-8")
-    elif Path(name_or_path).is_file():
-        try:
-            text = Path(name_or_path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise ProfileError(f"{name_or_path}: cannot be read as text ({error})") from error
-    else:
-        raise ProfileError(
-            f"no profile '{name_or_path}'; shipped are: {', '.join(shipped())}; or give the path of a TOML file"
-        )
+    name = str(name_or_path)
     try:
-        return _parse(tomllib.loads(text))
-    except (ValueError, TypeError) as error:
-        raise ProfileError(f"profile {name_or_path}: {error}") from error
+        if name in shipped():
+            file = resources.files("validation.plants").joinpath("profiles", f"{name}.toml")
+            document = reading.parse_toml(file.read_text(encoding="utf-8"), name)
+        elif os.path.exists(name):
+            document = reading.read_toml(name)
+        else:
+            raise ProfileError(f"no profile '{name}'; shipped are: {', '.join(shipped())}; or give the path of a TOML file")
+    except ProfileError:
+        raise
+    except ValueError as error:
+        raise ProfileError(f"profile {error}") from error
+    try:
+        return _parse(document)
+    except ValueError as error:
+        raise ProfileError(f"profile {name}: {error}") from error
 
 
 def _parse(document: Mapping[str, Any]) -> Profile:
     if document.get("schema") != SCHEMA:
-        raise ValueError(f"schema is {document.get('schema')!r}, wanted '{SCHEMA}'")
-    _know(document, {"schema", "name", "description", "vehicle", "drive", "plants", "provenance"}, "the top level")
+        raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
+    reading.require_known(
+        document, {"schema", "name", "description", "vehicle", "drive", "plants", "provenance"}, "the top level"
+    )
     vehicle = _fill(Vehicle(), document.get("vehicle", {}), "vehicle")
     drive = _fill(Drive(), document.get("drive", {}), "drive")
     sections = document.get("plants", {})
-    _know(sections, set(PLANTS), "plants")
+    reading.require_known(sections, set(PLANTS), "plants")
     plants = {}
     for name in PLANTS:
         section = sections.get(name, {})
         where = f"plants.{name}"
-        _know(section, {"parameters", "vehicle", "drive", "tracked_point"}, where)
-        point = section.get("tracked_point", (0.0, 0.0))
-        if len(point) != 2 or not np.all(np.isfinite(point)):
-            raise ValueError(f"{where}.tracked_point is {point!r}, wanted two numbers [m]")
+        reading.require_known(section, {"parameters", "vehicle", "drive", "tracked_point"}, where)
+        point = section.get("tracked_point", [0.0, 0.0])
+        if not (isinstance(point, list) and len(point) == 2 and all(_is_number(p) and math.isfinite(p) for p in point)):
+            raise ValueError(f"{where}.tracked_point is {reprlib.repr(point)}, wanted two numbers [m]")
         plants[name] = PlantProfile(
             _fill(plant_kind(name).parameters(), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             (float(point[0]), float(point[1])),
         )
-    return Profile(
-        str(document.get("name", "unnamed")),
-        str(document.get("description", "")),
-        MappingProxyType(plants),
-        MappingProxyType(dict(document.get("provenance", {}))),
-    )
-
-
-def _know(section: Mapping[str, Any], known: set[str], where: str) -> None:
-    if not isinstance(section, Mapping):
-        raise ValueError(f"{where} is {section!r}, wanted a table")
-    unknown = sorted(set(section) - known)
-    if unknown:
-        raise ValueError(f"{where} has unknown keys {', '.join(unknown)}; there are: {', '.join(sorted(known))}")
+    name, description = document.get("name", "unnamed"), document.get("description", "")
+    provenance = document.get("provenance", {})
+    for key, value, kind in (("name", name, str), ("description", description, str), ("provenance", provenance, dict)):
+        if not isinstance(value, kind):
+            raise ValueError(f"{key} is {reprlib.repr(value)}, wanted {'text' if kind is str else 'a table'}")
+    return Profile(name, description, MappingProxyType(plants), MappingProxyType(provenance))
 
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
     types = {f.name: type(getattr(default, f.name)) for f in fields(default)}  # type: ignore[arg-type]
-    _know(values, set(types), where)
+    reading.require_known(values, set(types), where)
     given = {}
     for key, value in values.items():
         wanted = types[key]
-        fits = isinstance(value, str) if wanted is str else isinstance(value, int | float) and not isinstance(value, bool)
-        if not fits:
-            raise ValueError(f"{where}.{key} is {value!r}, wanted {'text' if wanted is str else 'a number'}")
+        if not (isinstance(value, str) if wanted is str else _is_number(value)):
+            raise ValueError(f"{where}.{key} is {reprlib.repr(value)}, wanted {'text' if wanted is str else 'a number'}")
         given[key] = wanted(value)
     try:
         return replace(default, **given)  # type: ignore[type-var]
@@ -159,13 +154,15 @@ def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
         raise ValueError(f"[{where}] {error}") from error
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _finite(value: Any) -> Any:
     """Return the value with null for every infinite number, which stands for a limit that is off: JSON has no infinity."""
     if isinstance(value, dict):
         return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> Plant:

@@ -7,11 +7,11 @@ was tuned on, and how, stands under `[provenance]`. Whether the numbers make sen
 from __future__ import annotations
 
 import math
-import tomllib
+import os
+import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib import resources
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -19,6 +19,7 @@ import tomli_w
 
 from ssmr.control.laws import LAWS
 from ssmr.parameters import described
+from validation import reading
 
 SCHEMA = "ssmr.gains/1"
 
@@ -59,12 +60,13 @@ class GainSet:
         unknown = [name for name in self.values if name not in known]
         missing = [name for name in known if name not in self.values]
         if unknown:
-            raise ValueError(f"[gains] has unknown names {', '.join(unknown)}; {self.controller} has {', '.join(known)}")
+            some = ", ".join(unknown[:5])
+            raise ValueError(f"[gains] has unknown names {some}; {self.controller} has {', '.join(known)}")
         if missing:
             raise ValueError(f"[gains] lacks {', '.join(missing)}; {self.controller} needs {', '.join(known)}")
         for name, value in self.values.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise ValueError(f"[gains] {name} is {value!r}, wanted a finite number")
+                raise ValueError(f"[gains] {name} is {reprlib.repr(value)}, wanted a finite number")
         object.__setattr__(self, "values", MappingProxyType({name: float(self.values[name]) for name in known}))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
@@ -96,18 +98,23 @@ def load_gains(controller: str, name_or_path: str | None = None) -> GainSet:
         values = asdict(LAWS[controller].gains())
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller")
     shipped = next((n for n in (f"{controller}-{name_or_path}", name_or_path) if n in names()), None)
-    if shipped is not None:
-        text = resources.files("validation.track").joinpath("gain_sets", f"{shipped}.toml").read_text(encoding="utf-8")
-    elif Path(name_or_path).is_file():
-        try:
-            text = Path(name_or_path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise GainsError(f"{name_or_path}: cannot be read as text ({error})") from error
-    else:
-        own = ", ".join([*(n.removeprefix(f"{controller}-") for n in names(controller)), DEFAULT])
-        raise GainsError(f"{controller} has no gains '{name_or_path}'; there are: {own}; or give the path of a TOML file")
     try:
-        return _parse(tomllib.loads(text), controller)
+        if shipped is not None:
+            file = resources.files("validation.track").joinpath("gain_sets", f"{shipped}.toml")
+            document = reading.parse_toml(file.read_text(encoding="utf-8"), shipped)
+        elif os.path.exists(name_or_path):
+            document = reading.read_toml(name_or_path)
+        else:
+            own = ", ".join([*(n.removeprefix(f"{controller}-") for n in names(controller)), DEFAULT])
+            raise GainsError(
+                f"{controller} has no gains '{name_or_path}'; there are: {own}; or give the path of a TOML file"
+            )
+    except GainsError:
+        raise
+    except ValueError as error:
+        raise GainsError(f"gains {error}") from error
+    try:
+        return _parse(document, controller)
     except ValueError as error:
         raise GainsError(f"gains {name_or_path}: {' '.join(str(error).split())}") from error
 
@@ -129,17 +136,14 @@ def _gains_of(controller: str) -> tuple[str, ...]:
 
 def _parse(document: Mapping[str, Any], controller: str) -> GainSet:
     if document.get("schema") != SCHEMA:
-        raise ValueError(f"schema is {document.get('schema')!r}, wanted '{SCHEMA}'")
-    known = {"schema", "controller", "name", "source", "gains", "provenance"}
-    unknown = sorted(set(document) - known)
-    if unknown:
-        raise ValueError(f"the top level has unknown keys {', '.join(unknown)}; there are: {', '.join(sorted(known))}")
+        raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
+    reading.require_known(document, ("schema", "controller", "name", "source", "gains", "provenance"), "the top level")
     if document.get("controller") != controller:
         raise ValueError(f"these are gains of {document.get('controller', 'no controller')}, wanted {controller}")
     for key, kind, what in (("name", str, "text"), ("source", str, "text"), ("gains", dict, "a table")):
         if not isinstance(document.get(key), kind):
-            raise ValueError(f"{key} is {document.get(key)!r}, wanted {what}")
+            raise ValueError(f"{key} is {reprlib.repr(document.get(key))}, wanted {what}")
     provenance = document.get("provenance", {})
     if not isinstance(provenance, dict):
-        raise ValueError(f"provenance is {provenance!r}, wanted a table")
+        raise ValueError(f"provenance is {reprlib.repr(provenance)}, wanted a table")
     return GainSet(controller, document["name"], document["gains"], provenance, document["source"])

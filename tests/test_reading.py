@@ -1,0 +1,157 @@
+"""Files that people give: only regular ones of a limited size are read, and whatever they hold, the answer is one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from validation import reading
+from validation.plants.profile import load_profile
+from validation.track.gains import load_gains
+
+LOADERS: dict[str, Callable[[Path], object]] = {
+    "text": reading.read_text,
+    "toml": reading.read_toml,
+    "json": lambda path: reading.read_json(path, 1000),
+    "profile": load_profile,
+    "gains": lambda path: load_gains("pid", str(path)),
+}
+"""Everything that reads a text which people give."""
+
+
+def refused(load: Callable[[Path], object], path: Path) -> str:
+    """The one line with which a file is refused; that takes no time."""
+    began = time.perf_counter()
+    with pytest.raises(ValueError, match=r"\S") as caught:
+        load(path)
+    assert time.perf_counter() - began < 5.0
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert len(str(caught.value)) < 1000 + len(str(path))
+    return str(caught.value)
+
+
+@pytest.fixture(params=LOADERS)
+def load(request: pytest.FixtureRequest) -> Callable[[Path], object]:
+    return LOADERS[request.param]
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path, load: Callable[[Path], object]) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    assert "this is a pipe, wanted a file" in refused(load, tmp_path / "pipe.toml")
+
+
+def test_a_device_is_not_read(tmp_path: Path, load: Callable[[Path], object]) -> None:
+    (tmp_path / "zero.toml").symlink_to("/dev/zero")
+    assert "this is a device, wanted a file" in refused(load, tmp_path / "zero.toml")
+
+
+def test_a_folder_is_no_file(tmp_path: Path, load: Callable[[Path], object]) -> None:
+    assert "this is a folder, wanted a file" in refused(load, tmp_path)
+
+
+def test_a_socket_is_no_file(tmp_path: Path, load: Callable[[Path], object], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # addresses of sockets are short
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind("s")
+        refused(load, tmp_path / "s")
+
+
+def test_a_file_of_gigabytes_is_not_read(tmp_path: Path, load: Callable[[Path], object]) -> None:
+    path = tmp_path / "great.toml"
+    with path.open("wb") as stream:
+        stream.truncate(4 << 30)
+    assert "more than the" in refused(load, path)
+
+
+def test_a_file_that_does_not_tell_its_size_is_not_read_without_end() -> None:
+    path = Path("/proc/self/maps")
+    if not path.is_file():
+        pytest.skip("there is no /proc here")
+    with pytest.raises(ValueError, match="more than the 100 bytes allowed"):
+        reading.read_file(path, 100)
+
+
+@pytest.mark.parametrize("name", ["a\0b", "n" * 5000], ids=["NUL", "long"])
+def test_a_name_that_no_file_can_have_is_a_file_that_is_not_there(name: str, load: Callable[[Path], object]) -> None:
+    with pytest.raises(ValueError, match=r"\S"):
+        load(Path(name))
+
+
+TOO_DEEP = {
+    "tables": "a = " + "{b = " * 3000 + "1" + "}" * 3000,
+    "lists": "a = " + "[" * 3000 + "]" * 3000,
+    "tables that the parser takes": "a = " + "{b = " * 40 + "1" + "}" * 40,
+    "dots": ".".join("a" * 400) + " = 1",
+    "more dots": "\n".join(".".join("a" * 2000) + " = 1" for _ in range(20)),
+    "a header": "[" + ".".join("a" * 300) + "]",
+}
+
+
+@pytest.mark.parametrize("case", TOO_DEEP)
+@pytest.mark.parametrize("loader", ["toml", "profile", "gains"])
+def test_no_toml_is_nested_too_deep_or_takes_long(tmp_path: Path, loader: str, case: str) -> None:
+    (tmp_path / "deep.toml").write_text(TOO_DEEP[case])
+    assert "deep" in refused(LOADERS[loader], tmp_path / "deep.toml")
+
+
+@pytest.mark.parametrize("text", [f"a = {10**400}", f"a = {2**63}", f"a = -{2**63}0", "a = 1" + "0" * 5000])
+def test_a_whole_number_of_toml_has_64_bits(tmp_path: Path, text: str) -> None:
+    (tmp_path / "great.toml").write_text(text)
+    refused(reading.read_toml, tmp_path / "great.toml")
+
+
+def test_a_profile_with_a_number_that_no_float_holds_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(f'schema = "ssmr.profile/1"\n[vehicle]\nmass = {10**400}\n')
+    refused(load_profile, tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 100_000,
+        "[" * 40 + "]" * 40,
+        '{"a":' * 5000,
+        "NaN",
+        "[Infinity]",
+        "1e999",
+        '["\\ud800"]',
+        '{"\\ud800": 1}',
+        "",
+        "{",
+    ],
+)
+def test_no_json_brings_what_cannot_be_walked_or_written(text: str) -> None:
+    with pytest.raises(ValueError, match=r"^mine\.json: "):
+        reading.parse_json(text, "mine.json")
+
+
+def test_a_byte_that_is_no_text_is_named_by_its_line(tmp_path: Path, load: Callable[[Path], object]) -> None:
+    (tmp_path / "mine.toml").write_bytes(b"a = 1\n\xff\n")
+    assert "cannot be read as text; line 2" in refused(load, tmp_path / "mine.toml")
+
+
+def test_the_mark_of_some_editors_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_bytes(b"\xef\xbb\xbfa = 1\n")
+    assert reading.read_toml(tmp_path / "mine.toml") == {"a": 1}
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63) + 1, 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(st.characters(codec="utf-8")),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(st.characters(codec="utf-8")), inner, max_size=4),
+    max_leaves=20,
+)  # fmt: skip
+
+
+@given(JSON)
+def test_json_that_results_are_made_of_is_read_as_it_was_written(document: object) -> None:
+    assert reading.parse_json(json.dumps(document), "it") == document

@@ -3,14 +3,19 @@
 numba notices edits to the file of the compiled function alone, not to what that function calls from other files. Here the
 cache folder is named after a digest of all of this package's sources, so any edit to any of them compiles afresh. The
 compiled functions keep their Python source, see `source`.
+
+numba unpickles what lies in its cache, and who can write there can run code as this user. So the cache is a folder that
+belongs to this user and that nobody else can write: beside the sources, or in the user's own cache folder. Where there is
+no such folder, every start compiles anew.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import shutil
-import tempfile
+import stat
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -30,28 +35,42 @@ CACHE_LIFETIME = 7 * 24 * 3600.0
 """Time for which the cache of older sources is kept [s]."""
 
 _PACKAGE = Path(__file__).resolve().parent
-_PLACES: tuple[Callable[[], Path], ...] = (
-    lambda: _PACKAGE / "__pycache__",
-    lambda: Path(tempfile.gettempdir()) / f"ssmr-{os.getuid()}",  # a full disk has no such place
-)
+_log = logging.getLogger(__name__)
+
+
+def _user_cache() -> Path:
+    """Return the folder in which this user's programs keep caches (XDG Base Directory Specification)."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ssmr-testbed"
+
+
+def _is_ours(folder: Path) -> bool:
+    """Return whether a folder, which is no link, belongs to this user, and nobody else can write into it."""
+    if os.name != "posix":
+        return True  # a user's folders elsewhere are closed by default, and no mode says so
+    status = folder.lstat()
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
 def _cache_folder() -> str:
+    """Return the folder for compiled code, made if need be; an empty text where there is none that can be trusted."""
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         digest.update(source.read_bytes())
-    for place in (lambda: Path(config.CACHE_DIR),) if config.CACHE_DIR else _PLACES:
+    chosen: tuple[Callable[[], Path], ...] = (lambda: _PACKAGE / "__pycache__", _user_cache)
+    for place in (lambda: Path(config.CACHE_DIR),) if config.CACHE_DIR else chosen:
         try:
             folder = (root := place()) / f"numba-{digest.hexdigest()[:12]}"
             if not folder.is_dir():
                 for old in root.glob("numba-*"):
-                    if time.time() - old.stat().st_mtime > CACHE_LIFETIME:
+                    if time.time() - old.lstat().st_mtime > CACHE_LIFETIME:
                         shutil.rmtree(old, ignore_errors=True)
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
+                root.mkdir(mode=0o700, parents=True, exist_ok=True)
+                folder.mkdir(mode=0o700, exist_ok=True)
+            if _is_ours(folder) and os.access(folder, os.W_OK):
+                return str(folder)
+        except (OSError, RuntimeError):  # RuntimeError: this user has no home
             continue
-        if os.access(folder, os.W_OK):
-            return str(folder)
+    _log.warning("no folder belongs to this user alone where compiled code can be kept, so that every start compiles anew")
     return ""
 
 

@@ -109,13 +109,13 @@ def test_there_is_no_cycle() -> None:
 def test_only_programs_know_the_command_line(name: str) -> None:
     used = imports(modules()[name])
     known = {"validation.cli", "tyro"} & {u for u in used}
-    assert not known or name.endswith(".__main__") or name == "validation.cli", f"{name} imports {sorted(known)}"
+    assert not known or name.endswith(".__main__") or room_of(name) == "validation.cli", f"{name} imports {sorted(known)}"
 
 
 @pytest.mark.parametrize("name", sorted(n for n in modules() if n.startswith("ssmr")))
 def test_ssmr_is_pure(name: str) -> None:
     used = imports(modules()[name])
-    allowed = {"time"} if name == "ssmr._jit" else set()  # the age of a compiler cache
+    allowed = {"time", "logging"} if name == "ssmr._jit" else set()  # the age of the cache, and why there is none
     banned = {u for u in used if u in BANNED_IN_SSMR or u.split(".")[0] in BANNED_IN_SSMR} - allowed
     assert not banned, f"{name} imports {sorted(banned)}"
 
@@ -142,7 +142,7 @@ PROTOCOL = {
     "T": "a type variable",
 }
 """Public names that several modules share on purpose, and why."""
-TO_BE_CUT = {"validation.cli", "validation.compare.figure", "validation.compare.rerun"}
+TO_BE_CUT = {"validation.compare.figure", "validation.compare.rerun"}
 """Modules that are still too long; none may join them."""
 TO_BE_RENAMED = {
     *("AT_LIMIT", "Comparison", "METRICS", "STRETCH", "Series", "as_document"),

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import hashlib
 import json
 import math
 import os
 import platform
+import secrets
+import shutil
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import metadata
@@ -29,19 +34,85 @@ def _version(package: str) -> str:
         return "not installed"
 
 
+def temporary_beside(path: Path) -> Path:
+    """Return the path of a file or folder in which `path` is made before it is put in its place; nothing is there yet.
+
+    Its name says which process makes it, so that `sweep` can tell what a killed process left from what is in the making.
+    """
+    return path.with_name(f"{_mine(os.getpid())}{secrets.token_hex(4)}.part{path.suffix}")
+
+
+def _mine(process: int | str) -> str:
+    """Return how names of temporary files of a process on this computer begin: folders may be shared by several."""
+    return f".ssmr-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-{process}-"
+
+
+def sweep(folder: Path) -> None:
+    """Remove the temporary files and folders that processes of this computer left behind when they were killed."""
+    for left in folder.glob(f"{_mine('*')}*.part*"):
+        process = left.name.removeprefix(_mine("")[:-1]).partition("-")[0]
+        if process.isdigit() and not _lives(int(process)):
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                with contextlib.suppress(OSError):
+                    left.unlink()
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass  # it is somebody else's
+    return True
+
+
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` make a file beside `path`, then put it in its place; a failure leaves what was there before.
 
+    The file and its folder are synchronised with the disk, so that after a power cut there is the old file or the new one,
+    whole. What killed processes left in the folder is removed.
+
     Args:
         path: where the file shall be; its folder must exist.
-        write: gets the temporary path, whose suffix is that of `path`.
+        write: gets the temporary path, whose suffix is that of `path`; there is no file there yet.
+
+    Raises:
+        OSError: the file cannot be written.
     """
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    sweep(path.parent)
+    temporary = temporary_beside(path)
     try:
         write(temporary)
+        _synchronise(temporary, os.O_RDWR)
         os.replace(temporary, path)
+        _synchronise(path.parent, os.O_RDONLY)
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _synchronise(path: Path, how: int) -> None:
+    """Wait until a file or folder is on the disk; some file systems cannot do that for folders, and need not."""
+    try:
+        descriptor = os.open(path, how)
+    except PermissionError:
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text as UTF-8, whole or not at all, see `write_atomic`; half a surrogate pair is written as an escape."""
+    data = text.encode("utf-8", "backslashreplace")
+    write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
 def plain(value: Any) -> Any:
@@ -59,8 +130,16 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     Raises:
         ValueError: it holds a number that is not finite; nothing is written.
     """
-    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_text(path, json.dumps(_encodable(document), indent=2, allow_nan=False) + "\n")
+
+
+def _encodable(value: Any) -> Any:
+    """Return a document whose texts are Unicode throughout: in a file's name, half a surrogate pair is a byte of no text."""
+    if isinstance(value, Mapping):
+        return {_encodable(k): _encodable(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_encodable(v) for v in value]
+    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 
 def make_folder(path: Path) -> Path:

@@ -23,3 +23,17 @@ def shortened(text: object, most: int) -> str:
 def code_span(text: object) -> str:
     """Return foreign text as a code span of markdown."""
     return "`" + one_line(text).replace("`", "'") + "`"
+
+
+_SPELT = dict(zip("–—−×·µ", "---x*u", strict=True)) | {"…": "...", "°": " deg", "±": "+-", "≤": "<=", "≥": ">=", "μ": "mu"}
+"""Signs that ASCII lacks, as it writes them."""
+
+
+def ascii_text(text: str) -> str:
+    """Return a text in ASCII, for a terminal that knows nothing else: signs are spelt out, others become escapes."""
+    return "".join(_SPELT.get(c) or _plain_letter(c) for c in text)
+
+
+def _plain_letter(character: str) -> str:
+    plain = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    return plain or character.encode("ascii", "backslashreplace").decode()

@@ -8,7 +8,6 @@ back.
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +19,7 @@ import numpy as np
 from ssmr.geometry import yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 from validation.logs.groups import GROUPS, POSES, Groups
-from validation.store import write_atomic
+from validation.store import temporary_beside, write_atomic
 
 EPOCH_NS = 1_000_000_000 * 10**9
 """Unix time that stands for t = 0 in bags [ns], 2001-09-09: a stamp of zero would mean that there is none."""
@@ -123,7 +122,8 @@ def write_bag(groups: Groups, path: Path) -> None:
                 _fill(writer, store, groups, types.serialize_ros1)
             return
         # a ROS 2 bag is a folder; its one .mcap file is complete in itself
-        folder = Path(tempfile.mkdtemp(prefix=f".{path.stem}.", dir=path.parent))
+        folder = temporary_beside(path.with_suffix(""))
+        folder.mkdir()
         try:
             with Writer2(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer2:
                 _fill(writer2, store, groups, types.serialize_cdr)

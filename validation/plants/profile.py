@@ -68,7 +68,7 @@ class Profile:
                 plants[name] = section
         document = {"schema": SCHEMA, "name": self.name, "description": self.description, "plants": plants}
         text = tomli_w.dumps({**document, "provenance": dict(self.provenance)})
-        store.write_atomic(Path(path), lambda part: part.write_text(text, encoding="utf-8"))
+        store.write_text(Path(path), text)
         return Path(path)
 
 

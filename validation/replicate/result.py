@@ -156,7 +156,7 @@ def order_of(number: str) -> tuple[int, ...]:
 
 
 def _write_text(path: Path, text: str) -> None:
-    store.write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    store.write_text(path, text)
 
 
 def _as_words(verdict: RowVerdict | Verdict) -> dict[str, str]:

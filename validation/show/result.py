@@ -72,7 +72,7 @@ class Result(ABC):
         save_figure(self.figure(), picture)
         written = [picture]
         if lines := self.report():
-            store.write_atomic(text, lambda temporary: temporary.write_text("\n".join(lines), encoding="utf-8"))
+            store.write_text(text, "\n".join(lines))
             written.append(text)
         if recording and self.write_recording(film):
             written.append(film)

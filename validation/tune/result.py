@@ -47,7 +47,7 @@ class TuneResult(TuneData, Result):
         path = Path(folder) / "gains.toml"
         path.parent.mkdir(parents=True, exist_ok=True)
         text = dump_gains(self.gain_set)
-        store.write_atomic(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+        store.write_text(path, text)
         return [path, *super().save(folder, recording=recording)]
 
     def as_dict(self) -> dict[str, Any]:

@@ -1,0 +1,103 @@
+"""This process as its surroundings see it: its streams, the signals that end it, and the report on a fault of its own."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import os
+import signal
+import sys
+import tempfile
+import threading
+import traceback
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any
+
+from validation import store
+from validation.words import ascii_text, one_line
+
+ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
+"""Signals that end the work as Ctrl-C does, so that what was found is kept; not every system has both."""
+
+
+class Ended(KeyboardInterrupt):
+    """A signal asked the process to end."""
+
+    def __init__(self, number: int) -> None:
+        """Keep the number of the signal."""
+        super().__init__(f"ended by {signal.Signals(number).name}")
+        self.number = number
+
+
+def prepare_streams() -> None:
+    """Make standard streams take every text: a closed one swallows it, and one that knows only ASCII gets it spelt out."""
+    with contextlib.suppress(OSError):
+        while (spare := os.open(os.devnull, os.O_RDWR)) <= 2:  # else the next file that is opened would become a stream
+            pass
+        os.close(spare)
+    codecs.register_error("spelt", _spell)
+    for name in ("stdout", "stderr"):
+        stream: Any = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="spelt")
+
+
+def _spell(error: UnicodeError) -> tuple[str, int]:
+    """Return what to write instead of characters that a stream's encoding lacks; see `codecs.register_error`."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return ascii_text(error.object[error.start : error.end]), error.end
+
+
+def finish_output() -> bool:
+    """Write out what standard output still holds; return False where its reader has gone, as `| head` does."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it ends
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def signals_end_work() -> Iterator[None]:
+    """Within, `ENDING_SIGNALS` raise `Ended` once; a signal that was to be ignored, as under nohup, stays so."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        for one in before:
+            signal.signal(one, signal.SIG_IGN)  # the result is being kept now
+        raise Ended(number)
+
+    before: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (getattr(signal, name) for name in ENDING_SIGNALS if hasattr(signal, name)):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                before[number] = signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def write_report(error: BaseException) -> str:
+    """Write versions, command and traceback into a file that only this user can read; return a sentence that says where."""
+    versions = ", ".join(f"{name} {version}" for name, version in store.versions().items())
+    lines = [
+        f"command: {' '.join(map(one_line, sys.orig_argv))}",
+        f"versions: {versions}",
+        f"platform: {sys.platform}",
+        "",
+        *traceback.format_exception(error),
+    ]
+    try:
+        handle, path = tempfile.mkstemp(prefix="ssmr-report-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write("\n".join(lines))
+    except OSError as cause:
+        return f"no report could be written ({cause.strerror or cause})"
+    return f"{one_line(path)} says where; please send it to the makers"

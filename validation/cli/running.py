@@ -1,0 +1,183 @@
+"""Run a program: parse its command line, call it, and leave with the exit status and the one line that say how it went."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import gc
+import inspect
+import io
+import itertools
+import logging
+import re
+import sys
+import traceback
+import typing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from ssmr.errors import SsmrError
+from validation import store
+from validation.cli import process
+from validation.cli.options import NUMBERS, UserError
+from validation.cli.reporting import say
+from validation.words import one_line, shortened
+
+EXIT_FAILED_RUN = 1
+EXIT_USER_ERROR = 2
+EXIT_FAULT = 70
+"""The program itself is at fault; BSD calls it EX_SOFTWARE."""
+EXIT_INTERRUPTED = 130
+
+
+@contextlib.contextmanager
+def mistakes_are_users() -> Iterator[None]:
+    """Within, a `ValueError` that this project raises is the user's mistake; another library's is a fault of the program."""
+    try:
+        yield
+    except UserError:
+        raise
+    except ValueError as error:
+        if not _is_ours(error):
+            raise
+        raise UserError(one_line(error)) from error
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        raise UserError(f"a path is too long: {shortened(error.filename, 40)}") from error
+
+
+def _is_ours(error: BaseException) -> bool:
+    """Return whether an error was raised by this project's own code."""
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return frames[-1].f_globals.get("__name__", "").partition(".")[0] in ("ssmr", "validation", "__main__")
+
+
+def output_folder(path: Path) -> Path:
+    """Make the folder that results go to.
+
+    Raises:
+        UserError: it cannot be made or written.
+    """
+    try:
+        return store.make_folder(path)
+    except ValueError as error:
+        raise UserError(f"--out {error}") from error
+
+
+def run(
+    main: Callable[..., Any] | Mapping[str, Callable[..., Any]], program: str, arguments: Sequence[str] | None = None
+) -> None:
+    """Parse a command line, call the program, and leave with the exit status that says how it went.
+
+    Args:
+        main: a function that takes one dataclass of options, or such functions by the name of their subcommand. The
+            function's docstring is the description in the help text.
+        program: how usage texts call the program, such as `python -m validation.compare`.
+        arguments: the command line; by default that of this process.
+    """
+    process.prepare_streams()
+    _prepare_log()
+    gc.set_threshold(50_000, 20, 100)  # imports make many objects that stay, and Python would look through them all the time
+    said, status = "", 0
+    try:
+        with process.signals_end_work():
+            called, options = _parse(main, program, arguments)
+            called(options)
+            process.finish_output()
+        return
+    except UserError as error:
+        said, status = f"error: {error}", EXIT_USER_ERROR
+    except SsmrError as error:
+        said, status = f"run failed: {error}", EXIT_FAILED_RUN
+    except MemoryError:
+        said, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
+    except BrokenPipeError:
+        said, status = "", EXIT_FAILED_RUN if process.finish_output() else 0  # the reader of the tables has gone
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
+    except process.Ended as end:
+        said, status = f"{end}", 128 + end.number
+    except KeyboardInterrupt:
+        said, status = "interrupted", EXIT_INTERRUPTED
+    except Exception as error:  # noqa: BLE001 - the last resort: a user shall never see a bare traceback
+        said, status = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}", EXIT_FAULT
+    if said:
+        say(said)
+    sys.exit(status)
+
+
+def _prepare_log() -> None:
+    """Let log messages of this project go to standard error."""
+    from rich.logging import RichHandler
+
+    handler = RichHandler(console=Console(stderr=True), show_path=False, show_time=False)
+    logging.basicConfig(format="%(message)s", handlers=[handler])
+    logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
+
+
+def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:
+    """Return the function to call and the options to call it with.
+
+    Raises:
+        UserError: the command line says something that cannot be.
+        SystemExit: it asked for help.
+    """
+    said = io.StringIO()
+    read = functools.partial(tyro.cli, prog=program, args=arguments, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
+    try:
+        with contextlib.redirect_stderr(said):
+            if isinstance(main, Mapping):
+                mains = {_options_of(function): function for function in main.values()}
+                kinds = [
+                    Annotated[kind, tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
+                    for name, (kind, function) in zip(main, mains.items(), strict=True)
+                ]
+                options = read(typing.Union[tuple(kinds)])  # noqa: UP007 - of a list that is known at run time only
+                return mains[type(options)], options
+            if (kind := _options_of(main)) is not None:
+                return main, read(kind, description=inspect.getdoc(main))
+    except SystemExit as left:
+        if left.code:
+            raise UserError(_mistake_in(said.getvalue())) from None
+        raise
+    return lambda _: tyro.cli(main, prog=program, args=arguments, registry=NUMBERS), None
+
+
+def _mistake_in(box: str) -> str:
+    """Return the message in the box that tyro draws around it, in one line."""
+    lines = [line.strip("│|+ ") for line in box.strip().splitlines()[1:]]
+    rule = [set(line) <= {"─", "-"} for line in lines]
+    start = rule.index(False) if False in rule else 0
+    said = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])
+    text = one_line(" ".join(said))
+    return re.sub(r"^Error parsing ([^ :]+):", r"\1:", text) or "the command line cannot be read; see --help"
+
+
+def _options_of(main: Callable[..., Any]) -> Any:
+    """Return the dataclass that a program takes; None where its arguments are the options themselves."""
+    names = list(inspect.signature(main).parameters) if inspect.isfunction(main) else []
+    kind = typing.get_type_hints(main).get(names[0]) if len(names) == 1 else None
+    return kind if is_dataclass(kind) else None
+
+
+def leave_out(package: str) -> None:
+    """Let this process do without a package that others only look for: rerun's pyarrow would load all of pandas."""
+
+    class Finder:
+        """An importer that does not find the package."""
+
+        @staticmethod
+        def find_spec(name: str, path: object = None, target: object = None) -> None:
+            """Refuse the package and leave all others to the next importer."""
+            if name == package:
+                raise ModuleNotFoundError(f"{package} is left out of this program", name=package)
+
+    sys.meta_path.insert(0, Finder)

@@ -226,7 +226,7 @@ def test_names_of_files_cannot_reach_the_terminal_as_escape_sequences(capsys: py
     out, err = capsys.readouterr()
     assert "\x1b" not in out + err
     assert "[red]b[/red]" in out
-    assert err == "warning: e�[2Jf g\n"
+    assert err == "warning: e\\x1b[2Jf g\n"
 
 
 def test_the_main_job_writes_its_three_files_and_a_table(tmp_path: Path) -> None:

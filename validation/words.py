@@ -1,17 +1,60 @@
-"""Text from outside the project (file names, topics, messages) made harmless before it is shown."""
+r"""Foreign text (names of files, topics, columns, profiles) made harmless where it leaves the project.
+
+Each medium has one function. None loses a character: what could move a cursor, start an escape sequence, turn the reading
+direction around or break an encoding is written as the escape that Python has for it, such as `\x1b` or `\u202e`, and a
+byte of a file name that is no text as `\xff`.
+
+- terminal, rerun and HTML (whose template escapes its marks besides): `one_line`, and `each_line` for several lines;
+- markdown: `markdown` for prose, `markdown_cell` for tables, `code_span` for names;
+- names of files that are made from foreign text: `file_name`;
+- pictures: `shortened`, and `validation.show.drawing.drawable` for glyphs that the font lacks;
+- a terminal that knows only ASCII: `ascii_text`, which the command lines put behind their streams.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import re
 import unicodedata
 
 _HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Unicode categories that move a cursor, start an escape sequence or turn the reading direction around."""
+LONGEST_FILE_NAME = 100
+"""Of a name made from foreign text [bytes]: file systems take 255, and endings and temporary marks are put to it."""
+_OF_SHELLS = "/\\:*?\"<>|$&;'`!"
+"""Printable characters that file systems or shells read as something else than a part of a name."""
+_SPELT = {
+    **dict.fromkeys("‐‑‒–—−─━╌╍═╴╶╸╺", "-"),
+    **dict.fromkeys("│┃║╷╵", "|"),
+    **dict.fromkeys("╭╮╰╯┌┐└┘├┤┬┴┼╡╞╪", "+"),
+    **dict(zip("×·•µμ‘’“”█≈", "x**uu''\"\"#~", strict=True)),
+    **{"…": "...", "°": " deg", "±": "+-", "≤": "<=", "≥": ">=", "→": "->", "√": "sqrt "},
+}
+"""Signs that ASCII lacks, as it writes them."""
+
+
+def _escape(character: str) -> str:
+    if unicodedata.category(character) not in _HARMFUL:
+        return character
+    if "\udc80" <= character <= "\udcff":  # how Python carries a byte of a file name that is no text
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    return character.encode("unicode_escape").decode("ascii")
+
+
+def visible(text: object) -> str:
+    """Return text in which every character that is not to be shown as it is, line breaks included, is its escape."""
+    whole = str(text)
+    return whole if whole.isprintable() else "".join(map(_escape, whole))
 
 
 def one_line(text: object) -> str:
-    """Return foreign text in one line: runs of white space become a space, other control characters a replacement mark."""
-    line = " ".join(str(text).split())
-    return line if line.isprintable() else "".join("�" if unicodedata.category(c) in _HARMFUL else c for c in line)
+    """Return foreign text in one harmless line: runs of white space become a space, other control characters visible."""
+    return visible(" ".join(str(text).split()))
+
+
+def each_line(text: object) -> str:
+    """Return foreign text of several lines, each of them harmless; spaces at their beginnings stay."""
+    return "\n".join(map(visible, str(text).expandtabs().replace("\r\n", "\n").split("\n")))
 
 
 def shortened(text: object, most: int) -> str:
@@ -25,8 +68,28 @@ def code_span(text: object) -> str:
     return "`" + one_line(text).replace("`", "'") + "`"
 
 
-_SPELT = dict(zip("–—−×·µ", "---x*u", strict=True)) | {"…": "...", "°": " deg", "±": "+-", "≤": "<=", "≥": ">=", "μ": "mu"}
-"""Signs that ASCII lacks, as it writes them."""
+def markdown(text: object) -> str:
+    """Return foreign text for the prose of markdown, in one line: no HTML, no link and no picture come of it."""
+    return re.sub(r"<(?=[A-Za-z/!?])", "&lt;", one_line(text)).replace("](", "]&#40;")
+
+
+def markdown_cell(text: object) -> str:
+    """Return foreign text for a cell of a table of markdown: as `markdown`, and it begins no other cell."""
+    return re.sub(r"(\\*)\|", r"\1\1\\|", markdown(text))  # a backslash before the mark would take its own away
+
+
+def file_name(text: object) -> str:
+    """Return foreign text as the name of a file or folder: no path, no option, at most `LONGEST_FILE_NAME` bytes.
+
+    Usual names stay as they are. Others end with a digest, so that two that differ stay two.
+    """
+    whole = str(text)
+    name = "".join(c if c.isprintable() and c not in _OF_SHELLS else "_" for c in whole).strip(" ")
+    name = re.sub(r"^[.\-~]+", "_", name).rstrip(".") or "_"
+    if name == whole and len(name.encode()) <= LONGEST_FILE_NAME:
+        return name
+    digest = hashlib.sha256(whole.encode(errors="surrogatepass")).hexdigest()[:8]
+    return f"{name.encode()[: LONGEST_FILE_NAME - 9].decode(errors='ignore')}-{digest}"
 
 
 def ascii_text(text: str) -> str:
@@ -35,5 +98,5 @@ def ascii_text(text: str) -> str:
 
 
 def _plain_letter(character: str) -> str:
-    plain = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
-    return plain or character.encode("ascii", "backslashreplace").decode()
+    plain = "".join(c for c in unicodedata.normalize("NFKD", character) if not unicodedata.combining(c))
+    return (plain if plain.isascii() else visible(character)).encode("ascii", "backslashreplace").decode()

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from validation import cli
+from validation.words import file_name
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class CompareOptions:
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
         ground = "" if self.environment.terrain == "flat" else "-" + self.environment.terrain.replace(":", "-")
-        return self.output.out or Path("runs") / "compare" / (Path(self.source).stem + ground)
+        return self.output.out or Path("runs") / "compare" / file_name(Path(self.source).stem + ground)
 
 
 def main(options: CompareOptions) -> None:

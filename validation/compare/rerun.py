@@ -28,7 +28,7 @@ from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT
 from validation.robots.wheel_loads import QUASI_STATIC
 from validation.show.palette import Rgb, colour, mix
-from validation.show.rerun_file import encode, rr, write_circumstances
+from validation.show.rerun_file import encode, rr, write_about
 from validation.show.rerun_layout import Series, blueprint, eye, follower, overviews, plot_view, rrb, view, write_series
 from validation.show.rerun_robots import (
     BLACK,
@@ -94,11 +94,10 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
             plots.update(_plots_of(track))
         gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)])
         recording.send_blueprint(_layout(tracks, plots, histories), make_active=False, make_default=True)
-        recording.send_recording_name(f"{c.source}, profile {c.profile}")
-        about = rr.AnyValues(source=c.source, profile=c.profile, reference=c.reference_name, seed=c.seed)
-        recording.send_property("comparison", about)
-        write_circumstances(recording, c.options, c.versions)
-        recording.log("report", rr.TextDocument(report_markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+        about = {"source": c.source, "profile": c.profile, "reference": c.reference_name, "seed": c.seed}
+        options = {name: str(value) for name, value in c.options.items()}
+        properties: dict[str, Mapping[str, object]] = {"comparison": about, "options": options, "versions": c.versions}
+        write_about(recording, f"{c.source}, profile {c.profile}", properties, report_markdown)
         _write_scene(recording, tracks)
         for entity, series in plots.items():
             write_series(recording, f"plots/{entity}", series, gaps)

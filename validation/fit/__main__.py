@@ -14,6 +14,7 @@ from validation.fit.run import FitParameters, FitSearch, fit
 from validation.fit.search import CHECKPOINT
 from validation.fit.targets import FitSources
 from validation.plants.table import PLANTS
+from validation.words import file_name
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def main(options: Options) -> None:
     to, output = options.to, options.output
     sources = [to] if Path(to).exists() else [part.strip() for part in to.split(",") if part.strip()]
     stem = Path(sources[0]).stem if sources else ""
-    folder = output.out or Path("runs") / "fit" / f"{options.model}-{stem}"
+    folder = output.out or Path("runs") / "fit" / file_name(f"{options.model}-{stem}")
     search = replace(options.search, checkpoint=folder / CHECKPOINT)
     with cli.mistakes_are_users(), cli.shown("fit") as progress:
         result = fit(

@@ -185,6 +185,6 @@ def fit_markdown(result: FitData) -> str:
         lines += ["", f"## {heading}", ""]
         lines += [f"{grid.title}:", ""] * (heading == "Errors by horizon")
         lines += tables.markdown_table(grid)
-    lines += ["", "## Notes", "", *(f"- {note}" for note in fit_notes(result))] if fit_notes(result) else []
+    lines += ["", "## Notes", "", *(f"- {tables.markdown(note)}" for note in fit_notes(result))] if fit_notes(result) else []
     lines += ["", "## What the metrics mean", "", *tables.meanings(_METRICS)]
     return "\n".join(lines) + "\n"

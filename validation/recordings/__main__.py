@@ -13,6 +13,7 @@ from validation import cli
 from validation.logs.formats import writable
 from validation.logs.log import ReadOptions, Stamps
 from validation.recordings.run import ConvertSettings, convert, info
+from validation.words import file_name
 
 
 def _parse_topics(text: str) -> dict[str, str]:
@@ -128,7 +129,7 @@ def _convert(options: ConvertOptions) -> None:
     Bags keep the stamps of every group of columns, unless --rate is given.
     """
     bag, changes, simulation = options.bag, options.changes, options.simulation
-    target = options.out or Path("runs") / "recordings" / f"{Path(options.source).stem}.csv"
+    target = options.out or Path("runs") / "recordings" / f"{file_name(Path(options.source).stem)}.csv"
     with cli.mistakes_are_users():
         if target.suffix.lower() not in writable():
             known = ", ".join(writable())

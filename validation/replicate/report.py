@@ -17,6 +17,7 @@ from validation.replicate.evidence import Answer, Findings, Picture, Replication
 from validation.replicate.tables import REMARKS, Part, is_printed, parts_of, row_verdict, verdicts_of
 from validation.show.tables import Cell, Grid, markdown_table
 from validation.thesis.verdicts import RULES, STATUSES, UNEXPLAINED, short
+from validation.words import markdown, one_line
 
 _TITLE = "The thesis' results beside this project's"
 _GENERATED = "Written by `python -m validation.replicate`, never by hand."
@@ -139,20 +140,20 @@ def document_markdown(document: Document, figures: str, docs: str | None = None)
         figures: path of the pictures, as seen from the file.
         docs: path of the pages of docs/, as seen from the file, empty for the same folder; None to leave them unlinked.
     """
-    lines = [f"# {document.title}", ""]
+    lines = [f"# {markdown(document.title)}", ""]
     for paragraph in document.lead:
-        lines += [paragraph, ""]
+        lines += [markdown(paragraph), ""]
     lines += markdown_table(document.summary)
     for chapter in document.chapters:
-        lines += ["", f"## {chapter.title}", ""]
+        lines += ["", f"## {markdown(chapter.title)}", ""]
         for part in chapter.parts:
-            lines += [f"**{part.caption}**", "", *markdown_table(part.grid), ""]
-            lines += [f"{k}. {text}" for k, text in enumerate(part.reasons, 1)]
+            lines += [f"**{markdown(part.caption)}**", "", *markdown_table(part.grid), ""]
+            lines += [f"{k}. {markdown(text)}" for k, text in enumerate(part.reasons, 1)]
             lines += [""] * bool(part.reasons)
-        lines += [f"- {note}" for note in chapter.notes]
+        lines += [f"- {markdown(note)}" for note in chapter.notes]
         for picture in chapter.pictures:
-            lines += ["", f"![{picture.caption}]({figures}{picture.file})"]
-    lines += ["", document.foot]
+            lines += ["", f"![{markdown(picture.caption)}]({figures}{picture.file})"]
+    lines += ["", markdown(document.foot)]
     text = "\n".join(lines) + "\n"
     return text if docs is None else linked(text, docs)
 
@@ -169,10 +170,15 @@ def status_class(cell: Cell) -> str:
 
 def prose(text: str) -> Markup:
     """Return a sentence as HTML: its `code` in code elements, everything else escaped."""
-    pieces = [escape(piece) for piece in text.split("`")]
+    pieces = [escape(piece) for piece in one_line(text).split("`")]
     if len(pieces) % 2 == 0:  # an unpaired backtick is text
-        return escape(text)
+        return escape(one_line(text))
     return Markup("").join(Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
+
+
+def _harmless(value: object) -> object:
+    """Return what a template is to show, before it is escaped: text in harmless lines, HTML as it is."""
+    return value if isinstance(value, Markup) else one_line(value)
 
 
 def document_html(document: Document, figures: Path) -> str:
@@ -187,7 +193,7 @@ def document_html(document: Document, figures: Path) -> str:
     """
     environment = Environment(
         loader=PackageLoader("validation.replicate", "templates"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
+        trim_blocks=True, lstrip_blocks=True, finalize=_harmless,
     )  # fmt: skip
     environment.filters["prose"] = prose
 

@@ -22,6 +22,7 @@ from validation.ros.port import NoGraphError
 from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
 from validation.track import load_gains, make_controller, open_reference
+from validation.words import file_name
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def control(options: ControlOptions) -> None:
             raise cli.UserError(f"--patience {drive.patience:g} s must be positive")
         pilot = Pilot(make_controller(chosen, wanted), waypoints, settings)
         topics = RobotTopics(o.topics.odometry, o.topics.pose, o.topics.command, o.topics.feedback == "pose")
-        folder = cli.output_folder(o.out or Path("runs") / "ros" / f"{o.controller}-{Path(o.reference).stem}")
+        folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{o.controller}-{Path(o.reference).stem}"))
     with _on_a_graph():
         result = control_robot(pilot, wanted, chosen.name, label, topics, drive.patience)
     cli.report_result(result, result.save(folder, recording=False))

@@ -11,6 +11,8 @@ os.environ.setdefault("RERUN_ANALYTICS", "false")  # rerun looks at it when it i
 
 import rerun as rr
 
+from validation.words import each_line, one_line
+
 _APPLICATION = "ssmr-testbed"
 TIMELINE = "sim_time"
 
@@ -46,11 +48,23 @@ def _strict() -> Iterator[None]:
         rr.set_strict_mode(before)
 
 
-def write_circumstances(recording: rr.RecordingStream, options: Mapping[str, object], versions: Mapping[str, str]) -> None:
-    """Send options and versions as properties of the recording."""
-    for name, values in (("options", options), ("versions", versions)):
+def write_about(
+    recording: rr.RecordingStream, title: str, properties: Mapping[str, Mapping[str, object]], report: str
+) -> None:
+    """Send what a recording is called, its properties by group, and its report, all foreign text in them made harmless.
+
+    Args:
+        recording: where to.
+        title: name of the recording in the viewer's list.
+        properties: values by name, by group; numbers of 64 bits stay numbers, anything else becomes text.
+        report: markdown, which the viewer shows as the entity `report`.
+    """
+    recording.send_recording_name(one_line(title))
+    for group, values in properties.items():
         entries = rr.AnyValues()
         for key, value in values.items():
-            entries.with_component_from_data(key, str(value))
+            number = isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**63)
+            entries.with_component_from_data(one_line(key), value if number else one_line(value))
         if values:
-            recording.send_property(name, entries)
+            recording.send_property(group, entries)
+    recording.log("report", rr.TextDocument(each_line(report), media_type=rr.MediaType.MARKDOWN), static=True)

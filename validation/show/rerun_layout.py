@@ -14,6 +14,7 @@ from ssmr.types import FloatArray
 from validation.show.palette import Rgb
 from validation.show.rerun_file import TIMELINE, rr
 from validation.show.rerun_robots import GRID, Extent, Track
+from validation.words import one_line
 
 _LEGEND_SHARE = 0.4
 """Room right of the plots, over their duration, so that legends hide no line."""
@@ -38,7 +39,8 @@ class Series:
 def write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
     """Send the samples; at each instant of `gaps` [s] the lines are interrupted."""
     mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
-    names, colours, widths = list(series.names), list(series.colours), [1.0 if series.held else 1.5] * len(series.names)
+    names, colours = list(map(one_line, series.names)), list(series.colours)
+    widths = [1.0 if series.held else 1.5] * len(names)
     style = rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode)
     recording.log(entity, style, static=True)
     time = rr.TimeColumn(TIMELINE, duration=series.t)

@@ -19,6 +19,7 @@ from validation.robots.terrain import FLAT, Terrain
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import TIMELINE, rr
 from validation.show.robot_mesh import RobotMesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.words import one_line
 
 POSE_PERIOD = 0.02
 """Time between two poses of a robot [s]: 50 Hz is smooth to the eye. Plots keep every sample."""
@@ -250,7 +251,7 @@ def outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
 
 def labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
     """Return texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
-    radii = rr.Radius.ui_points(0.1)
+    texts, radii = [one_line(text) for text in texts], rr.Radius.ui_points(0.1)
     return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)
 
 

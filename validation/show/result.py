@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation import store
-from validation.show.tables import Grid, markdown_table, text_tables
+from validation.show.tables import Grid, each_line, markdown, markdown_table, text_tables
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,8 +71,8 @@ class Result(ABC):
         picture, text, film, document = (place / f"{self.program}.{ending}" for ending in ("png", "md", "rrd", "json"))
         save_figure(self.figure(), picture)
         written = [picture]
-        if lines := self.report():
-            store.write_text(text, "\n".join(lines))
+        if report := each_line("\n".join(self.report())):
+            store.write_text(text, report)
             written.append(text)
         if recording and self.write_recording(film):
             written.append(film)
@@ -81,5 +81,5 @@ class Result(ABC):
 
     def _repr_markdown_(self) -> str:
         """Return its tables as a notebook shows them."""
-        blocks = ["\n".join([f"**{grid.title}**", "", *markdown_table(grid)]) for grid in self.grids()]
-        return "\n\n".join([*blocks, *self.notes()])
+        blocks = ["\n".join([f"**{markdown(grid.title)}**", "", *markdown_table(grid)]) for grid in self.grids()]
+        return "\n\n".join([*blocks, *map(markdown, self.notes())])

@@ -14,6 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from validation.words import code_span as code_span
+from validation.words import each_line as each_line
+from validation.words import markdown as markdown
+from validation.words import markdown_cell
 from validation.words import one_line as one_line
 from validation.words import shortened as shortened
 
@@ -141,17 +144,17 @@ def text_tables(grids: Iterable[Grid], notes: Iterable[str] = (), width: int = 1
     for grid in grids:
         console.print(rich_table(grid))
     for note in notes:
-        console.print(Text(note))
+        console.print(Text(each_line(note)))
     return out.getvalue()
 
 
 def rich_table(grid: Grid, title: str = "", caption: str = "") -> Table:
     """Draw a grid for the terminal. Foreign texts go in as they are, never as markup."""
     title, caption = title or grid.title, caption or grid.caption
-    title, caption = ("\n".join(map(one_line, text.splitlines())) for text in (title, caption))
-    table = Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold"), caption=Text(caption))
+    table = Table(box=box.SIMPLE_HEAD, title=Text(each_line(title), style="bold"), caption=Text(each_line(caption)))
     table.title_justify = table.caption_justify = "left"
     for k, (name, unit) in enumerate(grid.header):
+        name, unit = one_line(name), one_line(unit)
         words = name.replace(" ", "\n") if k >= grid.left else name
         heading = Text(f"{words}\n[{unit}]" if unit else words)
         is_text = k < grid.left or k >= len(grid.header) - grid.trailing
@@ -168,7 +171,7 @@ def markdown_table(grid: Grid) -> list[str]:
     """Draw a grid as the lines of a table of GitHub-flavoured markdown."""
 
     def line(cells: Iterable[str]) -> str:
-        return "| " + " | ".join(one_line(cell).replace("|", "\\|") for cell in cells) + " |"
+        return "| " + " | ".join(map(markdown_cell, cells)) + " |"
 
     rows = [row for group in grid.groups for row in group]
     return [

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from validation import store
 from validation.plants.profile import Profile, load_profile
 from validation.show.result import Result
-from validation.show.tables import Grid, markdown_table
+from validation.show.tables import Grid, markdown, markdown_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,12 +61,12 @@ class StudyResult(Result):
 
     def report(self) -> list[str]:
         """Return study.md as lines: heading, tables with their captions, notes, versions."""
-        lines = [f"# {self.title}: {self.heading()}", ""]
+        lines = [f"# {self.title}: {markdown(self.heading())}", ""]
         for grid in self.report_grids():
-            lines += [f"## {grid.title}", "", *markdown_table(grid), ""]
-            lines += [grid.caption, ""] if grid.caption else []
+            lines += [f"## {markdown(grid.title)}", "", *markdown_table(grid), ""]
+            lines += [markdown(grid.caption), ""] if grid.caption else []
         for title, sentences in (("Columns", self.explanations()), ("Notes", self.notes())):
-            lines += [f"## {title}", "", *(f"- {sentence}" for sentence in sentences), ""] if sentences else []
+            lines += [f"## {title}", "", *(f"- {markdown(sentence)}" for sentence in sentences), ""] if sentences else []
         return [*lines, ", ".join(f"{name} {self.versions[name]}" for name in _REPORTED if name in self.versions) + ".", ""]
 
 

@@ -13,6 +13,7 @@ from ssmr.control.loop import Feedback
 from validation import cli
 from validation.robots.terrain import parse_terrain
 from validation.track.run import TrackSettings, prepare_tracking
+from validation.words import file_name
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def main(options: TrackOptions) -> None:
         )
     with cli.shown("tracking") as progress:
         tracked = asked.run(options.run.workers, progress)
-    stem = f"{options.controller}-{Path(options.reference).stem}"
+    stem = file_name(f"{options.controller}-{Path(options.reference).stem}")
     folder = cli.output_folder(output.out or Path("runs") / "track" / stem)
     cli.report_result(tracked, tracked.save(folder, recording=not output.no_rerun))
     output.show(folder / "track.rrd")

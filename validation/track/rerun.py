@@ -20,7 +20,7 @@ import numpy as np
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
 from validation.robots.terrain import FLAT
 from validation.show.palette import Rgb, mix
-from validation.show.rerun_file import TIMELINE, encode, rr, write_circumstances
+from validation.show.rerun_file import TIMELINE, encode, rr, write_about
 from validation.show.rerun_layout import Series, blueprint, follower, overviews, plot_view, rrb, write_series
 from validation.show.rerun_robots import (
     BLACK,
@@ -70,23 +70,21 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     reference = Track("reference", (max(results, key=lambda r: len(r.target)).target,), None, terrain=ground)
     robots = [Track(r.plant, (r.run.motion,), None, terrain=ground) for r in results]
 
-    about = rr.AnyValues(
-        controller=first.controller,
-        gains=f"{first.gains_name}: {gains_text(first.gains)}",
-        reference=first.reference,
-        speed_m_s=first.speed,
-        profile=first.profile,
-        seed=first.seed,
-    )
+    about = {
+        "controller": first.controller,
+        "gains": f"{first.gains_name}: {gains_text(first.gains)}",
+        "reference": first.reference,
+        "speed_m_s": first.speed,
+        "profile": first.profile,
+        "seed": first.seed,
+    }
 
     def fill(recording: rr.RecordingStream) -> None:
         plots = _plots(results, reference)
         recording.send_blueprint(_layout([reference, *robots], plots), make_active=False, make_default=True)
-        recording.send_recording_name(f"{headline(first)}, profile {first.profile}")
-        recording.send_property("tracking", about)
-        write_circumstances(recording, first.options, first.versions)
-        report = rr.TextDocument(track_markdown(results), media_type=rr.MediaType.MARKDOWN)
-        recording.log("report", report, static=True)
+        options = {name: str(value) for name, value in first.options.items()}
+        properties: dict[str, Mapping[str, object]] = {"tracking": about, "options": options, "versions": first.versions}
+        write_about(recording, f"{headline(first)}, profile {first.profile}", properties, track_markdown(results))
         _write_scene(recording, reference, robots)
         for entity, series in plots.items():
             write_series(recording, f"plots/{entity}", series, np.empty(0))

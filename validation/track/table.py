@@ -11,7 +11,18 @@ import numpy as np
 from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH
 from validation.compare.table import REAL_TIME
-from validation.show.tables import Cell, Grid, code_span, markdown_table, meanings, one_line, option_text, unit_of, units_of
+from validation.show.tables import (
+    Cell,
+    Grid,
+    code_span,
+    markdown,
+    markdown_table,
+    meanings,
+    one_line,
+    option_text,
+    unit_of,
+    units_of,
+)
 from validation.track.data import TRACK_METRICS, TrackedRobot
 
 _MOST = 5  # robots that can be told apart in one picture or recording
@@ -133,7 +144,7 @@ def track_markdown(results: Sequence[TrackedRobot]) -> str:
         *markdown_table(errors),
     ]
     if notes := track_notes(results):
-        lines += ["", "## Notes", "", *(f"- {one_line(note)}" for note in notes)]
+        lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
     lines += ["", "## What the metrics mean", ""]
     lines += meanings([*SHOWN_METRICS, REAL_TIME])
     return "\n".join(lines) + "\n"

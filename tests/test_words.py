@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import logging
 import os
 import unicodedata
 import warnings
@@ -19,7 +20,7 @@ from matplotlib.axes import Axes
 from rich.console import Console
 
 from validation import words
-from validation.cli import process
+from validation.cli import process, running
 from validation.show import drawing
 from validation.show.tables import Cell, Grid, markdown_table, rich_table, text_tables
 
@@ -174,3 +175,12 @@ def test_the_page_of_a_replication_holds_foreign_text_as_text(text: str, tmp_pat
     elements = _Elements()
     elements.feed(page)
     assert not elements.found & {"script", "b", "onerror"}
+
+
+def test_the_log_passes_no_escape_sequence_on(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    running._prepare_log()
+    logging.getLogger("validation.test").warning("a topic %s was dropped", "/x\x1b]0;title\x07[red]\udcff")
+    said = " ".join(capfd.readouterr().err.split())
+    assert said == r"WARNING a topic /x\x1b]0;title\x07[red]\xff was dropped"

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from validation.progress import Progress, Report
 from validation.show.tables import Grid, rich_table
-from validation.words import one_line
+from validation.words import each_line, one_line
 
 LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
@@ -73,7 +73,7 @@ def report_result(result: Reportable, written: Iterable[Path] = ()) -> None:
     for grid in result.grids():
         console.print(rich_table(grid))
     for note in result.notes():
-        console.print(Text("\n".join(map(one_line, note.splitlines()))))
+        console.print(Text(each_line(note)))
     if files := ", ".join(map(one_line, written)):
         console.print(Text(f"written: {files}"), soft_wrap=True)
 

@@ -27,7 +27,7 @@ from validation import store
 from validation.cli import process
 from validation.cli.options import NUMBERS, UserError
 from validation.cli.reporting import say
-from validation.words import one_line, shortened
+from validation.words import each_line, one_line, shortened
 
 EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
@@ -114,12 +114,21 @@ def run(
     sys.exit(status)
 
 
+class _Harmless(logging.Formatter):
+    """Messages as they are, but with what is foreign in them made harmless; rich would pass escape sequences on."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the message of a record, each of its lines harmless."""
+        return each_line(super().format(record))
+
+
 def _prepare_log() -> None:
     """Let log messages of this project go to standard error."""
     from rich.logging import RichHandler
 
     handler = RichHandler(console=Console(stderr=True), show_path=False, show_time=False)
-    logging.basicConfig(format="%(message)s", handlers=[handler])
+    handler.setFormatter(_Harmless("%(message)s"))
+    logging.basicConfig(handlers=[handler])
     logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
 
 

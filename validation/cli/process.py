@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 import os
+import select
 import signal
 import sys
 import tempfile
@@ -19,15 +20,6 @@ from validation.words import ascii_text, one_line
 
 ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
 """Signals that end the work as Ctrl-C does, so that what was found is kept; not every system has both."""
-
-
-class Ended(KeyboardInterrupt):
-    """A signal asked the process to end."""
-
-    def __init__(self, number: int) -> None:
-        """Keep the number of the signal."""
-        super().__init__(f"ended by {signal.Signals(number).name}")
-        self.number = number
 
 
 def prepare_streams() -> None:
@@ -52,33 +44,51 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
     return ascii_text(error.object[error.start : error.end]), error.end
 
 
-def finish_output() -> bool:
-    """Write out what standard output still holds; return False where its reader has gone, as `| head` does."""
+def finish_output() -> None:
+    """Write out what standard output still holds; that its reader has gone, as `| head` does, is no failure."""
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it ends
-        return False
-    return True
+        silence_output()
+
+
+def output_is_read() -> bool:
+    """Return whether somebody still reads standard output."""
+    try:
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        return not poll.poll(0)
+    except (AttributeError, OSError, ValueError):  # no such call on this system, or a stream without a file
+        return True
+
+
+def silence_output() -> None:
+    """Lead standard output nowhere, so that Python does not complain when it ends."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextlib.contextmanager
-def signals_end_work() -> Iterator[None]:
-    """Within, `ENDING_SIGNALS` raise `Ended` once; a signal that was to be ignored, as under nohup, stays so."""
+def signals_end_work() -> Iterator[list[int]]:
+    """Within, `ENDING_SIGNALS` raise `KeyboardInterrupt` once; yield the list to which the signal's number is added then.
+
+    A signal that was to be ignored, as under nohup, stays so.
+    """
 
     def end(number: int, frame: FrameType | None) -> None:
         for one in before:
             signal.signal(one, signal.SIG_IGN)  # the result is being kept now
-        raise Ended(number)
+        came.append(number)
+        raise KeyboardInterrupt
 
+    came: list[int] = []
     before: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
         for number in (getattr(signal, name) for name in ENDING_SIGNALS if hasattr(signal, name)):
             if signal.getsignal(number) is signal.SIG_DFL:
                 before[number] = signal.signal(number, end)
     try:
-        yield
+        yield came
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -51,10 +51,18 @@ def shown(title: str) -> Iterator[Report]:
         yield show
 
 
+class _Output(Console):
+    """Standard output, which falls silent when its reader leaves: the files are written all the same."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing more."""
+        self.quiet = True
+
+
 def report_console() -> Console:
     """Return standard output for tables, wide enough for them where it is no terminal."""
-    console = Console()
-    return console if console.is_terminal else Console(width=110)
+    console = _Output()
+    return console if console.is_terminal else _Output(width=110)
 
 
 class Reportable(Protocol):

@@ -85,9 +85,9 @@ def run(
     process.prepare_streams()
     _prepare_log()
     gc.set_threshold(50_000, 20, 100)  # imports make many objects that stay, and Python would look through them all the time
-    said, status = "", 0
+    said, status, came = "", 0, list[int]()
     try:
-        with process.signals_end_work():
+        with process.signals_end_work() as came:
             called, options = _parse(main, program, arguments)
             called(options)
             process.finish_output()
@@ -98,15 +98,14 @@ def run(
         said, status = f"run failed: {error}", EXIT_FAILED_RUN
     except MemoryError:
         said, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
-    except BrokenPipeError:
-        said, status = "", EXIT_FAILED_RUN if process.finish_output() else 0  # the reader of the tables has gone
     except OSError as error:
+        if isinstance(error, BrokenPipeError) and not process.output_is_read():
+            process.silence_output()
+            return
         where = f" ({error.filename})" if error.filename else ""
         said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
-    except process.Ended as end:
-        said, status = f"{end}", 128 + end.number
     except KeyboardInterrupt:
-        said, status = "interrupted", EXIT_INTERRUPTED
+        said, status = "interrupted", 128 + came[0] if came else EXIT_INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a user shall never see a bare traceback
         said, status = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}", EXIT_FAULT
     if said:

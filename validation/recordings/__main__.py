@@ -76,7 +76,7 @@ class InfoOptions:
 class ChangeOptions:
     """Changes that are made to the log; the order is that of `ConvertSettings`."""
 
-    rate: Annotated[float | None, cli.option(metavar="HZ", default="the log's own")] = None
+    rate: Annotated[cli.Number, cli.option(metavar="HZ", default="the log's own")] = None
     """Samples a second."""
     smooth: Annotated[float, cli.option(metavar="SECONDS", default="0, no smoothing")] = 0.0
     """Standard deviation of the Gaussian that smooths measurements."""

@@ -82,7 +82,7 @@ class ControlOptions:
     go beyond it."""
     reference: Annotated[str, tyro.conf.Positional, cli.option(metavar="REFERENCE")]
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
-    speed: Annotated[float | None, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
+    speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
     """Mean speed between waypoints; it replaces the times of a file."""
     profile: Annotated[str, cli.profile_option()] = "thesis-lab"
     gains: Annotated[

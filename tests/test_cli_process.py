@@ -1,0 +1,217 @@
+"""A program's streams, signals, temporary files and faults, as its surroundings see them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ssmr import _jit
+from ssmr.errors import SsmrError
+from validation import cli, store
+
+ROOT = Path(__file__).resolve().parents[1]
+PROGRAM = """
+import sys, time
+from pathlib import Path
+from validation import cli, store
+def main(out: Path, /) -> None:
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+    except KeyboardInterrupt:
+        store.write_text(out, "kept")
+        raise
+cli.run(main, "program")
+"""
+
+
+def start(program: str, *arguments: str, **options: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", program, *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+    return subprocess.Popen(command, env=environment, text=True, **streams)  # type: ignore[call-overload,no-any-return]
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
+def test_a_signal_ends_the_work_and_keeps_the_result(number: signal.Signals, status: int, tmp_path: Path) -> None:
+    process = start(PROGRAM, str(tmp_path / "kept.txt"))
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    _, said = process.communicate(timeout=30)
+    assert (process.returncode, said) == (status, "interrupted\n")
+    assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
+
+
+def test_under_nohup_a_hangup_is_ignored(tmp_path: Path) -> None:
+    ignoring = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + PROGRAM
+    process = start(ignoring, str(tmp_path / "kept.txt"))
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(signal.SIGHUP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.3)
+    process.kill()
+    process.communicate()
+
+
+def test_closed_streams_do_no_harm(tmp_path: Path) -> None:
+    """A file that took the number of a closed stream would get what is printed."""
+    program = "from validation import cli, store; from pathlib import Path\n"
+    program += "def main(out: Path, /) -> None:\n    store.write_text(out, 'x'); print('printed'); cli.warn('warned')\n"
+    program += "cli.run(main, 'program')"
+    out = tmp_path / "out.txt"
+    command = f'{sys.executable} -c "$PROGRAM" {out} >&- 2>&- <&-'
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PROGRAM": program}
+    assert subprocess.run(["sh", "-c", command], env=environment, timeout=60, check=False).returncode == 0
+    assert out.read_text() == "x"
+
+
+def test_a_reader_that_leaves_is_no_failure() -> None:
+    program = "from validation.cli import run\ndef main() -> None:\n    print('x' * 10**6)\nrun(main, 'program', [])"
+    process = start(program)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    said = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(60), said) == (0, "")
+
+
+def test_a_terminal_of_ascii_gets_every_sign_spelt() -> None:
+    program = "import sys; from validation.cli import run\n"
+    program += "def main() -> None:\n    print('2 × 3 µm – ü, 日, \\udcff')\nrun(main, 'program', [])"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (0, b"2 x 3 um - u, \\u65e5, \\udcff\n")
+
+
+def test_a_fault_of_the_program_is_one_line_and_a_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    def main() -> None:
+        with cli.mistakes_are_users():
+            json.loads("no json")  # a ValueError that nobody foresaw is no mistake of the user
+
+    with pytest.raises(SystemExit) as left:
+        cli.run(main, "program", [])
+    assert left.value.code == cli.EXIT_FAULT
+    (line,) = capsys.readouterr().err.splitlines()
+    (report,) = tmp_path.iterdir()
+    assert line.startswith("program has a fault (JSONDecodeError: ")
+    assert str(report) in line
+    assert stat.S_IMODE(report.stat().st_mode) == 0o600
+    text = report.read_text()
+    assert all(part in text for part in ("Traceback", "json.loads", "mujoco 3", "command: "))
+
+
+@pytest.mark.parametrize(
+    ("error", "status"), [(SsmrError("it diverged"), 1), (MemoryError(), 1), (OSError(28, "disk is full", "x.json"), 1)]
+)
+def test_failed_runs_have_their_status(error: Exception, status: int, capsys: pytest.CaptureFixture[str]) -> None:
+    def main() -> None:
+        raise error
+
+    with pytest.raises(SystemExit) as left:
+        cli.run(main, "program", [])
+    assert left.value.code == status
+    assert capsys.readouterr().err.startswith("run failed: ")
+
+
+# ------------------------------------------------------------------------------------------- files
+def test_what_killed_processes_left_is_swept_and_what_is_being_made_stays(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    mine = store.temporary_beside(tmp_path / "a.json")
+    left = mine.with_name(mine.name.replace(f"-{os.getpid()}-", f"-{dead.pid}-"))
+    elsewhere = mine.with_name(f".ssmr-00000000-{dead.pid}-abc.part.json")  # a folder that computers share
+    for path in (mine, left, elsewhere):
+        path.write_text("half")
+    folder = left.with_suffix("")
+    folder.mkdir()
+    (folder / "half").write_text("half")
+    store.write_text(tmp_path / "b.json", "whole")
+    assert sorted(tmp_path.iterdir()) == sorted([mine, elsewhere, tmp_path / "b.json"])
+
+
+def test_the_longest_name_that_a_disk_takes_is_written(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 250 + ".json")
+    store.write_json(path, {"name": "caf\udce9"})
+    assert json.loads(path.read_text()) == {"name": "caf\\udce9"}
+
+
+def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    store.write_text(path, "old")
+
+    def fail(temporary: Path) -> None:
+        temporary.write_text("half")
+        raise OSError(28, "disk is full")
+
+    with pytest.raises(OSError, match="disk is full"):
+        store.write_atomic(path, fail)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert path.read_text() == "old"
+
+
+def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a power cut there is the old file or the new one, never a name without contents."""
+    done: list[str] = []
+    replace, synchronise = os.replace, os.fsync
+    monkeypatch.setattr(os, "replace", lambda a, b: (done.append("rename"), replace(a, b)))
+    monkeypatch.setattr(
+        os, "fsync", lambda fd: (done.append("folder" if stat.S_ISDIR(os.fstat(fd).st_mode) else "file"), synchronise(fd))
+    )
+    store.write_text(tmp_path / "a.txt", "text")
+    assert done == ["file", "rename", "folder"]
+
+
+# ------------------------------------------------------------------------------------------- compiled code
+def cache_folder(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str:
+    """The folder that is chosen where the package cannot be written."""
+    monkeypatch.setattr(_jit.config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    monkeypatch.setattr(_jit, "_PACKAGE", Path("/proc/nowhere"))
+    return _jit._cache_folder()
+
+
+def test_compiled_code_lies_in_the_users_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Path(cache_folder(monkeypatch, tmp_path))
+    assert folder.parent == tmp_path / "ssmr-testbed"
+    assert stat.S_IMODE(folder.stat().st_mode) == stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("planted", ["writable", "link", "foreign"])
+def test_compiled_code_of_others_is_not_trusted(planted: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba unpickles what lies there."""
+    folder = Path(cache_folder(monkeypatch, tmp_path))
+    if planted == "writable":
+        folder.chmod(0o777)
+    elif planted == "link":
+        folder.rmdir()
+        (tmp_path / "other").mkdir(mode=0o700)
+        folder.symlink_to(tmp_path / "other")
+    elif os.geteuid() == 0:
+        os.chown(folder, 12345, 12345)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    assert cache_folder(monkeypatch, tmp_path) == ""
+
+
+def test_an_old_cache_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = tmp_path / "ssmr-testbed" / "numba-000000000000"
+    old.mkdir(parents=True)
+    past = time.time() - 2 * _jit.CACHE_LIFETIME
+    os.utime(old, (past, past))
+    cache_folder(monkeypatch, tmp_path)
+    assert not old.exists()

@@ -6,6 +6,7 @@ A program declares its options as a frozen dataclass, and hands the function tha
 from validation.cli.options import Bounds as Bounds
 from validation.cli.options import Count as Count
 from validation.cli.options import Flag as Flag
+from validation.cli.options import Limits as Limits
 from validation.cli.options import Names as Names
 from validation.cli.options import Number as Number
 from validation.cli.options import Numbers as Numbers

@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
+from validation.logs.limits import USUAL, LogLimits
 from validation.words import shortened
 
 T = TypeVar("T")
@@ -192,6 +193,15 @@ Workers = Annotated[
     option(default="all processors", help="Threads that compute. The result does not depend on how many there are."),
 ]
 """The number of threads; None for as many as there are processors."""
+Limits = Annotated[
+    LogLimits,
+    parsed(lambda text: USUAL.changed(read_values(text)), "NAME=X,...", lambda limits: ""),
+    option(
+        default="those of docs/logs.md",
+        help="Other limits of a recording, such as span=1e7,speed=200. A wrong name lists all.",
+    ),
+]
+"""NAME=NUMBER,... as limits of a log that replace the usual ones."""
 View = Annotated[Flag, option(help="Open the recording in the rerun viewer afterwards.", default="off")]
 NoRerun = Annotated[Flag, option(help="Do not write the rerun recording (.rrd).", default="off")]
 

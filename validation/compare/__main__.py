@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from validation import cli
+from validation.logs.limits import USUAL
 from validation.words import file_name
 
 
@@ -24,6 +25,7 @@ class RecordingOptions:
     """Leave out what was recorded before this time [s]."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was recorded after this time [s]."""
+    limits: cli.Limits = USUAL
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def main(options: CompareOptions) -> None:
         output.check()
         settings = CompareSettings(
             log.input, log.horizons, log.start, log.until, environment.noise, environment.disturbance,
-            options.run.seed, parse_terrain(environment.terrain),
+            options.run.seed, parse_terrain(environment.terrain), log.limits,
         )  # fmt: skip
         prepared = prepare(options.source, options.profile, options.plants or PLANTS, options.reference, settings)
     with cli.shown("comparing") as progress:

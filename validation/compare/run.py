@@ -19,6 +19,7 @@ from ssmr.types import Commands, Plant, State, Trajectory
 from validation import store
 from validation.compare.data import PlantResult
 from validation.compare.result import Comparison
+from validation.logs.limits import USUAL, LogLimits
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
@@ -55,6 +56,8 @@ class CompareSettings:
     """Seed of noise and disturbance."""
     terrain: Terrain = FLAT
     """Ground of the MuJoCo Husky; the planar models know only level ground of one friction."""
+    limits: LogLimits = USUAL
+    """Greatest sizes and numbers of a recording."""
 
     def __post_init__(self) -> None:
         h = self.horizons
@@ -199,7 +202,7 @@ def prepare(
     settings = settings or CompareSettings()
     if not isinstance(source, Source):
         kind: Literal["twist", "wheels"] = "wheels" if settings.input == "wheels" else "twist"
-        source = open_source(str(source), kind, settings.start, settings.until)
+        source = open_source(str(source), kind, settings.start, settings.until, settings.limits)
     elif settings.start is not None or settings.until is not None:
         raise ValueError("settings.start and settings.until cut a recording that is given by its path; cut yours before")
     reference = reference or source.reference

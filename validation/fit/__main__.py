@@ -13,6 +13,7 @@ from validation.fit.objective import FitCost, Objective
 from validation.fit.run import FitParameters, FitSearch, fit
 from validation.fit.search import CHECKPOINT
 from validation.fit.targets import FitSources
+from validation.logs.limits import USUAL
 from validation.plants.table import PLANTS
 from validation.words import file_name
 
@@ -25,6 +26,7 @@ class _Sources(FitSources):
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     held_out: Annotated[cli.Names, cli.option(metavar="SOURCE,...", default="none")] = ()
     """Sources to test on, separated by commas. A fitted recording stands for its parts outside --from and --until."""
+    limits: cli.Limits = USUAL
 
 
 def _start(text: str) -> dict[str, float]:

@@ -11,6 +11,7 @@ from typing import Literal
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
 from validation.fit.objective import FitTarget
+from validation.logs.limits import USUAL, LogLimits
 from validation.motion.driving import drive
 from validation.motion.sources import Source, open_source
 from validation.plants.profile import Profile, make_plant
@@ -33,6 +34,8 @@ class FitSources:
     held_out: tuple[str, ...] = ()
     """Sources to judge the fit on. A recording that is also fitted to stands for its parts before `start_at` and after
     `until`."""
+    limits: LogLimits = USUAL
+    """Greatest sizes and numbers of a recording."""
 
 
 def is_scenario(name: str) -> bool:
@@ -65,7 +68,7 @@ def open_targets(
                 raise ValueError(f"{name} has no measured wheel rates; input {options.input} needs a recording")
             found.append(truth_of(open_source(name), name))
         else:
-            found += _recorded(name, options.input, [(start, until)], truth_of)
+            found += _recorded(name, options, [(start, until)], truth_of)
     return tuple(found), tuple(_held_out(names, options, truth_of))
 
 
@@ -88,15 +91,15 @@ def _held_out(names: Sequence[str], options: FitSources, truth_of: _Resolve) -> 
             spans = [span for span in ((None, options.start_at), (options.until, None)) if span != (None, None)]
             if not spans:
                 raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
-        held_out += _recorded(name, options.input, spans, truth_of)
+        held_out += _recorded(name, options, spans, truth_of)
     return held_out
 
 
-def _recorded(name: str, given: Input, spans: Sequence[_Span], truth_of: _Resolve) -> list[FitTarget]:
+def _recorded(name: str, options: FitSources, spans: Sequence[_Span], truth_of: _Resolve) -> list[FitTarget]:
     """Return a recording once for each input; several spans of it are one target."""
-    targets = []
+    targets, given = [], options.input
     for word in _KINDS if given == "both" else (given,):
-        parts = [open_source(name, _KINDS[word], start, stop) for start, stop in spans]
+        parts = [open_source(name, _KINDS[word], start, stop, options.limits) for start, stop in spans]
         whole = replace(parts[0], pieces=tuple(piece for part in parts for piece in part.pieces))
         targets.append(truth_of(whole, f"{name} ({word})" if given == "both" else name))
     return targets

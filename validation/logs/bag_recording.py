@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray
-from validation.logs.bag_writer import write_bag
-from validation.logs.bags import UNITS, Bag, Stream, read_bag
-from validation.logs.csv_table import quoted
+from validation.logs.bag_writer import bag_losses, write_bag
+from validation.logs.bags import CHANNEL, UNITS, Bag, Stream, read_bag
+from validation.logs.files import quoted
 from validation.logs.groups import Group
+from validation.logs.limits import LogLimits, find_time_fault
 from validation.logs.log import Log, LogFormat, ReadOptions, Topic
-from validation.logs.recording import RecordingError
+from validation.logs.recording import RecordingError, is_channel_name
 
 ROLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -116,34 +117,68 @@ def choose_topics(bag: Bag, named: Mapping[str, str] = MappingProxyType({})) -> 
 
 
 # ------------------------------------------------------------------------------------------ columns of a stream
-def _as_group(bag: Bag, role: str, stream: Stream, has_pose: bool) -> Group:
-    """Return one stream as a group of checked columns; `has_pose` says whether the bag has another pose than odometry's."""
-    leave = f"topics {role}=none leaves it out"
+def _samples(bag: Bag, stream: Stream, limits: LogLimits, leave: str) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return stamps and columns of a stream, the first sample of each stamp; `leave` ends the sentences of errors."""
     if stream.jumps:
         when, size = stream.jumps[0]
         many = f", and {len(stream.jumps) - 1} times more" if len(stream.jumps) > 1 else ""
         what = f"the clock of topic {stream.topic} jumps by {size:+.3f} s after {when:.3f} s{many}"
-        raise RecordingError(bag.path, f"{what}; stamps bag takes the times of writing, {leave}")
-    first = np.concatenate([[True], np.diff(stream.t) > 0.0])  # the first sample of each stamp
+        raise RecordingError(bag.path, f"{what}; stamps bag takes the times of writing{leave}")
+    first = np.concatenate([[True], np.diff(stream.t) > 0.0])
     if np.count_nonzero(first) < 2:
-        raise RecordingError(bag.path, f"topic {stream.topic} has fewer than two samples; {leave}")
-    t, columns = stream.t[first], {name: values[first] for name, values in stream.columns.items()}
+        raise RecordingError(bag.path, f"topic {stream.topic} has fewer than two samples{leave}")
+    t = stream.t[first]
+    fault = find_time_fault(t, limits)
+    if fault is not None:
+        raise RecordingError(bag.path, f"topic {stream.topic}, sample {fault.row + 1}: {fault.what}{leave}")
+    return t, {name: values[first] for name, values in stream.columns.items()}
+
+
+def _check_numbers(
+    bag: Bag, topic: str, t: FloatArray, columns: Mapping[str, FloatArray], limits: LogLimits, leave: str
+) -> None:
+    """Refuse numbers that are not finite or beyond the limits."""
+    for name, values in columns.items():
+        bound = limits.of_column(name)
+        k = bound.first_beyond(values)
+        if k is not None:
+            wanted = f"but {bound.says}" if math.isfinite(values[k]) else "wanted a finite number"
+            unit = f" [{UNITS[name]}]" if name in UNITS else ""
+            raise RecordingError(bag.path, f"topic {topic}, {t[k]:.3f} s: {name} is {values[k]:g}, {wanted}{unit}{leave}")
+
+
+def _as_group(bag: Bag, role: str, stream: Stream, has_pose: bool, limits: LogLimits) -> Group:
+    """Return one stream as a group of checked columns; `has_pose` says whether the bag has another pose than odometry's."""
+    leave = f"; topics {role}=none leaves it out"
+    t, columns = _samples(bag, stream, limits, leave)
     posed = role == "pose" or (role == "odom" and _fits(stream, "pose"))
     used = (
         *(_wheel_columns(columns) if role == "wheels" else ROLES[role]),
         *(ROLES["pose"] if posed else ()),
         *(name for name in ("acc_x", "acc_y", "acc_z") if role == "imu" and name in columns),
     )
-    for name in used:
-        bad = np.flatnonzero(~np.isfinite(columns[name]))
-        if len(bad):
-            what = f"topic {stream.topic}, {t[bad[0]]:.3f} s: {name} is {columns[name][bad[0]]}"
-            raise RecordingError(bag.path, f"{what}, wanted a finite number [{UNITS[name]}]; {leave}")
+    _check_numbers(bag, stream.topic, t, {name: columns[name] for name in used}, limits, leave)
     out = _converted(role, t, columns)
     if posed:
-        prefix = "odom_" if role == "odom" and has_pose else ""
+        named = bag.written.get(stream.topic, ("", ()))[1]
+        prefix = "odom_" if role == "odom" and (has_pose or "odom_x" in named) else ""
         out |= {f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n] for n in ROLES["pose"]}
+    _check_numbers(bag, stream.topic, t, out, limits, leave)
     return Group(stream.topic, t, out)
+
+
+def _with_channels(bag: Bag, groups: dict[str, Group], stream: Stream, limits: LogLimits) -> dict[str, Group]:
+    """Return the groups with a stream of single numbers as the column that it was written from."""
+    name, columns = bag.written[stream.topic]
+    there = {column for group in groups.values() for column in group.columns}
+    if len(columns) != 1 or columns[0] == "t" or not is_channel_name(columns[0]) or columns[0] in there:
+        raise RecordingError(bag.path, f"topic {stream.topic} cannot be column {quoted(columns)} of group {quoted([name])}")
+    t, values = _samples(bag, stream, limits, "")
+    _check_numbers(bag, stream.topic, t, {columns[0]: values["value"]}, limits, "")
+    group = groups.get(name, Group(stream.topic, t, {}))
+    if not np.array_equal(group.t, t):
+        raise RecordingError(bag.path, f"topic {stream.topic} has other stamps than its group {quoted([name])}")
+    return {**groups, name: Group(group.source, group.t, {**group.columns, columns[0]: values["value"]})}
 
 
 def _converted(role: str, t: FloatArray, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -188,24 +223,30 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
 
 
 def _read(path: Path, options: ReadOptions) -> Log:
-    bag = read_bag(path, options.stamps)
+    bag = read_bag(path, options.stamps, options.limits)
     chosen = choose_topics(bag, options.topics)
-    if not chosen and not options.lenient:
+    channels = [s for s in bag.streams if s.type == CHANNEL]
+    if not chosen and not channels and not options.lenient:
         there = ", ".join(f"{s.topic} ({s.type})" for s in bag.streams) or "no topic of a type that can be read"
         raise RecordingError(bag.path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {there}")
     groups: dict[str, Group] = {}
     faults = []
-    for role, stream in chosen.items():
+    for role, stream in (*chosen.items(), *(("", stream) for stream in channels)):
         try:
-            groups[role] = _as_group(bag, role, stream, "pose" in chosen)
+            if role:
+                groups[role] = _as_group(bag, role, stream, "pose" in chosen, options.limits)
+            else:
+                groups = _with_channels(bag, groups, stream, options.limits)
         except RecordingError as error:
             if not options.lenient:
                 raise
             faults.append(str(error))
     roles = {id(stream): role for role, stream in chosen.items()}
+    roles |= {id(stream): bag.written[stream.topic][0] for stream in channels}
     topics = [Topic(s.topic, s.type, s.t, tuple(s.columns), roles.get(id(s), "")) for s in bag.streams]
-    topics += [Topic(name, kind, np.zeros(count), None) for name, (kind, count) in bag.others.items()]
-    return Log(path, groups, None, topics, [remark for s in bag.streams for remark in s.remarks()], faults)
+    topics += [Topic(name, kind, np.broadcast_to(0.0, count), None) for name, (kind, count) in bag.others.items()]
+    remarks = [remark for s in bag.streams if s.type != CHANNEL for remark in s.remarks()]
+    return Log(path, groups, None, topics, remarks, faults, options.limits)
 
 
 BAG = LogFormat(
@@ -213,5 +254,6 @@ BAG = LogFormat(
     (".bag", ".mcap"),
     read=_read,
     write=lambda log, path: write_bag(log.groups, path),
+    losses=lambda log, path: bag_losses(log.groups, path),
     folder="the folder of a ROS 2 bag",
 )

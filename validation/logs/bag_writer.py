@@ -1,16 +1,22 @@
 """Bags that other tools open: MCAP files with ROS 2 messages (PlotJuggler, rerun, Foxglove) and ROS 1 bags.
 
 Every group becomes a topic with its own stamps: /cmd_vel (TwistStamped), /joint_states (JointState), /odom (Odometry),
-/imu/data (Imu), /pose (PoseStamped). Columns that fit no such message become a topic of Float64 each; these are not read
-back.
+/imu/data (Imu), /pose (PoseStamped). Columns that fit no such message become a topic of Float64 each, and one message says
+which columns the topics hold: so all of them are read back, the yaw but for full turns, and times from the first stamp on.
 """
 
 from __future__ import annotations
 
+import itertools
+import json
+import math
+import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +24,21 @@ import numpy as np
 
 from ssmr.geometry import yaw_to_quat_wxyz
 from ssmr.types import FloatArray
+from validation.logs.bags import CHANNEL, MAP_TOPIC, TEXT
+from validation.logs.files import quoted
 from validation.logs.groups import GROUPS, POSES, Groups
 from validation.store import temporary_beside, write_atomic
 
-EPOCH_NS = 1_000_000_000 * 10**9
-"""Unix time that stands for t = 0 in bags [ns], 2001-09-09: a stamp of zero would mean that there is none."""
+EPOCH = 1_000_000_000
+"""Unix time that stands for t = 0 in bags [s], 2001-09-09: a stamp of zero would mean that there is none. A log whose stamps
+all are later than this has Unix time, and keeps it."""
+_LATEST = {True: 2**32, False: 2**31}
+"""Greatest second of a stamp in ROS 1 and in ROS 2."""
+_LONGEST_NAME = 200
+"""Greatest length of a topic's name; DDS has room for some fifty more."""
 _WORLD, _BASE = "map", "base_link"
-_FLOAT = "std_msgs/msg/Float64"
+_SHOWN = 8
+"""Number of renamed columns that a sentence lists."""
 _UNKNOWN = -1.0
 """First element of the covariance of something that was not measured (sensor_msgs/Imu)."""
 
@@ -101,10 +115,107 @@ _TOPICS: Mapping[str, tuple[str, str, Callable[[_Store, int, FloatArray], Any]]]
 """Topic, message type and maker of each group; a maker gets the store, the stamp [ns] and the group's columns in order."""
 
 
+_RESERVED = {topic for topic, _, _ in _TOPICS.values()} | {MAP_TOPIC, "/tf", "/tf_static", "/clock", "/rosout"}
+"""Topics with a meaning of their own, which no channel takes."""
+_ODOMETRY = dict(zip(*POSES, strict=True))
+"""Names of odometry's pose by those of a pose: in a log without another pose, odometry's columns are x, y, yaw."""
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A topic that is to be written."""
+
+    topic: str
+    kind: str
+    """Message type."""
+    group: str
+    columns: tuple[str, ...]
+    """Columns of the group that its messages hold, in the order of the maker."""
+    make: Callable[[_Store, int, FloatArray], Any]
+
+
+def _plans(groups: Groups) -> list[_Plan]:
+    """Return the topics of a log, with names that differ."""
+    taken = set(_RESERVED)
+    plans = []
+    for name, group in groups.items():
+        known = {_ODOMETRY.get(n, n) if name == "odom" else n: n for n in group.columns}
+        whole: tuple[str, ...] = ()
+        if name in _TOPICS and all(column in known for column in GROUPS[name]):
+            whole = tuple(known[column] for column in GROUPS[name])
+            topic, kind, make = _TOPICS[name]
+            plans.append(_Plan(topic, kind, name, whole, make))
+        for column in group.columns:
+            if column not in whole:
+                plans.append(_Plan(_topic_of(column, taken), CHANNEL, name, (column,), _number))
+    return plans
+
+
+def _topic_of(column: str, taken: set[str]) -> str:
+    """Return a topic for a column, a name that ROS allows and nothing else has; it is taken from now on."""
+    plain = unicodedata.normalize("NFKD", column).encode("ascii", "ignore").decode()
+    name = re.sub("[^A-Za-z0-9]+", "_", plain).strip("_")[:_LONGEST_NAME] or "channel"
+    name = f"/{name}" if name[0].isalpha() else f"/channel_{name}"
+    topic = next(t for t in itertools.chain([name], (f"{name}_{k}" for k in itertools.count(2))) if t not in taken)
+    taken.add(topic)
+    return topic
+
+
+def bag_losses(groups: Groups, path: Path) -> list[str]:
+    """Return sentences about what a bag holds in another way than the log: names of columns, and Unix times that do not fit.
+
+    Raises:
+        ValueError: the stamps do not fit into a bag.
+    """
+    renamed = [(plan.columns[0], plan.topic) for plan in _plans(groups) if plan.kind == CHANNEL]
+    named = [f"{quoted([column])} as {topic}" for column, topic in renamed if topic != f"/{column}"]
+    more = f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else ""
+    said = [f"columns that cannot name a topic are written under others: {', '.join(named[:_SHOWN])}{more}"] if named else []
+    start = min(float(g.t[0]) for g in groups.values())
+    if _epoch(groups, path) not in (0, EPOCH):
+        said.append(f"stamps begin with 2001-09-09, for {start:.9g} s does not fit into those of a bag")
+    return said
+
+
+def _epoch(groups: Groups, path: Path) -> int:
+    """Return the Unix time that stands for t = 0 [s].
+
+    Raises:
+        ValueError: the log is longer than the stamps of a bag.
+    """
+    latest = _LATEST[_is_ros1(path)]
+    start, stop = min(float(g.t[0]) for g in groups.values()), max(float(g.t[-1]) for g in groups.values())
+    for epoch in (0 if start >= EPOCH else EPOCH, EPOCH - math.floor(start)):
+        if 1.0 <= start + epoch and stop + epoch < latest:
+            return epoch
+    raise ValueError(f"{start:.9g} to {stop:.9g} s do not fit into {path.name}, whose stamps end after {latest} s")
+
+
+def _stamps(t: FloatArray, epoch: int) -> list[int]:
+    """Return (M,) times [s] as Unix time [ns]; whole seconds apart, for a double has no nanoseconds of Unix time.
+
+    Raises:
+        ValueError: two of them are the same.
+    """
+    found = [(epoch + math.floor(s)) * 10**9 + round((s - math.floor(s)) * 1e9) for s in t.tolist()]
+    if any(b <= a for a, b in pairwise(found)):
+        raise ValueError("samples lie closer together than the nanosecond that stamps of bags resolve")
+    return found
+
+
+def _is_ros1(path: Path) -> bool:
+    return path.suffix.lower() == ".bag"
+
+
+def _number(s: _Store, _: int, row: FloatArray) -> Any:
+    return s.make(CHANNEL, data=float(row[0]))
+
+
 def write_bag(groups: Groups, path: Path) -> None:
     """Write a log as a bag, whole or not at all: ROS 1 for a path that ends in .bag, ROS 2 for .mcap.
 
     Raises:
+        ValueError: the stamps do not fit into a bag.
         OSError: the file cannot be written.
     """
     from rosbags.rosbag1 import Writer as Writer1
@@ -112,21 +223,21 @@ def write_bag(groups: Groups, path: Path) -> None:
     from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
 
-    ros1 = path.suffix.lower() == ".bag"
-    types = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    store = _Store(types, ros1)
+    types = get_typestore(Stores.ROS1_NOETIC if _is_ros1(path) else Stores.ROS2_HUMBLE)
+    store = _Store(types, _is_ros1(path))
+    messages = _messages(store, groups, _epoch(groups, path))
 
     def write(beside: Path) -> None:
-        if ros1:
+        if store.ros1:
             with Writer1(beside) as writer:
-                _fill(writer, store, groups, types.serialize_ros1)
+                _fill(writer, store, messages, types.serialize_ros1)
             return
         # a ROS 2 bag is a folder; its one .mcap file is complete in itself
         folder = temporary_beside(path.with_suffix(""))
         folder.mkdir()
         try:
             with Writer2(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer2:
-                _fill(writer2, store, groups, types.serialize_cdr)
+                _fill(writer2, store, messages, types.serialize_cdr)
             next((folder / "bag").glob("*.mcap")).replace(beside)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -134,31 +245,27 @@ def write_bag(groups: Groups, path: Path) -> None:
     write_atomic(path, write)
 
 
-_ODOMETRY = dict(zip(*POSES, strict=True))
-"""Names of odometry's pose by those of a pose: in a log without another pose, odometry's columns are x, y, yaw."""
 _Message = tuple[int, str, str, Callable[[], Any]]
 """Stamp [ns], topic, type, and the function that makes the message."""
 
 
-def _fill(writer: Any, store: _Store, groups: Groups, serialize: Callable[[Any, str], Any]) -> None:
+def _fill(writer: Any, store: _Store, messages: Sequence[_Message], serialize: Callable[[Any, str], Any]) -> None:
     """Write all messages in the order of time, as a recorder does."""
-    messages = sorted(_messages(store, groups), key=lambda m: m[0])
     kinds = {topic: kind for _, topic, kind, _ in messages}
     connected = {topic: writer.add_connection(topic, kind, typestore=store.types) for topic, kind in kinds.items()}
     for ns, topic, kind, make in messages:
         writer.write(connected[topic], ns, serialize(make(), kind))
 
 
-def _messages(store: _Store, groups: Groups) -> Iterator[_Message]:
-    for name, group in groups.items():
-        stamps = [EPOCH_NS + round(float(t) * 1e9) for t in group.t]
-        loose = {_ODOMETRY.get(n, n) if name == "odom" else n: values for n, values in group.columns.items()}
-        if name in _TOPICS and all(column in loose for column in GROUPS[name]):
-            topic, kind, make = _TOPICS[name]
-            table = np.column_stack([loose.pop(column) for column in GROUPS[name]])
-            for ns, row in zip(stamps, table, strict=True):
-                yield ns, topic, kind, partial(make, store, ns, row)
-        for column, values in loose.items():
-            topic = "/" + "".join(c if c.isascii() and c.isalnum() else "_" for c in column)
-            for ns, value in zip(stamps, values.tolist(), strict=True):
-                yield ns, topic, _FLOAT, partial(store.make, _FLOAT, data=value)
+def _messages(store: _Store, groups: Groups, epoch: int) -> list[_Message]:
+    """Return all messages, sorted by time."""
+    plans = _plans(groups)
+    stamps = {name: _stamps(group.t, epoch) for name, group in groups.items()}
+    said = json.dumps({plan.topic: [plan.group, list(plan.columns)] for plan in plans})
+    first = min(ns[0] for ns in stamps.values())
+    found: list[_Message] = [(first, MAP_TOPIC, TEXT, partial(store.make, TEXT, data=said))]
+    for plan in plans:
+        table = np.column_stack([groups[plan.group].columns[column] for column in plan.columns])
+        rows = zip(stamps[plan.group], table, strict=True)
+        found += [(ns, plan.topic, plan.kind, partial(plan.make, store, ns, row)) for ns, row in rows]
+    return sorted(found, key=lambda message: message[0])

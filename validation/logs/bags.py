@@ -11,8 +11,10 @@ read: joints with `wheel` and `left` or `right` in their names, averaged over ea
 from __future__ import annotations
 
 import math
+import os
+from array import array
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -22,17 +24,26 @@ from numpy.typing import NDArray
 
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
-from validation.logs.csv_table import DAMAGE
+from validation.logs.files import DAMAGE, open_regular
+from validation.logs.limits import USUAL, LogLimits
 from validation.logs.log import Stamps
 from validation.logs.recording import RecordingError
+from validation.reading import parse_json
+from validation.words import shortened
 
-_METADATA = "metadata.yaml"
+METADATA = "metadata.yaml"
 """File that describes the folder of a ROS 2 bag."""
 _CLOCK_JUMP = 1.0
 """Difference between the steps of the header's and the bag's stamps from which the header's clock has jumped [s]; a message
 that is only written late differs by less, and is sorted."""
 _OTHER_CLOCK = 60.0
 """Median distance from the bag's stamps from which a header's clock is another one, such as the time since start-up [s]."""
+_LATEST_NS = 2**62
+"""Greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits."""
+_QUATERNION = 1e3
+"""Greatest element of a quaternion; a unit quaternion has none beyond 1, but not every driver normalises."""
+MAP_TOPIC = "/recording/columns"
+"""Topic of the one message that says which columns the topics of a bag hold, for bags that this project wrote."""
 SHOWN = 5
 """Number of jumps or gaps that a sentence lists."""
 
@@ -96,6 +107,8 @@ class Bag:
     """Streams in the order of their topics."""
     others: Mapping[str, tuple[str, int]]
     """Type and message count of the topics that are left out: their type is unknown, or no message is of use."""
+    written: Mapping[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
+    """Group and columns of each topic, in a bag that this project wrote."""
 
     def stream(self, topic: str) -> Stream:
         """Return the stream of a topic.
@@ -128,7 +141,7 @@ def _twist(twist: Any) -> dict[str, float]:
 def _pose(position: Any, orientation: Any) -> dict[str, float]:
     quat = [getattr(orientation, axis) for axis in "wxyz"]
     # a quaternion of zeros is a field that nobody filled
-    yaw = float(quat_wxyz_to_yaw(quat)) if any(quat) and all(map(math.isfinite, quat)) else math.nan
+    yaw = float(quat_wxyz_to_yaw(quat)) if any(quat) and all(abs(q) < _QUATERNION for q in quat) else math.nan
     return {"x": position.x, "y": position.y, "yaw": yaw}
 
 
@@ -180,37 +193,97 @@ READERS: Mapping[str, Callable[[Any], Iterator[_Row]]] = MappingProxyType(
     }
 )
 """Functions that read a message, by its type; for a further type, add a line."""
+TEXT = "std_msgs/msg/String"
+"""Type of the message of `MAP_TOPIC`."""
+CHANNEL = "std_msgs/msg/Float64"
+"""Type of the messages that hold one number; they are read where `MAP_TOPIC` says which column that is."""
 
 
-def read_bag(path: str | Path, stamps: Stamps = "header") -> Bag:
+def _channel(m: Any) -> Iterator[_Row]:
+    yield "", 0, {"value": m.data}
+
+
+class _BagError(RecordingError):
+    """A file is no bag."""
+
+    wanted = "a bag (.bag, .mcap, or a ROS 2 bag's folder)"
+
+
+@dataclass
+class _Messages:
+    """Messages of one stream in the order of writing, as columns that grow."""
+
+    written_ns: array[int] = field(default_factory=lambda: array("q"))
+    """Stamps of writing [ns]."""
+    header_ns: array[int] = field(default_factory=lambda: array("q"))
+    """Stamps of measuring [ns], 0 for none."""
+    columns: dict[str, array[float]] = field(default_factory=dict)
+
+    def add(self, written_ns: int, header_ns: int, numbers: Mapping[str, float]) -> None:
+        """Take in a message; a column that it lacks is NaN there."""
+        count = len(self.written_ns)
+        for name, value in numbers.items():
+            column = self.columns.setdefault(name, array("d"))
+            column.extend([math.nan] * (count - len(column)))
+            column.append(value)
+        self.written_ns.append(written_ns)
+        self.header_ns.append(header_ns)
+
+    def column(self, name: str) -> FloatArray:
+        """Return a column, (M,)."""
+        values = np.array(self.columns[name], dtype=np.float64)
+        return np.concatenate([values, np.full(len(self.written_ns) - len(values), math.nan)])
+
+
+def read_bag(path: str | Path, stamps: Stamps = "header", limits: LogLimits = USUAL) -> Bag:
     """Read all streams of a bag.
 
     Args:
         path: a `.bag` or `.mcap` file, or the folder of a ROS 2 bag.
         stamps: `header` prefers the stamps of measuring; `bag` takes those of writing, for bags whose clocks jumped.
+        limits: greatest sizes and numbers of messages; the usual ones if not given.
 
     Raises:
-        RecordingError: there is no such bag, it is damaged, or it is empty.
+        RecordingError: there is no such bag, it is damaged, empty or beyond the limits.
     """
     path = Path(path)
-    if not path.exists():
-        raise RecordingError(path, "there is no such file; wanted a bag (.bag, .mcap, or a ROS 2 bag's folder)")
-    if path.is_dir() and not (path / _METADATA).is_file():
-        raise RecordingError(path, f"this folder is no ROS 2 bag: there is no {_METADATA} in it")
-    collected, others = _collect(path)
+    _check_files(path, limits)
+    collected, others, written = _collect(path, limits)
     if not collected and not others:
         raise RecordingError(path, "the bag is empty: there is no message in it")
     clocks = {key: _preferred(collected[key], stamps) for key in sorted(collected)}
     epoch = min((int(ns.min()) for ns, _ in clocks.values()), default=0)
-    return Bag(path, epoch, tuple(_stream(*key, collected[key], *clock, epoch) for key, clock in clocks.items()), others)
+    streams = tuple(_stream(*key, collected[key], *clock, epoch) for key, clock in clocks.items())
+    return Bag(path, epoch, streams, others, written)
 
 
-_Rows = list[tuple[int, int, dict[str, float]]]
-"""Messages of one stream: the bag's stamp and the header's [ns], and the numbers by column."""
+def _check_files(path: Path, limits: LogLimits) -> None:
+    """Refuse what is no bag by its files, before any library opens them."""
+    if not path.is_dir():
+        with open_regular(path, _BagError, limits, "bag_size"):
+            return
+    if not (path / METADATA).exists():
+        raise RecordingError(path, f"this folder is no ROS 2 bag: there is no {METADATA} in it")
+    try:
+        files = sorted(p for p in path.iterdir() if not p.is_dir())
+    except OSError as cause:
+        raise RecordingError(path, f"the folder cannot be read: {cause.strerror or cause}") from cause
+    size = 0
+    for file in files:
+        with open_regular(file, _BagError, limits, "table_size" if file.name == METADATA else "bag_size") as opened:
+            size += os.fstat(opened.fileno()).st_size
+    if size > limits.bytes_of("bag_size"):
+        raise RecordingError(path, f"its files have {size / 1e6:.6g} MB, but {limits.says('bag_size')}")
 
 
-def _collect(path: Path) -> tuple[dict[tuple[str, str], _Rows], dict[str, tuple[str, int]]]:
-    """Return all rows by topic and type, and the topics that are left out with their type and count."""
+_Written = Mapping[str, tuple[str, tuple[str, ...]]]
+"""Group and columns by topic."""
+_Collected = dict[tuple[str, str], _Messages]
+"""Messages by topic and type."""
+
+
+def _collect(path: Path, limits: LogLimits) -> tuple[_Collected, Mapping[str, tuple[str, int]], _Written]:
+    """Return the messages, the topics that are left out with their type and count, and what was written by this project."""
     try:
         import apsw  # here: these imports take a fifth of a second
         from rosbags.highlevel import AnyReader, AnyReaderError
@@ -220,43 +293,70 @@ def _collect(path: Path) -> tuple[dict[tuple[str, str], _Rows], dict[str, tuple[
         from rosbags.typesys import Stores, TypesysError, get_typestore
     except ImportError as missing:
         raise RecordingError(path, f"reading bags needs rosbags: pip install rosbags ({missing})") from None
-    rows: dict[tuple[str, str], _Rows] = {}
-    others: dict[str, tuple[str, int]] = {}
     faults = (*DAMAGE, apsw.Error, AnyReaderError, ReaderError1, ReaderError2, SerdeError, TypesysError)
     try:
         # the type store serves bags that do not contain their message types: ROS 2 before Iron
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            known = [c for c in reader.connections if c.msgtype in READERS]
-            for connection, ns, raw in reader.messages(known) if known else ():
-                message = reader.deserialize(raw, connection.msgtype)
-                for suffix, header_ns, numbers in READERS[connection.msgtype](message):
-                    rows.setdefault((connection.topic + suffix, connection.msgtype), []).append((ns, header_ns, numbers))
-            used = {topic.partition(":")[0] for topic, _ in rows}
+            written = _written(reader)
+            found = _messages(path, reader, written, limits)
+            used = {topic.partition(":")[0] for topic, _ in found} | {MAP_TOPIC}
+            others: dict[str, tuple[str, int]] = {}
             for connection in reader.connections:
                 if connection.topic not in used and connection.msgcount:
-                    count = others.get(connection.topic, ("", 0))[1] + connection.msgcount
-                    others[connection.topic] = (connection.msgtype, count)
+                    count = others.get(connection.topic, ("", 0))[1] + int(connection.msgcount)
+                    others[str(connection.topic)] = (str(connection.msgtype), max(0, count))
+    except RecordingError:
+        raise
     except faults as cause:
-        what = " ".join(str(cause).split()) or type(cause).__name__
-        raise RecordingError(path, f"this is no bag that can be read, or a damaged one: {what[:200]}") from cause
-    return rows, others
+        what = shortened(cause, 200) or type(cause).__name__
+        raise RecordingError(path, f"this is no bag that can be read, or a damaged one: {what}") from cause
+    return found, others, written
 
 
-def _preferred(rows: _Rows, stamps: Stamps) -> tuple[NDArray[np.int64], Stamps]:
+def _written(reader: Any) -> _Written:
+    """Return what the message of `MAP_TOPIC` says, nothing without one; any error is that of a damaged bag."""
+    maps = [c for c in reader.connections if c.topic == MAP_TOPIC and c.msgtype == TEXT]
+    for connection, _, raw in reader.messages(maps) if maps else ():
+        said = parse_json(reader.deserialize(raw, connection.msgtype).data, MAP_TOPIC)
+        return {str(topic): (str(group), tuple(map(str, columns))) for topic, (group, columns) in said.items()}
+    return {}
+
+
+def _messages(path: Path, reader: Any, written: _Written, limits: LogLimits) -> _Collected:
+    """Return all messages that can be read.
+
+    Raises:
+        RecordingError: there are more than the limits allow.
+    """
+    found: _Collected = {}
+    known = [c for c in reader.connections if c.msgtype in READERS or (c.msgtype == CHANNEL and c.topic in written)]
+    for count, (connection, ns, raw) in enumerate(reader.messages(known) if known else ()):
+        for name, many in (("samples", count + 1), ("columns", len(found))):
+            if many > getattr(limits, name):
+                raise RecordingError(path, f"there are too many messages or topics: {limits.says(name)}")
+        if not 0 <= ns < _LATEST_NS:
+            raise ValueError(f"a message was written at {ns} ns")
+        kind = connection.msgtype
+        read = _channel if kind == CHANNEL else READERS[kind]
+        for suffix, header_ns, numbers in read(reader.deserialize(raw, kind)):
+            found.setdefault((connection.topic + suffix, kind), _Messages()).add(ns, header_ns, numbers)
+    return found
+
+
+def _preferred(messages: _Messages, stamps: Stamps) -> tuple[NDArray[np.int64], Stamps]:
     """Return the (M,) stamps of a stream [ns] and the clock that they come from."""
-    bag, header = (np.array([row[k] for row in rows], dtype=np.int64) for k in (0, 1))
+    bag, header = (np.array(ns, dtype=np.int64) for ns in (messages.written_ns, messages.header_ns))
     apart = abs(float(np.median(header - bag))) * 1e-9
     return (header, "header") if stamps == "header" and header.all() and apart < _OTHER_CLOCK else (bag, "bag")
 
 
-def _stream(topic: str, kind: str, rows: _Rows, ns: NDArray[np.int64], clock: Stamps, epoch: int) -> Stream:
-    written = np.array([row[0] for row in rows], dtype=np.int64)
+def _stream(topic: str, kind: str, messages: _Messages, ns: NDArray[np.int64], clock: Stamps, epoch: int) -> Stream:
+    written = np.array(messages.written_ns, dtype=np.int64)
     odd = (np.diff(ns) - np.diff(written)) * 1e-9
     jumps = tuple((float(written[k + 1] - epoch) * 1e-9, float(odd[k])) for k in np.flatnonzero(np.abs(odd) > _CLOCK_JUMP))
     order, late = np.argsort(ns, kind="stable"), int(np.count_nonzero(np.diff(ns) < 0))
-    names = {name: None for _, _, numbers in rows for name in numbers}
-    columns = {n: np.array([numbers.get(n, math.nan) for _, _, numbers in rows], dtype=np.float64)[order] for n in names}
+    columns = {name: messages.column(name)[order] for name in messages.columns}
     t = np.asarray((ns[order] - epoch) * 1e-9, dtype=np.float64)
-    for array in (t, *columns.values()):
-        array.setflags(write=False)
+    for array_ in (t, *columns.values()):
+        array_.setflags(write=False)
     return Stream(topic, kind, t, MappingProxyType(columns), clock, jumps, late)

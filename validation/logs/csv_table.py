@@ -1,4 +1,4 @@
-"""Tables of text cells, as CSV files hold them, and the one-line errors that say where such a file is wrong."""
+"""Tables of text cells, as CSV files and spreadsheets hold them, read into columns of numbers."""
 
 from __future__ import annotations
 
@@ -7,81 +7,69 @@ import csv
 import io
 import logging
 import math
-import struct
-import zlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import BinaryIO
 
 import numpy as np
 
 from ssmr.types import FloatArray
+from validation.logs.files import TableError, quoted, read_regular
+from validation.logs.limits import USUAL, Bound, LogLimits
 
 _logger = logging.getLogger(__name__)
 
-DAMAGE = (
-    OSError,
-    EOFError,
-    struct.error,
-    zlib.error,
-    SyntaxError,  # what Python's XML parser raises
-    LookupError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    AssertionError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-)
-"""Errors that readers of foreign formats raise on damaged files, besides their own; they promise nothing narrower."""
+_AT_ONCE = 200_000
+"""Cells that are held as text at a time."""
+_COMMAS = 100
+"""A line may have this many times as many commas as columns are allowed, for text may hold some."""
 
 
-class TableError(ValueError):
-    """A file is not the table it should be: what is wrong, where, and what would be right, in one line."""
+@dataclass
+class _Cells:
+    """The cells of one column as numbers, and where they are none."""
 
-    wanted: ClassVar[str]
-    """The kind of file that was expected, with its ending."""
-    header: ClassVar[str]
-    """A sentence about what the first line should name."""
-    counted: ClassVar[str] = "line"
-    """Word for the lines of such a file in an editor."""
+    parts: list[FloatArray] = field(default_factory=list)
+    count: int = 0
+    bad: int = 0
+    """Number of cells that are no finite numbers."""
+    first_bad: tuple[int, str] | None = None
+    """Row and text of the first of them."""
+    first_text: tuple[int, str] | None = None
+    """Row and text of the first that is neither a number nor empty."""
 
-    def __init__(self, path: Path, what: str, line: int | None = None, column: str | None = None) -> None:
-        """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""
-        super().__init__(path, what, line, column)
-        self.path, self.what, self.line, self.column = path, what, line, column
-
-    def __str__(self) -> str:
-        line = "" if self.line is None else f", {self.counted} {self.line}"
-        column = "" if self.column is None else f", column {self.column}"
-        return f"{self.path}{line}{column}: {self.what}"
-
-
-def quoted(texts: Iterable[str]) -> str:
-    """Return foreign texts for a message: quoted, shortened and on one line."""
-    short = [repr(s if len(s) <= 30 else s[:27] + "...") for s in texts]
-    return ", ".join(short if len(short) <= 12 else [*short[:12], "..."])
+    def add(self, cells: Sequence[str]) -> None:
+        """Take in the cells of the next rows."""
+        values = _numbers(cells)
+        bad = np.flatnonzero(~np.isfinite(values)).tolist()
+        if len(bad) and self.first_bad is None:
+            self.first_bad = (self.count + bad[0], cells[bad[0]])
+        if len(bad) and self.first_text is None:
+            text = next((k for k in bad if _number(cells[k]) is None and cells[k].strip()), None)
+            self.first_text = None if text is None else (self.count + text, cells[text])
+        self.parts.append(values)
+        self.count += len(cells)
+        self.bad += len(bad)
 
 
 @dataclass(frozen=True)
 class CellTable:
-    """Rows of text cells, all as long as the header; blank lines are left out."""
+    """Columns of cells below a header; blank lines are left out."""
 
     path: Path
     header: Sequence[str]
     """Names of the columns, as they are written."""
     header_line: int
     """Line on which the header begins, counted from 1."""
-    rows: Sequence[Sequence[str]]
+    cells: Sequence[_Cells]
     lines: Sequence[int]
     """Line on which each row begins."""
     error: type[TableError]
     """The error that names this kind of file."""
 
-    def numbers(self, place: int, name: str, units: Mapping[str, str]) -> FloatArray | None:
+    def numbers(self, place: int, name: str, units: Mapping[str, str], bound: Bound | None = None) -> FloatArray | None:
         """Return a column as (M,) numbers.
 
         Args:
@@ -89,84 +77,141 @@ class CellTable:
             name: its name in messages.
             units: the units of the columns that must be numbers throughout. Another column may be text or have holes; then
                 it is left out with a warning.
+            bound: greatest size of its numbers; none if not given.
 
         Returns:
             The numbers; None for a column that is left out.
 
         Raises:
-            TableError: a cell that is no finite number, in a column of `units` or in one that otherwise holds numbers.
+            TableError: a cell that is no finite number or beyond the bound, in a column of `units`; or text in one that
+                otherwise holds numbers.
         """
-        cells = [row[place] for row in self.rows]
-        values = [_number(cell) for cell in cells]
-        bad = [k for k, v in enumerate(values) if v is None or not math.isfinite(v)]
-        if not bad:
-            return np.array(values, dtype=np.float64)
-        text = [k for k in bad if values[k] is None and cells[k].strip()]
-        if name in units or (text and len(bad) < len(cells)):
-            k = bad[0] if name in units else text[0]
-            what = "nothing" if not cells[k].strip() else quoted([cells[k].strip()])
+        cells = self.cells[place]
+        if cells.first_bad is None:
+            values = np.concatenate(cells.parts) if cells.parts else np.zeros(0)
+            beyond = None if bound is None else bound.first_beyond(values)
+            if bound is None or beyond is None:
+                return values
+            if name in units:
+                what = f"there is {values[beyond]:g} {units[name]}, but {bound.says}"
+                raise self.error(self.path, what, self.lines[beyond], name)
+            self._leave_out(beyond, name, f"{values[beyond]:g}, but {bound.says}")
+            return None
+        if name in units or (cells.first_text is not None and cells.bad < cells.count):
+            row, cell = cells.first_text if name not in units and cells.first_text else cells.first_bad
+            what = "nothing" if not cell.strip() else quoted([cell.strip()])
             unit = f" [{units[name]}]" if name in units else ""
-            raise self.error(self.path, f"there is {what}, wanted a finite number{unit}", self.lines[k], name)
-        _logger.warning(
-            "%s, line %d, column %s: there is %s; the channel is left out",
-            self.path, self.lines[bad[0]], name, "text" if text else "no finite number",
-        )  # fmt: skip
+            raise self.error(self.path, f"there is {what}, wanted a finite number{unit}", self.lines[row], name)
+        self._leave_out(cells.first_bad[0], name, "text" if cells.first_text else "no finite number")
         return None
 
+    def _leave_out(self, row: int, name: str, what: str) -> None:
+        _logger.warning(
+            "%s, line %d, column %s: there is %s; the channel is left out", self.path, self.lines[row], name, what
+        )
 
-def read_bytes(path: Path, error: type[TableError]) -> bytes:
-    """Return the bytes of a file.
+
+def make_table(
+    path: Path, rows: Iterable[tuple[int, Sequence[str]]], error: type[TableError], limits: LogLimits
+) -> CellTable | None:
+    """Return a table of rows, of which the first is the header; None where there are no rows.
+
+    Args:
+        path: the file.
+        rows: line and cells of each row that is not blank.
+        error: the error to raise.
+        limits: the limits in force.
 
     Raises:
-        TableError: an `error`, if the file cannot be read.
+        TableError: an `error`, if rows differ in length from the header, or there are more than the limits allow.
     """
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise error(path, f"there is no such file; wanted {error.wanted}") from None
-    except IsADirectoryError:
-        raise error(path, f"this is a folder; wanted {error.wanted}") from None
-    except OSError as cause:
-        raise error(path, f"the file cannot be read: {cause.strerror or cause}") from cause
+    numbered = iter(rows)
+    header_line, header = next(numbered, (0, ()))
+    width = len(header)
+    if not width:
+        return None
+    if width > limits.columns:
+        raise error(path, f"there are {width} columns, but {limits.says('columns')}", header_line)
+    columns = [_Cells() for _ in header]
+    lines = array("q")
+    waiting: list[Sequence[str]] = []
+    for line, row in numbered:
+        if len(row) != width:
+            raise error(path, f"there are {len(row)} fields, wanted {width} as in the header", line)
+        for name, many in (("samples", len(lines) + 1), ("cells", (len(lines) + 1) * width)):
+            if many > getattr(limits, name):
+                raise error(path, f"there are too many rows: {limits.says(name)}", line)
+        lines.append(line)
+        waiting.append(row)
+        if len(waiting) * width >= _AT_ONCE:
+            _take_in(columns, waiting)
+    _take_in(columns, waiting)
+    return CellTable(path, header, header_line, columns, lines, error)
 
 
-def read_csv_table(path: Path, error: type[TableError]) -> CellTable:
+def _take_in(columns: Sequence[_Cells], waiting: list[Sequence[str]]) -> None:
+    for place, cells in enumerate(columns):
+        cells.add([row[place] for row in waiting])
+    waiting.clear()
+
+
+def read_csv_table(path: Path, error: type[TableError], limits: LogLimits = USUAL) -> CellTable:
     """Read a CSV file. A UTF-8 byte order mark, any line ending and blank lines are accepted.
 
     Raises:
-        TableError: an `error`, if the file is no CSV file, is empty, or has rows that differ in length.
+        TableError: an `error`, if the file is no CSV file, is empty, has rows that differ in length or is beyond the limits.
     """
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    reader = csv.reader(io.StringIO(_read_text(path, error), newline=""), strict=True)
+    data = _checked_text(path, read_regular(path, error, limits), error)
+    table = make_table(path, _csv_rows(path, data, error, limits), error, limits)
+    if table is None:
+        raise error(path, f"the file is empty; {error.header}")
+    return table
+
+
+def _csv_rows(path: Path, data: BinaryIO, error: type[TableError], limits: LogLimits) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line and the cells of each row that is not blank."""
+    most = _COMMAS * limits.columns
+
+    def narrow(lines: Iterable[str]) -> Iterator[str]:
+        for k, text in enumerate(lines, start=1):
+            if len(text) > most and text.count(",") > most:
+                raise error(path, f"there are {text.count(',')} commas, but {limits.says('columns')}", k)
+            yield text
+
     line = 1
     try:
+        reader = csv.reader(narrow(io.TextIOWrapper(data, encoding="utf-8", newline="")), strict=True)
         for row in reader:
             if len(row) > 1 or any(map(str.strip, row)):
-                if rows and len(row) != len(rows[0]):
-                    raise error(path, f"there are {len(row)} fields, wanted {len(rows[0])} as in the header", line)
-                rows.append(row)
-                lines.append(line)
+                yield line, row
             line = reader.line_num + 1
     except csv.Error as cause:
         raise error(path, f"this is no CSV: {cause}", line) from cause
-    if not rows:
-        raise error(path, f"the file is empty; {error.header}")
-    return CellTable(path, rows[0], lines[0], rows[1:], lines[1:], error)
 
 
-def _read_text(path: Path, error: type[TableError]) -> str:
-    """Return the text of a file without its byte order mark."""
-    data = read_bytes(path, error).removeprefix(codecs.BOM_UTF8)
+def _checked_text(path: Path, data: bytes, error: type[TableError]) -> BinaryIO:
+    """Return the bytes of a UTF-8 text without its byte order mark."""
+    data = data.removeprefix(codecs.BOM_UTF8)
     try:
-        text = data.decode("utf-8")
+        data.decode("utf-8")
         bad, what = data.find(b"\0"), "a NUL byte"
     except UnicodeDecodeError as cause:
-        text, bad, what = "", cause.start, "a byte that is not UTF-8"
+        bad, what = cause.start, "a byte that is not UTF-8"
     if bad >= 0:
         line = data.count(b"\n", 0, bad) + 1
         raise error(path, f"there is {what}; wanted a CSV file, which is plain UTF-8 text", line)
-    return text
+    return io.BytesIO(data)
+
+
+def _numbers(cells: Sequence[str]) -> FloatArray:
+    """Return the numbers that cells hold, NaN where they hold none."""
+    try:
+        if "_" not in "".join(cells):
+            return np.array([float(cell) for cell in cells], dtype=np.float64)
+    except ValueError:
+        pass
+    found = map(_number, cells)
+    return np.array([math.nan if value is None else value for value in found], dtype=np.float64)
 
 
 def _number(cell: str) -> float | None:

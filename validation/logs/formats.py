@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from validation.logs.bag_recording import BAG
+from validation.logs.bags import METADATA
+from validation.logs.files import exists
+from validation.logs.limits import USUAL, LogLimits
 from validation.logs.log import Log, LogFormat, ReadOptions
 from validation.logs.recording import Recording, RecordingError
 from validation.logs.recording_csv import CSV
@@ -45,7 +48,7 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
         RecordingError: no format has that ending, or the log cannot be read.
     """
     path = Path(path)
-    if not path.exists():
+    if not exists(path):
         raise RecordingError(path, f"there is no such file; wanted a recording ({readable()})")
     found = _reader(path)
     if found is None or found.read is None:
@@ -53,24 +56,76 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     return found.read(path, options or ReadOptions())
 
 
-def read_recording(path: str | Path) -> Recording:
+def read_recording(path: str | Path, limits: LogLimits = USUAL) -> Recording:
     """Read a log of any format in `FORMATS` and bring it onto one clock; see `read_log`."""
-    return read_log(path).recording()
+    return read_log(path, ReadOptions(limits=limits)).recording()
 
 
 def write_log(log: Log, path: str | Path) -> None:
     """Write a log in the format that the ending of `path` names, whole or not at all.
 
     Raises:
-        ValueError: no format that can be written has that ending, or the log lacks what the format needs.
+        ValueError: no format that can be written has that ending, the log lacks what the format needs, or `path` is the log
+            itself or a part of it.
         OSError: the file cannot be written.
     """
     path = Path(path)
-    for one in FORMATS:
-        if one.write is not None and path.suffix.lower() in one.endings:
-            one.write(log, path)
-            return
-    raise ValueError(f"{path}: no format has the ending '{path.suffix}'; there are: {', '.join(writable())}")
+    check_target(path, log.path)
+    write = _writer(path).write
+    assert write is not None
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write(log, path)
+
+
+def losses(log: Log, path: str | Path) -> tuple[str, ...]:
+    """Return sentences about what the file at `path` would not hold of a log, or hold under other names.
+
+    Raises:
+        ValueError: no format that can be written has that ending, or it cannot hold the log.
+    """
+    path = Path(path)
+    told = _writer(path).losses
+    return () if told is None else tuple(told(log, path))
+
+
+def check_target(target: str | Path, source: str | Path) -> None:
+    """Refuse to write into what is read, before any work is done.
+
+    Args:
+        target: file that is to be written.
+        source: log that is read; it need not exist, as a simulated drive does not.
+
+    Raises:
+        ValueError: no format that can be written has the target's ending; or the target is a folder, the source itself, a
+            link to a part of it, or lies in the folder of a ROS 2 bag that is the source or holds it.
+    """
+    target, source = Path(target), Path(source)
+    _writer(target)
+    if target.is_dir():
+        raise ValueError(f"{target} is a folder; name a file")
+    if not exists(source):
+        return
+    whole = source.parent if not source.is_dir() and (source.parent / METADATA).is_file() else source
+    if exists(target) and (target.samefile(source) or target.samefile(whole)):
+        raise ValueError(f"{target} is the log itself; name another file")
+    if not whole.is_dir():
+        return
+    if any(exists(folder) and folder.samefile(whole) for folder in target.absolute().resolve().parents):
+        raise ValueError(f"{target} lies in the bag {whole}; name a file outside of it")
+    if exists(target) and any(target.samefile(part) for part in whole.rglob("*") if exists(part)):
+        raise ValueError(f"{target} is a link to a part of the bag {whole}; name another file")
+
+
+def _writer(path: Path) -> LogFormat:
+    """Return the format that writes a path's ending.
+
+    Raises:
+        ValueError: there is none.
+    """
+    found = next((f for f in FORMATS if f.write is not None and path.suffix.lower() in f.endings), None)
+    if found is None:
+        raise ValueError(f"{path}: no format has the ending '{path.suffix}'; there are: {', '.join(writable())}")
+    return found
 
 
 def _reader(path: Path) -> LogFormat | None:

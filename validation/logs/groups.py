@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr.geometry import relative
 from ssmr.types import FloatArray
+from validation.logs.limits import USUAL, LogLimits
 from validation.logs.recording import POSE_COLUMNS, TIME_ROUNDOFF, Recording, RecordingError
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
@@ -36,8 +38,6 @@ _COMMAND_TIMEOUT = 0.5
 """Age from which a command no longer counts [s]: a driver stops a robot that gets no commands any more."""
 _GAP_FACTOR = 2.5
 """A step longer than this many periods, of the group or of the recording, is a gap; as in `Recording`."""
-MOST_SAMPLES = 10_000_000
-"""Greatest length of a recording; more samples are a mistaken rate or a mistaken clock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,21 @@ class Group:
         at = np.flatnonzero(np.diff(self.t) > self.longest_step())
         return [(float(self.t[k]), float(self.t[k + 1])) for k in at]
 
+    def in_gaps(self, t: FloatArray, margin: float = 0.0, least: float = 0.0) -> NDArray[np.bool_]:
+        """Return (N,) whether instants `t` [s] lie in gaps.
+
+        Args:
+            t: (N,) instants [s].
+            margin: time after the beginning and before the end of a gap that does not count as in it [s].
+            least: shorter gaps, or equal ones, do not count [s].
+        """
+        at = np.flatnonzero(np.diff(self.t) > max(self.longest_step(), least))
+        if not len(at):
+            return np.zeros(len(t), dtype=bool)
+        start, stop = self.t[at] + margin, self.t[at + 1] - margin
+        last = np.searchsorted(start, t, side="left") - 1
+        return (last >= 0) & (t < stop[last])
+
 
 Groups = Mapping[str, Group]
 
@@ -89,18 +104,20 @@ def stacked_columns(columns: Mapping[str, FloatArray], names: Sequence[str]) -> 
 
 
 # ------------------------------------------------------------------------------------------ one clock
-def merge(path: Path, groups: Groups, rate: float | None = None) -> Recording:
+def merge(path: Path, groups: Groups, rate: float | None = None, limits: LogLimits = USUAL) -> Recording:
     """Bring groups onto one clock.
 
     Args:
         path: file of the log; the recording takes its name, and errors name it.
         groups: groups by name.
         rate: samples a second [Hz]. None: the time stamps that the groups share, or the rate of the first group of `GROUPS`.
+        limits: greatest number of samples, and of samples times columns; the usual ones if not given.
 
     Raises:
-        RecordingError: the groups do not overlap, leave nothing between their gaps, or hold no known column.
+        RecordingError: the groups do not overlap, leave nothing between their gaps, hold no known column, or make more
+            samples than the limits allow.
     """
-    t = _clock(path, groups, rate)
+    t = _clock(path, groups, rate, limits)
     period = float(np.median(np.diff(t)))
     keep = np.ones(len(t), dtype=bool)
     columns: dict[str, FloatArray] = {}
@@ -108,9 +125,7 @@ def merge(path: Path, groups: Groups, rate: float | None = None) -> Recording:
         if name == "cmd":
             columns |= {n: held(t, group.t, values) for n, values in group.columns.items()}
             continue
-        for start, stop in group.gaps():
-            if stop - start > group.longest_step(period):  # a gap at the recording's period as well
-                keep &= (t <= start + TIME_ROUNDOFF) | (t >= stop - TIME_ROUNDOFF)
+        keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))  # gaps at the recording's period as well
         columns |= {n: np.interp(t, group.t, values) for n, values in group.columns.items()}
     if np.count_nonzero(keep) < 2:
         raise RecordingError(path, f"nothing is left between the gaps: {_spans(groups.values())}")
@@ -124,7 +139,7 @@ def _spans(groups: Iterable[Group]) -> str:
     return ", ".join(f"{g.source} {g.t[0]:.6g} to {g.t[-1]:.6g} s" for g in groups)
 
 
-def _clock(path: Path, groups: Groups, rate: float | None) -> FloatArray:
+def _clock(path: Path, groups: Groups, rate: float | None, limits: LogLimits) -> FloatArray:
     """Return the (N,) instants of a recording: shared stamps, or a grid over the time that all measured groups cover."""
     measured = [g for name, g in groups.items() if name != "cmd"] or list(groups.values())
     if not measured:
@@ -137,9 +152,11 @@ def _clock(path: Path, groups: Groups, rate: float | None) -> FloatArray:
     if stop - start < dt:
         raise RecordingError(path, f"the topics do not overlap: {_spans(measured)}; leave one out with topics ROLE=none")
     n = (stop - start) / dt + TIME_ROUNDOFF
-    if n > MOST_SAMPLES:
-        many = f"{stop - start:.6g} s at {1.0 / dt:.6g} Hz are too many samples"
-        raise RecordingError(path, f"{many}; ask for a lower rate")
+    width = sum(len(g.columns) for g in groups.values())
+    for limit, many in (("samples", n), ("cells", n * width)):
+        if many > getattr(limits, limit):
+            many_samples = f"{stop - start:.6g} s at {1.0 / dt:.6g} Hz are too many samples"
+            raise RecordingError(path, f"{many_samples} of {width} columns, for {limits.says(limit)}; ask for a lower rate")
     return np.asarray(start + dt * np.arange(int(n) + 1), dtype=np.float64)
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 
 from ssmr.types import FloatArray
 from validation.logs.groups import Group, groups_of, merge
+from validation.logs.limits import USUAL, LogLimits
 from validation.logs.recording import Recording
 
 Stamps = Literal["header", "bag"]
@@ -24,6 +25,8 @@ class ReadOptions:
     """Clock that counts: `header`, when a message was measured, or `bag`, when it was written."""
     lenient: bool = False
     """Leave out topics that cannot be used, and say so in `Log.faults`, instead of raising an error."""
+    limits: LogLimits = USUAL
+    """Greatest sizes and numbers that a log may have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +59,22 @@ class Log:
     """Sentences about the file's clocks."""
     faults: Sequence[str] = ()
     """Sentences about topics that were left out."""
+    limits: LogLimits = USUAL
+    """Limits that it was read with; they hold for its recording as well."""
 
     @classmethod
-    def of_recording(cls, path: Path, recording: Recording) -> Log:
+    def of_recording(cls, path: Path, recording: Recording, limits: LogLimits = USUAL) -> Log:
         """Return a recording as a log: all groups share its clock."""
-        return cls(path, groups_of(recording, path.name), recording)
+        return cls(path, groups_of(recording, path.name), recording, limits=limits)
 
     def recording(self) -> Recording:
         """Return the log on one clock.
 
         Raises:
-            RecordingError: the groups do not overlap, leave nothing between their gaps, or hold no known column.
+            RecordingError: the groups do not overlap, leave nothing between their gaps, hold no known column, or make more
+                samples than the limits allow.
         """
-        return merge(self.path, self.groups) if self.merged is None else self.merged
+        return merge(self.path, self.groups, limits=self.limits) if self.merged is None else self.merged
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,9 @@ class LogFormat:
     None for a format that is only written. A format with one clock returns `Log.of_recording(path, recording)`."""
     write: Callable[[Log, Path], None] | None = None
     """Function that writes a log whole or not at all; None for a format that is only read."""
+    losses: Callable[[Log, Path], Sequence[str]] | None = None
+    """Function that returns sentences about what such a file would not hold of a log, or hold under other names, and raises
+    ValueError if it cannot hold the log; None for a format that holds everything."""
     folder: str = ""
     """Name of the folders that are read as well, such as `the folder of a ROS 2 bag`; empty where only files are."""
 

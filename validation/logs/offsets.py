@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
-from validation.logs.groups import MOST_SAMPLES, Group, Groups, held
+from validation.logs.groups import Group, Groups, held
 from validation.logs.rest import wheel_twist
 
 _OFFSET_STEP = 0.01
@@ -20,6 +20,8 @@ _OFFSET_LIMIT = 1.0
 """Longest offset that is looked for [s]."""
 _OFFSET_SPAN = 5.0
 """Shortest overlap of two groups that are correlated [s]."""
+_OFFSET_SAMPLES = 1_000_000
+"""Greatest number of periods that are correlated: of a log that is longer than three hours, the beginning suffices."""
 _OFFSET_CORRELATION = 0.5
 """Least correlation from which an offset is taken; below it the two yaw rates are not alike enough."""
 _CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
@@ -84,12 +86,12 @@ def _lag(a: Group, rate_a: FloatArray, b: Group, rate_b: FloatArray, *, is_held:
     start, stop = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if stop - start < _OFFSET_SPAN:
         return None
-    grid = np.arange(start, min(stop, start + MOST_SAMPLES * _OFFSET_STEP), _OFFSET_STEP)
+    grid = np.arange(start, min(stop, start + _OFFSET_SAMPLES * _OFFSET_STEP), _OFFSET_STEP)
     x, y = np.interp(grid, a.t, rate_a), np.interp(grid, b.t, rate_b)
     if is_held:  # on both sides of each instant: on stamps that the grid meets, one side would be half a step early
         y = 0.5 * (held(grid - 0.5 * _OFFSET_STEP, b.t, rate_b) + held(grid + 0.5 * _OFFSET_STEP, b.t, rate_b))
     x, y = (ndimage.gaussian_filter1d(rate, _OFFSET_SMOOTHING / _OFFSET_STEP, mode="nearest") for rate in (x, y))
-    lags, likeness = _correlations(x, y, _covered(grid, a), _covered(grid, b))
+    lags, likeness = _correlations(x, y, ~a.in_gaps(grid), ~b.in_gaps(grid))
     best = int(np.argmax(likeness))
     if likeness[best] < _OFFSET_CORRELATION or best in (0, len(lags) - 1):
         return None
@@ -99,21 +101,13 @@ def _lag(a: Group, rate_a: FloatArray, b: Group, rate_b: FloatArray, *, is_held:
     return float(lags[best] + refined) * _OFFSET_STEP, float(at)
 
 
-def _covered(grid: FloatArray, group: Group) -> FloatArray:
-    """Return (N,) 1 where a group was sampled, 0 in its gaps."""
-    covered = np.ones(len(grid))
-    for start, stop in group.gaps():
-        covered[(grid > start) & (grid < stop)] = 0.0
-    return covered
-
-
-def _correlations(x: FloatArray, y: FloatArray, of_x: FloatArray, of_y: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return lags of y behind x, in samples, and Pearson's correlation at each.
-
-    `x` and `y` are (N,) series; `of_x` and `of_y` are (N,) 1 where these are known, else 0.
-    """
+def _correlations(
+    x: FloatArray, y: FloatArray, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return lags of y behind x, in samples, and Pearson's correlation at each; both are (N,) series, known in places."""
     from scipy import signal
 
+    of_x, of_y = x_known.astype(np.float64), y_known.astype(np.float64)
     x, y = (x - x.mean()) * of_x, (y - y.mean()) * of_y
     most = round(_OFFSET_LIMIT / _OFFSET_STEP)
     window = slice(len(x) - 1 - most, len(x) + most)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import CommandKind, Commands, FloatArray, State, frozen_array
-from validation.logs.csv_table import TableError
+from validation.logs.files import TableError
 
 _logger = logging.getLogger(__name__)
 

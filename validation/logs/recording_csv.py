@@ -6,44 +6,45 @@ import csv
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray
-from validation.logs.csv_table import CellTable, quoted, read_csv_table
+from validation.logs.csv_table import CellTable, read_csv_table
+from validation.logs.files import quoted
+from validation.logs.limits import USUAL, LogLimits, find_time_fault
 from validation.logs.log import Log, LogFormat, ReadOptions
 from validation.logs.recording import RECORDING_COLUMNS, Recording, RecordingError, is_channel_name
 from validation.store import write_atomic
 
 
-def read_csv(path: str | Path, gap_factor: float = 2.5) -> Recording:
+def read_csv(path: str | Path, gap_factor: float = 2.5, limits: LogLimits = USUAL) -> Recording:
     """Read a recording.
 
     A UTF-8 byte order mark, any line ending and blank lines are accepted. A channel that holds no number, or that has
-    missing or infinite numbers, is left out with a warning.
+    missing or infinite numbers or some beyond the limit `channel`, is left out with a warning.
 
     Args:
         path: a CSV file.
         gap_factor: a step longer than this many periods is a gap.
+        limits: greatest sizes and numbers; the usual ones if not given.
 
     Raises:
-        RecordingError: the file cannot be read or is no valid recording.
+        RecordingError: the file cannot be read, is no valid recording or is beyond the limits.
     """
     path = Path(path)
-    table = read_csv_table(path, RecordingError)
+    table = read_csv_table(path, RecordingError, limits)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(_names(table)):
-        values = table.numbers(place, name, {"t": "s", **RECORDING_COLUMNS})
+        bound = None if name == "t" else limits.of_column(name)
+        values = table.numbers(place, name, {"t": "s", **RECORDING_COLUMNS}, bound)
         if values is not None:
             columns[name] = values
-    if len(table.rows) < 2:
-        some = "is one sample" if table.rows else "are no samples"
+    if len(table.lines) < 2:
+        some = "is one sample" if table.lines else "are no samples"
         raise RecordingError(path, f"there {some} after the header; a recording needs at least two")
-    t = columns["t"]
-    back = np.flatnonzero(t[1:] <= t[:-1])
-    if len(back):
-        k = int(back[0])
-        raise RecordingError(path, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s", table.lines[k + 1], "t")
+    fault = find_time_fault(columns["t"], limits)
+    if fault is not None:
+        raise RecordingError(path, fault.what, table.lines[fault.row], "t")
     return Recording.from_columns(path.stem, columns, gap_factor)
 
 
@@ -74,19 +75,21 @@ def _names(table: CellTable) -> list[str]:
     for wanted, some in (("column t", ("t",)), ("known column", RECORDING_COLUMNS)):
         if not any(n in some for n in names):
             raise RecordingError(path, f"there is no {wanted} among {quoted(names)}; {RecordingError.header}", line)
+    seen: set[str] = set()
     for k, name in enumerate(names):
         if not is_channel_name(name):
             what = f"{quoted([name])} names no column; wanted printable text"
             raise RecordingError(path, what, line, f"number {k + 1}")
-        if name in names[:k]:
+        if name in seen:
             raise RecordingError(path, "the header names this column twice; each needs a name of its own", line, name)
+        seen.add(name)
     return names
 
 
 def _read(path: Path, options: ReadOptions) -> Log:
     if options.topics:
         raise RecordingError(path, "topics names the topics of a bag; this is a CSV file, whose columns have names")
-    return Log.of_recording(path, read_csv(path))
+    return Log.of_recording(path, read_csv(path, limits=options.limits), options.limits)
 
 
 CSV = LogFormat("CSV recording", (".csv",), read=_read, write=lambda log, path: write_csv(log.recording(), path))

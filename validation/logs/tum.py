@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
+from validation.logs.files import quoted
 from validation.logs.log import Log, LogFormat
-from validation.logs.recording import RecordingError
+from validation.logs.recording import POSE_COLUMNS, RecordingError
 from validation.store import write_atomic
 
 
@@ -27,4 +28,11 @@ def write_tum(log: Log, path: Path) -> None:
     write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
 
 
-TUM = LogFormat("TUM trajectory", (".tum",), write=write_tum)
+def tum_losses(log: Log, path: Path) -> list[str]:
+    """Return a sentence about the columns that a trajectory does not hold."""
+    recording = log.recording()
+    left_out = [name for name in (*recording.columns, *recording.channels) if name not in POSE_COLUMNS]
+    return [f"{path.name} holds the pose to nine decimals, and not: {quoted(left_out)}"] if left_out else []
+
+
+TUM = LogFormat("TUM trajectory", (".tum",), write=write_tum, losses=tum_losses)

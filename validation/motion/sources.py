@@ -12,7 +12,9 @@ from ssmr.geometry import rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
+from validation.logs.files import exists
 from validation.logs.formats import is_log, read_recording, readable
+from validation.logs.limits import USUAL, LogLimits
 from validation.logs.recording import Recording, Segment
 from validation.plants.table import PLANTS, STANDARD
 
@@ -54,7 +56,13 @@ class Source:
     """Period at which plants are sampled [s]."""
 
 
-def open_source(name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None) -> Source:
+def open_source(
+    name: str,
+    kind: CommandKind = "twist",
+    start: float | None = None,
+    stop: float | None = None,
+    limits: LogLimits = USUAL,
+) -> Source:
     """Open a scenario or a recording by its name.
 
     Args:
@@ -62,6 +70,7 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
         kind: which of a recording's inputs drives the plants.
         start: leave out what was recorded before [s].
         stop: leave out what was recorded after [s].
+        limits: greatest sizes and numbers of a recording; the usual ones if not given.
 
     Raises:
         ValueError: an unknown name, a recording that cannot be read or lacks what is asked for.
@@ -77,8 +86,12 @@ def open_source(name: str, kind: CommandKind = "twist", start: float | None = No
         piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
         return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
     path = Path(name)
-    if path.exists() or is_log(path):
-        return source_of(read_recording(path).cut(start, stop), name, kind)
+    if exists(path) or is_log(path):
+        recording = read_recording(path, limits).cut(start, stop)
+        periods = (float(recording.t[-1]) - float(recording.t[0])) / RECORDING_GRID
+        if periods > limits.samples:
+            raise ValueError(f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it")
+        return source_of(recording, name, kind)
     paths = f"paths of recordings ({readable()})"
     raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from validation import cli
-from validation.logs.formats import writable
+from validation.logs.limits import USUAL
 from validation.logs.log import ReadOptions, Stamps
 from validation.recordings.run import ConvertSettings, convert, info
 from validation.words import file_name
@@ -35,13 +35,18 @@ _TopicMap = Annotated[Mapping[str, str], cli.parsed(_parse_topics, "ROLE=TOPIC,.
 
 
 @dataclass(frozen=True)
-class BagOptions:
-    """Options that matter only where SOURCE is a ROS bag."""
+class LogOptions:
+    """Options for reading a log; topics and stamps are those of a ROS bag."""
 
     topics: Annotated[_TopicMap, cli.option(default="guessed from the message types")] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
     stamps: Annotated[Stamps, cli.option()] = "header"
     """Clock that counts: header, when a message was measured; or bag, when it was written."""
+    limits: cli.Limits = USUAL
+
+    def reading(self) -> ReadOptions:
+        """Return the options as the library takes them."""
+        return ReadOptions(self.topics, self.stamps, limits=self.limits)
 
 
 @dataclass(frozen=True)
@@ -68,7 +73,7 @@ class InfoOptions:
     """The options of `info`."""
 
     source: LogSource
-    bag: BagOptions = field(default_factory=BagOptions)
+    bag: LogOptions = field(default_factory=LogOptions)
     simulation: SimulationOptions = SimulationOptions()
 
 
@@ -102,7 +107,7 @@ class ConvertOptions:
     out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.csv")] = None
     """File to write; its ending says in which format."""
     changes: ChangeOptions = ChangeOptions()
-    bag: BagOptions = field(default_factory=BagOptions)
+    bag: LogOptions = field(default_factory=LogOptions)
     simulation: SimulationOptions = SimulationOptions()
 
 
@@ -115,7 +120,7 @@ def _info(options: InfoOptions) -> None:
     """
     bag, simulation = options.bag, options.simulation
     with cli.mistakes_are_users():
-        found = info(options.source, ReadOptions(bag.topics, bag.stamps), simulation.profile, simulation.seed)
+        found = info(options.source, bag.reading(), simulation.profile, simulation.seed)
     for fault in found.log.faults:
         cli.warn(fault)
     cli.report_result(found)
@@ -131,12 +136,8 @@ def _convert(options: ConvertOptions) -> None:
     bag, changes, simulation = options.bag, options.changes, options.simulation
     target = options.out or Path("runs") / "recordings" / f"{file_name(Path(options.source).stem)}.csv"
     with cli.mistakes_are_users():
-        if target.suffix.lower() not in writable():
-            known = ", ".join(writable())
-            raise cli.UserError(f"--out {target}: no format has the ending '{target.suffix}'; there are: {known}")
         settings = ConvertSettings(*astuple(changes))
-        reading = ReadOptions(bag.topics, bag.stamps)
-        converted = convert(options.source, settings, reading, simulation.profile, simulation.seed)
+        converted = convert(options.source, settings, bag.reading(), simulation.profile, simulation.seed, target)
         try:
             converted.save(target)
         except OSError as error:

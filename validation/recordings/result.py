@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from validation.logs.dead_reckoning import Reckoning
-from validation.logs.formats import write_log
+from validation.logs.formats import losses, write_log
 from validation.logs.log import Log
 from validation.logs.offsets import Offset
 from validation.logs.recording import Recording
@@ -56,6 +56,8 @@ class ConvertedLog:
     """Delays between the groups of the log before the conversion."""
     synchronised: bool
     """True if these delays were taken out."""
+    target: Path | None = None
+    """File that it is meant for; None if that is not known yet."""
 
     def grids(self) -> Sequence[Grid]:
         """Return the table of offsets, where there are any."""
@@ -63,12 +65,13 @@ class ConvertedLog:
         return [] if grid is None else [grid]
 
     def notes(self) -> Sequence[str]:
-        """Return a sentence about the recording, and one about offsets that were taken out."""
+        """Return sentences about the recording, offsets that were taken out, and what the target does not hold of it."""
         r = self.recording
         names = ", ".join((*r.columns, *r.channels))
         summary = f"{len(r)} samples, {r.t[0]:.3f} to {r.t[-1]:.3f} s, {1.0 / r.period:.2f} Hz: {names}"
         taken = "the offsets of time were taken out of the measurements; commands stay as they were"
-        return [summary, *([taken] if self.synchronised and self.offsets else [])]
+        lost = () if self.target is None else losses(self.log, self.target)
+        return [summary, *([taken] if self.synchronised and self.offsets else []), *lost]
 
     def table(self, width: int = 110) -> str:
         """Return its tables and notes as text of at most `width` columns."""
@@ -78,14 +81,9 @@ class ConvertedLog:
         """Write a recording (.csv), a TUM trajectory (.tum), a ROS 2 bag (.mcap) or a ROS 1 bag (.bag); return its path.
 
         Raises:
-            ValueError: no format has that ending, `path` is a folder or the log itself, or the log lacks what a format
-                needs. OSError: the file cannot be written.
+            ValueError: no format has that ending, `path` is a folder, the log itself or a part of it, or the log lacks what
+                a format needs.
+            OSError: the file cannot be written.
         """
-        target = Path(path)
-        if target.is_dir():
-            raise ValueError(f"{target} is a folder; name a file")
-        if target.exists() and self.log.path.exists() and target.samefile(self.log.path):
-            raise ValueError(f"{target} is the log itself; name another file")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_log(self.log, target)
-        return target
+        write_log(self.log, path)
+        return Path(path)

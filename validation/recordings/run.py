@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from validation.logs.dead_reckoning import reckon, with_filter
-from validation.logs.formats import read_log
+from validation.logs.formats import check_target, losses, read_log
 from validation.logs.groups import aligned, cut_groups, merge, smoothed_groups
 from validation.logs.log import Log, ReadOptions
 from validation.logs.offsets import estimate_offsets, synchronised
@@ -95,17 +95,21 @@ def convert(
     options: ReadOptions | None = None,
     profile: str | Profile = "thesis-lab",
     seed: int = 0,
+    target: str | Path | None = None,
 ) -> ConvertedLog:
     """Bring a log onto one clock, and change it as asked; `ConvertedLog.save(path)` writes it in the format of `path`.
 
     The order is: offsets of time, bias, filter, smoothing, cutting, one clock, alignment. The arguments are those of
-    `open_log`, and the changes to make: none if `settings` is not given.
+    `open_log`, the changes to make, none if `settings` is not given, and the file that the log is meant for: whether it can
+    be written there is checked before any work, and the notes say what it will not hold.
 
     Raises:
-        ValueError: the log cannot be opened, or does not hold what a change needs.
+        ValueError: the log cannot be opened, does not hold what a change needs, or does not fit into the target.
         SsmrError: the plant diverged.
     """
     wanted = settings or ConvertSettings()
+    if target is not None:
+        check_target(target, source)
     log = open_log(source, options, profile, seed)
     offsets = tuple(estimate_offsets(log.groups))
     groups = synchronised(log.groups, offsets) if wanted.sync else log.groups
@@ -117,10 +121,12 @@ def convert(
             raise RecordingError(log.path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
         groups = filtered
     groups = cut_groups(log.path, smoothed_groups(groups, wanted.smooth), wanted.start, wanted.stop)
-    recording = merge(log.path, groups, wanted.rate)
+    recording = merge(log.path, groups, wanted.rate, log.limits)
     if wanted.align:
         recording = Recording.from_columns(recording.name, aligned(recording.all_columns()), recording.gap_factor)
         groups = {name: replace(g, columns=aligned(g.columns)) for name, g in groups.items()}
-    on_one_clock = Log.of_recording(log.path, recording)
+    on_one_clock = Log.of_recording(log.path, recording, log.limits)
     own_stamps = on_one_clock if wanted.rate is not None else replace(on_one_clock, groups=groups)
-    return ConvertedLog(own_stamps, recording, offsets, wanted.sync)
+    if target is not None:
+        losses(own_stamps, target)
+    return ConvertedLog(own_stamps, recording, offsets, wanted.sync, None if target is None else Path(target))

@@ -6,20 +6,19 @@ that is the first sheet.
 
 from __future__ import annotations
 
-import io
-import warnings
-import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from ssmr.control.references import circle, line, sine
 from ssmr.control.waypoints import Waypoints, find_fault
-from validation.logs.csv_table import DAMAGE, CellTable, TableError, quoted, read_bytes, read_csv_table
+from validation.logs.csv_table import CellTable, read_csv_table
+from validation.logs.files import TableError, quoted
+from validation.logs.limits import USUAL, LogLimits
+from validation.track.sheets import read_sheet
 
 _UNITS = {"x": "m", "y": "m", "t": "s"}
 
@@ -40,7 +39,7 @@ class _SheetError(WaypointError):
     counted = "row"
 
 
-def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
+def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimits = USUAL) -> Waypoints:
     """Read waypoints (Alg. 5, lines 1-7).
 
     In a CSV file, a UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a column's
@@ -49,9 +48,10 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
     Args:
         path: a CSV or xlsx file.
         speed: reference speed [m/s]: it gives the times, and replaces those of the file. None: the file's own.
+        limits: greatest sizes of a file; the usual ones if not given.
 
     Raises:
-        WaypointError: the file cannot be read, has no waypoints, or no times while there is no speed.
+        WaypointError: the file cannot be read, has no waypoints, no times while there is no speed, or is beyond the limits.
         ValueError: the speed is not positive and finite.
     """
     path = Path(path)
@@ -59,14 +59,14 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
     error: type[WaypointError] = _SheetError if ending == ".xlsx" else WaypointError
     if ending not in (".csv", ".xlsx") and not path.is_dir():
         raise error(path, f"files ending in '{path.suffix}' are not read; wanted {error.wanted}")
-    table = _read_sheet(path) if ending == ".xlsx" else read_csv_table(path, error)
+    table = (read_sheet if ending == ".xlsx" else read_csv_table)(path, error, limits)
     columns = {}
     for name, place in _places_of_columns(table, ("x", "y", "t") if speed is None else ("x", "y")).items():
         values = table.numbers(place, name, _UNITS)
         assert values is not None  # x, y and t are numbers, or an error
         columns[name] = values
-    if len(table.rows) < 2:
-        some = "is one waypoint" if table.rows else "are no waypoints"
+    if len(table.lines) < 2:
+        some = "is one waypoint" if table.lines else "are no waypoints"
         raise error(path, f"there {some} after the header; a trajectory needs at least two")
     xy = np.column_stack([columns["x"], columns["y"]])
     fault = find_fault(columns.get("t", np.arange(len(xy), dtype=np.float64)), xy)
@@ -129,34 +129,3 @@ def _places_of_columns(table: CellTable, wanted: tuple[str, ...]) -> dict[str, i
         if names.count(name) > 1:
             raise error(path, "the header names this column twice; each needs a name of its own", line, name)
     return {name: names.index(name) for name in wanted}
-
-
-def _read_sheet(path: Path) -> CellTable:
-    """Return the first sheet as text, all rows as wide as the header; blank rows are left out."""
-    try:
-        import openpyxl
-    except ImportError:
-        raise _SheetError(
-            path, "reading xlsx files needs openpyxl: pip install 'ssmr-testbed[xlsx]', or save it as .csv"
-        ) from None
-    data = read_bytes(path, _SheetError)
-    try:
-        with warnings.catch_warnings(action="ignore"):  # of styles, pictures and other things that are no numbers
-            book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-            table = list(_filled(book.worksheets[0])) if book.worksheets else []
-    except (zipfile.BadZipFile, *DAMAGE) as cause:
-        raise _SheetError(path, f"this is no xlsx file, or a damaged one ({quoted([str(cause)])})") from cause
-    if not table:
-        raise _SheetError(path, f"the first sheet is empty; {_SheetError.header}")
-    (line, header), *others = table
-    rows = [(cells + [""] * len(header))[: len(header)] for _, cells in others]
-    return CellTable(path, header, line, rows, [k for k, _ in others], _SheetError)
-
-
-def _filled(sheet: Any) -> Iterator[tuple[int, list[str]]]:
-    """Yield number and cells of each row of a sheet that holds something; `repr` of a number reads back to the same bits."""
-    sheet.reset_dimensions()  # what a file claims of its size may be wrong
-    for k, values in enumerate(sheet.iter_rows(values_only=True), start=1):
-        cells = ["" if v is None else repr(v) if isinstance(v, float) else str(v) for v in values]
-        if any(map(str.strip, cells)):
-            yield k, cells

@@ -1,0 +1,176 @@
+"""Limits of logs: what lies beyond them is damaged, hostile or in other units than it should be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ssmr.parameters import check_parameters, described, parameter
+from ssmr.types import FloatArray
+
+_BUNCHED = 1e-4
+"""Shortest single step of time, in periods of the limit `rate`: messages come in bunches, but a step must not underflow."""
+_USUAL_PERIOD = 0.02
+"""Period of a usual log [s]: time in another unit is recognised by the factor that brings its steps near to this."""
+_PLAUSIBLE = math.log(1000.0)
+"""Logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by."""
+_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+
+
+def _limit(default: float, unit: str) -> Any:
+    return parameter(default, unit=unit, low=0.0, open_low=True)
+
+
+@dataclass(frozen=True)
+class LogLimits:
+    """The greatest values that a log may have; each can be raised, to infinity if need be.
+
+    Raises:
+        ValueError: a limit that is not positive.
+    """
+
+    table_size: float = _limit(500.0, "MB")
+    """Size of a CSV or xlsx file, which is read whole."""
+    sheet_size: float = _limit(64.0, "MB")
+    """Size of an xlsx file once it is unpacked."""
+    bag_size: float = _limit(100_000.0, "MB")
+    """Size of a bag, all its files together; it is read message by message."""
+    columns: float = _limit(1000.0, "1")
+    """Number of columns, and of topics that are read."""
+    samples: float = _limit(1e7, "1")
+    """Number of rows, of messages that are read, and of instants of a common clock."""
+    cells: float = _limit(1e8, "1")
+    """Number of samples times number of columns."""
+    stamp: float = _limit(4.3e9, "s")
+    """Size of a time stamp: Unix time reaches this in the year 2106."""
+    span: float = _limit(864_000.0, "s")
+    """Time from the first sample to the last."""
+    gap: float = _limit(3600.0, "s")
+    """Longest step of time."""
+    period: float = _limit(5.0, "s")
+    """Median step of time."""
+    rate: float = _limit(1e5, "Hz")
+    """Samples a second, by the median step."""
+    speed: float = _limit(100.0, "m/s")
+    """Size of `cmd_v` and `odom_v`."""
+    turning: float = _limit(1000.0, "rad/s")
+    """Size of `cmd_w`, `odom_w` and `gyro_z`."""
+    wheel_rate: float = _limit(1e4, "rad/s")
+    """Size of `enc_left` and `enc_right`."""
+    position: float = _limit(1e8, "m")
+    """Size of `x`, `y` and all other positions; coordinates of maps reach 1e7."""
+    angle: float = _limit(1e7, "rad")
+    """Size of `yaw`, and of a wheel's angle."""
+    acceleration: float = _limit(1e5, "m/s²")
+    """Size of an accelerometer's readings."""
+    channel: float = _limit(1e100, "1")
+    """Size of numbers in columns whose meaning is unknown."""
+
+    def __post_init__(self) -> None:
+        """Check that all are positive."""
+        check_parameters(self)
+
+    def changed(self, values: Mapping[str, float]) -> LogLimits:
+        """Return the limits with other values, by name.
+
+        Raises:
+            ValueError: there is no limit of that name, or a value is not positive.
+        """
+        unknown = [name for name in values if name not in described(LogLimits)]
+        if unknown:
+            raise ValueError(f"unknown limit '{unknown[0]}'; there are: {', '.join(described(LogLimits))}")
+        return replace(self, **values)
+
+    def says(self, name: str) -> str:
+        """Return what a limit is, as messages say it: `the limit speed is 100 m/s`."""
+        unit = described(LogLimits)[name].unit
+        return f"the limit {name} is {getattr(self, name):g}{'' if unit == '1' else f' {unit}'}"
+
+    def bytes_of(self, name: str) -> int:
+        """Return a limit that is given in MB, in bytes."""
+        return int(min(1e6 * float(getattr(self, name)), 2.0**62))
+
+    def of_column(self, name: str) -> Bound:
+        """Return the limit of a column's numbers: of a recording, or of a stream of a bag."""
+        limit = _OF_COLUMNS.get(name, "channel")
+        return Bound(getattr(self, limit), self.says(limit))
+
+
+USUAL = LogLimits()
+"""The limits of logs for which nobody asked for others."""
+
+
+class Bound(NamedTuple):
+    """Greatest size of the numbers in a column."""
+
+    most: float
+    says: str
+    """The limit in words, for messages."""
+
+    def first_beyond(self, values: FloatArray) -> int | None:
+        """Return the index of the first of (M,) values that is not within the bound, NaN included; None if all are."""
+        beyond = np.flatnonzero(~(np.abs(values) <= self.most))
+        return int(beyond[0]) if len(beyond) else None
+
+
+_OF_COLUMNS: Mapping[str, str] = MappingProxyType(
+    {"t": "stamp"}
+    | dict.fromkeys(("cmd_v", "odom_v", "v", "vy"), "speed")
+    | dict.fromkeys(("cmd_w", "odom_w", "w", "gyro_x", "gyro_y", "gyro_z"), "turning")
+    | dict.fromkeys(("enc_left", "enc_right", "rate_left", "rate_right"), "wheel_rate")
+    | dict.fromkeys(("x", "y", "odom_x", "odom_y", "gps_east", "gps_north"), "position")
+    | dict.fromkeys(("yaw", "odom_yaw", "angle_left", "angle_right", "latitude", "longitude"), "angle")
+    | dict.fromkeys(("acc_x", "acc_y", "acc_z"), "acceleration")
+)
+"""Names of limits by the columns of recordings and of bags' streams; all others are channels."""
+
+
+class TimeFault(NamedTuple):
+    """Reason why stamps cannot be the time of a log."""
+
+    row: int
+    """Index of the sample."""
+    what: str
+    """Sentence that says what is wrong with it."""
+
+
+def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
+    """Return what is wrong with (M,) finite stamps [s], M at least 2; None if they can be the time of a log."""
+    largest = Bound(limits.stamp, limits.says("stamp"))
+    beyond = largest.first_beyond(t)
+    if beyond is not None and np.median(np.abs(t)) <= limits.stamp:  # one among others: those say that the unit is right
+        return TimeFault(beyond, f"there is {t[beyond]:.9g} s, but {largest.says}")
+    with np.errstate(over="ignore"):
+        steps = np.diff(t)
+    back = np.flatnonzero(steps <= 0.0)
+    if len(back):
+        k = int(back[0])
+        return TimeFault(k + 1, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s")
+    usual = float(np.median(steps))
+    if usual > limits.period or beyond is not None:
+        name = "period" if usual > limits.period else "stamp"
+        return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says(name)}{_other_unit(usual)}")
+    if usual * limits.rate < 1.0:
+        return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says('rate')}; wanted t in seconds")
+    short, long = int(np.argmin(steps)), int(np.argmax(steps))
+    if steps[short] * limits.rate < _BUNCHED:
+        return TimeFault(short + 1, f"the step from the sample before is {steps[short]:.3g} s, but {limits.says('rate')}")
+    if steps[long] > limits.gap:
+        jump = f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s"
+        return TimeFault(long + 1, f"{jump}, but {limits.says('gap')}: cut the log there")
+    if t[-1] - t[0] > limits.span:
+        return TimeFault(len(t) - 1, f"the log spans {t[-1] - t[0]:.6g} s, but {limits.says('span')}{_other_unit(usual)}")
+    return None
+
+
+def _other_unit(step: float) -> str:
+    """Return which unit a step looks as if it were in, as the end of a sentence; nothing if it looks like seconds."""
+    distance = {(name, factor): abs(math.log(step / factor / _USUAL_PERIOD)) for name, factor in (("seconds", 1.0), *_UNITS)}
+    name, factor = min(distance, key=lambda unit: distance[unit])
+    plausible = factor > 1.0 and distance[name, factor] < _PLAUSIBLE
+    return f"; t looks like {name}: divide it by {factor:g}" if plausible else ""

@@ -215,16 +215,3 @@ def test_an_old_cache_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     os.utime(old, (past, past))
     cache_folder(monkeypatch, tmp_path)
     assert not old.exists()
-
-
-def test_what_goes_wrong_while_a_program_is_loaded_is_one_line_too(tmp_path: Path) -> None:
-    program = "from validation import cli; raise {}"
-    for error, status, said in (
-        ("KeyboardInterrupt", -signal.SIGINT, "interrupted"),
-        ("ImportError('x')", 70, "ImportError: x"),
-    ):
-        process = start(program.format(error))
-        _, line = process.communicate(timeout=30)
-        assert process.returncode == status
-        assert len(line.splitlines()) == 1
-        assert said in line

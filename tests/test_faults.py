@@ -4,39 +4,122 @@ from __future__ import annotations
 
 import json
 import math
+import random
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from tests import faults
-from tests.faults import Tally
+from tests.faults import arguments, doors, judge, kills, pool, programs, report
+from tests.faults.judge import Outcome
+from tests.faults.pool import Case
+
+SHARE = {"files": 200, "numbers": 300, "arguments": 100}
+"""Inputs of each part that are tried here."""
+SLOW = ("study contact", "study filter", "study tables", "study robustness", "replicate", "fit recording")
+"""Commands of which one run takes seconds."""
+SEED = 7
+pytestmark = pytest.mark.filterwarnings("ignore")  # of libraries, on damaged files; programs are judged by their own
 
 
-@pytest.mark.filterwarnings("ignore")  # of libraries, on damaged files
-@pytest.mark.parametrize("part", ["files", "numbers"])
+@pytest.fixture(autouse=True)
+def strict_arithmetic() -> Iterator[None]:
+    """Arithmetic is as a user has it."""
+    with np.errstate(divide="warn", invalid="warn", over="warn", under="ignore"):
+        yield
+
+
+@pytest.mark.parametrize("part", SHARE)
 def test_no_input_gets_more_than_a_clear_line(part: str) -> None:
-    tallies = faults.PARTS[part](600, 0, 7)
-    assert sum(t.inputs for t in tallies.values()) >= 200
-    assert [fault for t in tallies.values() for fault in t.faults] == []
+    plan = pool.part_of(part).plan(SHARE[part], 0)
+    cases = [Case(part, kind, k) for kind, n in plan.items() for k in range(n) if kind not in SLOW]
+    verdicts = dict(pool.run_cases(cases, SEED, workers=0))
+    assert len(verdicts) >= 5
+    assert [f"{case}: {v.what}: {v.faults}" for case, v in verdicts.items() if v.faults] == []
 
 
-def test_the_campaign_notices_what_it_looks_for() -> None:
-    def long_line() -> None:
+def test_a_program_that_is_killed_ends_like_one_that_was_not() -> None:
+    assert pool.run_case(Case("kills", "recordings convert", 0), SEED).faults == ()
+
+
+def test_every_option_of_every_program_is_tried() -> None:
+    rng, given = random.Random(0), dict[str, set[str]]()
+    for name in programs.USUAL:
+        wanted = {o for a in programs.declared(name) for o in a.option_strings if o.startswith("--")} - {"--view", "--help"}
+        given[name] = {word for _ in range(800) for word in arguments.argv_of(name, rng)}
+        assert wanted <= given[name]
+
+
+def test_a_case_is_decided_by_its_name_and_the_seed() -> None:
+    case = Case("numbers", "plant linear", 3)
+    assert pool.run_case(case, 5) == pool.run_case(case, 5)
+    cases = [Case("numbers", "terrain", k) for k in range(3)]
+    assert dict(pool.run_cases(cases, 5, workers=0)) == dict(reversed(list(pool.run_cases(cases[::-1], 5, workers=0))))
+
+
+def faults_of(outcome: Outcome, allowed: tuple[int, ...] = judge.USUAL) -> set[str]:
+    return {kind for kind, _ in judge.judge(outcome, allowed).faults}
+
+
+def test_calls_are_judged() -> None:
+    def raise_long() -> None:
         raise ValueError("x" * 2000)
 
-    for call in (lambda: math.nan, lambda: 1 // 0, lambda: {}["x"], long_line):
-        tally = Tally()
-        faults.try_once(tally, "a fault", call)
-        assert len(tally.faults) == 1
-    tally = Tally()
-    faults.try_once(tally, "no fault", lambda: float("x"))
-    assert (tally.refused, tally.faults) == (1, [])
+    assert faults_of(doors.call("a fault", lambda: math.nan)) == {"non-finite"}
+    assert faults_of(doors.call("a fault", lambda: 1 // 0)) == {"traceback"}
+    assert faults_of(doors.call("a fault", raise_long)) == {"unclear line"}
+    assert faults_of(doors.call("no fault", lambda: float("x"))) == set()
+
+
+@pytest.mark.parametrize(
+    ("outcome", "fault"),
+    [
+        (Outcome("", 1, "", "Traceback (most recent call last):\n  x\nKeyError: 1\n"), "traceback"),
+        (Outcome("", 70, "", "it has a fault"), "traceback"),
+        (Outcome("", None, hung=True), "hang"),
+        (Outcome("", -9), "died"),
+        (Outcome("", 3, "", "error: x"), "false status"),
+        (Outcome("", 0, "", "error: x"), "false status"),
+        (Outcome("", 2, "", "error: x\x1b[31m"), "escape"),
+        (Outcome("", 2, "", "oh dear"), "unclear line"),
+        (Outcome("", 2, "", "what is this\nerror: x"), "unclear line"),
+        (Outcome("", 0, "", "a.py:1: RuntimeWarning: overflow"), "stray warning"),
+        (Outcome("", 0, "a | nan | 1"), "non-finite"),
+    ],
+)
+def test_what_must_not_be_is_seen(outcome: Outcome, fault: str) -> None:
+    assert faults_of(outcome) == {fault}
+
+
+def test_files_are_judged(tmp_path: Path) -> None:
+    for name, text in (
+        ("a.json", '{"x": NaN}'),
+        ("b.json", '{"x": '),
+        (".x.part.json", "{}"),
+        ("c.png", "PNG"),
+        ("d.toml", "x ="),
+    ):
+        (tmp_path / name).write_text(text)
+    found = judge.judge(Outcome("", 0, folder=tmp_path)).faults
+    assert sorted(kind for kind, _ in found) == ["damaged file", "damaged file", "damaged file", "left over", "non-finite"]
+    assert faults_of(Outcome("", 2, "", "error: x", tmp_path)) == {"left over", "wrote on a mistake"}
+    assert "false claim" in faults_of(Outcome("", 0, "written: nothing.png", folder=tmp_path))
 
 
 def test_results_are_compared_but_for_the_clock(tmp_path: Path) -> None:
-    one, other = tmp_path / "a.json", tmp_path / "b.json"
-    one.write_text(json.dumps({"cost": 1.0, "wall_s": 2.0, "deep": [{"versions": {"x": 1}}]}))
-    other.write_text(json.dumps({"cost": 1.0, "wall_s": 3.0, "deep": [{"versions": {"x": 2}}]}))
-    assert faults.outcome(one) == faults.outcome(other)
-    other.write_text(json.dumps({"cost": 1.1, "wall_s": 3.0, "deep": [{}]}))
-    assert faults.outcome(one) != faults.outcome(other)
+    for name, cost, wall in (("one", 1.0, 2.0), ("other", 1.0, 3.0), ("third", 1.1, 3.0)):
+        (tmp_path / name).mkdir()
+        document = {"cost": cost, "wall_s": wall, "deep": [{"versions": {"x": wall}}]}
+        (tmp_path / name / "a.json").write_text(json.dumps(document))
+    one, other, third = (kills.result_of(tmp_path / name) for name in ("one", "other", "third"))
+    assert one == other != third
+
+
+def test_faults_are_counted_by_class() -> None:
+    tally = report.Tally()
+    tally.add(Case("a", "b", 0), judge.Verdict("what", False, 2, (("hang", "x"), ("hang", "y"), ("escape", "z"))))
+    tally.add(Case("a", "b", 1), judge.Verdict("what", True, 1, ()))
+    assert tally.as_dict()["faults"] == {"hang": 1, "escape": 1}
+    assert (tally.inputs, tally.accepted) == (3, 1)
+    assert "1 hang, 1 escape" in report.table({("a", "b"): tally})

@@ -25,13 +25,14 @@ from rich.console import Console
 from ssmr.errors import SsmrError
 from validation import store
 from validation.cli import process
-from validation.cli.early import EXIT_FAULT
 from validation.cli.options import NUMBERS, UserError
 from validation.cli.reporting import say
 from validation.words import each_line, one_line, shortened
 
 EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
+EXIT_FAULT = 70
+"""The program itself is at fault; BSD calls it EX_SOFTWARE."""
 EXIT_INTERRUPTED = 130
 
 
@@ -106,8 +107,7 @@ def run(
     except KeyboardInterrupt:
         said, status = "interrupted", 128 + came[0] if came else EXIT_INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a user shall never see a bare traceback
-        said = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}"
-        status = EXIT_FAULT
+        said, status = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}", EXIT_FAULT
     if said:
         say(said)
     sys.exit(status)

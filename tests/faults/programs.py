@@ -1,0 +1,97 @@
+"""Every program with its options, read from its own declaration, and commands of each that take a second or two."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, get_type_hints
+
+import tyro
+
+from tests.faults.damage import GENERATIONS, NASTY_COUNTS
+
+
+@dataclass(frozen=True)
+class Usual:
+    """A command that works, in which other values are put."""
+
+    words: str
+    """Words before the options: subcommand and arguments."""
+    options: Mapping[str, str]
+    """Options and their values."""
+
+    def argv(self) -> list[str]:
+        """Return the command line."""
+        return [*self.words.split(), *(w for k, v in self.options.items() for w in (k, v) if w)]
+
+
+_SMALL = {"--population": "8", "--generations": "1"}
+USUAL: Mapping[str, Usual] = {
+    "compare": Usual("traj4", {"--plants": "improved", "--reference": "improved", "--no-rerun": ""}),
+    "compare recording": Usual("good.csv", {"--plants": "kinematic", "--no-rerun": "", "--horizons": "1,2"}),
+    "fit": Usual("linear", {"--to": "traj4@linear", **_SMALL}),
+    "fit recording": Usual("linear", {"--to": "good.csv", "--horizons": "1,2", **_SMALL}),
+    "track": Usual("pid line", {"--speed": "0.5", "--no-rerun": ""}),
+    "track waypoints": Usual("smc way.csv", {"--no-rerun": "", "--plant": "kinematic"}),
+    "tune": Usual("pid", {"--reference": "line@0.5", "--held-out": "line@1", **_SMALL}),
+    "study robustness": Usual(
+        "robustness",
+        {"--controllers": "pid", "--runs": "13", "--seeds": "1", "--reference": "line", "--speed": "1"},
+    ),
+    "study filter": Usual(
+        "filter",
+        {"--references": "line", "--speed": "0.5", "--profiles": "thesis-lab", "--frictions": "0.5", "--seeds": "1"},
+    ),
+    "study gains": Usual("gains", {"--plants": "kinematic", "--seeds": "1"}),
+    "study tables": Usual("tables", {"--numbers": "4.5", "--seeds": "1"}),
+    "study contact": Usual("contact", {"--only": "cone"}),
+    "study terrain": Usual("terrain", {"--seeds": "0"}),
+    "replicate": Usual("", {"--quick": "", "--only": "3.12", "--out": "out"}),
+    "recordings info": Usual("info good.csv", {}),
+    "recordings convert": Usual("convert good.csv", {"--out": "made.mcap"}),
+    "ros sim": Usual("sim", {"--duration": "0.1"}),
+    "ros control": Usual("control pid line", {"--speed": "0.5", "--patience": "0.1"}),
+}  # fmt: skip
+"""Commands by what they are called in the campaign; the first word is the program."""
+LONG = ("study terrain",)
+"""Commands whose shortest run takes minutes: they are judged by what they refuse."""
+NOT_TRIED = {"-h": "prints the help", "--view": "opens a window", "--ros": "chooses a graph that is not there"}
+"""Options that the campaign does not give, and why."""
+WRITTEN = {"--out", "--docs", "--json"}
+"""Options that say where to write."""
+_BUDGETS = {"--population", "--seeds", "--runs", "--noise-seeds", "--patience", "--workers", "--seed"}
+
+
+@functools.cache
+def mains(program: str) -> Any:
+    """Return what a program hands to `validation.cli.run`."""
+    module = import_module(f"validation.{program}.__main__")
+    name = {"recordings": "LOG_COMMANDS", "ros": "ROS_COMMANDS"}.get(program, "main")
+    return module.program() if program == "study" else getattr(module, name)
+
+
+@functools.cache
+def declared(name: str) -> tuple[argparse.Action, ...]:
+    """Return the options and arguments that a command declares, those of its subcommand where it has any."""
+    program, *_ = name.split()
+    main: Callable[..., Any] = mains(program)
+    if isinstance(main, Mapping):
+        main = main[USUAL[name].words.split()[0]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        parser = tyro.extras.get_parser(get_type_hints(main)["options"], config=(tyro.conf.DisallowNone,))
+    return tuple(parser._actions)
+
+
+def values_of(action: argparse.Action) -> tuple[str, ...] | None:
+    """Return the values that are worth giving to an option that must not get just any; None if it may."""
+    name = action.option_strings[-1] if action.option_strings else ""
+    if name == "--generations":
+        return GENERATIONS
+    if name in _BUDGETS:
+        return NASTY_COUNTS
+    return None

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
-from collections.abc import Callable
+from bisect import insort
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
-from validation.ros.port import Call, Port, Received
+from validation.ros.inbox import Inbox, Notices, Received
+from validation.ros.port import Call, Port
 
 
 def _stamp() -> SimpleNamespace:
@@ -86,14 +88,38 @@ class FakePort(Port):
 
     master = "http://nowhere:11311"
 
-    def __init__(self, clock: FakeClock, kinds: dict[str, str]) -> None:
-        self.clock, self.kinds = clock, kinds
+    def __init__(self, clock: FakeClock) -> None:
+        self.clock, self.kinds = clock, dict[str, str]()
         self.master_gone = threading.Event()
-        self.coming: list[Received] = []
+        self.notices = Notices()
+        self.inbox = Inbox(self.notices, lambda: self._arriving)
+        self._arriving = clock()
+        self.coming: deque[tuple[str, float, Any]] = deque()
         self.calls: list[Call] = []
         self.sent: list[tuple[str, float, Any]] = []
         self.gone_at = self.back_at = float("inf")
         self.robot_at = 0.0
+        self.closed = ""
+        self._read_call: Callable[[Any], Any] = lambda pose: pose
+
+    def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
+        """Note a topic's type."""
+        self.kinds[topic] = kind
+
+    def listen(self, topic: str, kind: str, read: Callable[[Any], Any] = lambda m: m, depth: int | None = None) -> None:
+        """As the real one does."""
+        self.inbox.open(topic, read, depth)
+
+    def serve_set_pose(self, name: str, read: Callable[[Any], Any]) -> None:
+        """Note how a request is read."""
+        self._read_call = read
+
+    def ask(self, pose: Any, answer: Callable[[str], None]) -> None:
+        """Let somebody call the service."""
+        try:
+            self.calls.append(Call(self._read_call(pose), answer))
+        except ValueError as error:
+            answer(str(error))
 
     def make(self, kind: str) -> Any:
         """An empty message."""
@@ -111,18 +137,29 @@ class FakePort(Port):
 
     def plan(self, topic: str, arrival: float, message: Any) -> None:
         """Let a message come at `arrival` [s] after the clock's beginning."""
-        self.coming.append(Received(topic, 100.0 + arrival, message))
-        self.coming.sort(key=lambda r: r.arrival)
+        insort(self.coming, (topic, 100.0 + arrival, message), key=lambda c: c[1])
+
+    def _deliver(self, until: float) -> None:
+        """Let come what comes until then."""
+        while self.coming and self.coming[0][1] <= until:
+            topic, self._arriving, message = self.coming.popleft()
+            self.inbox.put(topic, message)
 
     def receive(self, timeout: float = 0.0) -> Received | None:
         """The next message that has come until then."""
         until = self.clock() + timeout
-        if self.coming and self.coming[0].arrival <= until:
-            got = self.coming.pop(0)
-            self.clock.now = max(self.clock.now, got.arrival)
-            return got
-        self.clock.now = until
-        return None
+        self._deliver(self.clock())
+        while (got := self.inbox.get()) is None and self.coming and self.coming[0][1] <= until:
+            self.clock.now = self.coming[0][1]
+            self._deliver(self.clock.now)
+        if got is None:
+            self.clock.now = until
+        return got
+
+    def drain(self) -> Iterator[Received]:
+        """What has come so far."""
+        self._deliver(self.clock())
+        return self.inbox.drain()
 
     def listeners(self, topic: str) -> int:
         """One, once the robot is there."""
@@ -131,6 +168,10 @@ class FakePort(Port):
     def call(self) -> Call | None:
         """The next call."""
         return self.calls.pop(0) if self.calls else None
+
+    def close(self, why: str) -> None:
+        """Leave nothing."""
+        self.closed = why
 
     def counts(self) -> Counter[str]:
         """How many were sent, by topic."""

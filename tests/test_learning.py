@@ -97,3 +97,35 @@ def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> Non
     exec(compile(example, "docs/learning.md", "exec"), {})
     reward = float(capsys.readouterr().out.split()[-1])
     assert 0.1 < reward < 1.0
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Any, Any]:
+    """Two environments that are one."""
+    made = tuple(tracking("thesis-lab", "line", 0.5, seed=0) for _ in range(2))
+    for environment in made:
+        environment.reset()
+    return made[0], made[1]
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        [np.nan, 0.0], [0.0, np.inf], [1e300, 0.0], [0.0, -101.0], [], [0.1], [0.1, 0.2, 0.3], [[0.1, 0.2]], 0.1, None, "ab",
+        ["\x1b[31m", 0], [10**400, 0], [1j, 0], np.zeros((2, 1)),
+    ],
+)  # fmt: skip
+def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(pair: tuple[Any, Any], action: Any) -> None:
+    """An environment that was told nonsense in between goes on like one that was not."""
+    told, spared = pair
+    before = told.physics.data.qpos.copy(), told.physics.data.qvel.copy(), told.physics.data.time
+    with pytest.raises(ValueError, match=r"^action must be \(2,\) finite numbers") as refused:
+        told.step(action)
+    assert str(refused.value).isprintable()
+    np.testing.assert_array_equal(told.physics.data.qpos, before[0])
+    np.testing.assert_array_equal(told.physics.data.qvel, before[1])
+    assert told.physics.data.time == before[2]
+    after, expected = (environment.step(np.array([0.4, 0.3])) for environment in (told, spared))
+    assert after.reward == expected.reward
+    for name, value in expected.observation.items():
+        np.testing.assert_array_equal(after.observation[name], value)

@@ -70,6 +70,22 @@ def test_lateness_is_caught_up_with() -> None:
     assert np.all(np.diff(late[51:]) <= 0.0)
 
 
+def test_lateness_beyond_the_limit_is_dropped_and_owned_up_to() -> None:
+    """A loop that stalls for 2 s does not run fast afterwards: its time has lost them."""
+    clock = FakeClock()
+    pacer = Pacer(clock, clock.sleep, most_behind=0.5)
+    late = []
+    for k in range(300):
+        late.append(pacer.wait(0.01 * k))
+        clock.now += 2.0 if k == 50 else 0.001
+    assert max(late) == pytest.approx(1.99)
+    assert late[52:] == [0.0] * len(late[52:]), "the first deadline after the stall is late, the next ones are not"
+    assert pacer.dropped == pytest.approx(1.99)
+    assert clock.now - 0.001 == pytest.approx(100.0 + 2.99 + 1.99)
+    assert pacer.pace().error == pytest.approx(1.99)
+    assert "1.99 s of it dropped" in pacer.pace().text()
+
+
 def test_nothing_to_say_before_the_first_wait() -> None:
     clock = FakeClock()
     with pytest.raises(ValueError, match="nothing"):

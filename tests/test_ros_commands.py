@@ -65,15 +65,6 @@ def test_a_lock_stops_at_once_and_lets_nobody_in() -> None:
     assert gate.command(0.2) == (0.2, 0.1)
 
 
-@pytest.mark.parametrize("twist", [(math.nan, 0.0), (0.1, math.inf)])
-def test_a_command_that_is_no_number_is_ignored_and_said(twist: tuple[float, float]) -> None:
-    gate = CommandGate()
-    assert not gate.offer(JOY, twist, 0.0)
-    assert gate.command(0.0) == STAND_STILL
-    assert "ignored" in gate.news()[0]
-    assert gate.offer(EXTERNAL, (0.1, 0.0), 0.1), "nor does it keep others out"
-
-
 def test_sources_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="twice"):
         CommandGate((CommandSource("/a", 1), CommandSource("/a", 2)))

@@ -15,13 +15,11 @@ from validation.plants.profile import Profile, make_plant
 from validation.robots.plant import MujocoPlant
 from validation.ros import messages as msg
 from validation.ros.commands import LOCK_TOPIC, CommandGate
-from validation.ros.control import STOP_TIME, ControlNode, RobotTopics
+from validation.ros.control import STOP_TIME, ControlNode, RobotTopics, connect_control
 from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
-from validation.ros.port import Call
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.sim import (
     FILTERED_TOPIC,
-    MESSAGE_TYPES,
     POSE_TOPIC,
     PUBLISH_RATES,
     SET_POSE_TOPIC,
@@ -29,6 +27,7 @@ from validation.ros.sim import (
     WHEELS_TOPIC,
     MasterGoneError,
     SimNode,
+    connect_simulation,
 )
 
 COMMAND = "/cmd_vel"
@@ -47,7 +46,8 @@ def plant(lab: Profile) -> MujocoPlant:
 
 def simulation(plant: MujocoPlant, overshoot: float = 0.0) -> tuple[SimNode, FakePort]:
     clock = FakeClock(overshoot)
-    port = FakePort(clock, MESSAGE_TYPES)
+    port = FakePort(clock)
+    connect_simulation(port)
     robot = SimulatedRobot(plant, SensorSettings(noise=False))
     return SimNode(port, robot, CommandGate(), clock=clock, sleep=clock.sleep), port
 
@@ -62,7 +62,7 @@ def speeds(port: FakePort) -> tuple[np.ndarray, np.ndarray]:
 def test_every_topic_comes_at_its_rate_and_its_instants(plant: MujocoPlant) -> None:
     node, port = simulation(plant, overshoot=3e-4)
     node.run(2.0)
-    assert port.counts() == {topic: round(2.0 * f) for topic, f in PUBLISH_RATES.items()}
+    assert port.counts() == {"/tf_static": 1, **{topic: round(2.0 * f) for topic, f in PUBLISH_RATES.items()}}
     stamps = np.array([msg.get_stamp(m.header.stamp) for _, m in port.of(POSE_TOPIC)])
     assert np.all((stamps - np.arange(1, 241) / 120.0 >= -1e-9) & (stamps - np.arange(1, 241) / 120.0 < plant.dt))
     sent = np.array([t for t, _ in port.of(POSE_TOPIC)])
@@ -156,7 +156,7 @@ def test_set_pose_answers_by_service_and_by_topic(plant: MujocoPlant, caplog: py
         return wanted
 
     for frame, w in (("map", 1.0), ("odom", math.nan), ("/odom", math.cos(0.25))):
-        port.calls.append(Call(type("Request", (), {"pose": call(frame, w)})(), answers.append))
+        port.ask(call(frame, w), answers.append)
     port.plan(SET_POSE_TOPIC, 0.05, call("map", 1.0))
     with caplog.at_level(logging.WARNING, "validation"):
         node.run(0.1)
@@ -189,8 +189,9 @@ def controller(
     lab: Profile, *, topics: RobotTopics | None = None, patience: float = 5.0
 ) -> tuple[ControlNode, FakePort, Pilot]:
     clock = FakeClock()
-    port = FakePort(clock, {COMMAND: "geometry_msgs/Twist"})
+    port = FakePort(clock)
     pilot = Pilot(law(lab), BEND, PilotSettings())
+    connect_control(port, topics or RobotTopics())
     return ControlNode(port, pilot, topics or RobotTopics(), clock=clock, patience=patience), port, pilot
 
 
@@ -236,13 +237,37 @@ def test_a_feedback_that_falls_silent_stops_the_robot(lab: Profile, caplog: pyte
     assert "the robot is stopped: no feedback" in caplog.text
 
 
-def test_damaged_feedback_is_none(lab: Profile) -> None:
+def test_feedback_that_is_not_finite_is_called_so_and_not_missing(lab: Profile, caplog: pytest.LogCaptureFixture) -> None:
     node, port, _ = controller(lab)
     speak(port, 1.0)
     for k in range(100):
         port.plan(FILTERED_TOPIC, 1.0 + 0.02 * k, odometry(2.0 + 0.02 * k, math.nan))
-    with pytest.raises(StoppedError, match="no feedback"):
+    why = (
+        r"no feedback that can be used for 0\.5\d s: \d\d messages on /odometry/filtered were refused, .*position\.x is nan"
+    )
+    with caplog.at_level(logging.INFO, "validation"), pytest.raises(StoppedError, match=why):
         node.run()
+    assert "messages refused: /odometry/filtered" in caplog.text
+
+
+def test_a_robot_whose_feedback_cannot_be_used_is_not_waited_for_as_silent(lab: Profile) -> None:
+    node, port, _ = controller(lab, patience=2.0)
+    for k in range(200):
+        port.plan(FILTERED_TOPIC, 0.02 * k, odometry(2.0 + 0.02 * k, 1e300))
+    why = r"no robot to drive after 2 s: \d+ messages on /odometry/filtered were refused, .* position\.x is 1e\+300"
+    with pytest.raises(StoppedError, match=why):
+        node.run()
+
+
+def test_a_clock_that_is_set_back_stops_the_robot(lab: Profile) -> None:
+    """As when the simulation is started anew: its stamps begin at zero again."""
+    node, port, _ = controller(lab)
+    speak(port, 1.0)
+    for k in range(50):
+        port.plan(FILTERED_TOPIC, 1.0 + 0.02 * k, odometry(0.02 * k))
+    with pytest.raises(StoppedError, match=r"the stamps of the feedback jumped by -1\.98"):
+        node.run()
+    assert np.all(commands(port)[1][-9:] == 0.0)
 
 
 def test_a_master_that_is_gone_stops_the_robot(lab: Profile) -> None:

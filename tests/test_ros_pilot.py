@@ -123,6 +123,22 @@ def test_it_stops_on_stale_feedback(lab: Profile) -> None:
         pilot.command(now + FRESH + 0.01)
 
 
+def test_a_sender_that_repeats_itself_is_no_feedback(lab: Profile) -> None:
+    pilot = Pilot(law(lab), BEND, PilotSettings())
+    now = standing(pilot, REST)
+    for k in range(40):
+        pilot.see(REST._replace(stamp=now), now + 0.02 * k)
+    with pytest.raises(StoppedError, match=r"no new feedback for 0\.80 s: 40 messages repeat the stamp"):
+        pilot.command(now + 0.8)
+
+
+def test_stale_feedback_says_what_came_instead(lab: Profile) -> None:
+    pilot = Pilot(law(lab), BEND, PilotSettings())
+    now = standing(pilot, REST)
+    with pytest.raises(StoppedError, match=r"no feedback that can be used for 0\.60 s: 27 messages were refused"):
+        pilot.command(now + 0.6, "27 messages were refused")
+
+
 @pytest.mark.parametrize("jump", [-0.1, FRESH + 0.01])
 def test_it_stops_when_the_senders_clock_jumps(lab: Profile, jump: float) -> None:
     pilot = Pilot(law(lab), BEND, PilotSettings())
@@ -189,3 +205,19 @@ def test_a_tracking_system_judges_and_its_half_turns_are_no_jumps(lab: Profile) 
 def test_a_robot_that_was_never_driven_has_no_run(lab: Profile) -> None:
     with pytest.raises(StoppedError, match="not driven"):
         Pilot(law(lab), BEND, PilotSettings()).run()
+
+
+@pytest.mark.parametrize("shift", [-1.0, 1e6, -1e6])
+def test_a_tracking_system_whose_clock_is_reset_does_not_judge(lab: Profile, shift: float) -> None:
+    pilot = Pilot(law(lab), BEND, PilotSettings())
+    pilot.track(REST._replace(stamp=9.99))
+    now = standing(pilot, REST)
+    taken = []
+    for k in range(1, 60):
+        t = now + 0.02 * k
+        pilot.see(REST._replace(stamp=t), t)
+        taken.append(pilot.track(REST._replace(stamp=t + (shift if k >= 20 else 0.0))))
+    assert all(taken[:19])
+    assert not any(taken[19:])
+    assert not pilot.tracked
+    assert np.all(np.isfinite(pilot.run().columns("x", "y", "yaw")))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -11,7 +12,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from validation.ros.port import ask_master
+from validation.ros.port import ask_master, stay_on_loopback
 
 
 @contextmanager
@@ -50,3 +51,27 @@ def test_nobody_is_refused_and_somebody_silent_is_waited_for_in_vain() -> None:
         s.listen()
         with pytest.raises(TimeoutError):
             ask_master(uri, "/node", 0.05)
+
+
+@pytest.mark.parametrize(
+    ("master", "told", "expected"),
+    [
+        ("http://localhost:11311", {}, "127.0.0.1"),
+        ("http://127.0.0.1:11311", {}, "127.0.0.1"),
+        ("http://[::1]:11311", {}, "127.0.0.1"),
+        ("http://robot.lab:11311", {}, None),
+        ("http://localhost:11311", {"ROS_IP": "10.0.0.2"}, "10.0.0.2"),
+        ("http://localhost:11311", {"ROS_HOSTNAME": "desk"}, None),
+        ("nonsense", {}, None),
+    ],
+)
+def test_a_node_stays_on_loopback_unless_told_otherwise(
+    monkeypatch: pytest.MonkeyPatch, master: str, told: dict[str, str], expected: str | None
+) -> None:
+    for name in ("ROS_IP", "ROS_HOSTNAME"):
+        monkeypatch.setenv(name, "")  # so that it is put back afterwards
+        monkeypatch.delenv(name)
+    for name, value in told.items():
+        monkeypatch.setenv(name, value)
+    stay_on_loopback(master)
+    assert os.environ.get("ROS_IP") == expected

@@ -26,9 +26,13 @@ from validation.plants.profile import PlantProfile, Profile, load_profile, make_
 from validation.robots.husky import SIDES, WHEELS, HuskyCalibration, calibrate, limit_torque, xml_path
 from validation.robots.plant import MujocoPlant
 from validation.track.waypoint_files import open_reference
+from validation.words import shortened
 
 WIDTH = 0.1
 """Distance from the target at which the reward has fallen to 1/e [m]."""
+
+LARGEST_ACTION = 100.0
+"""Greatest size of an action [m/s, rad/s]. The drive limits what is beyond its own limits; more than this is a mistake."""
 
 
 class Husky(composer.Entity):
@@ -150,9 +154,13 @@ class Tracking(composer.Task):
         self._segment, self._start = 0, float(physics.data.time)
 
     def before_step(self, physics: Any, action: FloatArray, random_state: np.random.RandomState) -> None:
-        """The drive turns the command into wheel-rate references for the physics steps until the next."""
+        """Turn the command into wheel-rate references for the physics steps until the next, as the drive does.
+
+        Raises:
+            ValueError: the action is not two finite numbers of at most `LARGEST_ACTION`; nothing has moved.
+        """
+        v, w = _checked(action)
         n = whole_steps(self.control_timestep, self.physics_timestep, "the control period")
-        v, w = map(float, np.asarray(action, dtype=np.float64))
         self._references, self._substep = self._driver.references((v, w), n), 0
         physics.data.ctrl[:] = self._references[0]
 
@@ -219,6 +227,24 @@ class Tracking(composer.Task):
     def get_discount(self, physics: Any) -> float:
         """Return 0 where the robot was lost and 1 otherwise: the end of a reference is no failure."""
         return 0.0 if self._distance(physics) >= LOST else 1.0
+
+
+def _checked(action: Any) -> tuple[float, float]:
+    """Return v and omega of an action.
+
+    Raises:
+        ValueError: it is not two finite numbers of at most `LARGEST_ACTION`.
+    """
+    try:
+        numbers = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        numbers = np.empty(0)
+    if numbers.shape != (2,) or not np.all(np.abs(numbers) <= LARGEST_ACTION):  # not so for NaN either
+        raise ValueError(
+            f"action must be (2,) finite numbers, v [m/s] and omega [rad/s], of at most {LARGEST_ACTION:g}; "
+            f"got {shortened(action, 60)}"
+        )
+    return float(numbers[0]), float(numbers[1])
 
 
 def tracking(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -17,12 +19,16 @@ from ssmr.types import State
 from validation import cli
 from validation.plants.profile import load_profile
 from validation.ros.control import START_PATIENCE, RobotTopics
-from validation.ros.pilot import Pilot, PilotSettings
+from validation.ros.pilot import Pilot, PilotSettings, StoppedError
 from validation.ros.port import NoGraphError
+from validation.ros.result import DriveStatus
 from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
 from validation.track import load_gains, make_controller, open_reference
 from validation.words import file_name
+
+_STOPPING = 3.0
+"""Time after an interruption or the end of a drive in which (further) ones are ignored [s]."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +84,8 @@ class ControlOptions:
     """The options of `control`."""
 
     controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
-    """Controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding mode)
-    go beyond it."""
+    """Controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding
+    mode) go beyond it."""
     reference: Annotated[str, tyro.conf.Positional, cli.option(metavar="REFERENCE")]
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
@@ -112,11 +118,16 @@ def sim(options: SimOptions) -> None:
 def control(options: ControlOptions) -> None:
     """Drive a robot on a Husky's topics along a reference: the simulated one or a real one.
 
-    The drive starts when feedback comes steadily from a robot that stands. The robot
-    is stopped at the reference's end, on Ctrl-C, on any error, when feedback is older
-    than 0.5 s, when the master is gone, and when it is 3 m from its target. Writes
-    track.json and track.png, judged by the tracking system's pose where there is one,
-    else by the odometry's.
+    It starts when feedback comes steadily from a robot that stands.
+
+    The robot is stopped
+    - at the reference's end, on Ctrl-C, and on any error;
+    - when feedback is older than 0.5 s, or the master is gone;
+    - when it is 3 m from its target.
+
+    Writes track.json and track.png, also of a drive that was stopped.
+
+    The tracking system's pose judges the drive, else the odometry's.
     """
     o, drive = options, options.drive
     with cli.mistakes_are_users():
@@ -130,18 +141,46 @@ def control(options: ControlOptions) -> None:
         pilot = Pilot(make_controller(chosen, wanted), waypoints, settings)
         topics = RobotTopics(o.topics.odometry, o.topics.pose, o.topics.command, o.topics.feedback == "pose")
         folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{o.controller}-{Path(o.reference).stem}"))
-    with _on_a_graph():
+    with _on_a_graph() as interrupt:
         result = control_robot(pilot, wanted, chosen.name, label, topics, drive.patience)
+        interrupt.wait_a_while()
     cli.report_result(result, result.save(folder, recording=False))
+    if result.status is DriveStatus.INTERRUPTED:
+        raise KeyboardInterrupt
+    if result.status is not DriveStatus.ARRIVED:
+        raise StoppedError(result.why)
+
+
+class _Interrupt:
+    """Handler of the signals that end a node: the first one interrupts, and those within the next seconds do not."""
+
+    def __init__(self) -> None:
+        self._deaf_until = -math.inf
+        self._end: dict[int, Callable[[int, FrameType | None], object]] = {}
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            before = signal.getsignal(number)
+            if callable(before):
+                self._end[number] = before
+            elif number == signal.SIGINT:  # a shell without job control has programs in the background ignore it
+                self._end[number] = signal.default_int_handler
+        for number in self._end:
+            signal.signal(number, self)
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if time.monotonic() > self._deaf_until:
+            self.wait_a_while()
+            self._end[number](number, frame)
+
+    def wait_a_while(self) -> None:
+        """Ignore signals for some seconds: the robot is being stopped, or the drive is being saved."""
+        self._deaf_until = time.monotonic() + _STOPPING
 
 
 @contextlib.contextmanager
-def _on_a_graph() -> Iterator[None]:
-    """Let SIGTERM end a node as Ctrl-C does; a graph that is not there is a mistake of the user."""
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.default_int_handler)
+def _on_a_graph() -> Iterator[_Interrupt]:
+    """Let signals end a node once; a graph that is not there is a mistake of the user."""
     try:
-        yield
+        yield _Interrupt()
     except NoGraphError as error:
         raise cli.UserError(str(error)) from error
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 import time
@@ -12,8 +11,9 @@ from dataclasses import dataclass
 from ssmr.errors import SsmrError
 from validation.ros import messages as msg
 from validation.ros.commands import STAND_STILL, Twist
+from validation.ros.inbox import Received
 from validation.ros.messages import Seen
-from validation.ros.pilot import FRESH, Phase, Pilot, StoppedError
+from validation.ros.pilot import FRESH, MasterLostError, Phase, Pilot, StoppedError
 from validation.ros.port import Port
 
 _logger = logging.getLogger(__name__)
@@ -22,6 +22,10 @@ START_PATIENCE = 30.0
 """Time for which a robot is waited for [s]."""
 STOP_TIME = 0.5
 """Time for which the robot is told to stand [s]: ten commands at 20 Hz."""
+_FEEDBACK_KEPT = 32
+"""Messages of the odometry that wait for the loop: more than come within the age at which they are too old."""
+_POSES_KEPT = 128
+"""Poses of a tracking system that wait, about a second of them: they judge the drive."""
 SLACK = 0.004
 """Delay of the velocity loop behind the first message of the position loop [s], so that later messages may be a bit late."""
 
@@ -63,6 +67,7 @@ class ControlNode:
         """
         self._port, self._pilot, self._topics, self._clock, self._patience = port, pilot, topics, clock, patience
         self._speeds: Seen | None = None
+        self._feedback = topics.pose if topics.law_by_pose else topics.odometry
         self.drove = 0.0
         """Time for which the robot was driven [s]."""
         self._speeds_at = -math.inf
@@ -71,10 +76,22 @@ class ControlNode:
         """Wait for the robot, drive it, and stop it, however the drive ends.
 
         Raises:
+            MasterLostError: the master is gone; the robot was told to stand.
             StoppedError: no robot came, or it had to be stopped.
             KeyboardInterrupt: the user interrupted; the robot was told to stand before.
         """
-        self._wait()  # until then the robot is somebody else's: nothing is sent
+        try:
+            self._wait()  # until then the robot is somebody else's: nothing is sent
+            self._drive_and_stop()
+        finally:
+            for line in self._port.inbox.tally.lines():
+                self._port.notices.add(line, line, logging.INFO)
+            self._tell(all_of_them=True)
+
+    def _tell(self, *, all_of_them: bool = False) -> None:
+        self._port.notices.tell(_logger, self._clock(), all_of_them=all_of_them)
+
+    def _drive_and_stop(self) -> None:
         _logger.info("driving")
         began = self._clock()
         try:
@@ -96,16 +113,24 @@ class ControlNode:
         _logger.info("waiting for the robot on %s", self._topics.odometry)
         while self._pilot.phase is Phase.WAITING:
             heard = self._port.listeners(self._topics.command) > 0
-            why = self._pilot.why_waiting if heard else f"nobody listens to {self._topics.command}"
+            why = self._why_waiting() if heard else f"nobody listens to {self._topics.command}"
             if self._clock() > until:
                 raise StoppedError(f"no robot to drive after {self._patience:g} s: {why}")
+            got = self._port.receive(0.1)
             if heard:
-                self._take(0.1)
-            else:
-                self._port.receive(0.1)  # what comes meanwhile is old when it counts
+                self._take(got)
+            self._tell()  # what comes before somebody listens is old when it counts
             if why != told and self._clock() > until - self._patience + 1.0:
                 told = why
-                _logger.info("still waiting: %s", told)
+                self._port.notices.add("waiting", f"still waiting: {told}", logging.INFO)
+
+    def _why_waiting(self) -> str:
+        return self._refused() or self._pilot.why_waiting
+
+    def _refused(self) -> str:
+        """Return what is wrong with feedback that comes and cannot be used; empty where nothing is."""
+        found = [self._port.inbox.refusals(topic) for topic in dict.fromkeys((self._feedback, self._topics.odometry))]
+        return "; ".join(filter(None, found))
 
     def _drive(self) -> None:
         """Take messages as they come, and send commands at absolute deadlines."""
@@ -113,31 +138,29 @@ class ControlNode:
         while self._pilot.phase is Phase.DRIVING:
             left = start + k * period - self._clock()
             if left > 0.0:
-                self._take(left)
+                self._take(self._port.receive(left))
                 continue
             if self._port.master_gone.is_set():
-                raise StoppedError(f"the ROS master at {self._port.master} is gone")
-            self._send(self._pilot.command(self._clock()))
+                raise MasterLostError(f"the ROS master at {self._port.master} is gone")
+            self._send(self._pilot.command(self._clock(), self._refused()))
+            self._tell()
             # a deadline that was slept through is not made up for
             k = max(k + 1, math.floor((self._clock() - start) / period))
 
-    def _take(self, timeout: float) -> None:
-        """Take at most one message, waited for at most `timeout` [s]."""
-        got = self._port.receive(timeout)
+    def _take(self, got: Received | None) -> None:
+        """Give a message to the pilot."""
         if got is None:
             return
-        try:
-            if got.topic == self._topics.odometry:
-                self._speeds, self._speeds_at = msg.read_odometry(got.message), got.arrival
-                if not self._topics.law_by_pose:
-                    self._pilot.see(self._speeds, got.arrival)
-            elif got.topic == self._topics.pose:
-                seen = msg.read_pose_stamped(got.message)
-                self._pilot.track(seen)
-                if self._topics.law_by_pose and self._speeds is not None and got.arrival - self._speeds_at <= FRESH:
-                    self._pilot.see(seen._replace(v=self._speeds.v, w=self._speeds.w), got.arrival)
-        except ValueError as error:
-            _logger.warning("%s: %s; ignored", got.topic, error)  # if that goes on, the feedback becomes too old
+        seen: Seen = got.message
+        if got.topic == self._topics.odometry:
+            self._speeds, self._speeds_at = seen, got.arrival
+            if not self._topics.law_by_pose:
+                self._pilot.see(seen, got.arrival)
+        elif got.topic == self._topics.pose:
+            if not self._pilot.track(seen):
+                self._port.notices.add("tracked", f"{got.topic}: stamp {seen.stamp:.3f} s does not go on from those before")
+            if self._topics.law_by_pose and self._speeds is not None and got.arrival - self._speeds_at <= FRESH:
+                self._pilot.see(seen._replace(v=self._speeds.v, w=self._speeds.w), got.arrival)
 
     def _send(self, command: Twist) -> None:
         self._port.send(self._topics.command, lambda m: msg.fill_twist(m, *command))
@@ -151,12 +174,11 @@ class ControlNode:
             while (left := next_at - self._clock()) > 0.0:
                 got = self._port.receive(left)
                 if got is not None and got.topic == self._topics.pose:  # for the record
-                    with contextlib.suppress(ValueError):
-                        self._pilot.track(msg.read_pose_stamped(got.message))
+                    self._pilot.track(got.message)
 
 
 def connect_control(port: Port, topics: RobotTopics) -> None:
     """Make the controller's topics on a port."""
     port.advertise(topics.command, "geometry_msgs/Twist")
-    port.listen(topics.odometry, "nav_msgs/Odometry")
-    port.listen(topics.pose, "geometry_msgs/PoseStamped")
+    port.listen(topics.odometry, "nav_msgs/Odometry", msg.read_odometry, _FEEDBACK_KEPT)
+    port.listen(topics.pose, "geometry_msgs/PoseStamped", msg.read_pose_stamped, _POSES_KEPT)

@@ -14,14 +14,50 @@ import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, quat_wxyz_to_yaw, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
+from validation.words import shortened
 
 ODOM, BASE, IMU, WORLD = "odom", "base_link", "imu_link", "world"
 """Frames of dead reckoning, of the robot, of its IMU and of the tracking system."""
 _FLAT_VARIANCE = 1e-6
 """Variance of z, roll and pitch of a robot on a plane [m2, rad2 and per s2]; small, but it keeps a covariance invertible."""
 
+MOST_DISTANCE = 1e6
+"""Greatest plausible coordinate in a message [m]; doubles keep 0.1 nm there."""
+MOST_RATE = 100.0
+"""Greatest plausible speed [m/s] and yaw rate [rad/s] in a message; no Husky comes near them."""
+MOST_VARIANCE = MOST_DISTANCE**2
+"""Greatest plausible variance in a message [m2, rad2]; some senders write 1e9 for an unknown value."""
+_MOST_STAMP = 2.0**32
+"""End of the times that a stamp of ROS can hold [s]."""
+_QUATERNION = (1e-6, 1e3)
+"""Least and greatest length of a quaternion that is normalised here."""
+
 _PLANAR = (0, 1, 5)
 _NANO = 1_000_000_000
+
+
+def plausible(name: str, value: Any, most: float, least: float | None = None) -> float:
+    """Return a number of a message: the one check of everything that comes in.
+
+    Args:
+        name: field of the message, for the error.
+        value: what it holds.
+        most: greatest plausible number.
+        least: least one; `-most` if not given.
+
+    Raises:
+        ValueError: it is no number, not finite, or out of that range.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} is no number") from None
+    if not math.isfinite(number):
+        raise ValueError(f"{name} is {number}, which is not finite")
+    low = -most if least is None else least
+    if not low <= number <= most:
+        raise ValueError(f"{name} is {number:g}; plausible is {low:g} to {most:g}")
+    return number
 
 
 class Seen(NamedTuple):
@@ -47,8 +83,13 @@ def set_stamp(stamp: Any, seconds: float) -> None:
 
 
 def get_stamp(stamp: Any) -> float:
-    """Return the time of a stamp [s]."""
-    return float(stamp.secs + 1e-9 * stamp.nsecs)
+    """Return the time of a stamp [s].
+
+    Raises:
+        ValueError: it is negative, or later than a stamp of ROS can hold.
+    """
+    seconds = plausible("header.stamp.secs", stamp.secs, _MOST_STAMP, 0.0)
+    return seconds + 1e-9 * plausible("header.stamp.nsecs", stamp.nsecs, _MOST_STAMP, 0.0)
 
 
 def set_pose(pose: Any, x: float, y: float, yaw: float, z: float = 0.0) -> None:
@@ -66,12 +107,13 @@ def get_yaw(orientation: Any) -> float:
     """Return the heading of a geometry_msgs/Quaternion [rad]; it need not be normalised.
 
     Raises:
-        ValueError: the quaternion is zero or not finite.
+        ValueError: the quaternion is zero, not finite or too long.
     """
-    quat = np.array([orientation.w, orientation.x, orientation.y, orientation.z], dtype=np.float64)
-    length = float(np.linalg.norm(quat)) if np.all(np.isfinite(quat)) else math.nan
-    if not length > 1e-6:
-        raise ValueError(f"the orientation {quat[1:].tolist() + quat[:1].tolist()} (x, y, z, w) is no quaternion")
+    least, most = _QUATERNION
+    quat = np.array([plausible(f"orientation.{axis}", getattr(orientation, axis), most) for axis in "wxyz"])
+    length = float(np.linalg.norm(quat))
+    if not length > least:
+        raise ValueError(f"orientation has length {length:g}: it is no quaternion")
     return float(quat_wxyz_to_yaw(quat / length))
 
 
@@ -86,11 +128,11 @@ def planar_covariance(covariance: Any) -> FloatArray:
     """Return the (3, 3) covariance of x, y, yaw from the 36 numbers of ROS.
 
     Raises:
-        ValueError: not 36 finite numbers, or a negative variance.
+        ValueError: not 36 plausible numbers, or a negative variance.
     """
-    full = np.array(covariance, dtype=np.float64)
-    if full.shape != (36,) or not np.all(np.isfinite(full)):
-        raise ValueError("a covariance must be 36 finite numbers")
+    if len(covariance) != 36:
+        raise ValueError(f"covariance has {len(covariance)} numbers; it must have 36")
+    full = np.array([plausible(f"covariance[{k}]", c, MOST_VARIANCE) for k, c in enumerate(covariance)])
     part: FloatArray = full.reshape(6, 6)[np.ix_(_PLANAR, _PLANAR)]
     if np.any(np.diag(part) < 0.0):
         raise ValueError(f"variances of x, y and yaw must not be negative, got {np.diag(part).tolist()}")
@@ -153,35 +195,49 @@ def fill_twist(message: Any, v: float, w: float) -> None:
 
 
 def read_twist(message: Any) -> tuple[float, float]:
-    """Return v [m/s] and omega [rad/s] of a geometry_msgs/Twist."""
-    return float(message.linear.x), float(message.angular.z)
+    """Return v [m/s] and omega [rad/s] of a geometry_msgs/Twist.
+
+    Raises:
+        ValueError: one of them is not plausible.
+    """
+    return plausible("linear.x", message.linear.x, MOST_RATE), plausible("angular.z", message.angular.z, MOST_RATE)
+
+
+def read_lock(message: Any) -> bool:
+    """Return the value of a std_msgs/Bool."""
+    return bool(message.data)
+
+
+def read_set_pose(message: Any) -> tuple[FloatArray, FloatArray]:
+    """Return the (3,) pose in `odom` [m, m, rad] and its (3, 3) covariance of a geometry_msgs/PoseWithCovarianceStamped.
+
+    Raises:
+        ValueError: another frame, a number that is not plausible, or no orientation.
+    """
+    frame = str(message.header.frame_id).lstrip("/")
+    if frame not in ("", ODOM):
+        raise ValueError(f"a pose in the frame '{shortened(frame, 40)}'; the filter's is '{ODOM}'")
+    return np.array(_read_place(message.pose.pose)), planar_covariance(message.pose.covariance)
 
 
 def read_odometry(message: Any) -> Seen:
     """Return pose and speeds of a nav_msgs/Odometry.
 
     Raises:
-        ValueError: a number is not finite, or there is no orientation.
+        ValueError: a number is not plausible, or there is no orientation.
     """
-    twist = message.twist.twist
-    return _finite(_read_pose(message, message.pose.pose)._replace(v=float(twist.linear.x), w=float(twist.angular.z)))
+    return Seen(get_stamp(message.header.stamp), *_read_place(message.pose.pose), *read_twist(message.twist.twist))
 
 
 def read_pose_stamped(message: Any) -> Seen:
     """Return the pose of a geometry_msgs/PoseStamped; it has no speeds.
 
     Raises:
-        ValueError: a number is not finite, or there is no orientation.
+        ValueError: a number is not plausible, or there is no orientation.
     """
-    return _finite(_read_pose(message, message.pose)._replace(v=0.0, w=0.0))._replace(v=math.nan, w=math.nan)
+    return Seen(get_stamp(message.header.stamp), *_read_place(message.pose), math.nan, math.nan)
 
 
-def _read_pose(message: Any, pose: Any) -> Seen:
-    at = pose.position
-    return Seen(get_stamp(message.header.stamp), float(at.x), float(at.y), get_yaw(pose.orientation), math.nan, math.nan)
-
-
-def _finite(seen: Seen) -> Seen:
-    if not all(map(math.isfinite, seen)):
-        raise ValueError(f"a number is not finite: {seen}")
-    return seen
+def _read_place(pose: Any) -> tuple[float, float, float]:
+    x, y = (plausible(f"position.{axis}", getattr(pose.position, axis), MOST_DISTANCE) for axis in "xy")
+    return x, y, get_yaw(pose.orientation)

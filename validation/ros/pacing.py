@@ -54,20 +54,22 @@ class Pace:
     duration: float
     """Time from the start to the last deadline [s]."""
     error: float
-    """Time by which the run took longer than it should have [s], see `drift`."""
+    """Time by which the run took longer than it should have [s]: its `drift`, and the time that was dropped."""
     late_median: float
     """Median lateness of a wake-up [s]."""
     late_p95: float
     """95th percentile of the lateness [s]."""
     late_max: float
     """Greatest lateness [s]."""
+    dropped: float = 0.0
+    """Time that was given up because the loop was too late to catch up [s]."""
 
     def text(self) -> str:
         """Return this as one line."""
         return (
             f"{self.duration:.2f} s at real time: pacing error {1e3 * self.error:+.3f} ms; wake-ups late by "
             f"{1e3 * self.late_median:.2f} ms (median), {1e3 * self.late_p95:.2f} (95 %), {1e3 * self.late_max:.2f} (most)"
-        )
+        ) + (f"; {self.dropped:.2f} s of it dropped" if self.dropped else "")
 
 
 def drift(t: FloatArray, late: FloatArray) -> float:
@@ -80,12 +82,21 @@ def drift(t: FloatArray, late: FloatArray) -> float:
 
 
 class Pacer:
-    """Waits for instants counted from one start."""
+    """Waits for instants counted from one start, and catches up after lateness, unless that is too much."""
 
-    def __init__(self, clock: Callable[[], float], sleep: Callable[[float], object]) -> None:
-        """Start now; `clock` returns monotonic time [s], `sleep` waits for some time [s] or a little longer."""
-        self._clock, self._sleep = clock, sleep
+    def __init__(self, clock: Callable[[], float], sleep: Callable[[float], object], most_behind: float = math.inf) -> None:
+        """Start now.
+
+        Args:
+            clock: function that returns monotonic time [s].
+            sleep: function that waits for some time [s] or a little longer.
+            most_behind: lateness that is caught up with [s]; a greater one is dropped, so that time does not run fast for
+                long after a stall.
+        """
+        self._clock, self._sleep, self._most = clock, sleep, most_behind
         self.start = clock()
+        self.dropped = 0.0
+        """Time that was dropped [s]."""
         self._deadlines, self._late = array("d"), array("d")
 
     def wait(self, instant: float) -> float:
@@ -96,6 +107,9 @@ class Pacer:
         late = self._clock() - deadline
         self._deadlines.append(instant)
         self._late.append(late)
+        if late > self._most:
+            self.start += late
+            self.dropped += late
         return late
 
     def pace(self) -> Pace:
@@ -108,4 +122,4 @@ class Pacer:
             raise ValueError("nothing was waited for yet")
         t, late = np.array(self._deadlines), np.array(self._late)
         median, p95 = map(float, np.percentile(late, [50.0, 95.0]))
-        return Pace(float(t[-1]), drift(t, late), median, p95, float(late.max()))
+        return Pace(float(t[-1]), drift(t, late) + self.dropped, median, p95, float(late.max()), self.dropped)

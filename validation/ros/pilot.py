@@ -29,12 +29,18 @@ FRESH = 0.5
 """Age from which feedback is too old to drive by [s]."""
 _MOVING = 0.05
 """A robot faster than this is not taken over [m/s, rad/s]."""
+_SAME_CLOCK = 5.0
+"""Greatest difference between the stamps of a tracking system and of the feedback, if they are of one clock [s]."""
 _AT_START = 0.5
 """Greatest distance of the robot from the reference's start with `absolute` [m]."""
 
 
 class StoppedError(SsmrError):
     """The robot was stopped before the reference's end; the message says why."""
+
+
+class MasterLostError(StoppedError):
+    """The robot was stopped because the ROS master is gone."""
 
 
 class Phase(Enum):
@@ -111,7 +117,7 @@ class Pilot:
         self.phase = Phase.WAITING
         self.why_waiting = "no feedback yet"
         self._arrival = self._stamp = -math.inf
-        self._fresh, self._begin = 0, 0.0
+        self._fresh, self._repeated, self._begin = 0, 0, 0.0
         self._mind: Mind = FRESH_MIND
         self._times: list[float] = []
         self._rows: list[FloatArray] = []
@@ -132,31 +138,46 @@ class Pilot:
         record(row, truth, self._mind)
         return row
 
-    def track(self, seen: Seen) -> None:
-        """Take a pose from a tracking system, for the record and not for the controller."""
+    def track(self, seen: Seen) -> bool:
+        """Take a pose from a tracking system, for the record and not for the controller.
+
+        Returns:
+            False for one that is left out: its stamp does not increase, or is of another clock than the feedback's.
+        """
+        last = self._last_tracked
+        if self._tracked_frame is None:
+            self._last_tracked = seen
+            return last is None or seen.stamp > last.stamp
+        if (last is not None and seen.stamp <= last.stamp) or not self._is_near(seen):
+            return False
         self._last_tracked = seen
-        if self._tracked_frame is not None:
-            self._tracked.append(np.array([seen.stamp - self._begin, *self._tracked_frame.take(seen)]))
+        self._tracked.append(np.array([seen.stamp - self._begin, *self._tracked_frame.take(seen)]))
+        return True
+
+    def _is_near(self, seen: Seen) -> bool:
+        return abs(seen.stamp - self._stamp) <= _SAME_CLOCK
 
     def see(self, seen: Seen, now: float) -> None:
         """Take the robot's pose and speeds, and run the position loop.
 
         Args:
-            seen: pose and speeds, all finite.
+            seen: pose and speeds, all finite. One with the stamp of the last is the same message again: no news.
             now: time of arrival by the receiver's monotonic clock [s].
 
         Raises:
             StoppedError: the sender's clock jumped, or the robot is farther from its target than it may be.
         """
         dt, self._stamp = seen.stamp - self._stamp, seen.stamp
-        self._arrival = now
+        if dt == 0.0:
+            self._repeated += 1
+            return
+        self._arrival, self._repeated = now, 0
         if self.phase is Phase.WAITING:
             self._consider(seen, dt)
         elif self.phase is Phase.DRIVING:
-            if not 0.0 <= dt < FRESH:
+            if not 0.0 < dt < FRESH:
                 raise StoppedError(f"the stamps of the feedback jumped by {dt:.3f} s")
-            if dt > 0.0:
-                self._tick(seen, dt)
+            self._tick(seen, dt)
 
     def _consider(self, seen: Seen, dt: float) -> None:
         start = self.waypoints.start
@@ -177,7 +198,7 @@ class Pilot:
             self._frame = _Frame(np.array([0.0, 0.0, turn]))
         else:
             self._frame = _Frame.onto(origin, seen)
-        if self._last_tracked is not None:
+        if self._last_tracked is not None and self._is_near(self._last_tracked):
             here = self._frame.take(seen) if self.settings.absolute else origin
             self._tracked_frame = _Frame.onto(here, self._last_tracked)
         self._begin, self.phase = seen.stamp, Phase.DRIVING
@@ -195,8 +216,12 @@ class Pilot:
         if t >= self.waypoints.duration - 1e-9:
             self.phase = Phase.ARRIVED
 
-    def command(self, now: float) -> Twist:
+    def command(self, now: float, fault: str = "") -> Twist:
         """Run one step of the velocity loop; return v [m/s] and omega [rad/s] to send now.
+
+        Args:
+            now: time by the receiver's monotonic clock [s].
+            fault: what is wrong with feedback that came and could not be used, if the caller knows.
 
         Raises:
             StoppedError: the feedback is too old to drive by, or the controller's output is not finite.
@@ -204,7 +229,7 @@ class Pilot:
         if self.phase is not Phase.DRIVING:
             return STAND_STILL
         if now - self._arrival > FRESH:
-            raise StoppedError(f"no feedback for {now - self._arrival:.2f} s")
+            raise StoppedError(self._why_stale(now - self._arrival, fault))
         mind = velocity_tick(self._tracker, self._mind, self.settings.period)
         v, w = mind.command
         if not (math.isfinite(v) and math.isfinite(w)):
@@ -213,6 +238,18 @@ class Pilot:
         sent = Command(float(np.clip(v, -s.v_limit, s.v_limit)), float(np.clip(w, -s.w_limit, s.w_limit)))
         self._mind = mind._replace(command=sent)
         return sent
+
+    def _why_stale(self, age: float, fault: str) -> str:
+        if fault:
+            return f"no feedback that can be used for {age:.2f} s: {fault}"
+        if self._repeated:
+            return f"no new feedback for {age:.2f} s: {self._repeated} messages repeat the stamp {self._stamp:.3f} s"
+        return f"no feedback for {age:.2f} s"
+
+    @property
+    def has_run(self) -> bool:
+        """True if the robot was driven long enough for a run."""
+        return len(self._times) > 1
 
     @property
     def tracked(self) -> bool:
@@ -227,7 +264,7 @@ class Pilot:
         Raises:
             StoppedError: the robot was never driven.
         """
-        if len(self._times) < 2:
+        if not self.has_run:
             raise StoppedError("the robot was not driven")
         times, rows = np.array(self._times), np.array(self._rows)
         period = float(np.median(np.diff(times)))

@@ -16,12 +16,16 @@ import threading
 import time
 import warnings
 import xmlrpc.client
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
+
+from validation.ros.inbox import Inbox, Notices, Received
+from validation.words import one_line
 
 _SYSTEM_PACKAGES = Path("/usr/lib/python3/dist-packages")
 """Folder into which Debian installs rospy."""
@@ -31,6 +35,12 @@ APT_PACKAGES = (
 """Packages to install with apt."""
 _QUEUE = 10
 """Messages of one topic that wait for a slow subscriber."""
+_BREATH = 0.004
+"""Time for which a thread rests after each message that it has received [s]. So one sender is heard 250 times a second: of a
+flood, rospy throws away all but the last messages before it reads them, and the node's own loop gets its share of time."""
+_CALLS = 10
+"""Service calls that wait for the loop."""
+_LOOPBACK = "127.0.0.1"
 _MASTER_PERIOD = 0.1
 """Period at which the master is asked for a sign of life [s]."""
 _MASTER_PATIENCE = 0.25
@@ -45,19 +55,11 @@ class NoGraphError(ValueError):
     """There is no ROS graph to join: rospy is missing, or no master answers."""
 
 
-class Received(NamedTuple):
-    """A message and the time of its arrival."""
-
-    topic: str
-    arrival: float
-    """Monotonic time [s]."""
-    message: Any
-
-
 class Call(NamedTuple):
     """A service call that waits for its answer."""
 
     request: Any
+    """What was read from the request."""
     answer: Callable[[str], None]
     """Function to be called once, with an empty text or with the fault."""
 
@@ -168,8 +170,28 @@ def ask_master(uri: str, caller: str, patience: float) -> int:
         raise OSError(f"no master's answer: {error}") from error
 
 
+def stay_on_loopback(master: str) -> None:
+    """Let rospy listen on loopback alone where the master is there, and neither ROS_IP nor ROS_HOSTNAME says otherwise."""
+    told = os.environ.get("ROS_IP") or os.environ.get("ROS_HOSTNAME")
+    host = urlsplit(master).hostname or ""
+    if not told and (host in ("localhost", "::1") or host.startswith("127.")):
+        os.environ["ROS_IP"] = _LOOPBACK
+
+
+class _Complaints(logging.Handler):
+    """What rospy complains of, often with a traceback and once for each message: the last line of it, as a notice."""
+
+    def __init__(self, notices: Notices) -> None:
+        super().__init__(logging.WARNING)
+        self._notices = notices
+
+    def emit(self, record: logging.LogRecord) -> None:
+        lines = [line for line in record.getMessage().splitlines() if line.strip()]
+        self._notices.add("ROS", f"ROS: {one_line(lines[-1] if lines else record.name)}")
+
+
 class Port:
-    """Topics, services and parameters of a node; incoming messages wait in one queue."""
+    """Topics, services and parameters of a node; incoming messages wait in one inbox."""
 
     def __init__(self, name: str) -> None:
         """Register a node.
@@ -180,6 +202,11 @@ class Port:
         self._rospy = load_rospy()
         self.master = os.environ.setdefault("ROS_MASTER_URI", "http://localhost:11311")
         """Address of the master."""
+        stay_on_loopback(self.master)
+        self.notices = Notices()
+        """What the node has to say; its loop lets it be told."""
+        self.inbox = Inbox(self.notices)
+        """Incoming messages."""
         self._id = f"/{name}"
         try:
             self.master_pid = ask_master(self.master, self._id, 10.0 * _MASTER_PATIENCE)
@@ -193,8 +220,10 @@ class Port:
             self._rospy.init_node(name, disable_signals=True, disable_rosout=True)
         root.handlers[:] = handlers
         root.setLevel(level)
-        self._inbox: queue.SimpleQueue[Received] = queue.SimpleQueue()
-        self._calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
+        for name in ("rospy", "rosout", "rosgraph"):
+            (logger := logging.getLogger(name)).handlers[:] = [_Complaints(self.notices)]
+            logger.propagate = False
+        self._calls: queue.Queue[Call] = queue.Queue(_CALLS)
         self._publishers: dict[str, tuple[Any, type[Any]]] = {}
         self._restore: tuple[str, Any] | None = None
         self._closed = threading.Event()
@@ -241,23 +270,34 @@ class Port:
         """Return the number of listeners of a topic that is open for sending."""
         return int(self._publishers[topic][0].get_num_connections())
 
-    def listen(self, topic: str, kind: str) -> None:
-        """Let the messages of a topic come into the queue."""
+    def listen(self, topic: str, kind: str, read: Callable[[Any], Any] = lambda m: m, depth: int | None = None) -> None:
+        """Let the messages of a topic come into the inbox.
+
+        Args:
+            topic: name of the topic.
+            kind: its type, `package/Type`.
+            read: function that returns what the node needs of a message, and raises a `ValueError` if it cannot be.
+            depth: messages that are kept, the last ones; None keeps all, as fast as they come.
+        """
+        self.inbox.open(topic, read, depth)
 
         def put(message: Any) -> None:
-            self._inbox.put(Received(topic, time.monotonic(), message))
+            self.inbox.put(topic, message)
+            if depth is not None:
+                time.sleep(_BREATH)
 
-        self._rospy.Subscriber(topic, message_class(kind), put, queue_size=None, tcp_nodelay=True)
+        self._rospy.Subscriber(topic, message_class(kind), put, queue_size=depth, tcp_nodelay=True)
 
     def receive(self, timeout: float = 0.0) -> Received | None:
         """Return the next message, waited for at most `timeout` [s]; None if none came."""
-        try:
-            return self._inbox.get(block=timeout > 0.0, timeout=max(timeout, 0.0) or None)
-        except queue.Empty:
-            return None
+        return self.inbox.get(timeout)
 
-    def serve_set_pose(self, name: str) -> None:
-        """Offer the service set_pose; its calls wait in a queue of their own."""
+    def drain(self) -> Iterator[Received]:
+        """Yield all messages that have come so far."""
+        return self.inbox.drain()
+
+    def serve_set_pose(self, name: str, read: Callable[[Any], Any]) -> None:
+        """Offer the service set_pose; its calls, as `read` returns their pose, wait in a queue of their own."""
         kind = set_pose_service()
 
         def handle(request: Any) -> Any:
@@ -268,7 +308,13 @@ class Port:
                     wrong.append(fault)
                 done.set()
 
-            self._calls.put(Call(request, answer))
+            try:
+                self._calls.put_nowait(Call(read(request.pose), answer))
+            except ValueError as error:
+                self.notices.add(f"service {name}", f"service {name}: {error}; refused")
+                answer(str(error))
+            except queue.Full:
+                answer("the node is busy")
             if not done.wait(1.0):
                 wrong.append("the node is busy")
             if wrong:

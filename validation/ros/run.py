@@ -13,13 +13,13 @@ from validation.plants.profile import Profile, make_plant
 from validation.robots.plant import MujocoPlant
 from validation.ros.commands import STAND_STILL, CommandGate
 from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
-from validation.ros.pilot import Pilot
+from validation.ros.pilot import MasterLostError, Pilot, StoppedError
 from validation.ros.port import Port
+from validation.ros.result import DriveResult, DriveStatus
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.sim import SIM_TIME_PARAMETER, SimNode, SimReport, connect_simulation
 from validation.track.data import TrackedRobot, reference_of, track_metrics
 from validation.track.gains import GainSet
-from validation.track.result import TrackResult
 
 _logger = logging.getLogger(__name__)
 
@@ -71,7 +71,7 @@ def simulate_robot(
 
 def control_robot(
     pilot: Pilot, gains: GainSet, profile: str, reference: str, topics: RobotTopics, patience: float = START_PATIENCE
-) -> TrackResult:
+) -> DriveResult:
     """Drive a robot on the graph along the pilot's reference, and stop it at the end, in doubt, and on any error.
 
     Args:
@@ -82,15 +82,31 @@ def control_robot(
         topics: topics of the robot and of a tracking system.
         patience: time for which a robot is waited for [s].
 
+    Returns:
+        The drive as far as it came. `status` says how it ended: the robot arrived, the user interrupted, the master was
+        lost, or the robot had to be stopped.
+
     Raises:
         NoGraphError: rospy is missing, or no master answers.
-        StoppedError: no robot came, or it had to be stopped.
+        StoppedError: no robot came, or it had to be stopped before it had gone anywhere.
+        KeyboardInterrupt: the user interrupted before the robot had gone anywhere.
     """
     port = Port("husky_control")
+    status, why = DriveStatus.ARRIVED, ""
     try:
         connect_control(port, topics)
         node = ControlNode(port, pilot, topics, patience=patience)
-        node.run()
+        try:
+            node.run()
+        except KeyboardInterrupt:
+            if not pilot.has_run:
+                raise
+            status = DriveStatus.INTERRUPTED
+        except StoppedError as error:
+            if not pilot.has_run:
+                raise
+            status = DriveStatus.MASTER_LOST if isinstance(error, MasterLostError) else DriveStatus.STOPPED
+            why = str(error)
     finally:
         port.close("the controller has ended")
     run, waypoints, s = pilot.run(), pilot.waypoints, pilot.settings
@@ -107,4 +123,4 @@ def control_robot(
         reference_of(run, waypoints), track_metrics(run, waypoints, options), node.drove, options,
         store.versions(),
     )  # fmt: skip
-    return TrackResult((robot,))
+    return DriveResult((robot,), status, why)

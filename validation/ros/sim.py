@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from ssmr.errors import SsmrError
+from ssmr.types import FloatArray
 from validation.ros import messages as msg
 from validation.ros.commands import LOCK_TOPIC, SOURCES, STAND_STILL, CommandGate, Twist
+from validation.ros.inbox import Tally
 from validation.ros.pacing import Pace, Pacer, instants
 from validation.ros.port import Port
 from validation.ros.robot import SENSOR_RATE, SimulatedRobot
@@ -50,6 +52,11 @@ _BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
 _REST_PATIENCE = 5.0
 """Time for which a robot may take to come to rest [s]."""
+_MOST_BEHIND = 0.5
+"""Lateness that is caught up with [s]; a greater one is dropped. A simulation that runs fast after a long stall would drive
+the robot far on a command that the watchdog, on the wall's time, does not find old yet."""
+_LOCKS_KEPT = 32
+"""Messages of the lock that wait for the loop: none of them may be lost that locks. Of other topics the last one counts."""
 _LEAVE_AFTER = 2.0
 """Time for which the master must have been gone before the node leaves [s]: a busy one may come back, and until then
 listeners see that the robot stands."""
@@ -71,6 +78,8 @@ class SimReport:
     """Time from each command's arrival to the first physics step that uses it [s]."""
     simulated: float = 0.0
     """Time simulated [s]."""
+    tally: Tally = field(default_factory=Tally)
+    """Numbers of messages that came."""
 
     def lines(self) -> list[str]:
         """Return the report as sentences."""
@@ -81,7 +90,7 @@ class SimReport:
         if self.waits:
             median, p95 = 1e3 * np.percentile(self.waits, [50.0, 95.0])
             found.append(f"commands: {len(self.waits)}, taken up {median:.1f} ms after they came (median), {p95:.1f} (95 %)")
-        return found
+        return found + self.tally.lines()
 
 
 class SimNode:
@@ -117,14 +126,16 @@ class SimNode:
             _CLOCK_TOPIC: lambda m: msg.set_stamp(m.clock, self._stamp),
             TF_TOPIC: self._fill_tf,
         }
-        self.report = SimReport()
+        self.report = SimReport(tally=port.inbox.tally)
+        self._pacer = Pacer(clock, sleep, _MOST_BEHIND)
         self._told_late = False
         self._braking_since: float | None = None
         self._gone_at: float | None = None
 
     @property
     def _stamp(self) -> float:
-        return self._robot.time + self._offset
+        passed = self._pacer.dropped if self._offset else 0.0  # the wall's time goes on while the robot's is dropped
+        return self._robot.time + self._offset + passed
 
     def run(self, duration: float = math.inf) -> None:
         """Simulate for `duration` [s]; the report is complete however this ends.
@@ -134,7 +145,8 @@ class SimNode:
             DivergedError: the simulator gave up.
             KeyboardInterrupt: the user interrupted.
         """
-        port, robot, pacer = self._port, self._robot, Pacer(self._clock, self._sleep)
+        port, robot = self._port, self._robot
+        pacer = self._pacer = Pacer(self._clock, self._sleep, _MOST_BEHIND)
         try:
             for step, due in instants(PUBLISH_RATES, robot.dt):
                 if step * robot.dt > duration + 1e-9:
@@ -142,7 +154,7 @@ class SimNode:
                 self._take_in()
                 command = self._gate.command(self._clock())
                 for line in self._gate.news():
-                    _logger.info("%.2f s: %s", robot.time, line)
+                    self._say(line, line)
                 robot.advance(step - robot.steps, command)
                 if any(topic in due for topic in _SENSOR_TOPICS):
                     robot.sense()
@@ -151,39 +163,36 @@ class SimNode:
                     port.send(topic, self._senders[topic])
                     self.report.sent[topic] += 1
                 self._tell_rest(command)
+                self._port.notices.tell(_logger, self._clock())
                 self._leave()
         finally:
+            self._port.notices.tell(_logger, self._clock(), all_of_them=True)
             self.report.simulated = robot.time
             if robot.steps:
                 self.report.pace = pacer.pace()
 
+    def _say(self, kind: str, text: str, level: int = logging.INFO) -> None:
+        self._port.notices.add(kind, f"{self._robot.time:.2f} s: {text}", level)
+
     def _take_in(self) -> None:
         """Take everything that has come: commands, locks, poses for the filter."""
         now = self._clock()
-        while (got := self._port.receive()) is not None:
+        for got in self._port.drain():
             if got.topic == LOCK_TOPIC:
-                self._gate.lock(bool(got.message.data))
+                self._gate.lock(got.message)
             elif got.topic == SET_POSE_TOPIC:
-                if fault := self._set_pose(got.message):
-                    _logger.warning("%s: %s", SET_POSE_TOPIC, fault)
-            elif self._gate.offer(got.topic, msg.read_twist(got.message), got.arrival):
+                self._set_pose(*got.message)
+            elif self._gate.offer(got.topic, got.message, got.arrival):
                 self.report.waits.append(now - got.arrival)
         while (call := self._port.call()) is not None:
-            call.answer(self._set_pose(call.request.pose))
+            self._set_pose(*call.request)
+            call.answer("")
 
-    def _set_pose(self, message: Any) -> str:
-        """Set the filter's pose; return the fault, or an empty text."""
-        frame = message.header.frame_id.lstrip("/")
-        if frame not in ("", msg.ODOM):
-            return f"a pose in the frame '{frame}'; the filter's is '{msg.ODOM}'"
-        try:
-            at = message.pose.pose.position
-            pose = np.array([at.x, at.y, msg.get_yaw(message.pose.pose.orientation)])
-            self._robot.set_pose(pose, msg.planar_covariance(message.pose.covariance))
-        except ValueError as error:
-            return str(error)
-        _logger.info("%.2f s: the filter was set to x %.3f m, y %.3f m, yaw %.3f rad", self._robot.time, *pose)
-        return ""
+    def _set_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
+        """Set the filter's (3,) pose [m, m, rad] with its (3, 3) covariance."""
+        self._robot.set_pose(pose, covariance)
+        x, y, yaw = pose
+        self._say(f"set {SET_POSE_TOPIC}", f"the filter was set to x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad")
 
     def _fill_tf(self, message: Any) -> None:
         x, y, yaw = map(float, self._robot.believed()[0])
@@ -194,10 +203,10 @@ class SimNode:
     def _watch(self, late: float) -> None:
         """Report once when the simulation falls behind, and once when it has caught up."""
         if late > _BEHIND and not self._told_late:
-            _logger.warning("%.2f s: %.2f s behind real time: this machine is too slow, or busy", self._robot.time, late)
+            self._say("late", f"{late:.2f} s behind real time: this machine is too slow, or busy", logging.WARNING)
             self._told_late = True
         elif late < 0.1 * _BEHIND and self._told_late:
-            _logger.info("%.2f s: at real time again", self._robot.time)
+            self._say("in time", "at real time again")
             self._told_late = False
 
     def _tell_rest(self, command: Twist) -> None:
@@ -206,7 +215,7 @@ class SimNode:
         if command != STAND_STILL:
             self._braking_since = None if self._robot.resting else now
         elif self._braking_since is not None and self._robot.resting:
-            _logger.info("%.2f s: the robot stands, %.2f s after it was told to", now, now - self._braking_since)
+            self._say("stands", f"the robot stands, {now - self._braking_since:.2f} s after it was told to")
             self._braking_since = None
 
     def _leave(self) -> None:
@@ -237,7 +246,7 @@ def connect_simulation(port: Port) -> None:
     msg.fill_transform(mount, 0.0, (msg.BASE, msg.IMU), _IMU_AT, 0.0)
     port.send(_TF_STATIC_TOPIC, lambda message: setattr(message, "transforms", [mount]))
     for source in SOURCES:
-        port.listen(source.topic, "geometry_msgs/Twist")
-    port.listen(LOCK_TOPIC, "std_msgs/Bool")
-    port.listen(SET_POSE_TOPIC, "geometry_msgs/PoseWithCovarianceStamped")
-    port.serve_set_pose(SET_POSE_TOPIC)
+        port.listen(source.topic, "geometry_msgs/Twist", msg.read_twist, 1)
+    port.listen(LOCK_TOPIC, "std_msgs/Bool", msg.read_lock, _LOCKS_KEPT)
+    port.listen(SET_POSE_TOPIC, "geometry_msgs/PoseWithCovarianceStamped", msg.read_set_pose, 1)
+    port.serve_set_pose(SET_POSE_TOPIC, msg.read_set_pose)

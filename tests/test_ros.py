@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.ros_floods import KINDS, flood
 from validation import cli
 from validation.ros.__main__ import ROS_COMMANDS
 from validation.ros.port import APT_PACKAGES, SET_POSE_MD5, NoGraphError, load_rospy
@@ -104,6 +105,27 @@ def test_the_services_checksum_is_genmsgs() -> None:
 def test_it_obeys_the_joystick_first_and_stops_on_silence_and_without_a_master(tmp_path: Path) -> None:
     found = measured(tmp_path, "--only", "behaviour", timeout=120.0)
     assert found["stream silent: at rest from 0.25 m/s after"] > 0.25
+
+
+@pytest.mark.usefixtures("graph")
+def test_a_flood_of_nonsense_is_a_few_lines_and_the_robot_stops() -> None:
+    found = flood("nan", rate=1000.0, seconds=1.5)
+    assert found.sent > 3000
+    assert found.lines < 80
+    assert found.errors == ()
+    assert found.stop_s < 3.0, "0.4 s on a machine that does nothing else"
+    assert found.exit_status == cli.EXIT_INTERRUPTED
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("graph")
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("quiet", "nan")])
+def test_no_flood_gets_through(kind: str) -> None:
+    found = flood(kind, rate=100.0 if kind == "truncated" else 2000.0, seconds=2.0)
+    assert found.lines < 100
+    assert found.errors == ()
+    assert not found.stop_s > 3.0
+    assert found.exit_status in (cli.EXIT_INTERRUPTED, 1)
 
 
 @pytest.mark.slow

@@ -163,8 +163,8 @@ class _Interrupt:
                 self._end[number] = before
             elif number == signal.SIGINT:  # a shell without job control has programs in the background ignore it
                 self._end[number] = signal.default_int_handler
-        for number in self._end:
-            signal.signal(number, self)
+            if number in self._end:
+                signal.signal(number, self)
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         if time.monotonic() > self._deaf_until:

@@ -13,9 +13,11 @@ For example:
 from __future__ import annotations
 
 import math
+import reprlib
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -99,6 +101,42 @@ def require_in_range(owner: object, name: str, low: float, high: float = math.in
     if math.isnan(value) or value > high or value < low or (open_low and value <= low):
         bracket = "(" if open_low else "["
         raise ValueError(f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]")
+
+
+MOST_SEED = 2**63 - 1
+"""Greatest seed: generators take greater ones, but the files that a seed is recorded in hold 64 bits."""
+
+
+def require_within(owner: object, names: Iterable[str], low: float, high: float, *, whole: bool = False) -> None:
+    """Check options of a dataclass: each is a number, or several in a tuple or a mapping, or None for one that is not given.
+
+    Args:
+        owner: the dataclass instance that holds the options.
+        names: the fields.
+        low: least value allowed.
+        high: greatest value allowed, which is finite.
+        whole: whether only whole numbers are allowed.
+
+    Raises:
+        ValueError: an option is something else, or lies outside the range; the message names it and the range.
+    """
+    for name in names:
+        given = getattr(owner, name)
+        some = given.values() if isinstance(given, Mapping) else given if isinstance(given, tuple) else (given,)
+        for value in some:
+            if value is None and given is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, (int, Integral) if whole else (int, float, Real)):
+                raise ValueError(f"{name} must be {'a whole number' if whole else 'a number'}, got {_short(value)}")
+            if not low <= value <= high:  # type: ignore[operator]
+                raise ValueError(f"{name} must lie within {_short(low)} and {_short(high)}, got {_short(value)}")
+
+
+def _short(value: object) -> str:
+    """Return a value as a message shows it: whole numbers have no end in Python, and neither do texts."""
+    if isinstance(value, int) and abs(value) > MOST_SEED:
+        return f"one of {value.bit_length()} bits"
+    return f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
 
 
 def numbers_of(kind: type) -> Any:

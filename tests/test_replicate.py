@@ -40,9 +40,9 @@ from validation.replicate.evidence import (
     Section,
     Table,
     chosen_sections,
-    kept,
 )
 from validation.replicate.figures import draw_residuals
+from validation.replicate.keeping import kept
 from validation.replicate.report import (
     document_html,
     document_markdown,

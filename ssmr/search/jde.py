@@ -28,6 +28,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ssmr.parameters import MOST_SEED, require_within
 from ssmr.search import evolution
 from ssmr.search.evolution import CROSSOVERS, PARTNERS, Crossover, Strategy
 from ssmr.types import FloatArray, frozen_array
@@ -36,6 +37,10 @@ Finished = Literal["", "generations", "improvement", "target"]
 
 VERSION = "ssmr.jde/1"
 """Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
+MOST_COST = 1e300
+"""Greatest size of a cost that a search can be told to stop at; results hold finite numbers only."""
+_MOST_VECTORS, _MOST_GENERATIONS = 100_000, 1_000_000
+"""Greatest size and length of a search: beyond, its state does not fit into memory or a checkpoint."""
 _LOWER_64 = (1 << 64) - 1
 
 
@@ -82,26 +87,21 @@ class JdeSettings:
             raise ValueError(f"unknown strategy '{self.strategy}'; there are: {', '.join(PARTNERS)}")
         if self.crossover not in CROSSOVERS:
             raise ValueError(f"unknown crossover '{self.crossover}'; there are: {', '.join(CROSSOVERS)}")
-        for name, least in (("population", 1 + PARTNERS[self.strategy]), ("generations", 1), ("patience", 1)):
-            if not getattr(self, name) >= least:
-                for_strategy = f" for {self.strategy}" if name == "population" else ""
-                raise ValueError(f"{name} must be at least {least}{for_strategy}, got {getattr(self, name)}")
+        least = 1 + PARTNERS[self.strategy]
+        if isinstance(self.population, int) and self.population < least:
+            raise ValueError(f"population must be at least {least} for {self.strategy}, got {self.population}")
+        require_within(self, ("population",), least, _MOST_VECTORS, whole=True)
+        require_within(self, ("generations",), 1, _MOST_GENERATIONS, whole=True)
+        require_within(self, ("patience",), 1, 1_000_000_000, whole=True)
         for name, most in (("f", 2.0), ("cr", 1.0)):
             low, high = getattr(self, f"{name}_bounds")
             if not 0.0 <= low <= high <= most:
                 raise ValueError(f"{name}_bounds must increase within 0 and {most:g}, got {low:g} and {high:g}")
-            _require_within(f"{name}_init", getattr(self, f"{name}_init"), low, high)
-        for name in ("tau_f", "tau_cr", "slope"):
-            _require_within(name, getattr(self, name), 0.0, 1.0)
-        if not 0.0 <= self.df < math.inf:
-            raise ValueError(f"df must be finite and not negative, got {self.df:g}")
-        if math.isnan(self.target):
-            raise ValueError("target must be a number, got nan")
-
-
-def _require_within(name: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        raise ValueError(f"{name} must lie within {low:g} and {high:g}, got {value:g}")
+            require_within(self, (f"{name}_init",), low, high)
+        require_within(self, ("tau_f", "tau_cr", "slope"), 0.0, 1.0)
+        require_within(self, ("df",), 0.0, 1e6)
+        if not self.target == -math.inf:
+            require_within(self, ("target",), -MOST_COST, MOST_COST)
 
 
 class Jde:
@@ -117,8 +117,8 @@ class Jde:
         """
         if n < 1:
             raise ValueError(f"a search needs at least one parameter, got {n}")
-        if seed < 0:
-            raise ValueError(f"the seed must not be negative, got {seed}")
+        if not 0 <= seed <= MOST_SEED:
+            raise ValueError(f"the seed must not be negative, nor greater than {MOST_SEED}")
         self.n, self.settings = n, settings
         size = settings.population
         self._rng = np.random.Generator(np.random.PCG64(seed))
@@ -284,7 +284,10 @@ class Jde:
         values: dict[str, Any] = {name.removeprefix("settings."): array.tolist() for name, array in given.items()}
         values |= {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
         settings = JdeSettings(**values)
-        search = cls(np.atleast_2d(state["population"]).shape[1], settings, 0)
+        shape = np.shape(state["population"])
+        if len(shape) != 2 or shape[0] != settings.population:
+            raise ValueError(f"population of the state has shape {shape}, wanted {settings.population} rows")
+        search = cls(shape[1], settings, 0)
         own = search.state()
         read = {name: _like(np.asarray(state[name]), own[name], name) for name in (*_ARRAYS, "rng", "asked")}
         cube, cr, f = (0.0, 1.0), settings.cr_bounds, settings.f_bounds
@@ -297,7 +300,7 @@ class Jde:
         for name in _ARRAYS:
             setattr(search, f"_{name}", np.array(read[name]))
         history = _like(np.asarray(state["history"]), np.empty(np.shape(state["history"])[:1]), "history")
-        if len(history) > 1 + settings.generations or np.any(history[1:] > history[:-1]):
+        if len(history) > 1 + settings.generations or not np.all(history[1:] <= history[:-1]) or np.isnan(history).any():
             raise ValueError("history of the state is none: it is too long, or it grows")
         search._best, search._history = int(np.argmin(search._costs)), [float(h) for h in history]
         if search.best_cost != (search._history[-1] if search._history else math.inf):
@@ -320,7 +323,7 @@ _ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
 def _like(array: NDArray[Any], wanted: NDArray[Any], name: str) -> NDArray[Any]:
     if array.shape != wanted.shape:
         raise ValueError(f"{name} of the state has shape {array.shape}, wanted {wanted.shape}")
-    if array.dtype.kind != wanted.dtype.kind:
+    if array.dtype.kind != wanted.dtype.kind or (array.dtype.kind != "U" and array.dtype != wanted.dtype):
         raise ValueError(f"{name} of the state has the type {array.dtype}, wanted {wanted.dtype}")
     return array
 

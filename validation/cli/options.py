@@ -16,13 +16,12 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
+from ssmr.parameters import MOST_SEED
 from validation.logs.limits import USUAL, LogLimits
 from validation.words import shortened
 
 T = TypeVar("T")
 
-MOST_SEED = 2**63 - 1
-"""Greatest seed: files, recordings and other programs keep whole numbers in 64 bits."""
 MOST_COUNT = 2**31 - 1
 """Greatest number of anything that is counted."""
 

@@ -15,11 +15,14 @@ from ssmr._jit import jit_parallel
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.paths import one_sided_kernel
 from ssmr.metrics.poses import horizon_windows
+from ssmr.parameters import require_within
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.motion.sources import Piece, Source
 
 Objective = Literal["path", "sync", "horizon"]
 
+MOST_HORIZONS = 100
+"""Greatest number of horizons in one cost."""
 _WINDOW_STRIDE = 1.0  # windows of the horizon cost begin this far apart [s]: noise of single poses averages out
 _BLOCK_S = 6.0  # errors that begin within one block of time count as one observation [s]: they share poses and ground
 _SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
@@ -52,11 +55,10 @@ class FitCost:
         """
         if self.objective is not None and self.objective not in get_args(Objective):
             raise ValueError(f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}")
-        for name in ("k_rms", "k_haus", "k_ratio", "yaw_weight"):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"the weight {name} must be a number that is not negative, got {getattr(self, name)}")
-        if not self.horizons or not all(0.0 < h < np.inf for h in self.horizons):
-            raise ValueError(f"horizons must be positive numbers, got {self.horizons}")
+        require_within(self, ("k_rms", "k_haus", "k_ratio", "yaw_weight"), 0.0, 1e6)
+        if not 1 <= len(self.horizons) <= MOST_HORIZONS:
+            raise ValueError(f"horizons must be 1 to {MOST_HORIZONS} numbers, got {len(self.horizons)}")
+        require_within(self, ("horizons",), 1e-3, 1e5)
 
 
 @dataclass(frozen=True, eq=False)

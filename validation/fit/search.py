@@ -14,24 +14,26 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr.errors import SsmrError
+from ssmr.parameters import MOST_SEED, require_within
 from ssmr.search.evolution import Crossover, Strategy
-from ssmr.search.jde import Jde, JdeSettings
+from ssmr.search.jde import MOST_COST, Jde, JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation import store
+from validation import reading, store
+from validation.fit.checkpoint import CheckpointError, damaged, read_arrays, write_arrays
 from validation.fit.data import SearchTrace
 from validation.progress import Progress, Report, silent
 
 CHECKPOINT = "checkpoint.npz"
 """Name of the file that programs keep a search's state in."""
+MOST_WORKERS = 4096
+"""Greatest number of threads that a computation can be asked to use."""
+_ANY_SIZE = JdeSettings().population, JdeSettings().generations
 _SHOWN_VALUES = 4
 """Number of the best candidate's values in a line of progress."""
-
-
-class CheckpointError(ValueError):
-    """A checkpoint that cannot be read, or that belongs to another search."""
 
 
 Evaluate = Callable[[FloatArray, FloatArray, Callable[[float], object] | None], FloatArray]
@@ -95,15 +97,15 @@ class SearchOptions:
     """Continue from the checkpoint."""
 
     def __post_init__(self) -> None:
-        """Check the numbers that `JdeSettings` does not see.
+        """Check the numbers that the optimiser's settings do not see, or see only when the work has begun.
 
         Raises:
-            ValueError: the seed is negative, or there are no workers.
+            ValueError: a number is out of its range.
         """
-        if self.seed < 0:
-            raise ValueError(f"seed must not be negative, got {self.seed}")
-        if self.workers is not None and self.workers < 1:
-            raise ValueError(f"workers must be positive, got {self.workers}")
+        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
+        require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
+        require_within(self, ("target",), -MOST_COST, MOST_COST)
+        self.settings(*_ANY_SIZE)
 
     @property
     def threads(self) -> int:
@@ -215,8 +217,7 @@ class Search:
             "fit_median_cost": np.array(self.median_cost),
             "fit_wall_s": np.array(self.wall_s),
         }
-        state = {f"jde_{k}": v for k, v in self.jde.state().items()}
-        store.write_atomic(path, lambda temporary: np.savez(temporary, allow_pickle=False, **own, **state))
+        write_arrays(path, {**own, **{f"jde_{k}": v for k, v in self.jde.state().items()}})
 
     @classmethod
     def load(cls, path: Path, identity: Mapping[str, str]) -> tuple[Search, dict[str, str]]:
@@ -225,24 +226,25 @@ class Search:
         Raises:
             CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
         """
+        data = read_arrays(path)
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                data = {name: file[name] for name in file.files}
-            was = json.loads(str(data["fit_identity"]))
-            differs = [name for name in identity if was.get(name) != identity[name]]
-            if differs:
-                raise CheckpointError(
-                    f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
-                    "ask for the same search again, or begin anew without resume"
-                )
+            was, versions = (_texts(str(data[name])) for name in ("fit_identity", "fit_versions"))
             jde = Jde.restore({k.removeprefix("jde_"): v for k, v in data.items() if k.startswith("jde_")})
-            best_cost, median_cost = list(data["fit_best_cost"]), list(data["fit_median_cost"])
-            search = cls(jde, identity, None, best_cost, median_cost, float(data["fit_wall_s"]))
-            return search, json.loads(str(data["fit_versions"]))
-        except CheckpointError:
-            raise
-        except Exception as error:  # a damaged archive fails in many ways, all of which mean the same
-            raise CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
+            best_cost, median_cost = (_column(data[name], len(jde.history)) for name in ("fit_best_cost", "fit_median_cost"))
+            if best_cost != list(jde.history):
+                raise ValueError("the course of the cost is another")
+            wall_s = float(data["fit_wall_s"])
+            if not 0.0 <= wall_s < math.inf:
+                raise ValueError("its time is no time")
+        except (ValueError, TypeError, KeyError) as error:
+            raise damaged(path, error) from error
+        differs = [name for name in identity if was.get(name) != identity[name]]
+        if differs:
+            raise CheckpointError(
+                f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
+                "ask for the same search again, or begin anew without resume"
+            )
+        return cls(jde, identity, None, best_cost, median_cost, wall_s), versions
 
     def outcome(self) -> dict[str, Any]:
         """Return the fields of a `SearchData` that only the search decides."""
@@ -257,6 +259,29 @@ class Search:
             "trace": SearchTrace(np.array(self.best_cost), np.array(self.median_cost), jde.population, jde.costs),
             "versions": store.versions(),
         }
+
+
+def _texts(document: str) -> dict[str, str]:
+    """Return texts by name, from JSON.
+
+    Raises:
+        ValueError: the document holds something else.
+    """
+    found = reading.parse_json(document, "checkpoint")
+    if not isinstance(found, dict) or not all(isinstance(text, str) for text in found.values()):
+        raise ValueError("it holds other names than those of a search")
+    return found
+
+
+def _column(array: NDArray[Any], length: int) -> list[float]:
+    """Return an array of (length,) numbers as a list.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if array.shape != (length,) or array.dtype != np.float64:
+        raise ValueError("the course of the cost has another shape")
+    return [float(value) for value in array]
 
 
 def search_for(
@@ -284,7 +309,7 @@ def search_for(
     if options.resume:
         if options.checkpoint is None:
             raise ValueError("resume needs a checkpoint to continue from")
-        search = _loaded(options.checkpoint, identity)
+        search = _loaded(options.checkpoint, identity, len(problem.space), settings)
     search = search or Search(Jde(len(problem.space), settings, options.seed, start), identity)
     search.space = problem.space
     if options.checkpoint is not None:
@@ -298,13 +323,15 @@ def search_for(
     return search
 
 
-def _loaded(checkpoint: Path, identity: Mapping[str, str]) -> Search | None:
+def _loaded(checkpoint: Path, identity: Mapping[str, str], n: int, settings: JdeSettings) -> Search | None:
     """Return the search that a checkpoint holds; None where there is no such file."""
     log = logging.getLogger("validation.fit")
     if not checkpoint.is_file():
         log.warning("there is no %s to resume from; the search begins anew", checkpoint)
         return None
     search, versions = Search.load(checkpoint, identity)
+    if (search.jde.n, search.jde.settings) != (n, settings):
+        raise damaged(checkpoint, ValueError("its population is that of another search"))
     now = store.versions()
     differs = [f"{package} {was}, now {now.get(package)}" for package, was in versions.items() if was != now.get(package)]
     if differs:

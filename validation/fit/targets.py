@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
+from ssmr.parameters import require_within
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
 from validation.fit.objective import FitTarget
@@ -18,6 +19,8 @@ from validation.plants.profile import Profile, make_plant
 
 Input = Literal["commands", "wheels", "both"]
 _KINDS: dict[str, CommandKind] = {"wheels": "wheels", "commands": "twist"}
+MOST_TIME = 1e12
+"""Greatest size of a stamp that a recording can be cut at [s]; Unix stamps are about 1.8e9."""
 _Span = tuple[float | None, float | None]
 
 
@@ -36,6 +39,16 @@ class FitSources:
     `until`."""
     limits: LogLimits = USUAL
     """Greatest sizes and numbers of a recording."""
+
+    def __post_init__(self) -> None:
+        """Check the input and the times.
+
+        Raises:
+            ValueError: an unknown input, or a time that is no finite number.
+        """
+        if self.input not in get_args(Input):
+            raise ValueError(f"unknown input '{self.input}'; there are: {', '.join(get_args(Input))}")
+        require_within(self, ("start_at", "until"), -MOST_TIME, MOST_TIME)
 
 
 def is_scenario(name: str) -> bool:

@@ -1,8 +1,8 @@
-"""The sections of a replication, and their findings, which are kept on disk so that an interrupted one goes on.
+"""The sections of a replication, and what a section needs and finds.
 
 A section runs by itself and answers for some tables of the thesis. Its findings are kept as `sections/KEY.json` and its
 pictures in `figures/`, each written whole or not at all, the JSON file last. They are used again as long as settings,
-inputs, code and versions are the same; one digest of all these stands in the file.
+inputs, code and versions are the same, and nobody changed them; see `keeping`.
 """
 
 from __future__ import annotations
@@ -10,26 +10,30 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from matplotlib.figure import Figure
 
-from validation import store
+from ssmr.parameters import MOST_SEED, require_within
+from ssmr.search.jde import JdeSettings
+from validation import reading, store
+from validation.fit.checkpoint import CheckpointError
 from validation.fit.data import SearchData
-from validation.fit.search import CheckpointError
+from validation.fit.targets import MOST_TIME
 from validation.progress import Report, silent
 from validation.robots.husky import xml_path
 from validation.show.drawing import save_figure
-from validation.show.tables import Cell, Grid
+from validation.show.tables import Grid
 from validation.thesis.verdicts import Pair
 
 _R = TypeVar("_R", bound=SearchData)
 _log = logging.getLogger(__name__)
-_SCHEMA = "ssmr.evidence/1"
 SECTION_FOLDER, FIGURE_FOLDER = "sections", "figures"
 """Names of the folders inside that of the results."""
 _PRESENTATION = frozenset(
@@ -63,6 +67,20 @@ class Picture:
     """Name of the file in `figures/`."""
     caption: str
     """Description of what it shows."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for what is no plain name of a picture."""
+        require_picture_name(self.file)
+
+
+def require_picture_name(file: str) -> None:
+    """Refuse what is no plain name of a picture: a report embeds the file, which must lie where sections put it.
+
+    Raises:
+        ValueError: it has folders, or another ending than .png.
+    """
+    if not re.fullmatch(r"\w[\w.-]*\.png", file, flags=re.ASCII):
+        raise ValueError(f"{file!a} is no name of a picture, which has no folders and ends in .png")
 
 
 @dataclass(frozen=True)
@@ -107,6 +125,19 @@ class ReplicationSettings:
     """Path of a real robot's recording; empty for none."""
     split: float | None = None
     """Time after which the recording is scored by itself [s]; None for the end of what `husky-tile` was fitted to."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges, before hours of work.
+
+        Raises:
+            ValueError: a number is out of its range; the message names it.
+        """
+        counts = ("noise_seeds", "tune_seeds", "repeats")
+        require_within(self, counts, 1, 1000, whole=True)
+        require_within(self, ("seed",), 0, MOST_SEED - 1000, whole=True)  # others are counted from it
+        JdeSettings(self.fit_population, self.fit_generations)
+        JdeSettings(50 if self.tune_population is None else self.tune_population, self.tune_generations or 1)
+        require_within(self, ("split",), -MOST_TIME, MOST_TIME)
 
 
 QUICK_SETTINGS = ReplicationSettings(
@@ -187,9 +218,12 @@ class Section:
         chosen = {name: getattr(settings, name) for name in self.needs}
         recording = chosen.get("recording")
         if recording:
-            path = Path(recording)
-            files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
-            chosen["recording"] = hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()
+            path, read = Path(recording), hashlib.sha256()
+            for part in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
+                with reading.opened(part, sys.maxsize) as stream:
+                    while block := stream.read(1 << 20):
+                        read.update(block)
+            chosen["recording"] = read.hexdigest()
         whole = {"section": self.key, "settings": chosen, "versions": store.versions(), "code": code_digest()}
         return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
@@ -219,62 +253,6 @@ class Answer(NamedTuple):
     """Time that it took on the clock [s]."""
     cpu_s: float
     """Time that it took of all processors together [s]."""
-
-
-def keep(context: Context, answer: Answer) -> None:
-    """Write a section's findings, whole or not at all, and remove the states of its searches."""
-    section = answer.section
-    document = {
-        "schema": _SCHEMA,
-        "section": section.key,
-        "digest": context.digest,
-        "settings": {name: getattr(context.settings, name) for name in section.needs},
-        "versions": store.versions(),
-        "effort": {"wall_s": answer.wall_s, "cpu_s": answer.cpu_s},
-        "findings": asdict(answer.findings),
-    }
-    store.write_json(context.folder / SECTION_FOLDER / f"{section.key}.json", store.plain(document))
-    for state in (context.folder / SECTION_FOLDER).glob(f"{section.key}-*.npz"):
-        state.unlink(missing_ok=True)
-
-
-def kept(folder: Path, section: Section, digest: str) -> Answer | None:
-    """Return a section's kept findings; None if there are none of this digest, or not all of them."""
-    try:
-        document = json.loads((folder / SECTION_FOLDER / f"{section.key}.json").read_text(encoding="utf-8"))
-        if document["schema"] != _SCHEMA or document["digest"] != digest:
-            return None
-        answer = Answer(section, _findings(document["findings"]), **document["effort"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
-    whole = all((folder / FIGURE_FOLDER / picture.file).is_file() for picture in answer.findings.pictures)
-    return answer if whole else None
-
-
-def _findings(data: Mapping[str, Any]) -> Findings:
-    if set(data) != {f.name for f in fields(Findings)}:
-        raise ValueError("these are the findings of another version")
-    return Findings(
-        {
-            number: Table(
-                t["caption"], {row: {m: Pair(**pair) for m, pair in pairs.items()} for row, pairs in t["rows"].items()}
-            )
-            for number, t in data["tables"].items()
-        },
-        {
-            caption: Grid(
-                tuple((name, unit) for name, unit in grid["header"]),
-                tuple(tuple(tuple(Cell(**cell) for cell in row) for row in group) for group in grid["groups"]),
-                grid["left"],
-                grid["title"],
-                grid["caption"],
-            )
-            for caption, grid in data["grids"].items()
-        },
-        tuple(data["notes"]),
-        tuple(Picture(**picture) for picture in data["pictures"]),
-        data["numbers"],
-    )
 
 
 def chosen_sections(sections: Sequence[Section], names: Sequence[str]) -> tuple[Section, ...]:

@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 
 from validation import store
 from validation.replicate.evidence import Answer, Findings, Picture, ReplicationSettings, Section
+from validation.replicate.keeping import picture_bytes
 from validation.replicate.tables import REMARKS, Part, is_printed, parts_of, row_verdict, verdicts_of
 from validation.show.tables import Cell, Grid, markdown_table
 from validation.thesis.verdicts import RULES, STATUSES, UNEXPLAINED, short
@@ -189,7 +190,7 @@ def document_html(document: Document, figures: Path) -> str:
         figures: folder of its pictures.
 
     Raises:
-        OSError: a picture cannot be read.
+        SsmrError: a picture is missing, or lies elsewhere.
     """
     environment = Environment(
         loader=PackageLoader("validation.replicate", "templates"), autoescape=True, undefined=StrictUndefined,
@@ -198,6 +199,6 @@ def document_html(document: Document, figures: Path) -> str:
     environment.filters["prose"] = prose
 
     def data(file: str) -> str:
-        return "data:image/png;base64," + base64.b64encode((figures / file).read_bytes()).decode("ascii")
+        return "data:image/png;base64," + base64.b64encode(picture_bytes(figures, file)).decode("ascii")
 
     return environment.get_template("replicate.html").render(document=document, status_class=status_class, data=data)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 from validation import store
 from validation.plants.profile import PLANTS
 from validation.replicate.evidence import FIGURE_FOLDER, Answer, ReplicationSettings
+from validation.replicate.keeping import picture_bytes
 from validation.replicate.report import Document, document_html, document_markdown, document_of, tally
 from validation.replicate.tables import row_verdict, verdicts_of
 from validation.show.drawing import draw_section, inset, put_together, side_by_side, text_row
@@ -97,7 +97,8 @@ class Replication(Result):
             recording: without effect, since a replication has no rerun recording.
 
         Raises:
-            OSError: the folder cannot be made or written, or a picture is missing.
+            OSError: the folder cannot be made or written.
+            SsmrError: a picture is missing, or lies elsewhere.
         """
         place, figures = Path(folder), self.folder / FIGURE_FOLDER
         if place.resolve() != self.folder.resolve():
@@ -112,7 +113,8 @@ class Replication(Result):
         """Write the report as a page of docs/, with its pictures as `img/NAME-*.png` beside it; return the page.
 
         Raises:
-            OSError: the folder cannot be made or written, or a picture is missing.
+            OSError: the folder cannot be made or written.
+            SsmrError: a picture is missing, or lies elsewhere.
             ValueError: `path` does not end in .md.
         """
         require_markdown(path)
@@ -123,8 +125,8 @@ class Replication(Result):
     def _copy_pictures(self, images: Path, prefix: str) -> None:
         images.mkdir(parents=True, exist_ok=True)
         for picture in (p for chapter in self.document.chapters for p in chapter.pictures):
-            source = self.folder / FIGURE_FOLDER / picture.file
-            store.write_atomic(images / f"{prefix}{picture.file}", partial(shutil.copyfile, source))
+            data = picture_bytes(self.folder / FIGURE_FOLDER, picture.file)
+            store.write_atomic(images / f"{prefix}{picture.file}", partial(Path.write_bytes, data=data))
 
 
 def _draw_bars(summary: Grid, ax: Axes) -> None:

@@ -17,9 +17,8 @@ from validation.replicate.evidence import (
     ReplicationSettings,
     Section,
     chosen_sections,
-    keep,
-    kept,
 )
+from validation.replicate.keeping import keep, kept
 from validation.replicate.models import MODEL_SECTIONS
 from validation.replicate.real import REAL_SECTIONS
 from validation.replicate.result import Replication

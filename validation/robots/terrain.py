@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ssmr.geometry import rotate_world_to_body, shift_reference
-from ssmr.parameters import require_in_range
+from ssmr.parameters import MOST_SEED, require_in_range, require_within
 from ssmr.types import FloatArray
 
 if TYPE_CHECKING:
@@ -72,8 +72,7 @@ class Terrain:
         require_in_range(self, "friction_ratio", 0.0, 10.0, open_low=True)
         for name in ("toward", "edge_heading", "edge_offset"):
             require_in_range(self, name, -1e3, 1e3)
-        if self.seed < 0:
-            raise ValueError(f"Terrain.seed = {self.seed} must not be negative")
+        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
 
     @property
     def even(self) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ssmr.parameters import MOST_SEED, require_within
 from validation import store
 from validation.plants.profile import Profile, load_profile
 from validation.show.result import Result
@@ -79,11 +80,15 @@ def profile_of(profile: Profile | str) -> Profile:
     return profile if isinstance(profile, Profile) else load_profile(profile)
 
 
-def require_seed(seed: int, seeds: int = 1) -> None:
-    """Refuse seeds that no generator takes.
+MOST_RUNS = 100_000
+"""Greatest number of seeds, and of runs, of one study."""
+
+
+def require_seeds(options: object) -> None:
+    """Check the `seed` and the number of `seeds` of a study's options; others are counted from the seed.
 
     Raises:
-        ValueError: `seed` is negative, or `seeds` is not positive.
+        ValueError: `seed` is negative or too great, or `seeds` is not positive or too great.
     """
-    if seed < 0 or seeds < 1:
-        raise ValueError(f"seed {seed} must not be negative, and seeds {seeds} must be positive")
+    require_within(options, ("seed",), 0, MOST_SEED - 2 * MOST_RUNS, whole=True)
+    require_within(options, ("seeds",), 1, MOST_RUNS, whole=True)

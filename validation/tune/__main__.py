@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -49,7 +50,7 @@ class _Parameters(TuneParameters):
 class _Cost(TuneCost):
     """Options for the cost."""
 
-    seeds: tyro.conf.Suppress[tuple[int, ...] | None] = None
+    seeds: tyro.conf.Suppress[Sequence[int] | None] = None
     noise_seeds: Annotated[cli.Count, cli.option()] = 1
     """Number of draws of noise and disturbance that the cost is the mean of."""
     k_u: Annotated[cli.Number, cli.option(default="50 for lqr (Tab. 4.20), else 0")] = None
@@ -112,7 +113,7 @@ def main(options: Options) -> None:
             options.profile,
             task=options.task,
             parameters=options.parameters,
-            cost=replace(options.cost, seeds=tuple(range(seed, seed + (options.cost.noise_seeds or 1)))),
+            cost=replace(options.cost, seeds=range(seed, seed + (options.cost.noise_seeds or 1))),
             search=replace(options.search, checkpoint=folder / CHECKPOINT),
             progress=progress,
         )

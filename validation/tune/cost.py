@@ -12,9 +12,12 @@ import numpy as np
 from ssmr._jit import jit_parallel
 from ssmr.control.loop import ClosedRun
 from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, one_sided_kernel
+from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray, Trajectory
 
 TuneMeasure = Literal["path", "time"]
+MOST_SEEDS = 10_000
+"""Greatest number of draws of noise that a cost is the mean of."""
 GUARD_DISTANCE = 1.0
 """Distance from its target within which the robot must stay for the stability guard [m]."""
 
@@ -31,7 +34,7 @@ class TuneCost:
     paths (Sec. 5)."""
     guard: float = 0.1
     """Stability guard: candidates that lose the reference with this much more delay are refused [s]; 0 turns it off."""
-    seeds: tuple[int, ...] | None = None
+    seeds: Sequence[int] | None = None
     """Seeds of noise and disturbance; the cost is the mean over them. None takes the seed of the search."""
     k_rms: float = 100.0
     """Weight of d_rms, or of the RMS position error at equal times [1/m]; Tab. 4.3, 4.20."""
@@ -48,16 +51,17 @@ class TuneCost:
         """Check names and weights.
 
         Raises:
-            ValueError: an unknown cost, a weight that is negative or not finite, no seed, or a negative one.
+            ValueError: an unknown cost, a weight out of its range, no seed, too many, or one out of its range.
         """
         if self.cost not in get_args(TuneMeasure):
             raise ValueError(f"unknown cost '{self.cost}'; there are: {', '.join(get_args(TuneMeasure))}")
-        for name in ("k_rms", "k_haus", "k_ratio", "k_bend", "k_u", "guard"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 <= value <= 1e6:
-                raise ValueError(f"{name} must lie within 0 and 1e6, got {value:g}")
-        if self.seeds is not None and (not self.seeds or min(self.seeds) < 0):
-            raise ValueError(f"seeds must name at least one seed, and none that is negative, got {self.seeds}")
+        require_within(self, ("k_rms", "k_haus", "k_ratio", "k_bend", "k_u"), 0.0, 1e6)
+        require_within(self, ("guard",), 0.0, 10.0)
+        if self.seeds is not None:
+            if not 1 <= len(self.seeds) <= MOST_SEEDS:
+                raise ValueError(f"seeds must name 1 to {MOST_SEEDS} seeds")
+            object.__setattr__(self, "seeds", tuple(self.seeds))
+            require_within(self, ("seeds",), 0, MOST_SEED, whole=True)
 
 
 @jit_parallel

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.parameters import require_within
 from validation.fit.search import FreeParameters
 
 
@@ -25,6 +26,15 @@ class TuneTask:
     """Noise in the feedback, and random disturbances of the yaw rate."""
     lookahead: float = 0.0
     """Distance at which the robot keeps behind its target [m]."""
+
+    def __post_init__(self) -> None:
+        """Check the speed, and the numbers of the loop.
+
+        Raises:
+            ValueError: an unknown feedback, or a number out of its range.
+        """
+        require_within(self, ("speed",), 1e-3, 100.0)
+        self.loop()
 
     def loop(self) -> LoopSettings:
         """Return the settings of the closed loop."""

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ssmr.parameters import require_within
+from validation.fit.targets import MOST_TIME
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile
 from validation.progress import Progress, Report, silent
@@ -50,6 +52,7 @@ class ContactOptions:
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown group, or a time without a recording."""
         chosen_variants(self.only)
+        require_within(self, ("start", "until"), -MOST_TIME, MOST_TIME)
         if self.recording is None and (self.start is not None or self.until is not None):
             raise ValueError("start (--from) and until cut a recording; name one as recording")
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.geometry import relative, wrap_angle
-from ssmr.parameters import require_in_range
+from ssmr.parameters import require_in_range, require_within
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
-from validation.study.result import require_seed
+from validation.study.result import require_seeds
 from validation.track.loops import Robot, odometry_of
 
 DRIFT_STRETCH = 3.0
@@ -124,9 +124,9 @@ class FilterOptions:
         for what, names in (("references", self.references), ("profiles", self.profiles)):
             if not names or len(set(names)) < len(names):
                 raise ValueError(f"{what} {','.join(names)} must name at least one, and none twice")
-        require_seed(self.seed, self.seeds)
-        if not math.isfinite(self.bias):
-            raise ValueError(f"bias {self.bias} must be finite")
+        require_seeds(self)
+        require_within(self, ("bias",), -100.0, 100.0)
+        require_within(self, ("speed",), 1e-3, 100.0)
         require_in_range(self, "timestep", 1e-5, 0.01)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from validation.plants.profile import Profile
 from validation.show.tables import NOTHING, Cell, Grid
-from validation.study.result import StudyResult, require_seed
+from validation.study.result import StudyResult, require_seeds
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class GainsOptions:
 
     def __post_init__(self) -> None:
         """Raise a ValueError for no seeds, or no plants."""
-        require_seed(self.seed, self.seeds)
+        require_seeds(self)
         if not self.plants:
             raise ValueError("plants must name at least one")
 

@@ -25,20 +25,18 @@ from ssmr.control.loop import POSITION_PERIOD, Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.sensing import SensorModel
-from ssmr.parameters import require_in_range
+from ssmr.parameters import require_in_range, require_within
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive
 from validation.plants.profile import Profile
 from validation.robots.plant import MujocoPlant
-from validation.study.result import require_seed
+from validation.study.result import MOST_RUNS, require_seeds
 from validation.track.gains import GainSet
 from validation.track.loops import Robot, odometry_of
 
 _COARSE_PERIOD = 0.01
 """Period of the position loop where the physics step does not divide the usual one [s]."""
-_MOST_RUNS = 100_000
-"""Greatest number of seeds and of runs."""
 NOMINAL = "nominal"
 """Label of a robot without a mismatch."""
 
@@ -180,9 +178,8 @@ class RobustnessOptions:
         unknown = [name for name in self.controllers if name not in CONTROLLERS]
         if unknown or not self.controllers:
             raise ValueError(f"unknown controller '{', '.join(unknown)}'; there are: {', '.join(CONTROLLERS)}")
-        require_seed(self.seed, self.seeds)
-        if max(self.seeds, self.runs) > _MOST_RUNS:
-            raise ValueError(f"seeds {self.seeds} and runs {self.runs} must not exceed {_MOST_RUNS}")
+        require_seeds(self)
+        require_within(self, ("runs",), 1, MOST_RUNS, whole=True)
         require_in_range(self, "timestep", 1e-5, 0.01)
         require_in_range(self, "speed", 0.0, 100.0, open_low=True)
         if not 0.0 < self.bound <= LOST:

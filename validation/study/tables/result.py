@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from ssmr.parameters import require_within
 from validation.plants.profile import Profile
 from validation.show.tables import NOTHING, Cell, Grid
-from validation.study.result import StudyResult, require_seed
+from validation.study.result import MOST_RUNS, StudyResult
 from validation.thesis.verdicts import FACTOR
 
 CONTROL_TABLES = tuple(f"4.{i}" for i in (*range(5, 20), *range(22, 37)))
@@ -38,7 +39,7 @@ class TablesOptions:
 
     def __post_init__(self) -> None:
         """Raise a ValueError for no seeds, or an unknown table."""
-        require_seed(0, self.seeds)
+        require_within(self, ("seeds",), 1, MOST_RUNS, whole=True)
         unknown = [number for number in self.numbers if number not in CONTROL_TABLES]
         if unknown:
             raise ValueError(f"numbers {', '.join(unknown)} are no tables of tracked references; there are 4.5 to 4.36")

@@ -14,7 +14,7 @@ from validation.plants.profile import PLANTS, Profile
 from validation.plants.table import SIMULATED
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import MEASURED, QUASI_STATIC
-from validation.study.result import require_seed
+from validation.study.result import require_seeds
 
 PLANAR = tuple(name for name in PLANTS if name not in SIMULATED)
 """Planar models, in the order of tables."""
@@ -82,7 +82,7 @@ class TerrainOptions:
 
     def __post_init__(self) -> None:
         """Raise a ValueError for no seeds, or a horizon longer than the trajectories."""
-        require_seed(self.seed, self.seeds)
+        require_seeds(self)
         if not 0.0 < self.horizon <= 20.0:
             raise ValueError(f"horizon {self.horizon:g} s must be positive and within the trajectories' 20 s")
 

@@ -95,7 +95,7 @@ def measure(sizes: tuple[int, int], repeats: int, quick: bool) -> list[Row]:
     except ImportError as error:
         raise MissingError("dask.distributed is not installed: pip install 'ssmr-testbed[cluster]'") from error
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": ":0", "silence_logs": 50}
+    options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
     planar = problem_of("improved", "traj4@mujoco", ("u_x", "mu_s", "mu_d", "gain"), FitCost("path"))
     with ExitStack() as stack:
         one, two = (stack.enter_context(Client(stack.enter_context(LocalCluster(n_workers=n, **options)))) for n in sizes)

@@ -16,14 +16,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 READER = runpy.run_path(str(ROOT / ".ci" / "readme.py"))
-BROUGHT = {"dm-env": "dm-control", "pillow": "matplotlib"}
+BROUGHT = {"dm-env": "dm-control", "markdown-it-py": "rich", "pillow": "matplotlib"}
 """A package that tests import, and the one that cannot do without it."""
 
 PYTHON = """#!/usr/bin/env bash
 # Stands for python3.11: reads the README's commands, makes environments whose programs only say that they were called.
 case "$*" in
     *readme.py*) exec {python} "$@" ;;
-    "-m venv"*) mkdir -p "$3/bin"; for name in pip python ruff mypy; do ln -s {here}/program "$3/bin/$name"; done ;;
+    "-m venv"*) mkdir -p "$3/bin"; for name in pip python ruff mypy bandit; do ln -s {here}/program "$3/bin/$name"; done ;;
 esac
 """
 PROGRAM = """#!/usr/bin/env bash
@@ -69,6 +69,7 @@ def test_the_readme_s_commands_run_first_and_pytest_has_the_last_word(house: Pat
     status, output, calls = ci(house, "true")
     assert calls[:3] == ["pip install compare traj4", "pip install .[test]", "python -m pytest"]
     assert calls[3:7] == ["pip install -e .[dev]", "ruff check .", "ruff format --check .", "mypy "]
+    assert calls[7] == "bandit -q -c pyproject.toml -r ssmr validation"
     assert output[-2:] == ["everything passed", "== 3 passed in 0.10s =="]
     assert status == 0
 

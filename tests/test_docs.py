@@ -31,7 +31,7 @@ from validation.robots.husky import WHEELS, HuskyCalibration, xml_path
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md"] if p.is_file())]
+PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md", ROOT / "SECURITY.md"] if p.is_file())]
 DOCUMENTED = (
     Vehicle,
     Drive,

@@ -103,7 +103,7 @@ def _choice(steps: list[Callable[..., Any]], arguments: str) -> Any:
     source = "\n".join([f"def choose(law, row, {arguments}):", *lines, f"    return {calls[-1]}"])
     scope: dict[str, Any] = {f"step_{k}": step for k, step in enumerate(steps)}
     scope.update({f"unpack_{k}": law.unpack for k, law in enumerate(LAWS.values())})
-    exec(source, scope)
+    exec(source, scope)  # nosec B102 # the source is made of numbers and of the names that this module passes
     return numba.njit(nogil=True, error_model="numpy", forceinline=True)(scope["choose"])
 
 

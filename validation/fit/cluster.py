@@ -15,6 +15,8 @@ from validation.fit.problem import FitProblem
 
 CONNECT_TIMEOUT = 15.0
 """Time within which the scheduler must answer, and then have a worker [s]."""
+_START = "dask scheduler --host 127.0.0.1 --dashboard-address 127.0.0.1:8787"
+"""A scheduler that only this machine reaches: there is no password, and both addresses would be open to all otherwise."""
 _MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")  # packages whose versions decide the numbers
 
 _one_at_a_time = threading.Lock()  # a worker process rates one share at a time: the compiled loops use all its threads
@@ -48,13 +50,13 @@ class Cluster:
         try:
             self._client: Any = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise ClusterError(f"no dask scheduler answers at {address}; start one with: dask scheduler") from error
+            raise ClusterError(f"no dask scheduler answers at {address}; start one with: {_START}") from error
         try:
             self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
             self._check_versions()
         except TimeoutError as error:
             self.close()
-            raise ClusterError(f"the scheduler at {address} has no worker; start one with: dask worker {address}") from error
+            raise ClusterError(f"the scheduler at {address} has no worker; docs/many_machines.md starts one") from error
         except ClusterError:
             self.close()
             raise

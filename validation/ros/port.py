@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 import warnings
-import xmlrpc.client
+import xmlrpc.client  # nosec B411 # of the ROS master, whom the robot obeys; expat limits what entities grow to
 from collections.abc import Callable, Iterator
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path

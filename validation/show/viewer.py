@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-import subprocess
+import subprocess  # nosec B404 # without a shell
 import sys
 from pathlib import Path
 
@@ -27,10 +27,12 @@ def open_viewer(path: Path) -> bool:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         _logger.warning("there is no display for the rerun viewer; %s", by_hand)
         return False
-    command = [sys.executable, "-m", "rerun_cli", str(path), "--bind", "127.0.0.1", "--port", "auto"]
+    command = [sys.executable, "-m", "rerun_cli", str(path.absolute()), "--bind", "127.0.0.1", "--port", "auto"]
     quiet = subprocess.DEVNULL
     try:
-        viewer = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+        viewer = subprocess.Popen(  # nosec B603 # no shell, and an absolute path cannot be taken for an option
+            command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
+        )
     except OSError as error:
         _logger.warning("the rerun viewer cannot be started (%s); %s", error, by_hand)
         return False

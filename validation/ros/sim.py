@@ -52,9 +52,9 @@ _BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
 _REST_PATIENCE = 5.0
 """Time for which a robot may take to come to rest [s]."""
-_MOST_BEHIND = 0.5
-"""Lateness that is caught up with [s]; a greater one is dropped. A simulation that runs fast after a long stall would drive
-the robot far on a command that the watchdog, on the wall's time, does not find old yet."""
+_MOST_BEHIND = 2.0
+"""Lateness that is caught up with [s], as after the stalls of a busy machine; a greater one is dropped. After a long time on
+too slow a machine, the simulation would otherwise run fast for as long, once the machine has time again."""
 _LOCKS_KEPT = 32
 """Messages of the lock that wait for the loop: none of them may be lost that locks. Of other topics the last one counts."""
 _LEAVE_AFTER = 2.0

@@ -19,7 +19,7 @@ from tests.ros_fakes import FakeClock, FakePort, make
 from validation import cli
 from validation.ros import messages as msg
 from validation.ros import run as running
-from validation.ros.__main__ import ROS_COMMANDS, _Interrupt
+from validation.ros.__main__ import _STOPPING, ROS_COMMANDS, _Interrupt
 from validation.ros.control import ControlNode, RobotTopics
 
 TOPICS = RobotTopics()
@@ -156,7 +156,7 @@ def test_signals_in_the_moments_after_the_first_are_ignored(monkeypatch: pytest.
     with pytest.raises(KeyboardInterrupt):
         interrupt(signal.SIGINT, None)
     interrupt(signal.SIGTERM, None)
-    now[0] += 3.1
+    now[0] += _STOPPING + 0.1
     with pytest.raises(KeyboardInterrupt):
         interrupt(signal.SIGTERM, None)
 

@@ -27,8 +27,9 @@ from validation.ros.run import control_robot, simulate_robot
 from validation.track import load_gains, make_controller, open_reference
 from validation.words import file_name
 
-_STOPPING = 3.0
-"""Time after an interruption or the end of a drive in which (further) ones are ignored [s]."""
+_STOPPING = 60.0
+"""Longest time for which signals are ignored after the first one, or after the end of a drive [s]: the robot is being
+stopped, and the drive saved, which takes three seconds and, on a busy machine, more than ten."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def control(options: ControlOptions) -> None:
 
 
 class _Interrupt:
-    """Handler of the signals that end a node: the first one interrupts, and those within the next seconds do not."""
+    """Handler of the signals that end a node: the first one interrupts, and those within the next minute do not."""
 
     def __init__(self) -> None:
         self._deaf_until = -math.inf
@@ -172,7 +173,7 @@ class _Interrupt:
             self._end[number](number, frame)
 
     def wait_a_while(self) -> None:
-        """Ignore signals for some seconds: the robot is being stopped, or the drive is being saved."""
+        """Ignore signals for a while: the robot is being stopped, or the drive is being saved."""
         self._deaf_until = time.monotonic() + _STOPPING
 
 

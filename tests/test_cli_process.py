@@ -47,7 +47,7 @@ def test_a_signal_ends_the_work_and_keeps_the_result(number: signal.Signals, sta
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
     _, said = process.communicate(timeout=30)
-    assert (process.returncode, said) == (status, "interrupted\n")
+    assert (process.returncode, said) == (status, "interrupted\n" if status == 130 else f"ended by {number.name}\n")
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
 
 
@@ -215,3 +215,45 @@ def test_an_old_cache_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     os.utime(old, (past, past))
     cache_folder(monkeypatch, tmp_path)
     assert not old.exists()
+
+
+def test_what_goes_wrong_while_a_program_is_loaded_is_one_line() -> None:
+    process = start("from validation import cli; import no_such_package")
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == cli.EXIT_FAULT
+    assert said.startswith("the program cannot be started (ModuleNotFoundError: No module named 'no_such_package'); ")
+    assert len(said.splitlines()) == 1
+
+
+def test_ctrl_c_while_a_program_is_loaded_is_no_traceback() -> None:
+    """Python calls the first argument `-m` as long as it loads what it was asked for."""
+    process = start("import sys, time; sys.argv = ['-m']; import validation; print('loading', flush=True); time.sleep(30)")
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (-signal.SIGINT, "")
+
+
+def test_a_signal_that_comes_while_numba_compiles_is_kept_until_it_has(tmp_path: Path) -> None:
+    """Its compiler swallows an interrupt; the program would go on as if nothing had been asked."""
+    program = """
+import numba, time
+from validation import cli
+from llvmlite.binding import executionengine
+def slow(*arguments):
+    print("compiling", flush=True)
+    time.sleep(0.5)
+    print("compiled", flush=True)
+exec("def compile_for(slow):\\n    slow()", vars(executionengine))
+def main() -> None:
+    executionengine.compile_for(slow)
+    time.sleep(30)
+cli.run(main, "program", [])
+"""
+    process = start(program)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "compiling\n"
+    process.send_signal(signal.SIGTERM)
+    said, warned = process.communicate(timeout=20)
+    assert (process.returncode, said, warned) == (143, "compiled\n", "ended by SIGTERM\n")

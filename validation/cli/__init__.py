@@ -3,6 +3,14 @@
 A program declares its options as a frozen dataclass, and hands the function that takes them to `run`.
 """
 
+import sys
+
+from validation.cli import early
+
+sys.excepthook = early.answer
+
+# ruff: noqa: E402 - what is loaded below takes half a second, in which Ctrl-C may come
+from validation.cli.early import EXIT_FAULT as EXIT_FAULT
 from validation.cli.options import Bounds as Bounds
 from validation.cli.options import Count as Count
 from validation.cli.options import Flag as Flag
@@ -27,7 +35,6 @@ from validation.cli.reporting import report_result as report_result
 from validation.cli.reporting import shown as shown
 from validation.cli.reporting import warn as warn
 from validation.cli.running import EXIT_FAILED_RUN as EXIT_FAILED_RUN
-from validation.cli.running import EXIT_FAULT as EXIT_FAULT
 from validation.cli.running import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.running import EXIT_USER_ERROR as EXIT_USER_ERROR
 from validation.cli.running import leave_out as leave_out

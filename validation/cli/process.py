@@ -20,6 +20,8 @@ from validation.words import ascii_text, one_line
 
 ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
 """Signals that end the work as Ctrl-C does, so that what was found is kept; not every system has both."""
+_AGAIN_S = 0.05
+"""Time after which a signal that was put off comes again [s]."""
 
 
 def prepare_streams() -> None:
@@ -70,28 +72,47 @@ def silence_output() -> None:
 
 @contextlib.contextmanager
 def signals_end_work() -> Iterator[list[int]]:
-    """Within, `ENDING_SIGNALS` raise `KeyboardInterrupt` once; yield the list to which the signal's number is added then.
+    """Within, signals raise `KeyboardInterrupt`: Ctrl-C whenever it is pressed, each of `ENDING_SIGNALS` once.
 
-    A signal that was to be ignored, as under nohup, stays so.
+    A signal that was to be ignored, as under nohup, stays so. While numba compiles, a signal is put off: its compiler would
+    swallow the interrupt, and the work would go on or break.
+
+    Yields:
+        The list to which the number of an ending signal is added when it comes.
     """
 
-    def end(number: int, frame: FrameType | None) -> None:
-        for one in before:
-            signal.signal(one, signal.SIG_IGN)  # the result is being kept now
-        came.append(number)
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if _compiles(frame):
+            again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
+            again.daemon = True
+            again.start()
+            return
+        if number != signal.SIGINT:
+            came.append(number)
+            for one in set(before) - {signal.SIGINT}:
+                signal.signal(one, signal.SIG_IGN)  # the result is being kept now
         raise KeyboardInterrupt
 
     came: list[int] = []
     before: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
-        for number in (getattr(signal, name) for name in ENDING_SIGNALS if hasattr(signal, name)):
-            if signal.getsignal(number) is signal.SIG_DFL:
-                before[number] = signal.signal(number, end)
+        for number in (getattr(signal, name) for name in ("SIGINT", *ENDING_SIGNALS) if hasattr(signal, name)):
+            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                before[number] = signal.signal(number, interrupt)
     try:
         yield came
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _compiles(frame: FrameType | None) -> bool:
+    """Return whether numba is at work in a frame or in one of those that called it."""
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").partition(".")[0] in ("numba", "llvmlite"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def write_report(error: BaseException) -> str:

@@ -11,6 +11,7 @@ import io
 import itertools
 import logging
 import re
+import signal
 import sys
 import traceback
 import typing
@@ -25,14 +26,13 @@ from rich.console import Console
 from ssmr.errors import SsmrError
 from validation import store
 from validation.cli import process
+from validation.cli.early import EXIT_FAULT
 from validation.cli.options import NUMBERS, UserError
 from validation.cli.reporting import say
 from validation.words import each_line, one_line, shortened
 
 EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
-EXIT_FAULT = 70
-"""The program itself is at fault; BSD calls it EX_SOFTWARE."""
 EXIT_INTERRUPTED = 130
 
 
@@ -105,9 +105,11 @@ def run(
         where = f" ({error.filename})" if error.filename else ""
         said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
     except KeyboardInterrupt:
-        said, status = "interrupted", 128 + came[0] if came else EXIT_INTERRUPTED
+        said = f"ended by {signal.Signals(came[0]).name}" if came else "interrupted"
+        status = 128 + came[0] if came else EXIT_INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a user shall never see a bare traceback
-        said, status = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}", EXIT_FAULT
+        said = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}"
+        status = EXIT_FAULT
     if said:
         say(said)
     sys.exit(status)

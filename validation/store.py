@@ -130,15 +130,15 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     Raises:
         ValueError: it holds a number that is not finite; nothing is written.
     """
-    write_text(path, json.dumps(_encodable(document), indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(encodable(document), indent=2, allow_nan=False) + "\n")
 
 
-def _encodable(value: Any) -> Any:
+def encodable(value: Any) -> Any:
     """Return a document whose texts are Unicode throughout: in a file's name, half a surrogate pair is a byte of no text."""
     if isinstance(value, Mapping):
-        return {_encodable(k): _encodable(v) for k, v in value.items()}
+        return {encodable(k): encodable(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_encodable(v) for v in value]
+        return [encodable(v) for v in value]
     return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 

@@ -44,7 +44,7 @@ class FitProblem:
         """Return all that decides the costs, by name."""
         data = hashlib.sha256()
         for target in self.targets:
-            data.update(target.label.rpartition("/")[2].encode())
+            data.update(target.label.rpartition("/")[2].encode(errors="surrogatepass"))
             for piece, truth in zip(target.source.pieces, target.truth, strict=True):
                 for array in (piece.commands.values, truth.t, truth.pose):
                     data.update(np.ascontiguousarray(array).tobytes())

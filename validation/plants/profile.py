@@ -67,7 +67,7 @@ class Profile:
             if section := {**point, **{part: values for part, values in changed.items() if values}}:
                 plants[name] = section
         document = {"schema": SCHEMA, "name": self.name, "description": self.description, "plants": plants}
-        text = tomli_w.dumps({**document, "provenance": dict(self.provenance)})
+        text = tomli_w.dumps(store.encodable({**document, "provenance": dict(self.provenance)}))
         store.write_text(Path(path), text)
         return Path(path)
 

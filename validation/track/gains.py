@@ -19,7 +19,7 @@ import tomli_w
 
 from ssmr.control.laws import LAWS
 from ssmr.parameters import described
-from validation import reading
+from validation import reading, store
 
 SCHEMA = "ssmr.gains/1"
 
@@ -125,7 +125,7 @@ def dump_gains(gains: GainSet) -> str:
     document["gains"] = dict(gains.values)
     if gains.provenance:
         document["provenance"] = dict(gains.provenance)
-    return tomli_w.dumps(document)
+    return tomli_w.dumps(store.encodable(document))
 
 
 def _gains_of(controller: str) -> tuple[str, ...]:

@@ -1,0 +1,136 @@
+"""Programs on files, columns, profiles and folders with nasty names: they work, and nothing raw leaves them."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import unicodedata
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from validation import cli
+from validation.compare.__main__ import main as compare
+from validation.fit.__main__ import main as fit
+from validation.plants.profile import load_profile
+from validation.recordings.__main__ import LOG_COMMANDS
+from validation.study.__main__ import program as studies
+from validation.track.__main__ import main as track
+from validation.tune.__main__ import main as tune
+
+NAME = "n\x1b[31m$a_{\udcff\u202e[red]<b>`|(y)"
+"""Of files: an escape sequence, a formula that ends nowhere, a byte that is no text, a turn of direction, markup."""
+COLUMN = "c[/x]<b>|`(z)$_{"
+ENTRY = r"p\u001b]0;t\u0007$a_{\u202e[/x]<script>`|[y](javascript:1)"
+"""Name in a TOML file, where control characters are escapes."""
+SHIPPED = Path(cli.__file__).parents[1]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a folder with a recording, waypoints, a profile and gains whose names are nasty, and go there."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(0.0, 8.0, 0.04)
+    yaw = 0.3 * t
+    columns = {
+        "t": t, "cmd_v": 0 * t + 0.5, "cmd_w": 0 * t + 0.3, "enc_left": 0 * t + 3.0, "enc_right": 0 * t + 3.5,
+        "x": np.sin(yaw) / 0.6, "y": (1.0 - np.cos(yaw)) / 0.6, "yaw": yaw, COLUMN: t,
+    }  # fmt: skip
+    rows = [",".join(columns), *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns.values(), strict=True))]
+    Path(f"{NAME}.csv").write_text("\n".join(rows), encoding="utf-8")
+    Path(f"w{NAME}.csv").write_text("x,y\n" + "".join(f"{0.1 * i},{0.02 * i}\n" for i in range(12)), encoding="utf-8")
+    for kind, path in (("p", "plants/profiles/thesis-lab.toml"), ("g", "track/gain_sets/pid-tuned.toml")):
+        text = (SHIPPED / path).read_text(encoding="utf-8")
+        renamed = re.sub(r"^(name|description) = .*$", lambda m: f'{m[1]} = "{ENTRY}"', text, flags=re.MULTILINE)
+        Path(f"{kind}{NAME}.toml").write_text(renamed, encoding="utf-8")
+    return tmp_path
+
+
+FILE, WAYPOINTS, PROFILE, GAINS = f"{NAME}.csv", f"w{NAME}.csv", f"p{NAME}.toml", f"g{NAME}.toml"
+SEARCH = ("--profile", PROFILE, "--population", "8", "--generations", "1", "--workers", "1")
+Main = Callable[..., Any] | Mapping[str, Callable[..., Any]]
+RUNS: dict[str, tuple[Main, tuple[str, ...]]] = {
+    "compare": (compare, (FILE, "--profile", PROFILE, "--plants", "linear", "--horizons", "2")),
+    "compare elsewhere": (compare, (FILE, "--plants", "linear", "--horizons", "2", "--out", f"o{NAME}[/]2")),
+    "info": (LOG_COMMANDS, ("info", FILE)),
+    "convert": (LOG_COMMANDS, ("convert", FILE)),
+    "convert to a bag": (LOG_COMMANDS, ("convert", FILE, "--out", f"b{NAME}.mcap")),
+    "fit": (fit, ("linear", "--to", FILE, *SEARCH, "--name", NAME, "--rerun")),
+    "track": (track, ("pid", WAYPOINTS, "--speed", "0.5", "--profile", PROFILE, "--plant", "linear", "--gains", GAINS)),
+    "tune": (tune, ("pid", "--reference", f"{WAYPOINTS}@0.5", "--plant", "linear", *SEARCH)),
+}
+REFUSED: dict[str, tuple[Main, tuple[str, ...]]] = {
+    "source": (compare, (f"{NAME}\n",)),
+    "plants": (compare, ("traj4", "--plants", NAME)),
+    "profile": (compare, ("traj4", "--profile", NAME)),
+    "terrain": (compare, ("traj4", "--terrain", NAME)),
+    "option": (compare, ("traj4", f"--{NAME}", "[/x]")),
+    "controller": (track, (NAME, "line")),
+    "gains": (track, ("pid", "line", "--gains", NAME)),
+    "free": (fit, ("linear", "--to", "traj4@linear", "--free", NAME)),
+    "fix": (fit, ("linear", "--to", "traj4@linear", "--fix", f"{NAME}=1")),
+    "topics": (LOG_COMMANDS, ("info", FILE, "--topics", f"{NAME}=/x")),
+    "ending": (LOG_COMMANDS, ("convert", FILE, "--out", f"x.{NAME}")),
+    "study": (studies(), (NAME,)),
+}
+
+
+def harmful(text: str, breaks: str = "\n") -> set[str]:
+    return {c for c in text if unicodedata.category(c) in {"Cc", "Cf", "Cs", "Zl", "Zp"} and c not in breaks}
+
+
+def texts_of(recording: Path) -> list[str]:
+    """Return all texts of a rerun recording: properties, reports, labels, and names of entities."""
+    found = []
+    for chunk in RrdReader(recording).stream():
+        batch = chunk.to_record_batch()
+        found += [chunk.entity_path, *batch.schema.names]
+        for column in batch.columns:
+            if str(column.type) == "list<item: string>":
+                found += [text for texts in column.to_pylist() for text in texts or ()]
+    return found
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_program_works_and_lets_nothing_raw_out(name: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    before, (main, arguments) = set(folder.rglob("*")), RUNS[name]
+    cli.run(main, name, arguments)
+    said = capfd.readouterr()
+    assert not harmful(said.out)
+    assert not harmful(said.err)
+    written = {path for path in folder.rglob("*") if path.is_file()} - before
+    assert written or name == "info"
+    for path in written:
+        assert path.resolve().is_relative_to(folder)
+        if "--out" not in arguments:
+            assert not harmful(str(path.relative_to(folder)))
+        data = path.read_bytes()
+        if path.suffix in (".json", ".md", ".html"):
+            assert not harmful(data.decode("utf-8"))
+        if path.suffix == ".toml":
+            assert tomllib.loads(data.decode("utf-8"))
+        if path.suffix == ".rrd":
+            texts = texts_of(path.rename(folder / "plain.rrd"))  # rerun's reader takes no path that is no text
+            assert any("[red]" in text for text in texts)
+            assert not [text for text in texts if harmful(text)]
+    if name == "fit":
+        (profile,) = folder.glob("runs/fit/*/profile.toml")
+        assert load_profile(profile).name.startswith("n\x1b")
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_is_said_in_one_harmless_line(name: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    main, arguments = REFUSED[name]
+    with pytest.raises(SystemExit) as left:
+        cli.run(main, name, arguments)
+    said = capfd.readouterr()
+    assert left.value.code == cli.EXIT_USER_ERROR
+    assert said.out == ""
+    assert said.err.startswith("error: ")
+    assert said.err.count("\n") == 1
+    assert not harmful(said.err)
+    assert "[red]" in said.err or name == "ending"

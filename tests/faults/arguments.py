@@ -22,9 +22,9 @@ _WEIGHTS = {"study contact": 0.3, "study filter": 0.5, "study tables": 0.5, "stu
 
 
 def plan(inputs: int, kills: int) -> dict[str, int]:
-    """Return how many cases of each command there are: a third of all inputs."""
+    """Return how many cases of each command there are: more than a fifth of all inputs."""
     weights = {name: _WEIGHTS.get(name, 1.0) for name in USUAL}
-    unit = inputs / 3.0 / sum(weights.values())
+    unit = 0.22 * inputs / sum(weights.values())
     return {name: max(1, round(unit * weight)) for name, weight in weights.items()}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import resource
 import shutil
@@ -29,8 +28,6 @@ COMMANDS: Mapping[str, str] = {
     "replicate": "replicate --quick --only 3.12",
 }
 _LIMITS = (0, 100, 2_000, 20_000, 100_000, 20_000_000)
-NOBODY = 65534
-"""User and group who own nothing."""
 PLACES = ("full", "full tmpfs", "nowhere", "read-only", "vanishing", "becomes read-only")
 
 
@@ -45,14 +42,6 @@ def argv_of(command: str, out: Path | str) -> list[str]:
     """Return the command line that writes into a folder."""
     name, *rest = COMMANDS[command].split()
     return [f"validation.{name}", *rest, "--out", f"{out}/made.csv" if name == "recordings" else str(out)]
-
-
-def unprivileged() -> None:
-    """Become nobody, in a process that is about to run a program: root may write anywhere."""
-    if os.getuid() == 0:
-        os.setgroups([])
-        os.setgid(NOBODY)
-        os.setuid(NOBODY)
 
 
 def run(kind: str, rng: random.Random, folder: Path) -> tuple[Outcome, Sequence[int]]:
@@ -106,7 +95,7 @@ def _read_only(place: str, command: str, rng: random.Random, work: Path) -> tupl
     (work / "out").mkdir(mode=0o555)
     _opened(work)
     env = environment(HOME=str(work), XDG_CACHE_HOME=None)
-    out = process(f"{command}, as nobody", argv_of(command, "out"), work, env=env, before_it=unprivileged)
+    out = process(f"{command}, as nobody", argv_of(command, "out"), work, env=env, as_nobody=True)
     return only(out, work / "out"), (1, 2)
 
 
@@ -128,7 +117,7 @@ def _vanishing(place: str, command: str, rng: random.Random, work: Path) -> tupl
             target.chmod(0o555)
 
     out = process(
-        f"{command}, {place} after {delay:.2f} s", argv_of(command, "out"), work, env=env, before_it=unprivileged,
+        f"{command}, {place} after {delay:.2f} s", argv_of(command, "out"), work, env=env, as_nobody=True,
         meanwhile=meanwhile,
     )  # fmt: skip
     target.is_dir() and target.chmod(0o777)

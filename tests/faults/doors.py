@@ -23,6 +23,17 @@ from tests.faults.judge import FAULT, LONGEST_WAIT, Outcome, files_in, finite
 
 ROOT = Path(__file__).resolve().parents[2]
 HOOKS = Path(__file__).parent / "hooks"
+NOBODY = 65534
+"""User and group who own nothing."""
+_READS = "+dac_read_search"
+AS_NOBODY = (
+    "setpriv",
+    f"--reuid={NOBODY}",
+    f"--regid={NOBODY}",
+    "--clear-groups",
+    f"--inh-caps={_READS}",
+    f"--ambient-caps={_READS}",
+)
 _BUSY_WAIT = 90.0  # on a machine with other work, time passes; whoever waits or computes as long as this hangs anyway
 
 
@@ -167,13 +178,18 @@ def process(
     before_it: Callable[[], None] | None = None,
     meanwhile: Callable[[subprocess.Popen[bytes]], None] | None = None,
     stdout: Any = subprocess.PIPE,
+    as_nobody: bool = False,
 ) -> Outcome:
-    """Run `python -m ARGV` in a folder as a user would; `meanwhile` is called once it runs, `before_it` inside it."""
+    """Run `python -m ARGV` in a folder as a user would; `meanwhile` is called once it runs, `before_it` inside it.
+
+    As nobody, it may read everything, wherever Python is installed, and write only what anybody may.
+    """
     out = Outcome(what, folder=folder, before=frozenset(files_in(folder)), foreign=" ".join(argv))
+    command = [*(AS_NOBODY if as_nobody and os.getuid() == 0 else ()), sys.executable, "-m", *argv]
+    streams = {"stdin": subprocess.DEVNULL, "stdout": stdout, "stderr": subprocess.PIPE}
     with subprocess.Popen(
-        [sys.executable, "-m", *argv], cwd=folder, env=env or environment(), stdin=subprocess.DEVNULL, stdout=stdout,
-        stderr=subprocess.PIPE, preexec_fn=before_it, start_new_session=True,
-    ) as running:  # fmt: skip
+        command, cwd=folder, env=env or environment(), preexec_fn=before_it, start_new_session=True, **streams
+    ) as running:
         try:
             if meanwhile is not None:
                 meanwhile(running)

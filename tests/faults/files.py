@@ -103,7 +103,7 @@ KINDS: Mapping[str, Kind] = {
     "gains, smc": Kind("smc.toml", 0.04, partial(read_gains, "smc"), ("track smc line --speed 1 --gains FILE --no-rerun",)),
     "checkpoint": Kind("checkpoint.npz", 0.05, read_search, ("fit linear --to traj4@linear --resume --out DIR" + _TINY,)),
 }  # fmt: skip
-_WHOLE = 0.3  # of the files go through a whole program
+_WHOLE = 0.25  # of the files go through a whole program
 
 
 @functools.cache
@@ -139,7 +139,7 @@ def lay_out(folder: Path) -> None:
 
 def plan(inputs: int, kills: int) -> dict[str, int]:
     """Return how many files of each kind there are: two fifths of all inputs."""
-    return {name: max(1, round(0.4 * inputs * kind.share)) for name, kind in KINDS.items()}
+    return {name: max(1, round(0.42 * inputs * kind.share)) for name, kind in KINDS.items()}
 
 
 def _damage(path: Path, kind: Kind, rng: random.Random) -> None:

@@ -127,7 +127,7 @@ def _judge_lines(outcome: Outcome) -> None:
     elif outcome.status and outcome.status > 0 and outcome.status != FAULT and "traceback" not in dict(outcome.faults):
         last = said[-1] if said else ""
         if not last.startswith(_LAST_WORDS) or len(last) > LONGEST_LINE:
-            outcome.fault("unclear line", f"status {outcome.status}: {last!r}")
+            outcome.fault("unclear line", f"status {outcome.status}: {outcome.stderr!r}")
         elif unknown := [line for line in said[:-1] if not _KNOWN_LINES.match(line)]:
             outcome.fault("unclear line", f"not one line: {' '.join(unknown)}")
 

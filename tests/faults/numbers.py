@@ -65,10 +65,10 @@ def _arrays() -> Mapping[str, Callable[[np.ndarray], Any]]:
 
 
 def plan(inputs: int, kills: int) -> dict[str, int]:
-    """Return how many cases of each kind there are: three tenths of all inputs."""
+    """Return how many cases of each kind there are: a third of all inputs."""
     from validation.plants.profile import PLANTS
 
-    unit = 0.3 * inputs
+    unit = 0.35 * inputs
     made = dict.fromkeys([f"class {name}" for name in constructors()], max(1, round(0.55 * unit / len(constructors()))))
     made |= dict.fromkeys([f"array {name}" for name in _arrays()], max(1, round(0.06 * unit)))
     made |= {"terrain": max(1, round(0.08 * unit))}

@@ -9,12 +9,10 @@ from __future__ import annotations
 import os
 import random
 import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.faults.disks import NOBODY, unprivileged
-from tests.faults.doors import ROOT, environment, process
+from tests.faults.doors import NOBODY, ROOT, environment, process
 from tests.faults.judge import Outcome
 from tests.faults.pool import Part
 
@@ -32,7 +30,7 @@ print("folder", getattr(ssmr._jit, "_FOLDER", ""))
 
 def plan(inputs: int, kills: int) -> dict[str, int]:
     """Return how many cases there are; none where one cannot become another user."""
-    return dict.fromkeys(KINDS, 1) if os.getuid() == 0 and sys.platform == "linux" else {}
+    return dict.fromkeys(KINDS, 1) if os.getuid() == 0 and shutil.which("setpriv") else {}
 
 
 def run(kind: str, rng: random.Random, folder: Path) -> tuple[Outcome, Sequence[int]]:
@@ -46,7 +44,7 @@ def run(kind: str, rng: random.Random, folder: Path) -> tuple[Outcome, Sequence[
         HOME=str(home), TMPDIR=str(temporary), XDG_CACHE_HOME=None, NUMBA_CACHE_DIR=None, PYTHONDONTWRITEBYTECODE="1"
     )
     env["PYTHONPATH"] = f"{installed}{os.pathsep}{folder}"
-    out = process(f"cache folder {kind}", ["probe"], home, env=env, before_it=unprivileged)
+    out = process(f"cache folder {kind}", ["probe"], home, env=env, as_nobody=True)
     used = out.stdout.split("folder ")[-1].strip()
     for path in planted:
         if used and (Path(used).is_relative_to(path) or Path(used).resolve().is_relative_to(path)):

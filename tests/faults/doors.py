@@ -57,7 +57,7 @@ def time_limit(limit: float = LONGEST_WAIT) -> Iterator[None]:
 
     def look(*_: object) -> None:
         wall, used = time.monotonic() - began, time.process_time() - cpu
-        if used > limit or wall > _BUSY_WAIT or (wall > limit and used < 0.02 * limit):
+        if used > limit or wall > max(_BUSY_WAIT, limit) or (wall > limit and used < 0.02 * limit):
             raise Hang
 
     before = signal.signal(signal.SIGALRM, look)
@@ -69,11 +69,11 @@ def time_limit(limit: float = LONGEST_WAIT) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def call(what: str, function: Callable[[], Any]) -> Outcome:
+def call(what: str, function: Callable[[], Any], limit: float = LONGEST_WAIT) -> Outcome:
     """Call a function of the library: `ValueError` or `SsmrError` of one line is a refusal, a finite value is right."""
     out = Outcome(what)
     try:
-        with time_limit(), warnings.catch_warnings():
+        with time_limit(limit), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # numpy's, on numbers that are refused later; programs are judged by them
             value = function()
         if not finite(value):

@@ -19,8 +19,21 @@ from typing import Any, NamedTuple
 
 from tests.faults.judge import Outcome, Verdict, judge, visible
 
-PARTS = ("arguments", "files", "sections", "numbers", "disks", "kills", "signals", "pairs", "cluster", "surroundings",
-         "strangers", "ros")  # fmt: skip
+PARTS = (
+    "usual",
+    "arguments",
+    "files",
+    "sections",
+    "numbers",
+    "disks",
+    "kills",
+    "signals",
+    "pairs",
+    "cluster",
+    "surroundings",
+    "strangers",
+    "ros",
+)
 """Modules of the campaign; each has a `PART`."""
 _BATCH = 8
 _RENEW = 600  # cases after which a process is replaced: what libraries keep for ever shall not decide later cases
@@ -147,6 +160,10 @@ def _next(team: list[_Worker], worker: _Worker, left: list[Case], seed: int) -> 
         return _lost(team, worker, left, seed, "died")
     worker.cases.remove(case)
     worker.done, worker.heard = worker.done + 1, time.monotonic()
+    if "hang" in dict(verdict.faults):  # what was broken off may be in any state
+        left.extend(reversed(worker.cases))
+        worker.end()
+        team[team.index(worker)] = _Worker(seed)
     return case, verdict
 
 

@@ -37,7 +37,7 @@ def make_all(folder: Path) -> None:
         write_bag(groups_of(recording, "good"), folder / f"good{suffix}")
     for kind in ("sqlite", "mcap folder"):
         bag_factory.write(folder, kind, lambda make: bag_factory.circle(make, 400), f"ros2-{kind.split()[0]}")
-    rows = "x,y,t\n" + "".join(f"{0.1 * i},{0.02 * i * i},{0.4 * i}\n" for i in range(20))
+    rows = "x,y,t\n" + "".join(f"{0.1 * i},{0.004 * i * i},{0.4 * i}\n" for i in range(20))
     (folder / "way.csv").write_text(rows)
     _write_sheet(folder / "way.xlsx")
     for name, source in (("good", "thesis-lab"), ("husky", "husky-tile")):

@@ -16,7 +16,7 @@ from tests.faults.judge import Outcome
 from tests.faults.pool import Part
 
 MOST = {"without ROS": (40, 0.51), "over a master": (100, 3.0)}
-"""Lines that a node may write in two seconds of nonsense, and the time from an emergency stop until the robot stands [s]; over
+"""Lines that a node may write in two seconds of nonsense, and time from an emergency stop until the robot stands [s]; over
 a master, on a machine that has other work."""
 
 

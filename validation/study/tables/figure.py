@@ -19,7 +19,7 @@ def _draw(entries: Sequence[TableEntry], title: str, ax: Axes) -> None:
         if e.printed:
             ax.plot(e.printed["d_rms_m"] * 1e3, k, "|", color="black", ms=14, mew=2)
     ax.set_yticks(range(len(entries)), [f"{e.table}  {e.controller} {e.reference} {e.speed:g} m/s" for e in entries])
-    ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(len(entries) - 0.5, -0.5))
+    ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(max(len(entries), 1) - 0.5, -0.5))
     inset(ax, left=1.7)
     plain_ticks(ax.xaxis)
     ax.set_title(title, loc="left", fontsize=11)

@@ -318,7 +318,9 @@ def _written(reader: Any) -> _Written:
     maps = [c for c in reader.connections if c.topic == MAP_TOPIC and c.msgtype == TEXT]
     for connection, _, raw in reader.messages(maps) if maps else ():
         said = parse_json(reader.deserialize(raw, connection.msgtype).data, MAP_TOPIC)
-        return {str(topic): (str(group), tuple(map(str, columns))) for topic, (group, columns) in said.items()}
+        if not all(isinstance(columns, list) for _, columns in said.values()):
+            raise ValueError(f"{MAP_TOPIC} is no map of topics to groups and columns")
+        return {topic: (str(group), tuple(map(str, columns))) for topic, (group, columns) in said.items()}
     return {}
 
 

@@ -14,6 +14,7 @@ from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
+from validation.logs.files import quoted
 from validation.logs.groups import POSES, Group, Groups, stacked_columns
 from validation.logs.rest import standing, wheel_twist
 
@@ -147,6 +148,9 @@ def with_filter(groups: Groups) -> dict[str, Group] | None:
     """Return the log with the filter's pose as its x, y, yaw; None without wheels.
 
     Columns that had these names before are called odom_x ... or pose_x ... in the result.
+
+    Raises:
+        ValueError: there is a column of such a name already.
     """
     motion = filtered_motion(groups) or filtered_motion(groups, gyro=False)
     if motion is None:
@@ -155,6 +159,11 @@ def with_filter(groups: Groups) -> dict[str, Group] | None:
         name: replace(g, columns={(f"{name}_{n}" if n in POSES[0] else n): a for n, a in g.columns.items()})
         for name, g in groups.items()
     }
+    named = [name for group in renamed.values() for name in group.columns]
+    if twice := sorted({name for name in named if named.count(name) > 1}):
+        raise ValueError(
+            f"the log has a column {quoted(twice)} already, which ekf would write the former pose to; rename it"
+        )
     old = renamed.pop("pose", None)
     pose = dict(zip(POSES[0], motion.pose.T, strict=True))
     return {"pose": Group("state filter", motion.t, pose), **renamed, **({"localiser": old} if old is not None else {})}

@@ -101,7 +101,7 @@ def check_target(target: str | Path, source: str | Path) -> None:
     """
     target, source = Path(target), Path(source)
     _writer(target)
-    if target.is_dir():
+    if exists(target) and target.is_dir():
         raise ValueError(f"{target} is a folder; name a file")
     if not exists(source):
         return
@@ -110,9 +110,14 @@ def check_target(target: str | Path, source: str | Path) -> None:
         raise ValueError(f"{target} is the log itself; name another file")
     if not whole.is_dir():
         return
-    if any(exists(folder) and folder.samefile(whole) for folder in target.absolute().resolve().parents):
+    try:
+        inside = any(exists(folder) and folder.samefile(whole) for folder in target.absolute().resolve().parents)
+        linked = exists(target) and any(target.samefile(part) for part in whole.iterdir() if exists(part))
+    except (OSError, RuntimeError) as cause:  # a link that leads to itself
+        raise ValueError(f"{target}: where it lies cannot be seen ({cause})") from cause
+    if inside:
         raise ValueError(f"{target} lies in the bag {whole}; name a file outside of it")
-    if exists(target) and any(target.samefile(part) for part in whole.rglob("*") if exists(part)):
+    if linked:
         raise ValueError(f"{target} is a link to a part of the bag {whole}; name another file")
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import datetime
 import sys
-from collections.abc import Sequence
+import zipfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from ssmr.control.waypoints import Waypoints
 from tests.conftest import ROUNDOFF
 from validation import cli
+from validation.logs.limits import USUAL
 from validation.track.waypoint_files import REFERENCES, WaypointError, open_reference, read_waypoints
 
 openpyxl = pytest.importorskip("openpyxl", reason="spreadsheets need the extra `xlsx`")
@@ -140,6 +142,41 @@ def test_a_damaged_spreadsheet_is_refused_or_read_as_it_was(tmp_path: Path) -> N
                 assert np.allclose(np.column_stack([waypoints.t, waypoints.xy]), ROWS, rtol=SHEET, atol=0.0)
     assert len(refusals) > 100
     assert not any("\n" in text for text in refusals)
+
+
+def in_sheet(xml: bytes) -> Callable[[bytes], bytes]:
+    return lambda text: text.replace(b"</sheetData>", xml + b"</sheetData>")
+
+
+HOSTILE_SHEETS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
+    "far row": (in_sheet(b'<row r="90000000"><c r="A90000000"><v>1</v></c></row>'), "there is a row beyond 1048576"),
+    "bomb": (in_sheet(b" " * 70_000_000), "files once it is unpacked, but the limit sheet_size is 64 MB"),
+    "deep": (in_sheet(b"<row>" + b"<c>" * 200 + b"</c>" * 200 + b"</row>"), "elements of XML"),
+    "many": (in_sheet(b"<d/>" * 80_000), "70000 besides those of cells"),
+    "laughs": (
+        lambda text: b'<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]>' + text.partition(b"?>")[2],
+        "declares a type of document",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE_SHEETS)
+def test_a_hostile_spreadsheet_is_refused_before_it_takes_time_or_memory(case: str, tmp_path: Path) -> None:
+    change, message = HOSTILE_SHEETS[case]
+    whole, hostile = on_sheet(tmp_path, [("t", "x", "y"), *ROWS]), tmp_path / "hostile.xlsx"
+    with zipfile.ZipFile(whole) as source, zipfile.ZipFile(hostile, "w", zipfile.ZIP_DEFLATED) as target:
+        for name in source.namelist():
+            text = source.read(name)
+            target.writestr(name, change(text) if name.endswith("sheet1.xml") else text)
+    assert message in refused(hostile)
+
+
+def test_a_spreadsheet_beyond_limits_that_were_asked_for_is_refused(tmp_path: Path) -> None:
+    path = on_sheet(tmp_path, [("t", "x", "y"), *ROWS])
+    assert len(read_waypoints(path).t) == 3
+    for limits, message in (({"samples": 2}, "row 4: there are too many rows"), ({"columns": 2}, "there are 3 columns")):
+        with pytest.raises(WaypointError, match=message):
+            read_waypoints(path, limits=USUAL.changed(limits))
 
 
 def test_without_openpyxl_a_spreadsheet_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

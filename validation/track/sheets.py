@@ -21,8 +21,12 @@ _HEADER_WITHIN = 100
 """Number of rows at the beginning among which the header is."""
 _PARTS = 1000
 """Greatest number of files in the zip."""
-_ELEMENTS = 2_000_000
-"""Greatest number of XML elements in all parts; a cell takes two."""
+_ELEMENTS = 700_000
+"""Greatest number of XML elements in all parts: those of 100 000 rows of three cells."""
+_CELLS = frozenset({"row", "c", "v", "f", "is", "t", "si", "r"})
+"""Elements that rows and texts consist of; others, such as styles, are made into objects and take much longer."""
+_OTHERS = 70_000
+"""Greatest number of other elements; a spreadsheet program allows 64 000 styles."""
 _DEPTH = 100
 """Greatest depth of XML elements in one another."""
 
@@ -94,21 +98,28 @@ def _inspect(data: bytes, limits: LogLimits) -> None:
         if len(parts) > _PARTS or size > limits.bytes_of("sheet_size"):
             what = f"there are {size / 1e6:.6g} MB in {len(parts)} files once it is unpacked"
             raise _RefusedError(f"{what}, but {limits.says('sheet_size')}, in {_PARTS} files")
-        left = _ELEMENTS
+        count = others = 0
         for part in parts:
-            left -= _elements(packed.read(part), part.filename, left)
+            more, other = _elements(packed.read(part), part.filename)
+            count, others = count + more, others + other
+            if count > _ELEMENTS or others > _OTHERS:
+                raise _RefusedError(_TOO_MANY)
 
 
-def _elements(text: bytes, name: str, most: int) -> int:
-    """Return the number of elements of an XML text; what is no XML may have another name than XML has."""
-    count = depth = 0
+_TOO_MANY = (
+    f"there are more than {_ELEMENTS} elements of XML, or {_OTHERS} besides those of cells, or {_DEPTH} in one another"
+)
 
-    def start(*_: object) -> None:
-        nonlocal count, depth
-        count += 1
-        depth += 1
-        if count > most or depth > _DEPTH:
-            raise _RefusedError(f"there are more than {_ELEMENTS} elements of XML, or more than {_DEPTH} in one another")
+
+def _elements(text: bytes, name: str) -> tuple[int, int]:
+    """Return how many elements an XML text has, and how many besides `_CELLS`; what is no XML may not be named like XML."""
+    count = others = depth = 0
+
+    def start(element: str, _: object) -> None:
+        nonlocal count, others, depth
+        count, others, depth = count + 1, others + (element.rpartition(":")[2] not in _CELLS), depth + 1
+        if count > _ELEMENTS or others > _OTHERS or depth > _DEPTH:
+            raise _RefusedError(_TOO_MANY)
 
     def end(*_: object) -> None:
         nonlocal depth
@@ -124,4 +135,4 @@ def _elements(text: bytes, name: str, most: int) -> int:
     except expat.ExpatError:
         if name.endswith((".xml", ".rels")):
             raise
-    return count
+    return count, others

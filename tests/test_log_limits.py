@@ -20,11 +20,12 @@ from tests.bag_factory import poses_at, write
 from validation import cli
 from validation.logs.csv_table import read_csv_table
 from validation.logs.formats import read_log, read_recording
+from validation.logs.groups import Group
 from validation.logs.limits import USUAL, LogLimits, find_time_fault
 from validation.logs.recording import RecordingError
 from validation.logs.recording_csv import read_csv
 from validation.motion.sources import open_source
-from validation.recordings import info
+from validation.recordings import ConvertSettings, convert, info
 from validation.recordings.__main__ import LOG_COMMANDS
 from validation.track.waypoint_files import WaypointError, read_waypoints
 
@@ -164,6 +165,32 @@ def test_a_bag_with_a_stray_stamp_names_the_topic_and_the_sample(tmp_path: Path)
 
     with pytest.raises(RecordingError, match=r"topic /pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"):
         read_log(write(tmp_path, "ros1", stray))
+
+
+def test_what_would_take_hours_is_refused_before_it_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    alternating = np.cumsum(np.tile([0.01, 0.01, 0.1], 20))
+    columns = {name: np.zeros(60) for name in ("cmd_v", "cmd_w", "x", "y", "yaw")}
+    monkeypatch.setattr("validation.motion.sources._MOST_PIECES", 10)
+    with pytest.raises(ValueError, match="20 stretches between gaps, wanted at most 10"):
+        open_source(str(drive(tmp_path, alternating, columns)))
+    path = drive(tmp_path, 2.0 * np.arange(1000), dict.fromkeys(columns, np.zeros(1000)))
+    with pytest.raises(ValueError, match=r"has 1.998e\+05 periods of 0.01 s, but the limit samples is 100000; cut it"):
+        open_source(str(path), limits=USUAL.changed({"samples": 1e5}))
+    with pytest.raises(RecordingError, match=r"1998 s at 1e\+06 Hz are too many samples of 5 columns"):
+        convert(path, ConvertSettings(rate=1e6))
+    with pytest.raises(ValueError, match=r"smooth 1e\+07 s is too wide for 1000 samples of drive.csv at 0.5 Hz"):
+        convert(path, ConvertSettings(smooth=1e7))
+
+
+def test_gaps_are_found_at_once_as_one_by_one() -> None:
+    rng = np.random.default_rng(7)
+    group = Group("g", np.cumsum(rng.choice([0.1, 0.1, 0.1, 1.0, 3.0], 300)), {})
+    t = np.sort(np.concatenate([rng.uniform(0.0, group.t[-1] + 1.0, 2000), group.t, group.t + 1e-6, group.t - 1e-6]))
+    for margin, least in ((0.0, 0.0), (1e-6, 0.0), (1e-6, 2.0)):
+        slow = np.zeros(len(t), dtype=bool)
+        for start, stop in group.gaps():
+            slow |= (t > start + margin) & (t < stop - margin) & (stop - start > least)
+        np.testing.assert_array_equal(group.in_gaps(t, margin, least), slow)
 
 
 # --------------------------------------------------------------------------------------------------- numbers

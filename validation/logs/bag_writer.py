@@ -32,8 +32,8 @@ from validation.store import temporary_beside, write_atomic
 EPOCH = 1_000_000_000
 """Unix time that stands for t = 0 in bags [s], 2001-09-09: a stamp of zero would mean that there is none. A log whose stamps
 all are later than this has Unix time, and keeps it."""
-_LATEST = {True: 2**32, False: 2**31}
-"""Greatest second of a stamp in ROS 1 and in ROS 2."""
+_LATEST = 2**31
+"""Second at which the stamps of bags end; those of ROS 1 would go on, but not every tool has them without a sign."""
 _LONGEST_NAME = 200
 """Greatest length of a topic's name; DDS has room for some fifty more."""
 _WORLD, _BASE = "map", "base_link"
@@ -183,12 +183,11 @@ def _epoch(groups: Groups, path: Path) -> int:
     Raises:
         ValueError: the log is longer than the stamps of a bag.
     """
-    latest = _LATEST[_is_ros1(path)]
     start, stop = min(float(g.t[0]) for g in groups.values()), max(float(g.t[-1]) for g in groups.values())
     for epoch in (0 if start >= EPOCH else EPOCH, EPOCH - math.floor(start)):
-        if 1.0 <= start + epoch and stop + epoch < latest:
+        if 1.0 <= start + epoch and stop + epoch < _LATEST:
             return epoch
-    raise ValueError(f"{start:.9g} to {stop:.9g} s do not fit into {path.name}, whose stamps end after {latest} s")
+    raise ValueError(f"{start:.9g} to {stop:.9g} s do not fit into {path.name}, whose stamps end after {_LATEST} s")
 
 
 def _stamps(t: FloatArray, epoch: int) -> list[int]:

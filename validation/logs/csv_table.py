@@ -132,26 +132,28 @@ def make_table(
         return None
     if width > limits.columns:
         raise error(path, f"there are {width} columns, but {limits.says('columns')}", header_line)
+    most, at_once = min(limits.samples, limits.cells // width), math.ceil(_AT_ONCE / width)
     columns = [_Cells() for _ in header]
     lines = array("q")
     waiting: list[Sequence[str]] = []
     for line, row in numbered:
         if len(row) != width:
             raise error(path, f"there are {len(row)} fields, wanted {width} as in the header", line)
-        for name, many in (("samples", len(lines) + 1), ("cells", (len(lines) + 1) * width)):
-            if many > getattr(limits, name):
-                raise error(path, f"there are too many rows: {limits.says(name)}", line)
+        if len(lines) >= most:
+            raise error(
+                path, f"there are too many rows: {limits.says('samples' if most == limits.samples else 'cells')}", line
+            )
         lines.append(line)
         waiting.append(row)
-        if len(waiting) * width >= _AT_ONCE:
+        if len(waiting) >= at_once:
             _take_in(columns, waiting)
     _take_in(columns, waiting)
     return CellTable(path, header, header_line, columns, lines, error)
 
 
 def _take_in(columns: Sequence[_Cells], waiting: list[Sequence[str]]) -> None:
-    for place, cells in enumerate(columns):
-        cells.add([row[place] for row in waiting])
+    for cells, column in zip(columns, zip(*waiting, strict=True), strict=False):
+        cells.add(column)
     waiting.clear()
 
 

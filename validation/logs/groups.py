@@ -82,6 +82,8 @@ class Group:
 
 
 Groups = Mapping[str, Group]
+_MOST_SMOOTHING = 1e10
+"""Greatest number of pairs of samples that are averaged in smoothing."""
 
 
 def groups_of(recording: Recording, source: str) -> dict[str, Group]:
@@ -201,7 +203,16 @@ def smoothed(t: FloatArray, values: FloatArray, sigma: float, longest_step: floa
 
 
 def smoothed_groups(groups: Groups, sigma: float) -> dict[str, Group]:
-    """Return the groups with measurements smoothed, see `smoothed`; commands stay as they were given."""
+    """Return the groups with measurements smoothed, see `smoothed`; commands stay as they were given.
+
+    Raises:
+        ValueError: so many samples lie within three sigma of each other that it would take minutes.
+    """
+    for g in groups.values():
+        if 3.0 * sigma / g.period * len(g.t) * len(g.columns) > _MOST_SMOOTHING:
+            raise ValueError(
+                f"smooth {sigma:g} s is too wide for {len(g.t)} samples of {g.source} at {1.0 / g.period:.6g} Hz"
+            )
 
     def smooth(g: Group) -> Group:
         return replace(g, columns={n: smoothed(g.t, a, sigma, g.longest_step()) for n, a in g.columns.items()})

@@ -22,6 +22,8 @@ RECORDING_GRID = 0.01
 """Period at which a recording's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any
 log of ours."""
 
+_MOST_PIECES = 10_000
+"""Greatest number of gap-free stretches of a recording: a log that has more has no rate of its own."""
 RECORDING = "recording"
 """The name of the reference where plants are compared with a recorded motion."""
 
@@ -91,6 +93,10 @@ def open_source(
         periods = (float(recording.t[-1]) - float(recording.t[0])) / RECORDING_GRID
         if periods > limits.samples:
             raise ValueError(f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it")
+        if (stretches := len(recording.segments())) > _MOST_PIECES:
+            raise ValueError(
+                f"{name} has {stretches} stretches between gaps, wanted at most {_MOST_PIECES}: its steps of time vary"
+            )
         return source_of(recording, name, kind)
     paths = f"paths of recordings ({readable()})"
     raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")

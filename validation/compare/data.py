@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.poses import HorizonErrors
+from ssmr.metrics.windows import OverlappingErrors, WindowErrors
 from ssmr.types import Commands, Trajectory
 from validation.robots.plant import Health
 from validation.robots.terrain import FLAT, Terrain
@@ -38,6 +40,13 @@ class PlantResult:
     """The loads that its wheels carried; only the MuJoCo Husky knows them."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """All numbers that define the plant, as plain values."""
+    windows: Mapping[float, WindowErrors] = field(default_factory=dict)
+    """Errors over windows that begin every second, by horizon [s]; empty where the reference is a plant."""
+
+    @cached_property
+    def overlapping(self) -> Mapping[float, OverlappingErrors]:
+        """Medians over `windows` with their intervals, by horizon [s]."""
+        return {horizon: errors.summary() for horizon, errors in self.windows.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation.compare.data import ComparisonData, PlantResult
-from validation.compare.table import comparison_grids
+from validation.compare.table import comparison_grids, comparison_notes
 from validation.robots.husky import WHEELS
 from validation.show.result import Result
 from validation.show.tables import Grid
@@ -28,6 +28,10 @@ class Comparison(ComparisonData, Result):
     def grids(self) -> Sequence[Grid]:
         """Return the tables: on a recording the errors after each horizon first; then the metrics; then wheel loads."""
         return comparison_grids(self)
+
+    def notes(self) -> Sequence[str]:
+        """Return sentences on what the data cannot tell apart."""
+        return comparison_notes(self)
 
     def figure(self) -> Figure:
         """Return the picture: paths, errors, velocities and wheel loads."""
@@ -62,6 +66,8 @@ def _plant_entry(result: PlantResult) -> dict[str, Any]:
     entry: dict[str, Any] = {**result.metrics, "wall_s": result.wall_s, "real_time_factor": result.real_time_factor}
     if result.horizons:
         entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in result.horizons.items()}
+        for horizon, overlapping in result.overlapping.items():
+            entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(overlapping)
     if result.health is not None:
         entry["health"] = {**asdict(result.health), "ok": result.health.ok, "advice": result.health.advice}
     if result.loads is not None:

@@ -20,7 +20,7 @@ from validation import store
 from validation.compare.data import PlantResult
 from validation.compare.result import Comparison
 from validation.logs.limits import USUAL, LogLimits
-from validation.motion.driving import drive, horizons_of
+from validation.motion.driving import drive, horizons_of, window_errors_of
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 from validation.progress import Progress, Report, silent
@@ -114,6 +114,7 @@ class PreparedComparison:
             results[name] = PlantResult(
                 name, tuple(driven), compare_pieces(driven, truth), horizons, wall[name], simulated / wall[name],
                 health, self.profile.plants[name].tracked_point, loads, every[name],
+                window_errors_of([(source, driven)], settings.horizons) if recorded else {},
             )  # fmt: skip
         commands = tuple(piece.commands for piece in source.pieces)
         return Comparison(

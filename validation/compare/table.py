@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 
 from ssmr.metrics.declared import METRICS, Metric
 from ssmr.metrics.poses import HorizonErrors
@@ -47,11 +48,17 @@ HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] =
 )
 
 
+_INTERVAL_WORDS = ("median", "low", "high")
 HORIZON_CAPTION = (
     "Each plant's motion over a window as long as the horizon is compared with the reference's motion over that window, both"
     " seen from the pose at the window's start: the error is what dead reckoning loses in that time, however far the plant"
     " has drifted before. Windows follow one another and span no gap. The table gives their number, and the median and the"
     " 95th percentile (p95) of their errors. Bold: the best of each horizon."
+)
+OVERLAPPING_CAPTION = (
+    "These windows begin every second and so overlap: the median does not depend on where the first one begins. The interval"
+    " from low to high holds it with a probability of 90 %; it comes from resampling blocks of windows as long as the"
+    " horizon. Where a recording is shorter than four such blocks, it is the range of the errors themselves."
 )
 METRIC_CAPTION = "Bold: the best of each column; the reference, at no distance from itself, competes only in real time."
 
@@ -107,6 +114,45 @@ def _horizon_grid(comparison: ComparisonData) -> Grid | None:
     return Grid(tuple(header), tuple(groups), 2, "Error of the relative pose after a horizon", caption)
 
 
+def _overlapping_grid(comparison: ComparisonData) -> Grid | None:
+    """Return medians over windows that begin every second, with their intervals; None where there are no windows."""
+    groups = []
+    for horizon in sorted({h for result in comparison.plants.values() for h in result.overlapping}):
+        rows = []
+        for name, result in comparison.plants.items():
+            if (e := result.overlapping.get(horizon)) is not None:
+                position = e.position_median_m, e.position_low_m, e.position_high_m
+                yaw = e.yaw_median_rad, e.yaw_low_rad, e.yaw_high_rad
+                numbers = *map(METRES.text, position), *map(DEGREES.text, yaw)
+                rows.append(tuple(map(Cell, (f"{horizon:g}", name, str(e.n), *numbers))))
+        groups.append(tuple(rows))
+    values = [(f"{what} {word}", symbol) for what, symbol in (("position", "m"), ("yaw", "deg")) for word in _INTERVAL_WORDS]
+    header = (("horizon", "s"), ("plant", ""), ("windows", "1"), *values)
+    title = "The same over windows that begin every second, and how sure that is"
+    return (
+        Grid(header, tuple(groups), 2, title, "low, high: an interval that holds the median with 90 %") if groups else None
+    )
+
+
+def comparison_notes(comparison: ComparisonData) -> list[str]:
+    """Return which plants a recording cannot tell apart after the horizon closest to `HEADLINE_HORIZON`."""
+    known = sorted({h for result in comparison.plants.values() for h in result.windows})
+    if not known:
+        return []
+    horizon = min(known, key=lambda h: abs(h - HEADLINE_HORIZON))
+    able = {name: r.windows[horizon] for name, r in comparison.plants.items() if horizon in r.windows}
+    alike: dict[str, list[str]] = {"position": [], "yaw": []}
+    for a, b in combinations(able, 2):
+        for what, differs in zip(alike, able[a].differs_from(able[b]), strict=True):
+            if not differs:
+                alike[what].append(f"{a} and {b}")
+    return [
+        f"After {horizon:g} s the recording cannot tell apart in {what}: {', '.join(pairs)}."
+        for what, pairs in alike.items()
+        if pairs
+    ]
+
+
 def _load_grid(comparison: ComparisonData) -> Grid | None:
     """Return the wheel loads of the plants that know them; None where none does."""
     groups = []
@@ -142,10 +188,11 @@ def comparison_grids(comparison: ComparisonData) -> list[Grid]:
     """Return a comparison's tables, the most telling one first.
 
     On a recording the errors of the relative pose by horizon and plant come first: number of windows, median and 95th
-    percentile (p95) of the position error [m] and the yaw error [deg]. Then, with plants as rows and the reference marked,
-    the metrics. Then, for plants that know them, the wheel loads [N]. The best value of each column is emphasised.
+    percentile (p95) of the position error [m] and the yaw error [deg]; then medians over windows that overlap. Then, with
+    plants as rows and the reference marked, the metrics. Then, for plants that know them, the wheel loads [N]. The best
+    value of each column is emphasised.
     """
-    grids = (_horizon_grid(comparison), _plant_grid(comparison), _load_grid(comparison))
+    grids = (_horizon_grid(comparison), _overlapping_grid(comparison), _plant_grid(comparison), _load_grid(comparison))
     return [grid for grid in grids if grid is not None]
 
 
@@ -188,6 +235,7 @@ def comparison_markdown(comparison: ComparisonData) -> str:
         lines += ["", f"> **{name} is unhealthy:** {one_line(advice)}."]
     for grid, title, caption in (
         (_horizon_grid(comparison), "Error of the relative pose after a horizon", HORIZON_CAPTION),
+        (_overlapping_grid(comparison), "The same over windows that begin every second", OVERLAPPING_CAPTION),
         (_plant_grid(comparison), "Plants compared with the reference", METRIC_CAPTION),
         (_load_grid(comparison), "Wheel loads", f"{_load_caption(comparison)}."),
     ):

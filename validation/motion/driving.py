@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr.geometry import shift_reference, shift_state
 from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
-from ssmr.types import FloatArray, Plant, Trajectory
+from ssmr.metrics.windows import WindowErrors, overlapping_windows
+from ssmr.types import FloatArray, IndexArray, Plant, Trajectory
 from validation.motion.sources import Piece, Source
 
 
@@ -49,19 +51,32 @@ def horizons_of(
 ) -> dict[float, HorizonErrors]:
     """Return errors of the relative pose by horizon [s] over several sources together; only recordings have windows.
 
-    Windows never span a gap. A horizon without any is left out.
+    Windows follow one another and never span a gap. A horizon without any is left out.
     """
-    found = {}
-    for horizon in horizons:
-        position, yaw = [], []
-        for source, motions in driven:
-            for motion, piece in zip(motions, source.pieces, strict=True):
-                if piece.reference is None or piece.t is None:
-                    continue
-                starts, ends = horizon_windows(piece.t, horizon, piece.fresh)
-                errors = relative_pose_error(motion.pose, piece.reference.pose, starts, ends)
-                position.append(errors[0])
-                yaw.append(errors[1])
-        if sum(map(len, position)):
-            found[horizon] = horizon_errors(np.concatenate(position), np.concatenate(yaw))
-    return found
+    errors = {horizon: _errors_of(driven, horizon, horizon_windows) for horizon in horizons}
+    return {horizon: horizon_errors(*found) for horizon, found in errors.items() if found is not None}
+
+
+def window_errors_of(
+    driven: Sequence[tuple[Source, Sequence[Trajectory]]], horizons: Sequence[float]
+) -> dict[float, WindowErrors]:
+    """Return errors of the relative pose over windows that begin every second, by horizon [s], as `horizons_of` does."""
+    errors = {horizon: _errors_of(driven, horizon, overlapping_windows) for horizon in horizons}
+    return {horizon: WindowErrors(horizon, *found) for horizon, found in errors.items() if found is not None}
+
+
+def _errors_of(
+    driven: Sequence[tuple[Source, Sequence[Trajectory]]],
+    horizon: float,
+    windows: Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]],
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return (W,) position errors [m] and yaw errors [rad] over all windows; None where there is none."""
+    found = [
+        relative_pose_error(motion.pose, piece.reference.pose, *windows(piece.t, horizon, piece.fresh))
+        for source, motions in driven
+        for motion, piece in zip(motions, source.pieces, strict=True)
+        if piece.reference is not None and piece.t is not None
+    ]
+    if not sum(len(position) for position, _ in found):
+        return None
+    return np.concatenate([position for position, _ in found]), np.concatenate([yaw for _, yaw in found])

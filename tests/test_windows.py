@@ -1,0 +1,94 @@
+"""Overlapping windows, and intervals that keep their promise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ssmr.metrics.poses import horizon_windows
+from ssmr.metrics.windows import EVERY_S, WindowErrors, overlapping_windows
+
+
+def test_windows_begin_every_second_and_last_as_long_as_the_horizon() -> None:
+    t = np.arange(0.0, 30.0, 0.05)
+    starts, ends = overlapping_windows(t, 6.0)
+    np.testing.assert_allclose(np.diff(t[starts]), EVERY_S, atol=1e-9)
+    np.testing.assert_allclose(t[ends] - t[starts], 6.0, atol=1e-9)
+    assert t[ends[-1]] > t[-1] - EVERY_S
+    consecutive = horizon_windows(t, 6.0)
+    assert set(zip(*consecutive, strict=True)) <= set(zip(starts, ends, strict=True))
+
+
+def test_windows_begin_and_end_at_usable_samples() -> None:
+    t = np.arange(0.0, 20.0, 0.05)
+    usable = np.arange(len(t)) % 7 == 0
+    starts, ends = overlapping_windows(t, 3.0, usable)
+    assert usable[starts].all()
+    assert usable[ends].all()
+    assert len(set(starts)) == len(starts)
+    assert (t[ends] - t[starts] >= 3.0 - 1e-9).all()
+
+
+@pytest.mark.parametrize(("t", "usable"), [([0.0, 1.0], None), ([0.0, 9.0], [False, False]), ([0.0], None)])
+def test_where_no_window_fits_there_is_none(t: list[float], usable: list[bool] | None) -> None:
+    starts, ends = overlapping_windows(t, 5.0, usable)
+    assert len(starts) == len(ends) == 0
+
+
+def test_a_horizon_must_be_positive() -> None:
+    with pytest.raises(ValueError, match="horizon must be longer"):
+        overlapping_windows([0.0, 1.0], 0.0)
+
+
+def moving_sums(rng: np.random.Generator, n: int, horizon: int) -> np.ndarray:
+    """Sizes of errors that gather over a horizon, as those of dead reckoning do: neighbours share all but one sample."""
+    return np.abs(np.convolve(rng.normal(size=n + horizon - 1), np.ones(horizon), "valid"))
+
+
+def test_intervals_hold_the_true_median_about_as_often_as_they_say() -> None:
+    """Resampling single windows would hold it in less than half of the cases."""
+    rng = np.random.default_rng(4)
+    horizon, n, trials = 6, 150, 200
+    truth = np.median(moving_sums(rng, 400_000, horizon))
+    held = alone = 0
+    for _ in range(trials):
+        errors = moving_sums(rng, n, horizon)
+        found = WindowErrors(float(horizon), errors, errors).summary()
+        held += found.position_low_m <= truth <= found.position_high_m
+        draws = np.median(errors[rng.integers(0, n, (200, n))], axis=1)
+        low, high = np.percentile(draws, (5.0, 95.0))
+        alone += low <= truth <= high
+    assert 0.75 <= held / trials <= 0.97
+    assert alone < held
+
+
+def test_an_interval_holds_its_median_and_repeats() -> None:
+    errors = np.random.default_rng(0).exponential(size=100)
+    first, again = (WindowErrors(6.0, errors, 0.1 * errors).summary() for _ in range(2))
+    assert first == again
+    assert first.position_low_m <= first.position_median_m <= first.position_high_m
+    assert first.yaw_median_rad == pytest.approx(0.1 * first.position_median_m)
+    assert first.n == 100
+
+
+def test_a_short_recording_gets_the_range_of_its_errors() -> None:
+    errors = np.linspace(0.0, 1.0, 101)
+    found = WindowErrors(60.0, errors, errors).summary()
+    assert (found.position_low_m, found.position_high_m) == pytest.approx((0.05, 0.95))
+
+
+def test_a_small_but_steady_difference_is_seen_through_what_both_share() -> None:
+    rng = np.random.default_rng(1)
+    hard = moving_sums(rng, 300, 6)
+    one, steady, other = hard, 1.2 * hard, moving_sums(rng, 300, 6)
+    better = WindowErrors(6.0, one, one)
+    assert better.differs_from(WindowErrors(6.0, steady, other))[0]
+    assert better.differs_from(better) == (False, False)
+    assert WindowErrors(200.0, one, one).differs_from(WindowErrors(200.0, steady, steady)) == (False, False)
+    with pytest.raises(ValueError, match="300 windows here and 10 there"):
+        better.differs_from(WindowErrors(6.0, one[:10], one[:10]))
+
+
+def test_errors_need_a_window() -> None:
+    with pytest.raises(ValueError, match="no window"):
+        WindowErrors(6.0, np.zeros(0), np.zeros(0))

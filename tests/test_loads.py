@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.robot.loads import LoadModel, slope, static_loads
+from ssmr.robot.tracker import Tracker
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
@@ -79,7 +80,7 @@ def test_slope_differentiates() -> None:
 def test_the_husky_at_rest_carries_what_the_formula_says(com: tuple[float, float]) -> None:
     plant = MujocoPlant(HuskyCalibration(com_x=com[0], com_y=com[1]), STIFF)
     motion = plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05)
-    wanted = with_quasi_static(motion, plant, (0.0, 0.0)).channels[QUASI_STATIC][-1]
+    wanted = with_quasi_static(motion, plant, Tracker()).channels[QUASI_STATIC][-1]
     simulated = motion.channels[MEASURED][-1]
     np.testing.assert_allclose(PAIRS @ simulated, PAIRS @ wanted, rtol=STATIC_SHARE)
     if 0.0 in com:  # with both, the twist is left to springs, and MuJoCo's are as stiff as what they carry is heavy
@@ -92,7 +93,7 @@ def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
     turning = plant.run(Commands(0.05, np.tile([1.0, 0.5], (80, 1))), State(), 0.05)
     mean = 0.25 * load_model(plant).mass * 9.81
     for motion, window, transfer in ((speeding, slice(8, 15), 14.0), (turning, slice(50, 79), 6.0)):
-        formula = with_quasi_static(motion, plant, (0.0, 0.0)).channels[QUASI_STATIC][window].mean(axis=0)
+        formula = with_quasi_static(motion, plant, Tracker()).channels[QUASI_STATIC][window].mean(axis=0)
         simulated = motion.channels[MEASURED][window].mean(axis=0)
         assert np.abs(formula - mean).max() > transfer
         np.testing.assert_allclose(PAIRS @ simulated, PAIRS @ formula, rtol=0.0, atol=PAIR)
@@ -101,26 +102,21 @@ def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
 
 def test_loads_on_a_side_slope_are_the_formulas() -> None:
     plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF, terrain=parse_terrain("ramp:slope_deg=10,toward_deg=90"))
-    motion = with_quasi_static(plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05), plant, (0.0, 0.0))
+    motion = with_quasi_static(plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05), plant, Tracker())
     np.testing.assert_allclose(motion.channels[MEASURED][-1], motion.channels[QUASI_STATIC][-1], rtol=2 * STATIC_SHARE)
     found = summarise((motion,), static_loads(Vehicle()))
     assert found.quasi_static_rms_N < 0.1 * found.static_rms_N
     assert found.off_ground_share == (0.0,) * 4
 
 
-def test_a_shifted_tracked_point_changes_nothing() -> None:
+def test_where_the_motion_is_tracked_changes_no_load() -> None:
     plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF)
     motion = plant.run(TRAJECTORIES["traj1"].commands(), State(), 0.05)
-    here = with_quasi_static(motion, plant, (0.0, 0.0)).channels[QUASI_STATIC]
-    point = (0.1, -0.05)
-    seen = type(motion)(
-        motion.t,
-        motion.pose,
-        motion.twist + motion.twist[:, 2:] * [-point[1], point[0], 0.0],
-        motion.wheels,
-        motion.channels,
+    here = with_quasi_static(motion, plant, Tracker()).channels[QUASI_STATIC]
+    tracker = Tracker(0.1, -0.05, 0.3)
+    np.testing.assert_allclose(
+        with_quasi_static(tracker.seen(motion), plant, tracker).channels[QUASI_STATIC], here, rtol=1e-9
     )
-    np.testing.assert_allclose(with_quasi_static(seen, plant, point).channels[QUASI_STATIC], here, rtol=1e-9)
 
 
 def turning_drift(slope_angle: float, yaw_rate: float, friction: float, wheelbase: float, track: float) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors
+from ssmr.robot.tracker import Tracker
 from ssmr.types import Commands, Trajectory
 from validation.robots.plant import Health
 from validation.robots.terrain import FLAT, Terrain
@@ -34,8 +35,8 @@ class PlantResult:
     """Simulated over wall time [1]."""
     health: Health | None = None
     """The verdict on the wheel loads; only the MuJoCo Husky has one, and only on even ground."""
-    tracked_point: tuple[float, float] = (0.0, 0.0)
-    """The point (x, y) of the plant's body whose motion `pieces` is [m]."""
+    tracker: Tracker = Tracker()
+    """The frame in the plant's body whose motion `pieces` is."""
     loads: WheelLoads | None = None
     """The loads that its wheels carried; only the MuJoCo Husky knows them."""
     parameters: Mapping[str, Any] = field(default_factory=dict)

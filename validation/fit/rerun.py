@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.metrics.declared import compare_pieces
+from ssmr.parameters import described
+from ssmr.robot.tracker import Tracker
 from ssmr.types import Trajectory
 from validation.compare.data import ComparisonData, PlantResult
 from validation.compare.rerun import History, write_recording
@@ -36,24 +38,23 @@ def write_fit_recording(result: FitData, path: Path) -> None:
 def as_comparison(result: FitData) -> ComparisonData:
     """Return the first source that was fitted to as a comparison whose reference is the true motion, without commands.
 
-    Bodies are drawn by the tracked point where that was fitted, else as if it were the plants' own reference point.
+    Bodies are drawn by the tracked frame where that was fitted, else as if it were the plants' own.
     """
     first = result.train[0]
     reference = "truth" if first.reference_name == result.model else first.reference_name
     found = {p.name: p for p in result.parameters}
 
-    def tracked(of: Callable[[FittedParameter], float]) -> tuple[float, float]:
-        x, y = (of(found[name]) if name in found else 0.0 for name in ("tracked_x", "tracked_y"))
-        return x, y
+    def tracked(of: Callable[[FittedParameter], float]) -> Tracker:
+        return Tracker(**{name: of(found[name]) for name in described(Tracker) if name in found})
 
-    def plant(name: str, pieces: tuple[Trajectory, ...], point: tuple[float, float]) -> PlantResult:
-        return PlantResult(name, pieces, compare_pieces(pieces, first.truth), {}, math.nan, math.nan, tracked_point=point)
+    def plant(name: str, pieces: tuple[Trajectory, ...], tracker: Tracker) -> PlantResult:
+        return PlantResult(name, pieces, compare_pieces(pieces, first.truth), {}, math.nan, math.nan, tracker=tracker)
 
     plants = [plant(result.model, first.motion, tracked(lambda p: p.value))]
     if first.before:
         plants.append(plant("before", first.before, tracked(lambda p: p.before)))
     if reference != "recording":
-        plants.append(plant(reference, first.truth, (0.0, 0.0)))
+        plants.append(plant(reference, first.truth, Tracker()))
     return ComparisonData(
         first.label,
         result.begun_with,

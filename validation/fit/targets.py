@@ -128,7 +128,7 @@ def _truth(profile: Profile) -> _Resolve:
     def resolve(source: Source, label: str) -> FitTarget:
         if source.reference == "recording":
             return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
-        made, point = plant(source.reference), profile.plants[source.reference].tracked_point
-        return FitTarget(label, source, tuple(drive(made, piece, point, source.sample_dt) for piece in source.pieces))
+        made, tracker = plant(source.reference), profile.plants[source.reference].tracker
+        return FitTarget(label, source, tuple(drive(made, piece, tracker, source.sample_dt) for piece in source.pieces))
 
     return resolve

@@ -1,49 +1,30 @@
-"""A plant driven over a source's pieces, seen at the tracked point and at the reference's stamps; and its horizon scores."""
+"""A plant driven over a source's pieces, seen as the reference is; and its horizon scores."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr.geometry import shift_reference, shift_state
 from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
+from ssmr.robot.tracker import Tracker
 from ssmr.types import FloatArray, IndexArray, Plant, Trajectory
 from validation.motion.sources import Piece, Source
 
 
-def drive(
-    plant: Plant, piece: Piece, tracked: tuple[float, float], sample_dt: float, push: FloatArray | None = None
-) -> Trajectory:
-    """Drive a plant over one piece and return the motion of its tracked point at the reference's stamps.
+def drive(plant: Plant, piece: Piece, tracker: Tracker, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
+    """Drive a plant over one piece and return its motion as the reference tells its own, at the reference's stamps.
 
     Args:
         plant: what to drive; reset first.
         piece: commands, start and stamps.
-        tracked: the tracked point in the plant's body [m].
+        tracker: the frame in the plant's body that is compared, and its delays.
         sample_dt: period at which the plant is sampled [s].
         push: (n,) disturbing yaw acceleration of each physics step [rad/s2].
     """
-    start = shift_state(piece.start, (-tracked[0], -tracked[1]))  # puts the tracked point at the start of the piece
-    motion = plant.run(piece.commands, start, sample_dt, push)
-    pose = shift_reference(motion.pose, tracked)
-    twist = motion.twist + motion.twist[:, 2:] * np.array([-tracked[1], tracked[0], 0.0])
-    motion = replace(motion, pose=pose, twist=twist)
-    return motion if piece.t is None else resample(motion, piece.t)
-
-
-def resample(motion: Trajectory, t: np.ndarray) -> Trajectory:
-    """Return the motion at the stamps `t` [s], its first sample being at `t[0]`; linear between samples."""
-
-    def at(values: np.ndarray) -> np.ndarray:
-        columns = [np.interp(t, motion.t + t[0], column) for column in values.reshape(len(values), -1).T]
-        return np.column_stack(columns).reshape(len(t), *values.shape[1:])
-
-    channels = {name: at(values) for name, values in motion.channels.items()}
-    return Trajectory(t, at(motion.pose), at(motion.twist), at(motion.wheels), channels)
+    return tracker.seen(plant.run(piece.commands, tracker.body_state(piece.start), sample_dt, push), piece.t)
 
 
 def horizons_of(

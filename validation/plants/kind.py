@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from ssmr.parameters import described
+from ssmr.robot.tracker import Tracker
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State
 from validation.robots.physics import PhysicsSettings
@@ -26,8 +27,8 @@ class PlantProfile:
     """Mass and geometry; a plant with a body of its own has them in `parameters`."""
     drive: Drive
     """Saturation, delays and conversions between command and wheels."""
-    tracked_point: tuple[float, float]
-    """Point (x, y) in the body whose path is compared [m]."""
+    tracker: Tracker = Tracker()
+    """Frame on the body whose motion is compared, and how late a log tells it."""
 
 
 class Stretch(Protocol):
@@ -40,7 +41,7 @@ class Stretch(Protocol):
 
     @property
     def start(self) -> State:
-        """State of the tracked point at the first stamp."""
+        """State of the tracked frame at the first stamp."""
         ...
 
     @property
@@ -61,7 +62,7 @@ class Population(Protocol):
             sample_dt: period at which plants are sampled [s].
 
         Returns:
-            (len(which), M, 3) poses of each candidate's tracked point; NaN for a candidate that cannot be built or diverges.
+            (len(which), M, 3) poses of each candidate's tracked frame; NaN for a candidate that cannot be built or diverges.
         """
         ...
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ssmr.errors import SsmrError
-from ssmr.geometry import shift_reference, shift_state
 from ssmr.types import FloatArray, Plant
 from validation.plants.kind import PlantProfile, Stretch
 
@@ -41,11 +40,8 @@ class OneByOne:
         for row, i in enumerate(which):
             plant, candidate = self._plants[i], self._candidates[i]
             if plant is not None and candidate is not None:
-                x, y = candidate.tracked_point
+                tracker = candidate.tracker
                 with contextlib.suppress(SsmrError):
-                    motion = plant.run(piece.commands, shift_state(piece.start, (-x, -y)), sample_dt)
-                    pose = shift_reference(motion.pose, (x, y))
-                    if piece.t is not None:
-                        pose = np.column_stack([np.interp(piece.t, motion.t + piece.t[0], column) for column in pose.T])
-                    out[row] = pose
+                    motion = plant.run(piece.commands, tracker.body_state(piece.start), sample_dt)
+                    out[row] = tracker.seen(motion, piece.t).pose
         return out

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from ssmr._jit import config
-from ssmr.geometry import shift_reference, shift_state
+from ssmr.geometry import shift_reference
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive
@@ -75,13 +75,27 @@ class PlanarPopulation:
         out = np.full((len(which), samples, 3), np.nan)
         if not known:
             return out
-        offsets = np.array([candidate.tracked_point for _, _, candidate in known])
-        starts = [shift_state(piece.start, (-x, -y)) for x, y in offsets]
+        trackers = [candidate.tracker for _, _, candidate in known]
+        starts = [tracker.body_state(piece.start) for tracker in trackers]
         numba.set_num_threads(min(self._workers, config.NUMBA_NUM_THREADS))
         poses = run_population([model for _, model, _ in known], piece.commands, starts, sample_dt, PLANAR_DT)
-        if piece.t is not None:
-            at = np.clip((piece.t - piece.t[0]) / sample_dt, 0.0, poses.shape[1] - 1.0)
-            k = np.minimum(np.floor(at).astype(np.intp), poses.shape[1] - 2)
-            poses = poses[:, k] + (at - k)[:, None] * (poses[:, k + 1] - poses[:, k])
-        out[[row for row, _, _ in known]] = shift_reference(poses, offsets[:, None, :])
+        late = np.array([[t.position_late, t.yaw_late] for t in trackers]) / sample_dt
+        told = poses
+        if piece.t is not None or late.any():
+            places = np.arange(samples) if piece.t is None else (piece.t - piece.t[0]) / sample_dt
+            told = _at(poses, places - late[:, :1])
+        told = shift_reference(told, np.array([tracker.point for tracker in trackers])[:, None, :])
+        if np.any(late[:, 0] != late[:, 1]):
+            told[:, :, 2] = _at(poses, places - late[:, 1:])[:, :, 2]
+        told[:, :, 2] += np.array([[tracker.tracked_yaw] for tracker in trackers])
+        out[[row for row, _, _ in known]] = told
         return out
+
+
+def _at(poses: FloatArray, places: FloatArray) -> FloatArray:
+    """Return (S, M, 3) poses at (S, M) fractional samples of (S, N, 3) ones, held before the first and after the last."""
+    rows = np.arange(len(poses))[:, None]
+    at = np.clip(places, 0.0, poses.shape[1] - 1.0)
+    k = np.minimum(np.floor(at).astype(np.intp), poses.shape[1] - 2)
+    before = poses[rows, k]
+    return np.asarray(before + (at - k)[:, :, None] * (poses[rows, k + 1] - before))

@@ -1,9 +1,9 @@
 """Calibrated parameter sets: TOML files with provenance, shipped or the user's own.
 
 A profile has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they
-differ from the common ones its own `vehicle`, `drive` and `tracked_point` (x, y of the point whose path is compared, in
-the plant's body [m]). What a profile does not say has the default of its field, which for the thesis' models is the
-published value.
+differ from the common ones its own `vehicle` and `drive`, and `tracker`: the frame in the plant's body that is compared, and
+its delays. What a profile does not say has the default of its field, which for the thesis' models is the published value.
+Profiles before 1.2 have `tracked_point` (x, y) [m] in the place of `tracker`; they are read too.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 
 import tomli_w
 
+from ssmr.robot.tracker import Tracker
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Plant
 from validation import reading, store
@@ -58,13 +59,13 @@ class Profile:
         """Write a TOML file without the numbers that have their default; return its path. `load_profile` reads it back."""
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
-            parts = (("parameters", plant_kind(name).parameters()), ("vehicle", Vehicle()), ("drive", Drive()))
+            own = plant_kind(name).parameters()
+            parts = (("parameters", own), ("vehicle", Vehicle()), ("drive", Drive()), ("tracker", Tracker()))
             changed = {
                 part: {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
                 for part, default in parts
             }
-            point = {"tracked_point": list(plant.tracked_point)} if any(plant.tracked_point) else {}
-            if section := {**point, **{part: values for part, values in changed.items() if values}}:
+            if section := {part: values for part, values in changed.items() if values}:
                 plants[name] = section
         document = {"schema": SCHEMA, "name": self.name, "description": self.description, "plants": plants}
         text = tomli_w.dumps(store.encodable({**document, "provenance": dict(self.provenance)}))
@@ -120,7 +121,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     for name in PLANTS:
         section = sections.get(name, {})
         where = f"plants.{name}"
-        reading.require_known(section, {"parameters", "vehicle", "drive", "tracked_point"}, where)
+        reading.require_known(section, {"parameters", "vehicle", "drive", "tracker", "tracked_point"}, where)
         point = section.get("tracked_point", [0.0, 0.0])
         if not (isinstance(point, list) and len(point) == 2 and all(_is_number(p) and math.isfinite(p) for p in point)):
             raise ValueError(f"{where}.tracked_point is {reprlib.repr(point)}, wanted two numbers [m]")
@@ -128,7 +129,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
             _fill(plant_kind(name).parameters(), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
-            (float(point[0]), float(point[1])),
+            _fill(Tracker(float(point[0]), float(point[1])), section.get("tracker", {}), f"{where}.tracker"),
         )
     name, description = document.get("name", "unnamed"), document.get("description", "")
     provenance = document.get("provenance", {})

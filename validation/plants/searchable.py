@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from ssmr.parameters import described
+from ssmr.robot.tracker import Tracker
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.search.space import Parameter, ParameterSpace
 from validation.plants.kind import PlantProfile
@@ -18,22 +19,17 @@ class Searchable(Parameter):
     """A number of a plant that a fit may move, with its default bounds."""
 
     places: tuple[str, ...] = ()
-    """Places in a `PlantProfile`: `section.field`, or `tracked_point.0`."""
+    """Places in a `PlantProfile`, as `section.field`."""
 
     def read(self, plant: PlantProfile) -> float:
         """Return the value in a profile; of several places the first."""
         section, _, field = self.places[0].partition(".")
-        owner = getattr(plant, section)
-        return float(owner[int(field)] if section == "tracked_point" else getattr(owner, field))
+        return float(getattr(getattr(plant, section), field))
 
 
 _DELAY = described(Drive)["delay_v"].search or (0.0, 0.0)
-_EVERY_PLANT = (
-    Searchable("delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")),
-    Searchable("tracked_x", "m", -0.4, 0.4, places=("tracked_point.0",)),
-    Searchable("tracked_y", "m", -0.2, 0.2, places=("tracked_point.1",)),
-)
-"""Numbers that are no single field: one delay for both commands, and the point whose path is compared."""
+_EVERY_PLANT = (Searchable("delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")),)
+"""A number that is no single field: one delay for both commands."""
 
 
 def _declared(section: str, kind: type, allowed: Container[str]) -> tuple[Searchable, ...]:
@@ -57,6 +53,7 @@ def searchable(plant: str) -> tuple[Searchable, ...]:
         *_declared("vehicle", Vehicle, kind.vehicle),
         *_declared("drive", Drive, kind.drive),
         *_EVERY_PLANT,
+        *_declared("tracker", Tracker, described(Tracker)),
     )
 
 
@@ -99,14 +96,10 @@ def with_values(name: str, plant: PlantProfile, names: Sequence[str], values: It
     Raises:
         ValueError: an unknown name, or numbers that the plant cannot have.
     """
-    sections: dict[str, dict[str, float]] = {"parameters": {}, "vehicle": {}, "drive": {}}
-    point = list(plant.tracked_point)
+    sections: dict[str, dict[str, float]] = {"parameters": {}, "vehicle": {}, "drive": {}, "tracker": {}}
     for number, value in zip(names, values, strict=True):
         for place in find(name, number).places:
             section, _, field = place.partition(".")
-            if section == "tracked_point":
-                point[int(field)] = float(value)
-            else:
-                sections[section][field] = float(value)
+            sections[section][field] = float(value)
     changed = {section: replace(getattr(plant, section), **given) for section, given in sections.items() if given}
-    return replace(plant, tracked_point=(point[0], point[1]), **changed)
+    return replace(plant, **changed)

@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.geometry import quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world, shift_reference
+from ssmr.geometry import quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world
+from ssmr.robot.tracker import Tracker
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT, Terrain
@@ -53,8 +54,8 @@ class Track:
     pieces: tuple[Trajectory, ...]
     reference: Track | None
     """The robot to compare with; None for that robot itself."""
-    tracked_point: tuple[float, float] = (0.0, 0.0)
-    """The point of the body whose poses these are [m]."""
+    tracker: Tracker = Tracker()
+    """The frame in the body whose poses these are."""
     terrain: Terrain = FLAT
     """Ground under the robot."""
 
@@ -81,7 +82,7 @@ class Track:
     @cached_property
     def body(self) -> FloatArray:
         """(M, 3) poses of the body's own reference point, the middle between the axles [m, m, rad]."""
-        return shift_reference(self.pose, np.negative(self.tracked_point))
+        return self.tracker.body_pose(self.pose)
 
     @cached_property
     def raised(self) -> FloatArray:

@@ -1,0 +1,92 @@
+"""The localiser of a log: which point and heading of the robot it tells, and how late.
+
+A localiser, such as lidar odometry or motion capture, sits somewhere on the robot and looks some way; its position and its
+heading may be filtered differently and so come with different delays. A prediction is compared with a log only after the
+robot's motion has been seen in the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, shift_reference, shift_state
+from ssmr.parameters import check_parameters, parameter
+from ssmr.types import FloatArray, State, Trajectory
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """What a log's pose means: a frame that is fixed to the robot's body, told with delays."""
+
+    tracked_x: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.4, 0.4))
+    """Place of the tracked point ahead of the body's reference point [m]."""
+    tracked_y: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.2, 0.2))
+    """Place of the tracked point to the left of the body's reference point [m]."""
+    tracked_yaw: float = parameter(0.0, unit="rad", low=-3.2, high=3.2, search=(-0.1, 0.1))
+    """Heading of the tracked frame in the body [rad]; a lidar that looks a little to the left has a positive one."""
+    position_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-0.3, 0.3))
+    """Delay of the positions behind the motion that the plant is driven with [s]: the log's wheels, or its commands with the
+    plant's own delay. Negative where positions are early, because the wheels are logged late."""
+    yaw_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-0.3, 0.3))
+    """Delay of the headings behind the same motion [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_parameters(self)
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """Return the tracked point (x, y) in the body [m]."""
+        return self.tracked_x, self.tracked_y
+
+    def body_state(self, seen: State) -> State:
+        """Return the state of the body whose tracked frame has the state `seen`."""
+        v_x, v_y = rotate_body_to_world([seen.v_x, seen.v_y], self.tracked_yaw)
+        turned = replace(seen, yaw=seen.yaw - self.tracked_yaw, v_x=float(v_x), v_y=float(v_y))
+        return shift_state(turned, (-self.tracked_x, -self.tracked_y))
+
+    def body_pose(self, seen: ArrayLike) -> FloatArray:
+        """Return (..., 3) poses of the body from those of the tracked frame."""
+        turned = np.asarray(seen, dtype=np.float64) - np.array([0.0, 0.0, self.tracked_yaw])
+        return shift_reference(turned, (-self.tracked_x, -self.tracked_y))
+
+    def body_twist(self, seen: ArrayLike) -> FloatArray:
+        """Return (..., 3) twists v_x, v_y, yaw rate of the body from those of the tracked frame."""
+        twist = np.asarray(seen, dtype=np.float64)
+        velocity = rotate_body_to_world(twist[..., :2], self.tracked_yaw)
+        lever = twist[..., 2:] * np.array([-self.tracked_y, self.tracked_x])
+        return np.concatenate([velocity - lever, twist[..., 2:]], axis=-1)
+
+    def seen_pose(self, body: ArrayLike) -> FloatArray:
+        """Return (..., 3) poses of the tracked frame from those of the body."""
+        return np.asarray(shift_reference(body, self.point) + np.array([0.0, 0.0, self.tracked_yaw]))
+
+    def seen(self, motion: Trajectory, t: ArrayLike | None = None) -> Trajectory:
+        """Return a body's motion as the log tells it.
+
+        Args:
+            motion: the body's motion.
+            t: (M,) stamps of the log [s], the first of which is that of the motion's first sample; None: the motion's own.
+
+        Returns:
+            The motion of the tracked frame at these stamps, linear between samples. Only the pose is late: the first pose is
+            told until the delay is over.
+        """
+        lever = motion.twist[:, 2:] * np.array([-self.tracked_y, self.tracked_x])
+        velocity = rotate_world_to_body(motion.twist[:, :2] + lever, self.tracked_yaw)
+        pose, twist = self.seen_pose(motion.pose), np.concatenate([velocity, motion.twist[:, 2:]], axis=1)
+        if t is None and self.position_late == self.yaw_late == 0.0:
+            return replace(motion, pose=pose, twist=twist)
+        stamps = motion.t if t is None else np.asarray(t, dtype=np.float64)
+        clock = motion.t if t is None else motion.t + stamps[0]
+
+        def at(values: FloatArray, late: float = 0.0) -> FloatArray:
+            columns = [np.interp(stamps - late, clock, column) for column in values.reshape(len(values), -1).T]
+            return np.column_stack(columns).reshape(len(stamps), *values.shape[1:])
+
+        told = np.concatenate([at(pose[:, :2], self.position_late), at(pose[:, 2:], self.yaw_late)], axis=1)
+        channels = {name: at(values) for name, values in motion.channels.items()}
+        return Trajectory(stamps, told, at(twist), at(motion.wheels), channels)

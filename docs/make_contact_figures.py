@@ -104,7 +104,7 @@ def draw_speed(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes
     """Draw the speed along trajectory 3, on ground turned by 45 degrees."""
     piece = replace(open_source("traj3").pieces[0], start=State(yaw=TURNED))
     for key, (colour, words) in LADDER.items():
-        motion: Trajectory = drive(make_variant(found[key], section), piece, section.tracker, SAMPLE)
+        motion: Trajectory = drive(make_variant(found[key], section), piece, section.localiser, SAMPLE)
         ax.plot(motion.t, motion.twist[:, 0], color=colour, lw=1.0, label=words)
         print(f"{words}: up to {motion.twist[motion.t > 3.0, 0].max():.3f} m/s on trajectory 3")
     ax.axhline(0.5, color="black", lw=0.8, ls=":")

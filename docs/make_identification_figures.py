@@ -266,7 +266,7 @@ def table_scores(path: str) -> None:
         for given, kind in kinds.items():
             source = open_source(path, kind, start, stop)
             for name in PLANTS:
-                plant, point = make_plant(profile, name), profile.plants[name].tracker
+                plant, point = make_plant(profile, name), profile.plants[name].localiser
                 apart: list[FloatArray] = []
                 overlapping: list[FloatArray] = []
                 for piece in source.pieces:

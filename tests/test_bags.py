@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from tests.bag_factory import KINDS, Maker, Message, circle, write
 from tests.conftest import ROUNDOFF
 from validation.logs.bag_recording import choose_topics, to_local, vertical
@@ -76,7 +76,7 @@ def test_compare_and_fit_take_bags_for_recordings(bag_path: Path, lab: Profile) 
     (piece,) = source.pieces
     assert piece.t is not None
     assert piece.t[-1] <= 2.0
-    motion = drive(make_plant(lab, "kinematic"), piece, Tracker(), source.sample_dt)
+    motion = drive(make_plant(lab, "kinematic"), piece, Localiser(), source.sample_dt)
     assert len(motion) == len(piece.t)
 
 

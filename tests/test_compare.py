@@ -15,7 +15,7 @@ import pytest
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import shift_state
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import data_folder, metrics_of
 from validation import cli
@@ -52,7 +52,7 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
     driving = (t >= 1.0)[:, None]  # it stands at first: what was commanded before a log begins nobody knows
     commands = Commands(0.05, np.column_stack([0.3 + 0.1 * np.sin(t), np.sin(0.7 * t)]) * driving)
     motion = make_plant(profile, plant).run(commands, State(), 0.05)
-    pose = profile.plants[plant].tracker.seen_pose(motion.pose)
+    pose = profile.plants[plant].localiser.seen_pose(motion.pose)
     held = np.vstack([commands.values, commands.values[-1:]])
     columns = {
         "t": motion.t,
@@ -147,7 +147,7 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     (tmp_path / "p.toml").write_text(text)
     shifted = load_profile(str(tmp_path / "p.toml"))
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))
-    there = drive(make_plant(shifted, "kinematic"), source.pieces[0], Tracker(0.3, 0.1), source.sample_dt)
+    there = drive(make_plant(shifted, "kinematic"), source.pieces[0], Localiser(0.3, 0.1), source.sample_dt)
     assert np.allclose(there.pose[0], source.pieces[0].reference.pose[0])  # type: ignore[union-attr]
     error = horizons_of([(source, [there])], (2.0,))[2.0].position_median_m
     assert 0.02 < error < 0.4
@@ -163,7 +163,7 @@ def test_moving_the_reference_moves_its_velocity_with_it() -> None:
 
 def test_resampling_keeps_what_is_on_the_grid(lab: Profile) -> None:
     motion = make_plant(lab, "improved").run(open_source("traj1").pieces[0].commands, State(), 0.01)
-    again = Tracker().seen(motion, 7.0 + motion.t[::5])
+    again = Localiser().seen(motion, 7.0 + motion.t[::5])
     assert np.allclose(again.pose, motion.pose[::5], atol=1e-12)
     assert np.allclose(again.channels["torque_N_m"], motion.channels["torque_N_m"][::5], atol=1e-9)
 

@@ -177,7 +177,7 @@ def test_d_rms_is_the_comparisons(small: ContactStudy, bench: Bench, lab: Profil
     record = lab.provenance["mujoco"]["d_rms_m"]
     found = of(small, BASELINE).d_rms_m["improved"]
     assert {name: pytest.approx(value, abs=2e-4) for name, value in record.items()} == dict(found)
-    motion = drive(make_variant(BASELINE, bench.lab), bench.scenarios["traj4"], bench.lab.tracker, bench_module.SAMPLE)
+    motion = drive(make_variant(BASELINE, bench.lab), bench.scenarios["traj4"], bench.lab.localiser, bench_module.SAMPLE)
     assert motion.pose[0] == pytest.approx([State().x, State().y, State().yaw], abs=1e-12)
 
 
@@ -186,7 +186,7 @@ def test_a_recording_is_judged_from_its_wheel_rates(lab: Profile) -> None:
     section = lab.plants["mujoco"]
     commands = Commands(0.05, np.tile([0.4, 0.5], (400, 1)))
     piece = Piece(commands, State(), None, None)
-    made = drive(make_variant(BASELINE, section), piece, section.tracker, 0.05)
+    made = drive(make_variant(BASELINE, section), piece, section.localiser, 0.05)
     names, columns = ("t", "enc_left", "enc_right", "x", "y", "yaw"), np.column_stack([made.t, made.wheels, made.pose])
     recording = Recording.from_columns("made", dict(zip(names, columns.T, strict=True)))
     with_recording = make_bench(lab, lab, source_of(recording, "made", "wheels"))

@@ -204,7 +204,7 @@ def test_the_cost_has_a_timeline_of_its_own(tmp_path: Path) -> None:
 def test_bodies_stand_by_the_tracked_point_that_was_fitted() -> None:
     made = result(1, parameters=(parameter("tracked_x", 0.75, 0.01), parameter("tracked_y", 0.5, 0.01)))
     shown = as_comparison(made)
-    assert shown.plants["mujoco"].tracker.point == pytest.approx((0.2, 0.0))
-    assert shown.plants["before"].tracker.point == pytest.approx(tuple(p.before for p in made.parameters))
-    assert shown.plants["improved"].tracker.point == (0.0, 0.0)
+    assert shown.plants["mujoco"].localiser.point == pytest.approx((0.2, 0.0))
+    assert shown.plants["before"].localiser.point == pytest.approx(tuple(p.before for p in made.parameters))
+    assert shown.plants["improved"].localiser.point == (0.0, 0.0)
     assert shown.commands == ()

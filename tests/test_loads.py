@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.robot.loads import LoadModel, slope, static_loads
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
@@ -80,7 +80,7 @@ def test_slope_differentiates() -> None:
 def test_the_husky_at_rest_carries_what_the_formula_says(com: tuple[float, float]) -> None:
     plant = MujocoPlant(HuskyCalibration(com_x=com[0], com_y=com[1]), STIFF)
     motion = plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05)
-    wanted = with_quasi_static(motion, plant, Tracker()).channels[QUASI_STATIC][-1]
+    wanted = with_quasi_static(motion, plant, Localiser()).channels[QUASI_STATIC][-1]
     simulated = motion.channels[MEASURED][-1]
     np.testing.assert_allclose(PAIRS @ simulated, PAIRS @ wanted, rtol=STATIC_SHARE)
     if 0.0 in com:  # with both, the twist is left to springs, and MuJoCo's are as stiff as what they carry is heavy
@@ -93,7 +93,7 @@ def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
     turning = plant.run(Commands(0.05, np.tile([1.0, 0.5], (80, 1))), State(), 0.05)
     mean = 0.25 * load_model(plant).mass * 9.81
     for motion, window, transfer in ((speeding, slice(8, 15), 14.0), (turning, slice(50, 79), 6.0)):
-        formula = with_quasi_static(motion, plant, Tracker()).channels[QUASI_STATIC][window].mean(axis=0)
+        formula = with_quasi_static(motion, plant, Localiser()).channels[QUASI_STATIC][window].mean(axis=0)
         simulated = motion.channels[MEASURED][window].mean(axis=0)
         assert np.abs(formula - mean).max() > transfer
         np.testing.assert_allclose(PAIRS @ simulated, PAIRS @ formula, rtol=0.0, atol=PAIR)
@@ -102,7 +102,7 @@ def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
 
 def test_loads_on_a_side_slope_are_the_formulas() -> None:
     plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF, terrain=parse_terrain("ramp:slope_deg=10,toward_deg=90"))
-    motion = with_quasi_static(plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05), plant, Tracker())
+    motion = with_quasi_static(plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05), plant, Localiser())
     np.testing.assert_allclose(motion.channels[MEASURED][-1], motion.channels[QUASI_STATIC][-1], rtol=2 * STATIC_SHARE)
     found = summarise((motion,), static_loads(Vehicle()))
     assert found.quasi_static_rms_N < 0.1 * found.static_rms_N
@@ -112,10 +112,10 @@ def test_loads_on_a_side_slope_are_the_formulas() -> None:
 def test_where_the_motion_is_tracked_changes_no_load() -> None:
     plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF)
     motion = plant.run(TRAJECTORIES["traj1"].commands(), State(), 0.05)
-    here = with_quasi_static(motion, plant, Tracker()).channels[QUASI_STATIC]
-    tracker = Tracker(0.1, -0.05, 0.3)
+    here = with_quasi_static(motion, plant, Localiser()).channels[QUASI_STATIC]
+    localiser = Localiser(0.1, -0.05, 0.3)
     np.testing.assert_allclose(
-        with_quasi_static(tracker.seen(motion), plant, tracker).channels[QUASI_STATIC], here, rtol=1e-9
+        with_quasi_static(localiser.seen(motion), plant, localiser).channels[QUASI_STATIC], here, rtol=1e-9
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ssmr.metrics.declared import compare_paths
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import State, Trajectory
 from tests.conftest import EXACT, ROUNDOFF
 from validation.fit.objective import FitCost, FitTarget, make_raters, windows
@@ -41,7 +41,7 @@ def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Re
 def scenario(lab: Profile, name: str = "traj4@improved") -> FitTarget:
     source = open_source(name)
     plant = make_plant(lab, source.reference)
-    return FitTarget(name, source, tuple(drive(plant, p, Tracker(), source.sample_dt) for p in source.pieces))
+    return FitTarget(name, source, tuple(drive(plant, p, Localiser(), source.sample_dt) for p in source.pieces))
 
 
 def log_target(lab: Profile, kind: str = "twist") -> FitTarget:
@@ -84,7 +84,9 @@ def test_path_cost_is_equation_3_1(lab: Profile) -> None:
         candidate = p.candidate(point)
         assert candidate is not None
         plant = make_plant(Profile("", "", {"improved": candidate}, {}), "improved")
-        m = compare_paths(drive(plant, target.source.pieces[0], candidate.tracker, target.source.sample_dt), target.truth[0])
+        m = compare_paths(
+            drive(plant, target.source.pieces[0], candidate.localiser, target.source.sample_dt), target.truth[0]
+        )
         assert cost == pytest.approx(20 * m["d_rms_m"] + 8 * m["d_haus_m"] + 5 * abs(1 - m["d_ratio"]), rel=1e-9)
 
 
@@ -96,7 +98,9 @@ def test_sync_cost_is_what_comparisons_print(lab: Profile) -> None:
         candidate = p.candidate(point)
         assert candidate is not None
         plant = make_plant(Profile("", "", {"coulomb": candidate}, {}), "coulomb")
-        m = compare_paths(drive(plant, target.source.pieces[0], candidate.tracker, target.source.sample_dt), target.truth[0])
+        m = compare_paths(
+            drive(plant, target.source.pieces[0], candidate.localiser, target.source.sample_dt), target.truth[0]
+        )
         assert cost == pytest.approx(m["sync_rms_m"] + 0.5 * m["yaw_rms_rad"], rel=1e-9)
 
 
@@ -168,12 +172,12 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
         target = log_target(lab, kind)
         piece = target.source.pieces[0]
         for name, plant in lab.plants.items():
-            other = replace(plant, tracker=Tracker(0.12, -0.03, 0.05, -0.09, 0.02))
+            other = replace(plant, localiser=Localiser(0.12, -0.03, 0.05, -0.09, 0.02))
             many = plant_kind(name).population([plant, None, other], 2).poses([0, 1, 2], piece, target.source.sample_dt)
             assert np.isnan(many[1]).all()
             for row, profile in ((0, plant), (2, other)):
                 made = make_plant(Profile("", "", {name: profile}, {}), name)
-                alone = drive(made, piece, profile.tracker, target.source.sample_dt).pose
+                alone = drive(made, piece, profile.localiser, target.source.sample_dt).pose
                 assert np.abs(many[row] - alone).max() < 1e-12
 
 

@@ -43,7 +43,7 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
     assert profile.plants["coulomb"].drive.delay_v == 0.1
     assert profile.plants["improved"].drive.delay_v == 0.3
     assert profile.plants["improved"].vehicle.mass == 50.0
-    assert profile.plants["improved"].tracker.point == (0.1, -0.2)
+    assert profile.plants["improved"].localiser.point == (0.1, -0.2)
     assert math.isinf(profile.plants["coulomb"].drive.acceleration_v)
     assert profile.as_dict()["coulomb"]["drive"]["acceleration_v"] is None  # JSON has no infinity
 

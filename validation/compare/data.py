@@ -10,7 +10,7 @@ from typing import Any
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, Trajectory
 from validation.robots.plant import Health
 from validation.robots.terrain import FLAT, Terrain
@@ -35,7 +35,7 @@ class PlantResult:
     """Simulated over wall time [1]."""
     health: Health | None = None
     """The verdict on the wheel loads; only the MuJoCo Husky has one, and only on even ground."""
-    tracker: Tracker = Tracker()
+    localiser: Localiser = Localiser()
     """The frame in the plant's body whose motion `pieces` is."""
     loads: WheelLoads | None = None
     """The loads that its wheels carried; only the MuJoCo Husky knows them."""

@@ -114,9 +114,9 @@ def _tracks(comparison: ComparisonData) -> list[Track]:
     plants = comparison.plants
     known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say
     ground = comparison.terrain
-    reference = Track(comparison.reference_name, comparison.reference, None, known.tracker, ground)
+    reference = Track(comparison.reference_name, comparison.reference, None, known.localiser, ground)
     others = [result for result in plants.values() if result.name != reference.name]
-    return [reference, *(Track(result.name, result.pieces, reference, result.tracker, ground) for result in others)]
+    return [reference, *(Track(result.name, result.pieces, reference, result.localiser, ground) for result in others)]
 
 
 def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None:

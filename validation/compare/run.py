@@ -113,7 +113,7 @@ class PreparedComparison:
             loads = summarise(tuple(driven), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None
             results[name] = PlantResult(
                 name, tuple(driven), compare_pieces(driven, truth), horizons, wall[name], simulated / wall[name],
-                health, self.profile.plants[name].tracker, loads, every[name],
+                health, self.profile.plants[name].localiser, loads, every[name],
                 window_errors_of([(source, driven)], settings.horizons) if recorded else {},
             )  # fmt: skip
         commands = tuple(piece.commands for piece in source.pieces)
@@ -129,7 +129,7 @@ class PreparedComparison:
 
         def one_plant(name: str) -> tuple[list[Trajectory], float]:
             nonlocal done
-            plant, tracker = self.plants[name], self.profile.plants[name].tracker
+            plant, localiser = self.plants[name], self.profile.plants[name].localiser
             plant.run(WARM_UP, State(), 0.05)
             began = time.perf_counter()
             motions = []
@@ -139,13 +139,13 @@ class PreparedComparison:
                     if self.settings.disturbance:
                         rng = np.random.default_rng(self.settings.seed)
                         push = yaw_disturbance(piece.commands.duration, plant.dt, rng)
-                    motions.append(drive(plant, piece, tracker, self.source.sample_dt, push))
+                    motions.append(drive(plant, piece, localiser, self.source.sample_dt, push))
                     with told:
                         done += 1
                         progress(Progress(done, total, f"{name} has driven"))
             wall = time.perf_counter() - began
             if isinstance(plant, MujocoPlant):
-                motions = [with_quasi_static(motion, plant, tracker) for motion in motions]
+                motions = [with_quasi_static(motion, plant, localiser) for motion in motions]
             return motions, wall
 
         with ThreadPoolExecutor(workers) as pool:

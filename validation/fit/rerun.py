@@ -10,7 +10,7 @@ import numpy as np
 
 from ssmr.metrics.declared import compare_pieces
 from ssmr.parameters import described
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import Trajectory
 from validation.compare.data import ComparisonData, PlantResult
 from validation.compare.rerun import History, write_recording
@@ -44,17 +44,17 @@ def as_comparison(result: FitData) -> ComparisonData:
     reference = "truth" if first.reference_name == result.model else first.reference_name
     found = {p.name: p for p in result.parameters}
 
-    def tracked(of: Callable[[FittedParameter], float]) -> Tracker:
-        return Tracker(**{name: of(found[name]) for name in described(Tracker) if name in found})
+    def tracked(of: Callable[[FittedParameter], float]) -> Localiser:
+        return Localiser(**{name: of(found[name]) for name in described(Localiser) if name in found})
 
-    def plant(name: str, pieces: tuple[Trajectory, ...], tracker: Tracker) -> PlantResult:
-        return PlantResult(name, pieces, compare_pieces(pieces, first.truth), {}, math.nan, math.nan, tracker=tracker)
+    def plant(name: str, pieces: tuple[Trajectory, ...], localiser: Localiser) -> PlantResult:
+        return PlantResult(name, pieces, compare_pieces(pieces, first.truth), {}, math.nan, math.nan, localiser=localiser)
 
     plants = [plant(result.model, first.motion, tracked(lambda p: p.value))]
     if first.before:
         plants.append(plant("before", first.before, tracked(lambda p: p.before)))
     if reference != "recording":
-        plants.append(plant(reference, first.truth, Tracker()))
+        plants.append(plant(reference, first.truth, Localiser()))
     return ComparisonData(
         first.label,
         result.begun_with,

@@ -185,11 +185,11 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget
     """Return the fields of a `FitResult` that say how well the fitted plant predicts motion."""
     fitted = problem.candidate(point)
     assert fitted is not None
-    plants = [(_built(problem.model, p), p.tracker) for p in (fitted, problem.base)]
+    plants = [(_built(problem.model, p), p.localiser) for p in (fitted, problem.base)]
 
     def motions(target: FitTarget, which: int) -> tuple[Trajectory, ...]:
-        plant, tracker = plants[which]
-        return tuple(drive(plant, piece, tracker, target.source.sample_dt) for piece in target.source.pieces)
+        plant, localiser = plants[which]
+        return tuple(drive(plant, piece, localiser, target.source.sample_dt) for piece in target.source.pieces)
 
     def scored(target: FitTarget) -> Scored:
         motion = motions(target, 0)

@@ -128,7 +128,7 @@ def _truth(profile: Profile) -> _Resolve:
     def resolve(source: Source, label: str) -> FitTarget:
         if source.reference == "recording":
             return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
-        made, tracker = plant(source.reference), profile.plants[source.reference].tracker
-        return FitTarget(label, source, tuple(drive(made, piece, tracker, source.sample_dt) for piece in source.pieces))
+        made, localiser = plant(source.reference), profile.plants[source.reference].localiser
+        return FitTarget(label, source, tuple(drive(made, piece, localiser, source.sample_dt) for piece in source.pieces))
 
     return resolve

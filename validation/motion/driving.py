@@ -9,22 +9,22 @@ from numpy.typing import NDArray
 
 from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Plant, Trajectory
 from validation.motion.sources import Piece, Source
 
 
-def drive(plant: Plant, piece: Piece, tracker: Tracker, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
+def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
     """Drive a plant over one piece and return its motion as the reference tells its own, at the reference's stamps.
 
     Args:
         plant: what to drive; reset first.
         piece: commands, start and stamps.
-        tracker: the frame in the plant's body that is compared, and its delays.
+        localiser: the frame in the plant's body that is compared, and its delays.
         sample_dt: period at which the plant is sampled [s].
         push: (n,) disturbing yaw acceleration of each physics step [rad/s2].
     """
-    return tracker.seen(plant.run(piece.commands, tracker.body_state(piece.start), sample_dt, push), piece.t)
+    return localiser.seen(plant.run(piece.commands, localiser.body_state(piece.start), sample_dt, push), piece.t)
 
 
 def horizons_of(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from ssmr.parameters import described
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State
 from validation.robots.physics import PhysicsSettings
@@ -27,7 +27,7 @@ class PlantProfile:
     """Mass and geometry; a plant with a body of its own has them in `parameters`."""
     drive: Drive
     """Saturation, delays and conversions between command and wheels."""
-    tracker: Tracker = Tracker()
+    localiser: Localiser = Localiser()
     """Frame on the body whose motion is compared, and how late a log tells it."""
 
 

@@ -40,8 +40,8 @@ class OneByOne:
         for row, i in enumerate(which):
             plant, candidate = self._plants[i], self._candidates[i]
             if plant is not None and candidate is not None:
-                tracker = candidate.tracker
+                localiser = candidate.localiser
                 with contextlib.suppress(SsmrError):
-                    motion = plant.run(piece.commands, tracker.body_state(piece.start), sample_dt)
-                    out[row] = tracker.seen(motion, piece.t).pose
+                    motion = plant.run(piece.commands, localiser.body_state(piece.start), sample_dt)
+                    out[row] = localiser.seen(motion, piece.t).pose
         return out

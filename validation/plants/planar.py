@@ -75,19 +75,19 @@ class PlanarPopulation:
         out = np.full((len(which), samples, 3), np.nan)
         if not known:
             return out
-        trackers = [candidate.tracker for _, _, candidate in known]
-        starts = [tracker.body_state(piece.start) for tracker in trackers]
+        localisers = [candidate.localiser for _, _, candidate in known]
+        starts = [localiser.body_state(piece.start) for localiser in localisers]
         numba.set_num_threads(min(self._workers, config.NUMBA_NUM_THREADS))
         poses = run_population([model for _, model, _ in known], piece.commands, starts, sample_dt, PLANAR_DT)
-        late = np.array([[t.position_late, t.yaw_late] for t in trackers]) / sample_dt
+        late = np.array([[t.position_late, t.yaw_late] for t in localisers]) / sample_dt
         told = poses
         if piece.t is not None or late.any():
             places = np.arange(samples) if piece.t is None else (piece.t - piece.t[0]) / sample_dt
             told = _at(poses, places - late[:, :1])
-        told = shift_reference(told, np.array([tracker.point for tracker in trackers])[:, None, :])
+        told = shift_reference(told, np.array([localiser.point for localiser in localisers])[:, None, :])
         if np.any(late[:, 0] != late[:, 1]):
             told[:, :, 2] = _at(poses, places - late[:, 1:])[:, :, 2]
-        told[:, :, 2] += np.array([[tracker.tracked_yaw] for tracker in trackers])
+        told[:, :, 2] += np.array([[localiser.tracked_yaw] for localiser in localisers])
         out[[row for row, _, _ in known]] = told
         return out
 

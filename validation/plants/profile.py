@@ -1,9 +1,9 @@
 """Calibrated parameter sets: TOML files with provenance, shipped or the user's own.
 
 A profile has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they
-differ from the common ones its own `vehicle` and `drive`, and `tracker`: the frame in the plant's body that is compared, and
-its delays. What a profile does not say has the default of its field, which for the thesis' models is the published value.
-Profiles before 1.2 have `tracked_point` (x, y) [m] in the place of `tracker`; they are read too.
+differ from the common ones its own `vehicle` and `drive`, and `localiser`: the frame in the plant's body that is compared,
+and its delays. What a profile does not say has the default of its field: for the thesis' models, the published value.
+Profiles before 1.2 have `tracked_point` (x, y) [m] in the place of `localiser`; they are read too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 import tomli_w
 
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Plant
 from validation import reading, store
@@ -60,7 +60,7 @@ class Profile:
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
             own = plant_kind(name).parameters()
-            parts = (("parameters", own), ("vehicle", Vehicle()), ("drive", Drive()), ("tracker", Tracker()))
+            parts = (("parameters", own), ("vehicle", Vehicle()), ("drive", Drive()), ("localiser", Localiser()))
             changed = {
                 part: {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
                 for part, default in parts
@@ -121,7 +121,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     for name in PLANTS:
         section = sections.get(name, {})
         where = f"plants.{name}"
-        reading.require_known(section, {"parameters", "vehicle", "drive", "tracker", "tracked_point"}, where)
+        reading.require_known(section, {"parameters", "vehicle", "drive", "localiser", "tracked_point"}, where)
         point = section.get("tracked_point", [0.0, 0.0])
         if not (isinstance(point, list) and len(point) == 2 and all(_is_number(p) and math.isfinite(p) for p in point)):
             raise ValueError(f"{where}.tracked_point is {reprlib.repr(point)}, wanted two numbers [m]")
@@ -129,7 +129,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
             _fill(plant_kind(name).parameters(), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
-            _fill(Tracker(float(point[0]), float(point[1])), section.get("tracker", {}), f"{where}.tracker"),
+            _fill(Localiser(float(point[0]), float(point[1])), section.get("localiser", {}), f"{where}.localiser"),
         )
     name, description = document.get("name", "unnamed"), document.get("description", "")
     provenance = document.get("provenance", {})

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from ssmr.parameters import described
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.search.space import Parameter, ParameterSpace
 from validation.plants.kind import PlantProfile
@@ -53,7 +53,7 @@ def searchable(plant: str) -> tuple[Searchable, ...]:
         *_declared("vehicle", Vehicle, kind.vehicle),
         *_declared("drive", Drive, kind.drive),
         *_EVERY_PLANT,
-        *_declared("tracker", Tracker, described(Tracker)),
+        *_declared("localiser", Localiser, described(Localiser)),
     )
 
 
@@ -96,7 +96,7 @@ def with_values(name: str, plant: PlantProfile, names: Sequence[str], values: It
     Raises:
         ValueError: an unknown name, or numbers that the plant cannot have.
     """
-    sections: dict[str, dict[str, float]] = {"parameters": {}, "vehicle": {}, "drive": {}, "tracker": {}}
+    sections: dict[str, dict[str, float]] = {"parameters": {}, "vehicle": {}, "drive": {}, "localiser": {}}
     for number, value in zip(names, values, strict=True):
         for place in find(name, number).places:
             section, _, field = place.partition(".")

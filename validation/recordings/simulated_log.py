@@ -82,7 +82,7 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
     rest = np.zeros((math.ceil(_STANDING / driven.dt), 2))
     commands = Commands(driven.dt, np.concatenate([rest, driven.values, rest]))
     piece = Piece(commands, State(), None, None)
-    motion = drive(make_plant(profile, plant), piece, profile.plants[plant].tracker, SAMPLE_DT)
+    motion = drive(make_plant(profile, plant), piece, profile.plants[plant].localiser, SAMPLE_DT)
     rng = np.random.default_rng(seed)
     shown = simulate_sensors(motion, rng, SensorModel(gyro_bias=faults.gyro_bias), SAMPLE_RATES_HZ["ekf"])
     pose = motion.pose + rng.standard_normal(motion.pose.shape) * [faults.pose_std, faults.pose_std, faults.yaw_std]

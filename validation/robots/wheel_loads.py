@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ssmr.robot.loads import LoadModel
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, State, Trajectory
 from validation.robots.husky import GRAVITY, WHEELS
 from validation.robots.plant import LIFT_SHARE, MujocoPlant
@@ -66,13 +66,13 @@ def resting_loads(plant: MujocoPlant) -> FloatArray:
     return np.asarray(level.quasi_static(np.zeros((1, 2)), gravity, still, still, still)[0])
 
 
-def with_quasi_static(motion: Trajectory, plant: MujocoPlant, tracker: Tracker) -> Trajectory:
+def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localiser) -> Trajectory:
     """Return a motion of the plant's tracked frame with the channel `QUASI_STATIC` added.
 
     On rough ground gravity is turned with the body, as far as roll and pitch were kept.
     """
-    middle = replace(motion, twist=tracker.body_twist(motion.twist))
-    gravity = plant.terrain.gravity_in_body(motion.yaw - tracker.tracked_yaw, GRAVITY)
+    middle = replace(motion, twist=localiser.body_twist(motion.twist))
+    gravity = plant.terrain.gravity_in_body(motion.yaw - localiser.tracked_yaw, GRAVITY)
     if "roll_pitch_rad" in motion.channels:
         roll, pitch = motion.channels["roll_pitch_rad"].T
         gravity = GRAVITY * np.column_stack([np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr.geometry import quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT, Terrain
@@ -54,7 +54,7 @@ class Track:
     pieces: tuple[Trajectory, ...]
     reference: Track | None
     """The robot to compare with; None for that robot itself."""
-    tracker: Tracker = Tracker()
+    localiser: Localiser = Localiser()
     """The frame in the body whose poses these are."""
     terrain: Terrain = FLAT
     """Ground under the robot."""
@@ -82,7 +82,7 @@ class Track:
     @cached_property
     def body(self) -> FloatArray:
         """(M, 3) poses of the body's own reference point, the middle between the axles [m, m, rad]."""
-        return self.tracker.body_pose(self.pose)
+        return self.localiser.body_pose(self.pose)
 
     @cached_property
     def raised(self) -> FloatArray:

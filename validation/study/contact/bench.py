@@ -144,8 +144,8 @@ def make_bench(profile: Profile, recorded: Profile | None = None, recording: Sou
     scenarios = {name: open_source(name).pieces[0] for name in SCENARIOS}
     models = {}
     for model in PUBLISHED_MODELS:
-        plant, tracker = make_plant(profile, model), profile.plants[model].tracker
-        models[model] = {name: drive(plant, piece, tracker, SAMPLE) for name, piece in scenarios.items()}
+        plant, localiser = make_plant(profile, model), profile.plants[model].localiser
+        models[model] = {name: drive(plant, piece, localiser, SAMPLE) for name, piece in scenarios.items()}
     if recording is not None and not any(
         p.t is not None and len(horizon_windows(p.t, HORIZON, p.fresh)[0]) for p in recording.pieces
     ):
@@ -315,8 +315,8 @@ class _Trial:
     def trajectories(self) -> dict[str, Any]:
         """Return the distances from the published models on trajectories 1-4, and what trajectory 3 shows."""
         lab, scenarios = self.bench.lab, self.bench.scenarios
-        motions = {name: drive(self.plant, piece, lab.tracker, SAMPLE) for name, piece in scenarios.items()}
-        turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=TURNED)), lab.tracker, SAMPLE)
+        motions = {name: drive(self.plant, piece, lab.localiser, SAMPLE) for name, piece in scenarios.items()}
+        turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=TURNED)), lab.localiser, SAMPLE)
         rim = _STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
         ahead = [motion.twist[motion.t >= _SURGE_LEAD, 0].max() for motion in (motions["traj3"], turned)]
         apart = {
@@ -334,7 +334,7 @@ class _Trial:
 
     def halved(self) -> dict[str, float]:
         """Return how far the end of trajectory 4 moves with half the step."""
-        fine = drive(self.corrected(self.bench.lab, 2.0), self.bench.scenarios["traj4"], self.bench.lab.tracker, SAMPLE)
+        fine = drive(self.corrected(self.bench.lab, 2.0), self.bench.scenarios["traj4"], self.bench.lab.localiser, SAMPLE)
         return {"halving_m": float(np.hypot(*(fine.xy[-1] - self.end)))}
 
     def recorded(self) -> dict[str, float]:
@@ -343,7 +343,7 @@ class _Trial:
         assert source is not None
         assert section is not None
         plant = self.corrected(section)
-        motions = [drive(plant, piece, section.tracker, source.sample_dt) for piece in source.pieces]
+        motions = [drive(plant, piece, section.localiser, source.sample_dt) for piece in source.pieces]
         errors = horizons_of([(source, motions)], [HORIZON])[HORIZON]
         return {"recording_position_m": errors.position_median_m, "recording_yaw_rad": errors.yaw_median_rad}
 

@@ -20,7 +20,7 @@ from ssmr.errors import SsmrError
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.robot.loads import static_loads
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Vehicle
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
@@ -85,7 +85,7 @@ def study_terrain(
     for terrain in (FLAT, Terrain("ramp", slope=math.radians(10.0))):
         husky = make_plant(profile, "mujoco", terrain)
         assert isinstance(husky, MujocoPlant)
-        loads.append(LoadRun(terrain, with_quasi_static(husky.run(manoeuvre(), State(), SAMPLE_DT), husky, Tracker())))
+        loads.append(LoadRun(terrain, with_quasi_static(husky.run(manoeuvre(), State(), SAMPLE_DT), husky, Localiser())))
     static = static_loads(Vehicle(mass=profile.plants["mujoco"].parameters.mass))
     return TerrainStudy(profile.name, o, tuple(models), tuple(trackers), tuple(loads), static)
 

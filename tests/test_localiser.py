@@ -10,16 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.geometry import compose
-from ssmr.robot.tracker import Tracker
+from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, State
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile, make_plant
 from validation.plants.searchable import find, searchable
 
-TRACKER = Tracker(0.15, -0.04, 0.3, 0.0, 0.0)
+PLACED = Localiser(0.15, -0.04, 0.3, 0.0, 0.0)
 numbers = st.floats(-3.0, 3.0)
 states = st.builds(State, numbers, numbers, numbers, numbers, numbers, numbers)
-trackers = st.builds(Tracker, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0))
+localisers = st.builds(Localiser, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0))
 
 
 def curve(profile: Profile):
@@ -28,25 +28,25 @@ def curve(profile: Profile):
     return make_plant(profile, "improved").run(commands, State(1.0, 2.0, 0.5), 0.01)
 
 
-@given(trackers, states)
-def test_the_body_is_where_its_tracked_frame_says(tracker: Tracker, state: State) -> None:
-    body = tracker.body_state(state)
-    seen = tracker.seen_pose([body.x, body.y, body.yaw])
+@given(localisers, states)
+def test_the_body_is_where_its_tracked_frame_says(localiser: Localiser, state: State) -> None:
+    body = localiser.body_state(state)
+    seen = localiser.seen_pose([body.x, body.y, body.yaw])
     np.testing.assert_allclose(seen, [state.x, state.y, state.yaw], atol=1e-12)
-    np.testing.assert_allclose(tracker.body_pose(seen), [body.x, body.y, body.yaw], atol=1e-12)
-    twist = tracker.body_twist([state.v_x, state.v_y, state.yaw_rate])
+    np.testing.assert_allclose(localiser.body_pose(seen), [body.x, body.y, body.yaw], atol=1e-12)
+    twist = localiser.body_twist([state.v_x, state.v_y, state.yaw_rate])
     np.testing.assert_allclose(twist, [body.v_x, body.v_y, body.yaw_rate], atol=1e-12)
 
 
-@given(trackers, states)
-def test_the_tracked_frame_is_a_pose_in_the_body(tracker: Tracker, state: State) -> None:
+@given(localisers, states)
+def test_the_tracked_frame_is_a_pose_in_the_body(localiser: Localiser, state: State) -> None:
     pose = np.array([state.x, state.y, state.yaw])
-    place = (tracker.tracked_x, tracker.tracked_y, tracker.tracked_yaw)
-    np.testing.assert_allclose(tracker.seen_pose(pose), compose(pose, place), atol=1e-12)
+    place = (localiser.tracked_x, localiser.tracked_y, localiser.tracked_yaw)
+    np.testing.assert_allclose(localiser.seen_pose(pose), compose(pose, place), atol=1e-12)
 
 
 def test_a_twist_is_the_slope_of_the_pose_in_the_tracked_frame(lab: Profile) -> None:
-    motion = TRACKER.seen(curve(lab))
+    motion = PLACED.seen(curve(lab))
     slope = np.gradient(motion.pose, motion.t, axis=0)
     c, s = np.cos(motion.yaw), np.sin(motion.yaw)
     forward, left = c * slope[:, 0] + s * slope[:, 1], c * slope[:, 1] - s * slope[:, 0]
@@ -58,8 +58,8 @@ def test_a_twist_is_the_slope_of_the_pose_in_the_tracked_frame(lab: Profile) -> 
 def test_position_and_heading_have_delays_of_their_own(lab: Profile) -> None:
     body = curve(lab)
     stamps = 7.0 + body.t
-    told = replace(TRACKER, position_late=0.3, yaw_late=-0.1).seen(body, stamps)
-    at_once = TRACKER.seen(body, stamps)
+    told = replace(PLACED, position_late=0.3, yaw_late=-0.1).seen(body, stamps)
+    at_once = PLACED.seen(body, stamps)
     np.testing.assert_allclose(told.xy[60:], at_once.xy[30 : len(told) - 30], atol=1e-9)
     np.testing.assert_allclose(told.yaw[:-10], at_once.yaw[10:], atol=1e-9)
     np.testing.assert_array_equal(told.twist, at_once.twist)
@@ -67,20 +67,20 @@ def test_position_and_heading_have_delays_of_their_own(lab: Profile) -> None:
 
 def test_without_delay_and_place_nothing_changes(lab: Profile) -> None:
     body = curve(lab)
-    seen = Tracker().seen(body)
+    seen = Localiser().seen(body)
     for name in ("t", "pose", "twist", "wheels"):
         np.testing.assert_array_equal(getattr(seen, name), getattr(body, name))
 
 
 @pytest.mark.parametrize("field", ["tracked_x", "position_late", "tracked_yaw"])
 def test_a_number_that_no_localiser_has_is_refused(field: str) -> None:
-    with pytest.raises(ValueError, match=rf"Tracker\.{field} = "):
-        Tracker(**{field: 11.0})
+    with pytest.raises(ValueError, match=rf"Localiser\.{field} = "):
+        Localiser(**{field: 11.0})
 
 
 def test_every_number_can_be_fitted(lab: Profile) -> None:
     names = {"tracked_x", "tracked_y", "tracked_yaw", "position_late", "yaw_late"}
     for plant in lab.plants:
         assert names <= {number.name for number in searchable(plant)}
-    section: PlantProfile = replace(lab.plants["mujoco"], tracker=Tracker(yaw_late=0.07))
+    section: PlantProfile = replace(lab.plants["mujoco"], localiser=Localiser(yaw_late=0.07))
     assert find("mujoco", "yaw_late").read(section) == 0.07

@@ -18,7 +18,7 @@ from ssmr.types import FloatArray, State, Trajectory
 
 
 @dataclass(frozen=True)
-class Tracker:
+class Localiser:
     """What a log's pose means: a frame that is fixed to the robot's body, told with delays."""
 
     tracked_x: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.4, 0.4))

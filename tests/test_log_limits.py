@@ -22,7 +22,8 @@ from validation.logs.csv_table import read_csv_table
 from validation.logs.formats import read_log, read_recording
 from validation.logs.groups import Group
 from validation.logs.limits import USUAL, LogLimits, find_time_fault
-from validation.logs.recording import RecordingError
+from validation.logs.log import Log, LogFormat, ReadOptions
+from validation.logs.recording import Recording, RecordingError
 from validation.logs.recording_csv import read_csv
 from validation.motion.sources import open_source
 from validation.recordings import ConvertSettings, convert, info
@@ -235,6 +236,28 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
     found = info(bag)
     assert len(found.log.faults) == 5
     assert not found.log.groups
+
+
+@pytest.mark.parametrize(
+    ("t", "x", "said"),
+    [
+        (T, 1e9 * T, "column x: drive.odd, sample 4: there is 1.5e+08, but the limit position is 1e+08 m"),
+        (1e9 * T, T, "drive.odd, sample 1: the median step is 5e+07 s"),
+    ],
+)
+def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, t: np.ndarray, x: np.ndarray, said: str
+) -> None:
+    def read(path: Path, options: ReadOptions) -> Log:
+        return Log.of_recording(path, Recording.from_columns("drive", {"t": t, "x": x}), options.limits)
+
+    monkeypatch.setattr("validation.logs.formats.FORMATS", (LogFormat("odd", (".odd",), read=read),))
+    (tmp_path / "drive.odd").touch()
+    with pytest.raises(RecordingError) as refused:
+        read_log(tmp_path / "drive.odd")
+    assert said in str(refused.value)
+    assert len(read_log(tmp_path / "drive.odd", ReadOptions(limits=USUAL.changed({"position": 1e12, "period": 1e9,
+           "stamp": 1e12, "gap": 1e9, "span": 1e12}))).groups) == 1  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------------- the limits themselves

@@ -7,7 +7,7 @@ from pathlib import Path
 from validation.logs.bag_recording import BAG
 from validation.logs.bags import METADATA
 from validation.logs.files import exists
-from validation.logs.limits import USUAL, LogLimits
+from validation.logs.limits import USUAL, LogLimits, find_time_fault
 from validation.logs.log import Log, LogFormat, ReadOptions
 from validation.logs.recording import Recording, RecordingError
 from validation.logs.recording_csv import CSV
@@ -45,7 +45,7 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
         The columns of the log in groups; `Log.recording()` brings them onto one clock.
 
     Raises:
-        RecordingError: no format has that ending, or the log cannot be read.
+        RecordingError: no format has that ending, or the log cannot be read, or is beyond the limits.
     """
     path = Path(path)
     if not exists(path):
@@ -53,7 +53,27 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     found = _reader(path)
     if found is None or found.read is None:
         raise RecordingError(path, f"this is no recording by its ending; recordings are {readable()}")
-    return found.read(path, options or ReadOptions())
+    log = found.read(path, options or ReadOptions())
+    _check_within_limits(log)
+    return log
+
+
+def _check_within_limits(log: Log) -> None:
+    """Refuse times and numbers that cannot be, of any format; a reader that knows where they stand has said so before.
+
+    Raises:
+        RecordingError: the name of the group and the number of the sample stand for the place.
+    """
+    for group in log.groups.values():
+        fault = find_time_fault(group.t, log.limits)
+        if fault is not None:
+            raise RecordingError(log.path, f"{group.source}, sample {fault.row + 1}: {fault.what}")
+        for name, values in group.columns.items():
+            bound = log.limits.of_column(name)
+            k = bound.first_beyond(values)
+            if k is not None:
+                what = f"{group.source}, sample {k + 1}: there is {values[k]:g}, but {bound.says}"
+                raise RecordingError(log.path, what, column=name)
 
 
 def read_recording(path: str | Path, limits: LogLimits = USUAL) -> Recording:

@@ -8,6 +8,7 @@ import sys
 from validation.cli import early
 
 sys.excepthook = early.answer
+early.require_address_space()
 
 # ruff: noqa: E402 - what is loaded below takes half a second, in which Ctrl-C may come
 from validation.cli.early import EXIT_FAULT as EXIT_FAULT

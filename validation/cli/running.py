@@ -108,8 +108,11 @@ def run(
         said = f"ended by {signal.Signals(came[0]).name}" if came else "interrupted"
         status = 128 + came[0] if came else EXIT_INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a user shall never see a bare traceback
-        said = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}"
-        status = EXIT_FAULT
+        if str(error) == "can't start new thread":  # Python has no type for this
+            said, status = "run failed: no more threads can be started; ask for fewer workers", EXIT_FAILED_RUN
+        else:
+            said = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}"
+            status = EXIT_FAULT
     if said:
         say(said)
     sys.exit(status)

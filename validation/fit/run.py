@@ -22,7 +22,7 @@ from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
 from validation.fit.search import Evaluate, FreeParameters, SearchOptions, put_options, search_for
 from validation.fit.targets import FitSources, is_scenario, open_targets
-from validation.fit.uncertainty import estimate, found_parameters, sentences
+from validation.fit.uncertainty import Uncertainty, estimate, found_parameters, sentences
 from validation.motion.driving import drive, horizons_of
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
@@ -113,7 +113,7 @@ def fit(
     total = settings.generations + 1
     progress(Progress(total, total, "standard errors and scores"))
     point = found.jde.best
-    uncertainty = None if found.interrupted else estimate(problem, point, search.threads)
+    uncertainty, scores, troubles = _judged(problem, point, held_out, None if found.interrupted else search.threads)
     result = FitResult(
         model=model,
         begun_with=base.name,
@@ -124,8 +124,8 @@ def fit(
         parameters=found_parameters(space, point, [find(model, n).read(begun) for n in space.names], uncertainty),
         correlation=None if uncertainty is None else uncertainty.correlation,
         uncertainty_method="" if uncertainty is None else uncertainty.method,
-        remarks=sentences(model, space, point, uncertainty),
-        **_scores(problem, point, held_out),
+        remarks=(*sentences(model, space, point, uncertainty), *troubles),
+        **scores,
         options=_record(problem, settings, sources, parameters, search),
         **found.outcome(),
     )
@@ -181,8 +181,21 @@ def _built(model: str, plant: PlantProfile) -> Plant:
     return make_plant(Profile("with these values", "", {model: plant}, {}), model)
 
 
-def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget]) -> dict[str, Any]:
-    """Return the fields of a `FitResult` that say how well the fitted plant predicts motion."""
+def _judged(
+    problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget], threads: int | None
+) -> tuple[Uncertainty | None, dict[str, Any], list[str]]:
+    """Return uncertainty (None without threads), scores, and sentences on what could not be had: a search is over by now."""
+    uncertainty, troubles = None, list[str]()
+    if threads is not None:
+        try:
+            uncertainty = estimate(problem, point, threads)
+        except (SsmrError, np.linalg.LinAlgError) as error:
+            troubles.append(f"Standard errors could not be estimated: {error}.")
+    return uncertainty, _scores(problem, point, held_out, troubles), troubles
+
+
+def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget], troubles: list[str]) -> dict[str, Any]:
+    """Return the fields of a `FitResult` that say how well the fitted plant predicts motion; `troubles` gets sentences."""
     fitted = problem.candidate(point)
     assert fitted is not None
     plants = [(_built(problem.model, p), p.localiser) for p in (fitted, problem.base)]
@@ -200,7 +213,12 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget
         metrics = compare_pieces(motion, target.truth)
         return Scored(target.label, target.source.reference, target.truth, motion, before, metrics, errors)
 
-    train = tuple(map(scored, problem.targets))
+    train, judged = tuple(map(scored, problem.targets)), list[Scored]()
+    for target in held_out:
+        try:
+            judged.append(scored(target))
+        except SsmrError as error:
+            troubles.append(f"The fitted plant cannot be driven along {target.label}, which was held out: {error}.")
     sources = [target.source for target in problem.targets]
     befores = list(zip(sources, [s.before for s in train], strict=True))
     return {
@@ -208,7 +226,7 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget
         "train_metrics": compare_pieces([m for s in train for m in s.motion], [t for s in train for t in s.truth]),
         "train_horizons": horizons_of(list(zip(sources, [s.motion for s in train], strict=True)), _SCORE_HORIZONS),
         "before_horizons": horizons_of(befores, _SCORE_HORIZONS) if all(s.before for s in train) else {},
-        "held_out": tuple(map(scored, held_out)),
+        "held_out": tuple(judged),
     }
 
 

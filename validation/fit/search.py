@@ -300,7 +300,7 @@ def search_for(
     Raises:
         ValueError: settings that make no sense, a folder that cannot be written, or the checkpoint of another search.
         KeyboardInterrupt: it was interrupted before it found anything.
-        SsmrError: every candidate was impossible or failed.
+        SsmrError: every candidate was impossible or failed, or the cluster was lost; what was rated before is kept.
     """
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
     plain |= {"start": None if start is None else start.tolist(), "seed": options.seed}
@@ -315,7 +315,13 @@ def search_for(
     if options.checkpoint is not None:
         store.make_folder(options.checkpoint.parent)
     here: Evaluate = lambda points, limits, on_share: problem.costs(points, limits, options.threads, on_share)  # noqa: E731
-    search.run(evaluate or here, options.checkpoint, progress)
+    try:
+        search.run(evaluate or here, options.checkpoint, progress)
+    except SsmrError as error:
+        if options.checkpoint is None or not search.best_cost:
+            raise
+        kept = f"{len(search.best_cost)} generations are kept in {options.checkpoint}, and resume goes on from there"
+        raise SsmrError(f"{error}; {kept}", **error.evidence) from error
     if not np.isfinite(search.jde.best_cost):
         if search.interrupted:
             raise KeyboardInterrupt

@@ -10,6 +10,7 @@ import numpy as np
 
 from validation.fit.search import SearchOptions
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
+from validation.study.result import INTERRUPTED
 from validation.study.tables import TablesOptions, study_tables
 from validation.study.tables.result import CONTROL_TABLES, TABLE_METRICS, TableEntry
 from validation.thesis import published
@@ -114,6 +115,8 @@ def _tracked(context: Context) -> Findings:
     """Make Tab. 4.5-4.19 and 4.22-4.38."""
     options = TablesOptions(_PROFILE, context.settings.noise_seeds)
     study = study_tables(options, workers=context.workers, progress=context.progress)
+    if study.status == INTERRUPTED:
+        raise KeyboardInterrupt
     found = {
         e.table: Table(
             f"{e.controller.upper()}, {e.reference} at {e.speed:g} m/s: {_CAPTIONS[e.comparison]}",

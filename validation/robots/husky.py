@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from validation.robots.calibration import HuskyCalibration, WheelShape
+from validation.robots.failures import mujoco_failures
 from validation.robots.physics import SHIPPED, PhysicsSettings, apply_settings
 from validation.robots.terrain import FLAT, Terrain
 
@@ -110,6 +111,7 @@ CAPSULE_HALF_LENGTH = 0.00715
 _models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
 
 
+@mujoco_failures()
 def husky_model(
     calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED
 ) -> mujoco.MjModel:

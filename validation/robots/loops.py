@@ -24,6 +24,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Sides, drive_numbers, rolling
 from ssmr.types import FloatArray, State
+from validation.robots.failures import mujoco_failures
 from validation.robots.plant import MujocoPlant
 
 
@@ -89,6 +90,7 @@ class _Bodies:
             self._batch.rollout(piece.shape[1], piece, control_spec=self._spec, record=())
 
 
+@mujoco_failures()
 def run_husky_loops(
     loops: Sequence[HuskyLoop],
     waypoints: Waypoints,
@@ -108,6 +110,7 @@ def run_husky_loops(
     Raises:
         ValueError: several kinds of feedback or disturbance, sets of periods, time steps or tyres; periods that are no whole
             number of steps; no loops or no seeds.
+        MemoryError: the batch does not fit into memory.
     """
     settings = common_settings([p.settings for p in loops], seeds)
     if len({(p.plant.dt, p.plant.terrain, p.plant.calibration.wheel_shape, p.plant.model.npair) for p in loops}) != 1:

@@ -15,6 +15,7 @@ from ssmr.geometry import quat_wxyz_to_roll_pitch, quat_wxyz_to_yaw, rotate_worl
 from ssmr.robot.drive import Driver, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
+from validation.robots.failures import mujoco_failures
 from validation.robots.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, husky_model, limit_torque, wheel_geoms
 from validation.robots.physics import SHIPPED, PhysicsSettings
 from validation.robots.terrain import FLAT, Terrain
@@ -80,6 +81,7 @@ class MujocoPlant:
     yaw_inertia: float
     """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
 
+    @mujoco_failures()
     def __init__(
         self,
         calibration: HuskyCalibration,
@@ -99,6 +101,7 @@ class MujocoPlant:
             settings: how physics is computed, if not as shipped.
 
         Raises:
+            MemoryError: the simulator does not fit into memory.
             ValueError: numbers that do not go together.
         """
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
@@ -251,6 +254,7 @@ class MujocoPlant:
         gyro, accelerometer = (np.array(self._data.sensordata[column : column + 3]) for column in self._imu_columns)
         return gyro, accelerometer
 
+    @mujoco_failures()
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
         """Drive `commands` at once, by `mujoco.rollout`.
 

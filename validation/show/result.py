@@ -54,6 +54,8 @@ class Result(ABC):
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write its picture, report, recording and, last, its JSON file; each is written whole or not at all.
 
+        The JSON file is written even where one of the others cannot be made.
+
         Args:
             folder: where to; it is made if it is missing.
             recording: whether to write the rerun recording too.
@@ -69,14 +71,16 @@ class Result(ABC):
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
         picture, text, film, document = (place / f"{self.program}.{ending}" for ending in ("png", "md", "rrd", "json"))
-        save_figure(self.figure(), picture)
-        written = [picture]
-        if report := each_line("\n".join(self.report())):
-            store.write_text(text, report)
-            written.append(text)
-        if recording and self.write_recording(film):
-            written.append(film)
-        store.write_json(document, self.as_dict())
+        try:
+            save_figure(self.figure(), picture)
+            written = [picture]
+            if report := each_line("\n".join(self.report())):
+                store.write_text(text, report)
+                written.append(text)
+            if recording and self.write_recording(film):
+                written.append(film)
+        finally:  # hours of work are not lost with a picture
+            store.write_json(document, self.as_dict())
         return [*written, document]
 
     def _repr_markdown_(self) -> str:

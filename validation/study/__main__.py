@@ -12,6 +12,7 @@ import tyro
 
 from validation import cli
 from validation.study.catalogue import STUDIES, Study
+from validation.study.result import INTERRUPTED
 
 _SPECIAL: Mapping[str, Any] = {
     "seed": cli.Seed,
@@ -70,6 +71,8 @@ def _command(study: Study) -> Callable[[Any], None]:
             asked = study.options(**{name: getattr(options, name) for name in names})
             result = study.run(asked, workers=options.workers, progress=progress)
         cli.report_result(result, result.save(cli.output_folder(options.out)))
+        if result.status == INTERRUPTED:
+            raise KeyboardInterrupt
 
     main.__doc__ = study.question
     main.__annotations__ = {"options": options_type}

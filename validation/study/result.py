@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -21,6 +22,35 @@ _REPORTED = ("mujoco", "numpy", "numba", "ssmr-testbed")
 """Packages whose versions a report names; study.json has all of them."""
 
 
+FINISHED, INTERRUPTED = "finished", "interrupted"
+"""How a study can end."""
+
+
+class Course:
+    """Course of a study: whether it was interrupted."""
+
+    status = FINISHED
+    """`finished` or `interrupted`."""
+
+
+@contextlib.contextmanager
+def keeping(found: Sized) -> Iterator[Course]:
+    """Within, a study adds its cases to `found`, each when it is finished; Ctrl-C ends the block early and keeps them.
+
+    Every study runs its cases in such a block, and hands the status of the course to its result.
+
+    Raises:
+        KeyboardInterrupt: it was pressed before the first case was finished.
+    """
+    course = Course()
+    try:
+        yield course
+    except KeyboardInterrupt:
+        if not len(found):
+            raise
+        course.status = INTERRUPTED
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StudyResult(Result):
     """The findings of one study. A study's own result derives from this and adds its fields."""
@@ -33,6 +63,8 @@ class StudyResult(Result):
     """Heading of the report."""
     versions: Mapping[str, str] = field(default_factory=store.versions)
     """Versions of this project, Python and the packages that decide numbers."""
+    status: str = FINISHED
+    """`finished`, or `interrupted`: then it holds the cases that were finished before, and no others."""
 
     @abstractmethod
     def heading(self) -> str:
@@ -57,12 +89,15 @@ class StudyResult(Result):
 
     def as_dict(self) -> dict[str, Any]:
         """Return what study.json holds: plain values, no NaN."""
-        whole = {"schema": self.schema, "study": self.study, **self.findings(), "versions": dict(self.versions)}
+        own = {"schema": self.schema, "study": self.study, "status": self.status}
+        whole = {**own, **self.findings(), "versions": dict(self.versions)}
         return dict(store.plain(whole))
 
     def report(self) -> list[str]:
         """Return study.md as lines: heading, tables with their captions, notes, versions."""
         lines = [f"# {self.title}: {markdown(self.heading())}", ""]
+        if self.status != FINISHED:
+            lines += ["The study was interrupted; only what was finished before is here.", ""]
         for grid in self.report_grids():
             lines += [f"## {markdown(grid.title)}", "", *markdown_table(grid), ""]
             lines += [markdown(grid.caption), ""] if grid.caption else []

@@ -24,6 +24,7 @@ from ssmr.types import Commands, State, Trajectory
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
+from validation.robots.failures import mujoco_failures
 from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, WHEELS, HuskyCalibration
 from validation.robots.plant import LIFT_SHARE, MujocoPlant
 from validation.study.contact.variants import PhysicsVariant
@@ -362,6 +363,7 @@ def measure_variant(bench: Bench, variant: PhysicsVariant, stopped: Callable[[],
     return TriedVariant(variant, Measures(**trial.found), MappingProxyType(trial.failures))
 
 
+@mujoco_failures()
 def step_time(plant: MujocoPlant) -> float:
     """Return the processor time of a physics step, mean over `_TIMED` of a turn on the spot that has begun [s]."""
     data = mujoco.MjData(plant.model)

@@ -26,7 +26,7 @@ from validation.study.contact.bench import (
 )
 from validation.study.contact.result import ContactStudy
 from validation.study.contact.variants import PhysicsVariant, chosen_variants
-from validation.study.result import profile_of
+from validation.study.result import keeping, profile_of
 
 _ROUNDS = 5
 """Number of times that the cost of a step is taken, all variants in turn; the median counts."""
@@ -100,22 +100,23 @@ def try_variants(
             variant.calibration(section.parameters)
     total, stop = len(chosen) + (_ROUNDS if timed else 0), threading.Event()
     tried: list[TriedVariant] = []
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        try:
-            for found in pool.map(lambda variant: measure_variant(bench, variant, stop.is_set), chosen):
-                tried.append(found)
-                progress(Progress(len(tried), total, found.variant.key))
-        except BaseException:
-            stop.set()  # an interrupt ends the other variants at their next drive
-            raise
-    if timed:
-        plants = {k: make_variant(t.variant, bench.lab) for k, t in enumerate(tried) if UNDRIVEABLE not in t.failures}
-        times: dict[int, list[float]] = {k: [] for k in plants}
-        for done in range(_ROUNDS):
-            progress(Progress(len(tried) + done, total, "timing"))
-            for k, plant in plants.items():
-                times[k].append(step_time(plant))
-        for k, taken in times.items():
-            tried[k] = replace(tried[k], measures=replace(tried[k].measures, cost_s=float(np.median(taken))))
+    with keeping(tried) as course:
+        with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+            try:
+                for found in pool.map(lambda variant: measure_variant(bench, variant, stop.is_set), chosen):
+                    tried.append(found)
+                    progress(Progress(len(tried), total, found.variant.key))
+            except BaseException:
+                stop.set()  # an interrupt ends the other variants at their next drive
+                raise
+        if timed:
+            plants = {k: make_variant(t.variant, bench.lab) for k, t in enumerate(tried) if UNDRIVEABLE not in t.failures}
+            times: dict[int, list[float]] = {k: [] for k in plants}
+            for done in range(_ROUNDS):
+                progress(Progress(len(tried) + done, total, "timing"))
+                for k, plant in plants.items():
+                    times[k].append(step_time(plant))
+            for k, taken in times.items():
+                tried[k] = replace(tried[k], measures=replace(tried[k].measures, cost_s=float(np.median(taken))))
     recording = None if bench.recording is None else bench.recording.name
-    return ContactStudy(bench.profile, recording, bench.recording_profile, tuple(tried))
+    return ContactStudy(bench.profile, recording, bench.recording_profile, tuple(tried), status=course.status)

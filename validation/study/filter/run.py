@@ -33,6 +33,7 @@ from validation.study.filter.findings import (
     travelled,
 )
 from validation.study.filter.result import TRACKER, FilterStudy
+from validation.study.result import keeping
 from validation.track.gains import DEFAULT, load_gains
 from validation.track.loops import make_controller, require_practicable, run_robots
 from validation.track.waypoint_files import open_reference
@@ -81,14 +82,16 @@ def drive_missions(
     tracker = load_gains(TRACKER, DEFAULT)
     laws = [make_controller(g.profile, tracker) for g in grounds]
     drives = list[GroundDrive]()
-    for name, waypoints in missions.items():
-        runs = run_robots(robots, laws, [loop] * len(robots), waypoints, [0], workers)
-        for ground, run in zip(grounds, runs, strict=True):
-            truth = run.require_kept(f"{TRACKER} on {name}, {ground.name},").motion
-            drives.append(_estimate(ground, name, truth, options))
-            progress(Progress(len(drives), len(grounds) * len(missions), f"{name}, {ground.name}"))
+    with keeping(drives) as course:
+        for name, waypoints in missions.items():
+            runs = run_robots(robots, laws, [loop] * len(robots), waypoints, [0], workers)
+            for ground, run in zip(grounds, runs, strict=True):
+                truth = run.require_kept(f"{TRACKER} on {name}, {ground.name},").motion
+                drives.append(_estimate(ground, name, truth, options))
+                progress(Progress(len(drives), len(grounds) * len(missions), f"{name}, {ground.name}"))
     speed = next(iter(missions.values())).speed
-    return FilterStudy(tuple(grounds), tuple(missions), speed, options, tuple(drives))
+    references = tuple(dict.fromkeys(drive.reference for drive in drives))
+    return FilterStudy(tuple(grounds), references, speed, options, tuple(drives), status=course.status)
 
 
 def _estimate(ground: FilterGround, reference: str, truth: Trajectory, options: FilterOptions) -> GroundDrive:

@@ -41,7 +41,7 @@ def _draw(study: GainStudy, plant: str, ax: Axes) -> None:
 
 def draw_gains(study: GainStudy) -> Figure:
     """Draw the costs by reference, with a panel for each plant, 1600 px wide."""
-    panels = [lambda ax, plant=plant: _draw(study, plant, ax) for plant in study.options.plants]
+    panels = [lambda ax, plant=plant: _draw(study, plant, ax) for plant in study.plants]
 
     def legend(ax: Axes) -> None:
         ax.set_axis_off()

@@ -76,6 +76,11 @@ class GainStudy(StudyResult):
         """Names of the sets, in order."""
         return tuple(dict.fromkeys(s.gains for s in self.scores))
 
+    @property
+    def plants(self) -> tuple[str, ...]:
+        """Names of the plants that were driven, in order."""
+        return tuple(dict.fromkeys(s.plant for s in self.scores))
+
     def by_reference(self, plant: str) -> list[tuple[str, list[GainScore]]]:
         """Return the scores of all sets on a plant, by reference and speed."""
         rows: dict[str, list[GainScore]] = {}
@@ -91,7 +96,7 @@ class GainStudy(StudyResult):
 
     def grids(self) -> list[Grid]:
         """Return cost and d_rms of every set by reference, for each plant."""
-        return [self._grid(plant, k) for plant in self.options.plants for k in range(len(_MEASURES))]
+        return [self._grid(plant, k) for plant in self.plants for k in range(len(_MEASURES))]
 
     def findings(self) -> dict[str, Any]:
         """Return seeds, plants and all scores."""

@@ -8,7 +8,7 @@ from ssmr.control.loop import LoopSettings
 from validation.plants.profile import PLANTS
 from validation.progress import Progress, Report, silent
 from validation.study.gains.result import GainScore, GainsOptions, GainStudy
-from validation.study.result import profile_of
+from validation.study.result import keeping, profile_of
 from validation.track.gains import load_gains, names
 from validation.track.loops import make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import REFERENCES, open_reference
@@ -40,18 +40,21 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
     laws, n = [make_controller(profile, g) for g in sets], len(seeds)
     robots = {plant: make_robot(profile, plant) for plant in o.plants}
     places = [(plant, reference, speed) for plant in o.plants for reference in REFERENCES for speed in GAIN_SPEEDS]
-    scores = []
-    for done, (plant, reference, speed) in enumerate(places):
-        progress(Progress(done, len(places), f"{plant}, {reference} {speed:g}"))
-        _, waypoints = open_reference(reference, speed)
-        target, robot = waypoints.trajectory(LoopSettings().position_period), robots[plant]
-        loops = [LoopSettings()] * n * len(laws)
-        runs = run_robots([robot] * len(loops), [law for law in laws for _ in seeds], loops, waypoints, seeds, workers)
-        for k, g in enumerate(sets):
-            mine = runs[k * n : (k + 1) * n]
-            lost = sum(run.lost for run in mine)
-            rated = [] if lost else [rate(run, waypoints, robot) for run in mine]
-            cost = None if lost else float(np.mean(costs_of(mine, target, waypoints.speed, _COST)))
-            d_rms, e_rho = (float(np.mean([r[m] for r in rated])) if rated else None for m in ("d_rms_m", "e_rho_rms_m"))
-            scores.append(GainScore(g.name, plant, reference, speed, cost, d_rms, e_rho, lost))
-    return GainStudy(profile.name, o, tuple(scores))
+    scores = list[GainScore]()
+    with keeping(scores) as course:
+        for done, (plant, reference, speed) in enumerate(places):
+            progress(Progress(done, len(places), f"{plant}, {reference} {speed:g}"))
+            _, waypoints = open_reference(reference, speed)
+            target, robot = waypoints.trajectory(LoopSettings().position_period), robots[plant]
+            loops = [LoopSettings()] * n * len(laws)
+            runs = run_robots([robot] * len(loops), [law for law in laws for _ in seeds], loops, waypoints, seeds, workers)
+            place = []
+            for k, g in enumerate(sets):
+                mine = runs[k * n : (k + 1) * n]
+                lost = sum(run.lost for run in mine)
+                rated = [] if lost else [rate(run, waypoints, robot) for run in mine]
+                cost = None if lost else float(np.mean(costs_of(mine, target, waypoints.speed, _COST)))
+                d_rms, e_rho = (float(np.mean([r[m] for r in rated])) if rated else None for m in ("d_rms_m", "e_rho_rms_m"))
+                place.append(GainScore(g.name, plant, reference, speed, cost, d_rms, e_rho, lost))
+            scores += place
+    return GainStudy(profile.name, o, tuple(scores), status=course.status)

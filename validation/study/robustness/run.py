@@ -9,7 +9,7 @@ from types import MappingProxyType
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import make_clock
 from validation.progress import Progress, Report, silent
-from validation.study.result import profile_of
+from validation.study.result import keeping, profile_of
 from validation.study.robustness.cases import Mismatch, RobustnessOptions, draw_cases, mismatched
 from validation.study.robustness.outcomes import ControllerRuns, RunErrors, errors_of, health_of, torque_needed
 from validation.study.robustness.result import Robustness
@@ -49,22 +49,24 @@ def study_robustness(
     others = dict.fromkeys(c.mismatch for c in cases if c.mismatch != Mismatch())
     robots = {Mismatch(): nominal, **{m: mismatched(profile, m, o.timestep, torque) for m in others}}
     found: dict[str, ControllerRuns] = {}
-    for k, (controller, law) in enumerate(laws.items()):
-        errors: list[RunErrors] = []
-        health = None
-        for first in range(0, len(cases), _BATCH):
-            part = cases[first : first + _BATCH]
-            crew = [robots[c.mismatch] for c in part]
-            loops = [o.loop(c.mismatch, robots[c.mismatch].drive) for c in part]
-            progress(Progress(k * len(cases) + first, len(laws) * len(cases), controller))
-            runs = run_robots(crew, [law] * len(part), loops, waypoints, [c.seed for c in part], workers)
-            errors += [errors_of(run, waypoints, robot, ticks) for run, robot in zip(runs, crew, strict=True)]
-            health = health or health_of(runs[0], waypoints, crew[0], loops[0], part[0].seed)
-        assert health is not None
-        found[controller] = ControllerRuns(sets[controller], tuple(errors), health)
+    with keeping(found) as course:
+        for k, (controller, law) in enumerate(laws.items()):
+            errors: list[RunErrors] = []
+            health = None
+            for first in range(0, len(cases), _BATCH):
+                part = cases[first : first + _BATCH]
+                crew = [robots[c.mismatch] for c in part]
+                loops = [o.loop(c.mismatch, robots[c.mismatch].drive) for c in part]
+                progress(Progress(k * len(cases) + first, len(laws) * len(cases), controller))
+                runs = run_robots(crew, [law] * len(part), loops, waypoints, [c.seed for c in part], workers)
+                errors += [errors_of(run, waypoints, robot, ticks) for run, robot in zip(runs, crew, strict=True)]
+                health = health or health_of(runs[0], waypoints, crew[0], loops[0], part[0].seed)
+            assert health is not None
+            found[controller] = ControllerRuns(sets[controller], tuple(errors), health)
     parameters, by_name = profile.as_dict()["mujoco"], MappingProxyType(found)
     speed, duration = waypoints.speed, waypoints.duration
-    return Robustness(profile.name, parameters, name, speed, duration, torque, o, tuple(cases), by_name, tuple(remarks))
+    made = tuple(cases), by_name, tuple(remarks)
+    return Robustness(profile.name, parameters, name, speed, duration, torque, o, *made, status=course.status)
 
 
 def _chosen_gains(controllers: tuple[str, ...], name_or_path: str) -> tuple[Mapping[str, GainSet], list[str]]:

@@ -9,7 +9,7 @@ import numpy as np
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.metrics.declared import Metrics, compare_paths
 from validation.progress import Progress, Report, silent
-from validation.study.result import profile_of
+from validation.study.result import keeping, profile_of
 from validation.study.tables.result import TABLE_METRICS, ControlTables, TableEntry, TablesOptions
 from validation.thesis import published
 from validation.track.gains import GainSet, load_gains
@@ -51,11 +51,12 @@ def study_tables(
             known[key] = run_robots([robots[plant]] * o.seeds, [law] * o.seeds, loops, waypoints, seeds, workers)
         return known[key]
 
-    entries = []
-    for done, number in enumerate(o.numbers):
-        progress(Progress(done, len(o.numbers), f"Tab. {number}"))
-        entries.append(_entry(number, o.seeds, robots, drive))
-    return ControlTables(profile.name, o.seeds, tuple(entries))
+    entries = list[TableEntry]()
+    with keeping(entries) as course:
+        for done, number in enumerate(o.numbers):
+            progress(Progress(done, len(o.numbers), f"Tab. {number}"))
+            entries.append(_entry(number, o.seeds, robots, drive))
+    return ControlTables(profile.name, o.seeds, tuple(entries), status=course.status)
 
 
 def _entry(number: str, seeds: int, robots: Mapping[str, Robot], drive: _Drive) -> TableEntry:

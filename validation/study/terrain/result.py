@@ -94,6 +94,8 @@ class TerrainStudy(StudyResult):
         rows = []
         for value in self.options.axes.values(axis):
             errors = [e for plant in PLANAR for e in self.line(axis, plant) if e.value == value]
+            if not errors:
+                continue  # the study was interrupted before
             texts = [f"{scale * value:g}", *(_text(e.position_m, 1e3, 0) for e in errors)]
             texts += [_text(e.yaw_rad, 180.0 / math.pi, 1) for e in errors]
             texts += [

@@ -30,7 +30,7 @@ from validation.progress import Progress, Report, silent
 from validation.robots.plant import MujocoPlant
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import with_quasi_static
-from validation.study.result import profile_of
+from validation.study.result import keeping, profile_of
 from validation.study.terrain.findings import (
     AXES,
     BASE,
@@ -64,8 +64,8 @@ def study_terrain(
     o = options or TerrainOptions()
     profile = profile_of(o.profile)
     planar = {v: _drive_planar(profile, v) for v in dict.fromkeys((BASE["speed"], *o.axes.speeds))}
-    models, trackers = list[ModelErrors](), list[TrackerErrors]()
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+    found = list[tuple[list[ModelErrors], list[TrackerErrors]]]()
+    with keeping(found) as course, ThreadPoolExecutor(workers or os.cpu_count()) as pool:
         jobs = [
             (axis, value, speed, [pool.submit(_drive_husky, profile, ground, speed) for ground in o.grounds(axis, value)])
             for axis in AXES
@@ -76,8 +76,8 @@ def study_terrain(
             for k, (axis, value, speed, driven) in enumerate(jobs):
                 progress(Progress(k, len(jobs), f"{axis} {AXES[axis][2] * value:g} {AXES[axis][1]}"))
                 robots, truths = zip(*(job.result() for job in driven), strict=True)
-                models += model_errors(axis, value, list(itertools.chain(*truths)), planar[speed], o.horizon)
-                trackers += _track(profile, axis, value, robots, o, workers)
+                modelled = model_errors(axis, value, list(itertools.chain(*truths)), planar[speed], o.horizon)
+                found.append((list(modelled), list(_track(profile, axis, value, robots, o, workers))))
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -87,7 +87,8 @@ def study_terrain(
         assert isinstance(husky, MujocoPlant)
         loads.append(LoadRun(terrain, with_quasi_static(husky.run(manoeuvre(), State(), SAMPLE_DT), husky, Localiser())))
     static = static_loads(Vehicle(mass=profile.plants["mujoco"].parameters.mass))
-    return TerrainStudy(profile.name, o, tuple(models), tuple(trackers), tuple(loads), static)
+    models, trackers = (tuple(itertools.chain(*parts)) for parts in zip(*found, strict=True))
+    return TerrainStudy(profile.name, o, models, trackers, tuple(loads), static, status=course.status)
 
 
 def manoeuvre() -> Commands:

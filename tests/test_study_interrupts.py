@@ -1,0 +1,92 @@
+"""Ctrl-C in a study: what was finished is kept, whatever the study, and says that it is not all."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.test_robustness import SMALL as ROBUSTNESS
+from tests.test_robustness import gains_of, hopeless, run_program
+from tests.test_terrain_study import SMALL as TERRAIN
+from validation import cli
+from validation.progress import Progress
+from validation.study.catalogue import STUDIES
+from validation.study.contact import ContactOptions
+from validation.study.filter import FilterOptions
+from validation.study.gains import GainsOptions
+from validation.study.gains import run as gains_run
+from validation.study.result import StudyResult, keeping
+from validation.study.tables import TablesOptions
+
+SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
+    "robustness": (
+        replace(ROBUSTNESS, gains={"pid": hopeless(), **gains_of(lqr="manual")}), lambda s: len(s.controllers),
+        ROBUSTNESS.runs,
+    ),
+    "terrain": (TERRAIN, lambda s: len({(e.axis, e.value) for e in s.models}), 1),
+    "contact": (ContactOptions(only=("cone",)), lambda s: len(s.tried), 1),
+    "tables": (TablesOptions(seeds=1, numbers=("4.5", "4.13")), lambda s: len(s.entries), 1),
+    "gains": (GainsOptions(plants=("kinematic", "improved"), seeds=1), lambda s: len({x.reference for x in s.scores}), 1),
+    "filter": (
+        FilterOptions(("line", "circle"), profiles=("thesis-lab",), frictions=(), seeds=1, timestep=0.005),
+        lambda s: len(s.drives), 1,
+    ),
+}  # fmt: skip
+"""Short options of each study, the function that counts its cases, and the progress at which the first is finished."""
+
+
+def test_every_study_is_here() -> None:
+    assert set(SHORT) == {study.name for study in STUDIES}
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
+def test_what_was_finished_is_kept(study: Any, tmp_path: Path) -> None:
+    options, cases, first = SHORT[study.name]
+
+    def press(now: Progress) -> None:
+        if now.done >= first:
+            raise KeyboardInterrupt
+
+    found: StudyResult = study.run(options, workers=2, progress=press)
+    assert found.status == "interrupted"
+    assert cases(found) == 1
+    for path in found.save(tmp_path):
+        assert path.stat().st_size
+    document = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
+    assert document["status"] == "interrupted"
+    report = (tmp_path / "study.md").read_text(encoding="utf-8")
+    assert "The study was interrupted; only what was finished before is here." in report
+    for grid in found.report_grids():
+        assert all(len(row) == len(grid.header) for group in grid.groups for row in group)
+    assert found.table()
+
+
+def test_nothing_is_kept_where_nothing_was_finished() -> None:
+    with pytest.raises(KeyboardInterrupt), keeping([]):
+        raise KeyboardInterrupt
+    with keeping([]) as course:
+        pass
+    assert course.status == "finished"
+
+
+def test_the_command_writes_and_leaves_with_130(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    real, calls = gains_run.run_robots, list[int]()
+
+    def pressed(*arguments: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr(gains_run, "run_robots", pressed)
+    options = ["gains", "--plants", "kinematic", "--seeds", "1", "--out", str(tmp_path)]
+    assert run_program(*options) == cli.EXIT_INTERRUPTED
+    assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
+    assert "written:" in capsys.readouterr().out

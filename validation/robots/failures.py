@@ -1,0 +1,30 @@
+"""MuJoCo's failures in Python's terms: MuJoCo itself raises `FatalError`, or a `ValueError` that nobody's value caused."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import mujoco
+
+from ssmr.errors import SsmrError
+
+_NO_MEMORY = "Could not allocate memory"
+
+
+@contextlib.contextmanager
+def mujoco_failures() -> Iterator[None]:
+    """Within, or in a function that this decorates, what MuJoCo cannot do is said in Python's terms.
+
+    Raises:
+        MemoryError: there is not enough memory for a model, its data, or a batch.
+        SsmrError: the simulator gave up for another reason, such as contacts that do not fit into its arena.
+    """
+    try:
+        yield
+    except (mujoco.FatalError, ValueError) as error:
+        if _NO_MEMORY in str(error):
+            raise MemoryError("there is not enough memory for the simulator") from error
+        if isinstance(error, mujoco.FatalError):
+            raise SsmrError(f"mujoco gave up: {' '.join(str(error).split())}") from error
+        raise

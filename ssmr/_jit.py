@@ -64,9 +64,10 @@ def _cache_folder() -> str:
                 for old in root.glob("numba-*"):
                     if time.time() - old.lstat().st_mtime > CACHE_LIFETIME:
                         shutil.rmtree(old, ignore_errors=True)
-                root.mkdir(mode=0o700, parents=True, exist_ok=True)
+                shared = root.name == "__pycache__"  # where everybody's bytecode lies, which others may read
+                root.mkdir(mode=0o755 if shared else 0o700, parents=True, exist_ok=True)
                 folder.mkdir(mode=0o700, exist_ok=True)
-            if _is_ours(folder) and os.access(folder, os.W_OK):
+            if _is_ours(root) and _is_ours(folder) and os.access(folder, os.W_OK):
                 return str(folder)
         except (OSError, RuntimeError):  # RuntimeError: this user has no home
             continue

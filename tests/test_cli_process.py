@@ -257,3 +257,11 @@ cli.run(main, "program", [])
     process.send_signal(signal.SIGTERM)
     said, warned = process.communicate(timeout=20)
     assert (process.returncode, said, warned) == (143, "compiled\n", "ended by SIGTERM\n")
+
+
+def test_a_folder_in_which_others_could_swap_the_cache_is_not_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache_folder(monkeypatch, tmp_path)
+    (tmp_path / "ssmr-testbed").chmod(0o777)
+    assert cache_folder(monkeypatch, tmp_path) == ""

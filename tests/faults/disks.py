@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
+import os
 import random
 import resource
 import shutil
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tests.faults import files
-from tests.faults.doors import environment, process
+from tests.faults.doors import NOBODY, environment, process
 from tests.faults.judge import Outcome
 from tests.faults.pool import Part
 
@@ -80,7 +84,7 @@ def _full_tmpfs(place: str, command: str, rng: random.Random, work: Path) -> tup
         out = process(f"{command}, a disk of {size} kB", argv_of(command, small / "out"), work)
         out.folder = work / "kept"  # what is judged is what the disk has
         shutil.copytree(small, out.folder)
-        out.before = frozenset()
+        out.before, out.stdout = frozenset(), out.stdout.replace(f"{small}/", "")
     finally:
         subprocess.run(["umount", small], check=True)
     return out, (0, 1, 2)
@@ -94,7 +98,7 @@ def _nowhere(place: str, command: str, rng: random.Random, work: Path) -> tuple[
 def _read_only(place: str, command: str, rng: random.Random, work: Path) -> tuple[Outcome, Sequence[int]]:
     (work / "out").mkdir(mode=0o555)
     _opened(work)
-    env = environment(HOME=str(work), XDG_CACHE_HOME=None)
+    env = environment(HOME=str(_home()), XDG_CACHE_HOME=None)
     out = process(f"{command}, as nobody", argv_of(command, "out"), work, env=env, as_nobody=True)
     return only(out, work / "out"), (1, 2)
 
@@ -105,7 +109,7 @@ def _vanishing(place: str, command: str, rng: random.Random, work: Path) -> tupl
     target.chmod(0o777)
     _opened(work)
     delay = rng.uniform(0.3, 6.0)
-    env = environment(HOME=str(work), XDG_CACHE_HOME=None)
+    env = environment(HOME=str(_home()), XDG_CACHE_HOME=None)
 
     def meanwhile(running: subprocess.Popen[bytes]) -> None:
         until = time.monotonic() + delay
@@ -124,6 +128,16 @@ def _vanishing(place: str, command: str, rng: random.Random, work: Path) -> tupl
     if place == "vanishing" and out.status == 0 and not target.is_dir():
         out.stdout = ""  # it had ended, or made the folder anew; what it claimed was true when it said so
     return only(out, target), (0, 1, 2)
+
+
+@functools.cache
+def _home() -> Path:
+    """Return the home of nobody, where compiled code is kept from one case to the next."""
+    home = Path(tempfile.mkdtemp(prefix="ssmr-faults-home-"))
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    if os.getuid() == 0:
+        os.chown(home, NOBODY, NOBODY)
+    return home
 
 
 def _opened(work: Path) -> None:

@@ -32,7 +32,10 @@ CLASSES = (
 
 _HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 _LAST_WORDS = ("error: ", "run failed: ", "interrupted", "ended by ")
-_KNOWN_LINES = re.compile(r"^(warning: |INFO |WARNING |ERROR |DEBUG | {9}|.*: \d+ of \d+, )")
+_KNOWN_LINES = re.compile(
+    r"^(warning: |INFO |WARNING |ERROR | {9}|.*: \d+ of \d+, |no folder belongs to this user alone"
+    r"|Could not save font_manager cache|mkdir -p failed for path|Matplotlib created a temporary cache)"
+)  # lines of progress, of the log, and of Matplotlib where it cannot write
 _NUMBER_WORD = re.compile(r"(?<![\w./'-])[-+]?(nan|inf)(?![\w./'-])", re.IGNORECASE)
 _WRITTEN = re.compile(r"^written: (.+)$", re.MULTILINE)
 

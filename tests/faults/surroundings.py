@@ -33,7 +33,7 @@ ENVIRONMENTS: Mapping[str, Mapping[str, str | None]] = {
 }
 """Environments by name: variables that are set, or taken away where they are None."""
 LIMITS: Mapping[str, tuple[int, Sequence[int]]] = {
-    "address space": (resource.RLIMIT_AS, tuple(int(g * (1 << 30)) for g in (0.5, 1, 1.5, 2, 3, 4, 6))),
+    "address space": (resource.RLIMIT_AS, tuple(int(g * (1 << 30)) for g in (1, 1.5, 2, 3, 4, 6))),
     "descriptors": (resource.RLIMIT_NOFILE, (12, 16, 24, 32, 48, 64)),
     "processes": (resource.RLIMIT_NPROC, (1, 8)),
 }

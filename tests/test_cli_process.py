@@ -265,3 +265,21 @@ def test_a_folder_in_which_others_could_swap_the_cache_is_not_trusted(
     cache_folder(monkeypatch, tmp_path)
     (tmp_path / "ssmr-testbed").chmod(0o777)
     assert cache_folder(monkeypatch, tmp_path) == ""
+
+
+def interrupt(touched: Path | None) -> None:
+    if touched is not None:
+        touched.touch()
+    raise KeyboardInterrupt
+
+
+def test_a_search_that_is_interrupted_after_its_end_is_said_to_be_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new = tmp_path / "old.npz", tmp_path / "new.npz"
+    old.touch()
+    os.utime(old, (0, 0))
+    for checkpoint, touched in ((tmp_path / "none.npz", None), (old, None), (new, new)):
+        with pytest.raises(KeyboardInterrupt), cli.search_kept_in(checkpoint):
+            interrupt(touched)
+        assert ("--resume" in capsys.readouterr().err) == (touched is not None)

@@ -55,8 +55,9 @@ def run(command: str, rng: random.Random, folder: Path) -> tuple[Outcome, Sequen
     out = process(what, disks.argv_of(command, "out"), work, meanwhile=meanwhile)
     if sent and out.status == -number:  # the system's own answer, before the program has one: a shell shows the same
         out.status, out.stderr = STATUS[number], out.stderr or "ended by the system"
-    if sent == [True] and out.status and command in KEPT and not (work / "out" / KEPT[command]).is_file():
-        out.fault("damaged file", f"the search had found something, and {KEPT[command]} is not there")
+    lost = command in KEPT and not (work / "out" / KEPT[command]).is_file()
+    if sent == [True] and out.status and lost and "--resume" not in out.stderr:
+        out.fault("damaged file", f"{KEPT[command]} is not there, and nothing says that the search is kept")
     return disks.only(out, work / "out"), (0, STATUS[number]) if sent else (0,)
 
 

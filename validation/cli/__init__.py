@@ -42,3 +42,4 @@ from validation.cli.running import leave_out as leave_out
 from validation.cli.running import mistakes_are_users as mistakes_are_users
 from validation.cli.running import output_folder as output_folder
 from validation.cli.running import run as run
+from validation.cli.running import search_kept_in as search_kept_in

@@ -13,6 +13,7 @@ import logging
 import re
 import signal
 import sys
+import time
 import traceback
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,7 +29,7 @@ from validation import store
 from validation.cli import process
 from validation.cli.early import EXIT_FAULT
 from validation.cli.options import NUMBERS, UserError
-from validation.cli.reporting import say
+from validation.cli.reporting import say, warn
 from validation.words import each_line, one_line, shortened
 
 EXIT_FAILED_RUN = 1
@@ -69,6 +70,19 @@ def output_folder(path: Path) -> Path:
         return store.make_folder(path)
     except ValueError as error:
         raise UserError(f"--out {error}") from error
+
+
+@contextlib.contextmanager
+def search_kept_in(checkpoint: Path) -> Iterator[None]:
+    """Within, an interruption says how to go on, if a search wrote its checkpoint there meanwhile."""
+    began = time.time() - 0.1  # clocks of file systems are coarse
+    try:
+        yield
+    except KeyboardInterrupt:
+        with contextlib.suppress(OSError):
+            if checkpoint.stat().st_mtime >= began:
+                warn(f"the search is kept in {checkpoint}; the same command with --resume goes on from there")
+        raise
 
 
 def run(

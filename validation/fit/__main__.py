@@ -112,20 +112,21 @@ def main(options: Options) -> None:
     stem = Path(sources[0]).stem if sources else ""
     folder = output.out or Path("runs") / "fit" / file_name(f"{options.model}-{stem}")
     search = replace(options.search, checkpoint=folder / CHECKPOINT)
-    with cli.mistakes_are_users(), cli.shown("fit") as progress:
-        result = fit(
-            options.model,
-            sources,
-            options.profile,
-            sources=options.sources,
-            parameters=options.parameters,
-            cost=options.cost,
-            search=search,
-            progress=progress,
-        )
-    if output.name is not None:
-        result = replace(result, profile=replace(result.profile, name=output.name))
-    cli.report_result(result, result.save(folder, recording=output.rerun))
+    with cli.search_kept_in(folder / CHECKPOINT):
+        with cli.mistakes_are_users(), cli.shown("fit") as progress:
+            result = fit(
+                options.model,
+                sources,
+                options.profile,
+                sources=options.sources,
+                parameters=options.parameters,
+                cost=options.cost,
+                search=search,
+                progress=progress,
+            )
+        if output.name is not None:
+            result = replace(result, profile=replace(result.profile, name=output.name))
+        cli.report_result(result, result.save(folder, recording=output.rerun))
     if result.status == "interrupted":
         raise KeyboardInterrupt
 

@@ -106,20 +106,21 @@ def main(options: Options) -> None:
 
     plants, seed, output = options.task.plants, options.search.seed, options.output
     folder = output.out or Path("runs") / "tune" / f"{options.controller}-{'-'.join(plants)}"
-    with cli.mistakes_are_users(), cli.shown("tune") as progress:
-        result = tune(
-            options.controller,
-            options.reference,
-            options.profile,
-            task=options.task,
-            parameters=options.parameters,
-            cost=replace(options.cost, seeds=range(seed, seed + (options.cost.noise_seeds or 1))),
-            search=replace(options.search, checkpoint=folder / CHECKPOINT),
-            progress=progress,
-        )
-    if output.name is not None:
-        result = replace(result, gain_set=replace(result.gain_set, name=output.name))
-    cli.report_result(result, result.save(folder))
+    with cli.search_kept_in(folder / CHECKPOINT):
+        with cli.mistakes_are_users(), cli.shown("tune") as progress:
+            result = tune(
+                options.controller,
+                options.reference,
+                options.profile,
+                task=options.task,
+                parameters=options.parameters,
+                cost=replace(options.cost, seeds=range(seed, seed + (options.cost.noise_seeds or 1))),
+                search=replace(options.search, checkpoint=folder / CHECKPOINT),
+                progress=progress,
+            )
+        if output.name is not None:
+            result = replace(result, gain_set=replace(result.gain_set, name=output.name))
+        cli.report_result(result, result.save(folder))
     if result.status == "interrupted":
         raise KeyboardInterrupt
 

@@ -19,7 +19,7 @@ import pytest
 
 from tests.test_objective import problem, scenario
 from validation.fit import cluster as cluster_module
-from validation.fit.cluster import Cluster, ClusterLostError
+from validation.fit.cluster import Cluster, ClusterError, ClusterLostError
 from validation.fit.objective import FitCost
 from validation.fit.run import fit
 from validation.plants.profile import Profile
@@ -117,3 +117,13 @@ def test_a_lost_cluster_is_one_line_and_resuming_ends_like_the_undisturbed(
     assert again.cost == through.cost
     assert again.parameters == through.parameters
     assert (again.evaluations, again.generations) == (through.evaluations, through.generations)
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "", "tcp://", "tcp://127.0.0.1:1", "tcp://127.0.0.1:99999999", "tcp://a\0b:1"]
+)
+def test_an_address_where_nobody_answers_is_refused_at_once(address: str, lab: Profile) -> None:
+    began = time.monotonic()
+    with pytest.raises(ClusterError, match="no dask scheduler answers"):
+        Cluster(address, problem(lab, scenario(lab), FitCost(), "coulomb"))
+    assert time.monotonic() - began < 10.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -67,8 +68,9 @@ class Cluster:
         self._there: Any = None  # the problem on the workers
         self._known: set[str] = set()  # addresses of workers whose versions are known to be right
         try:
+            _require_reachable(address)
             self._client: Any = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
+        except (OSError, ValueError, OverflowError, TimeoutError) as error:
             raise ClusterError(f"no dask scheduler answers at {address}; start one with: {_START}") from error
         try:
             self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
@@ -191,6 +193,22 @@ class Cluster:
                 self._workers()
                 asked = time.monotonic()
             time.sleep(0.05)
+
+
+def _require_reachable(address: str) -> None:
+    """Connect to a scheduler once: a client of dask that cannot connect tries again for long when it is thrown away.
+
+    Raises:
+        ValueError: this is no address.
+        OSError: nobody answers there.
+        OverflowError: the port is greater than any.
+    """
+    from distributed.comm import addressing
+
+    scheme, place = addressing.parse_address(address)
+    if scheme in ("tcp", "tls"):
+        with socket.create_connection(addressing.parse_host_port(place), timeout=CONNECT_TIMEOUT):
+            pass
 
 
 def _losses() -> tuple[type[BaseException], ...]:

@@ -64,12 +64,12 @@ def main(options: ReplicateCommand) -> None:
             require_usable(log.recording)
         if output.docs is not None:
             require_markdown(output.docs)
-    settings = replace(
-        QUICK_SETTINGS if options.quick else ReplicationSettings(),
-        seed=options.seed,
-        recording="" if log.recording is None else str(log.recording),
-        split=log.split,
-    )
+        settings = replace(
+            QUICK_SETTINGS if options.quick else ReplicationSettings(),
+            seed=options.seed,
+            recording="" if log.recording is None else str(log.recording),
+            split=log.split,
+        )
     folder = cli.output_folder(output.out)
     try:
         with cli.shown("replicating") as progress:

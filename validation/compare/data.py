@@ -74,3 +74,5 @@ class ComparisonData:
     """Versions of this project, Python and the packages that decide numbers."""
     terrain: Terrain = FLAT
     """The ground that the MuJoCo Husky stood on."""
+    warnings: tuple[str, ...] = ()
+    """Sentences about what is wrong with the recording."""

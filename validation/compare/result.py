@@ -30,7 +30,7 @@ class Comparison(ComparisonData, Result):
         return comparison_grids(self)
 
     def notes(self) -> Sequence[str]:
-        """Return sentences on what the data cannot tell apart."""
+        """Return sentences on what is wrong with a recording and what it cannot tell apart."""
         return comparison_notes(self)
 
     def figure(self) -> Figure:
@@ -56,6 +56,7 @@ class Comparison(ComparisonData, Result):
             "reference": self.reference_name,
             "seed": self.seed,
             "options": dict(self.options),
+            "notes": list(self.warnings),
             "versions": dict(self.versions),
             "plants": {name: _plant_entry(result) for name, result in self.plants.items()},
             "parameters": {name: dict(result.parameters) for name, result in self.plants.items()},

@@ -119,7 +119,7 @@ class PreparedComparison:
         commands = tuple(piece.commands for piece in source.pieces)
         return Comparison(
             source.name, self.profile.name, self.reference, truth, commands, results, settings.seed,
-            settings.as_dict(), store.versions(), settings.terrain,
+            settings.as_dict(), store.versions(), settings.terrain, source.warnings,
         )  # fmt: skip
 
     def _drive_all(self, workers: int | None, progress: Report) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:

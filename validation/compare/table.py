@@ -135,10 +135,13 @@ def _overlapping_grid(comparison: ComparisonData) -> Grid | None:
 
 
 def comparison_notes(comparison: ComparisonData) -> list[str]:
-    """Return which plants a recording cannot tell apart after the horizon closest to `HEADLINE_HORIZON`."""
+    """Return what is wrong with a recording, and which plants it cannot tell apart.
+
+    Plants are told apart after the horizon closest to `HEADLINE_HORIZON`.
+    """
     known = sorted({h for result in comparison.plants.values() for h in result.windows})
     if not known:
-        return []
+        return list(comparison.warnings)
     horizon = min(known, key=lambda h: abs(h - HEADLINE_HORIZON))
     able = {name: r.windows[horizon] for name, r in comparison.plants.items() if horizon in r.windows}
     alike: dict[str, list[str]] = {"position": [], "yaw": []}
@@ -146,7 +149,7 @@ def comparison_notes(comparison: ComparisonData) -> list[str]:
         for what, differs in zip(alike, able[a].differs_from(able[b]), strict=True):
             if not differs:
                 alike[what].append(f"{a} and {b}")
-    return [
+    return list(comparison.warnings) + [
         f"After {horizon:g} s the recording cannot tell apart in {what}: {', '.join(pairs)}."
         for what, pairs in alike.items()
         if pairs

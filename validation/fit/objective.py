@@ -138,7 +138,7 @@ class HorizonRater:
     def __init__(self, truth: Trajectory, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
         """Cut the windows; `counts` are the windows of all pieces by horizon, `block` the piece's first block of time."""
         self._cost = cost
-        found = [windows(truth.t, horizon, piece.fresh) for horizon in cost.horizons]
+        found = [piece.windows(windows, truth.t, horizon) for horizon in cost.horizons]
         self._starts, self._ends = (np.concatenate([f[end] for f in found]) for end in (0, 1))
         shares = [np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)]
         self._weight = np.concatenate(shares)
@@ -194,12 +194,13 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[list[Rater]
     blocks = itertools.accumulate(lengths[:-1], initial=0)  # the first block of each piece
     raters: Iterator[Rater]
     if cost.objective == "horizon":
-        per_piece = [[len(windows(truth.t, h, piece.fresh)[0]) for h in cost.horizons] for piece, truth in pieces]
+        per_piece = [[len(piece.windows(windows, truth.t, h)[0]) for h in cost.horizons] for piece, truth in pieces]
         counts = np.sum(per_piece, axis=0)
         if not counts.all():
+            between = ", less between jumps of the localiser" if any(piece.jumps for piece, _ in pieces) else ""
             raise ValueError(
                 f"no window of {cost.horizons[int(np.argmin(counts))]:g} s fits into the sources, whose longest stretch "
-                f"without a gap has {max(seconds):.1f} s; name shorter horizons"
+                f"without a gap has {max(seconds):.1f} s{between}; name shorter horizons"
             )
         raters = (HorizonRater(r, p, cost, list(counts), b) for (p, r), b in zip(pieces, blocks, strict=True))
     else:

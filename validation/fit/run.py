@@ -124,12 +124,17 @@ def fit(
         parameters=found_parameters(space, point, [find(model, n).read(begun) for n in space.names], uncertainty),
         correlation=None if uncertainty is None else uncertainty.correlation,
         uncertainty_method="" if uncertainty is None else uncertainty.method,
-        remarks=(*sentences(model, space, point, uncertainty), *troubles),
+        remarks=(*_warnings([*targets, *held_out]), *sentences(model, space, point, uncertainty), *troubles),
         **scores,
         options=_record(problem, settings, sources, parameters, search),
         **found.outcome(),
     )
     return replace(result, profile=_fitted_profile(result, base, problem.candidate(point), settings))
+
+
+def _warnings(targets: Sequence[FitTarget]) -> list[str]:
+    """Return what is wrong with recordings, each sentence once: a recording may stand there for each input and span."""
+    return list(dict.fromkeys(warning for target in targets for warning in target.source.warnings))
 
 
 def _record(

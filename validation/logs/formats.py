@@ -119,8 +119,17 @@ def check_target(target: str | Path, source: str | Path) -> None:
         ValueError: no format that can be written has the target's ending; or the target is a folder, the source itself, a
             link to a part of it, or lies in the folder of a ROS 2 bag that is the source or holds it.
     """
+    _writer(Path(target))
+    check_apart(target, source)
+
+
+def check_apart(target: str | Path, source: str | Path) -> None:
+    """Refuse to write a file of any kind over a log or into it; the arguments are those of `check_target`.
+
+    Raises:
+        ValueError: as `check_target`, but for the ending.
+    """
     target, source = Path(target), Path(source)
-    _writer(target)
     if exists(target) and target.is_dir():
         raise ValueError(f"{target} is a folder; name a file")
     if not exists(source):

@@ -256,14 +256,8 @@ class Segment:
 
     @property
     def fresh(self) -> NDArray[np.bool_]:
-        """(M,) bool, True where the localiser gave a new pose.
-
-        A pose equal to the one before, bit for bit, was only logged again. If that goes on for more than `_STILL_AFTER`, the
-        robot stands, and the samples after that time are new. The first sample is always new.
-        """
-        changed = np.concatenate([[True], np.any(self.pose[1:] != self.pose[:-1], axis=1)])
-        since = self.t[np.maximum.accumulate(np.where(changed, np.arange(len(self)), 0))]
-        return changed | (self.t - since > _STILL_AFTER + TIME_ROUNDOFF)
+        """(M,) bool, True where the localiser gave a new pose; see `fresh_poses`."""
+        return fresh_poses(self.t, self.pose)
 
     def initial_state(self, span: float = 0.5) -> State:
         """Return pose and wheel rates of the first sample, and the constant twist that fits the first poses best.
@@ -296,6 +290,17 @@ class Segment:
             v = np.linalg.lstsq(design, (pose[:, :2] - pose[:, :2].mean(axis=0)).ravel())[0]
         x, y, yaw_0 = map(float, self.pose[0])
         return State(x, y, yaw_0, float(v[0]), float(v[1]), yaw_rate, float(wheels[0]), float(wheels[1]))
+
+
+def fresh_poses(t: FloatArray, pose: FloatArray) -> NDArray[np.bool_]:
+    """Return (M,) bool, True for rows of (M, 3) poses that are new.
+
+    A pose equal to the one before, bit for bit, was only logged again. If that goes on for more than `_STILL_AFTER`, the
+    robot stands, and the samples after that time are new. The first sample is always new.
+    """
+    changed = np.concatenate([[True], np.any(pose[1:] != pose[:-1], axis=1)])
+    since = t[np.maximum.accumulate(np.where(changed, np.arange(len(t)), 0))]
+    return changed | (t - since > _STILL_AFTER + TIME_ROUNDOFF)
 
 
 def _refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:

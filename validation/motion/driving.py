@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.robot.localiser import Localiser
-from ssmr.types import FloatArray, IndexArray, Plant, Trajectory
-from validation.motion.sources import Piece, Source
+from ssmr.types import FloatArray, Plant, Trajectory
+from validation.motion.sources import Piece, Source, WindowCut
 
 
 def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
@@ -32,7 +31,7 @@ def horizons_of(
 ) -> dict[float, HorizonErrors]:
     """Return errors of the relative pose by horizon [s] over several sources together; only recordings have windows.
 
-    Windows follow one another and never span a gap. A horizon without any is left out.
+    Windows follow one another and never span a gap or a jump of the localiser. A horizon without any is left out.
     """
     errors = {horizon: _errors_of(driven, horizon, horizon_windows) for horizon in horizons}
     return {horizon: horizon_errors(*found) for horizon, found in errors.items() if found is not None}
@@ -49,11 +48,11 @@ def window_errors_of(
 def _errors_of(
     driven: Sequence[tuple[Source, Sequence[Trajectory]]],
     horizon: float,
-    windows: Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]],
+    windows: WindowCut,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return (W,) position errors [m] and yaw errors [rad] over all windows; None where there is none."""
     found = [
-        relative_pose_error(motion.pose, piece.reference.pose, *windows(piece.t, horizon, piece.fresh))
+        relative_pose_error(motion.pose, piece.reference.pose, *piece.windows(windows, piece.t, horizon))
         for source, motions in driven
         for motion, piece in zip(motions, source.pieces, strict=True)
         if piece.reference is not None and piece.t is not None

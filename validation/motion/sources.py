@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +14,16 @@ from numpy.typing import NDArray
 from ssmr.geometry import rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
-from ssmr.types import CommandKind, Commands, FloatArray, State, Trajectory
+from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, State, Trajectory
 from validation.logs.files import exists
 from validation.logs.formats import is_log, read_recording, readable
+from validation.logs.groups import groups_of
+from validation.logs.health import find_faults
 from validation.logs.limits import USUAL, LogLimits
 from validation.logs.recording import Recording, Segment
 from validation.plants.table import PLANTS, STANDARD
+
+_logger = logging.getLogger(__name__)
 
 RECORDING_GRID = 0.01
 """Period at which a recording's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any
@@ -26,6 +33,10 @@ _MOST_PIECES = 10_000
 """Greatest number of gap-free stretches of a recording: a log that has more has no rate of its own."""
 RECORDING = "recording"
 """The name of the reference where plants are compared with a recorded motion."""
+
+
+WindowCut = Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]]
+"""Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +53,22 @@ class Piece:
     """The recorded motion at those stamps; None for a scenario, whose reference is a plant."""
     fresh: NDArray[np.bool_] | None = None
     """(M,) where the recorded pose was new: scoring windows begin and end there."""
+    jumps: tuple[int, ...] = ()
+    """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring window spans one."""
+
+    def windows(self, cut: WindowCut, t: FloatArray, horizon: float) -> tuple[IndexArray, IndexArray]:
+        """Return (W,) starts and (W,) ends of scoring windows in this piece: `cut` for each stretch between jumps.
+
+        Args:
+            cut: function that cuts windows, such as `horizon_windows`.
+            t: (M,) the piece's stamps, for a scenario the simulation's [s].
+            horizon: length of a window [s].
+        """
+        found = []
+        for a, b in pairwise((0, *self.jumps, len(t))):
+            starts, ends = cut(t[a:b], horizon, None if self.fresh is None else self.fresh[a:b])
+            found.append((a + starts, a + ends))
+        return np.concatenate([starts for starts, _ in found]), np.concatenate([ends for _, ends in found])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +83,8 @@ class Source:
     """`recording`, or the plant that a scenario is compared with unless the user names another."""
     sample_dt: float
     """Period at which plants are sampled [s]."""
+    warnings: tuple[str, ...] = ()
+    """Sentences about what is wrong with a recording."""
 
 
 def open_source(
@@ -103,19 +132,27 @@ def open_source(
 
 
 def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:
-    """Return a recording as a motion to compare plants on.
+    """Return a recording as a motion to compare plants on; what is wrong with it is logged as a warning too.
 
     Raises:
         ValueError: it lacks the inputs or the pose.
     """
-    return Source(name, tuple(_piece(s, kind) for s in recording.segments()), RECORDING, RECORDING_GRID)
+    health = find_faults(groups_of(recording, name))
+    jumps = np.empty(0, dtype=np.intp) if health.jumps is None else health.jumps.index
+    pieces = tuple(_piece(s, kind, jumps) for s in recording.segments())
+    warnings = tuple(f"{recording.name}: {sentence}" for sentence in health.sentences())
+    for warning in warnings:
+        _logger.warning("%s", warning)
+    return Source(name, pieces, RECORDING, RECORDING_GRID, warnings)
 
 
-def _piece(segment: Segment, kind: CommandKind) -> Piece:
+def _piece(segment: Segment, kind: CommandKind, jumps: IndexArray) -> Piece:
     commands = segment.commands(kind, RECORDING_GRID)
     start = segment.initial_state()
     before = (float(commands.values[0, 0]), float(commands.values[0, 1]))
-    return Piece(replace(commands, before=before), start, segment.t, _recorded_motion(segment), segment.fresh)
+    inside = jumps[(jumps > segment.start) & (jumps < segment.stop)] - segment.start
+    motion = _recorded_motion(segment)
+    return Piece(replace(commands, before=before), start, segment.t, motion, segment.fresh, tuple(inside.tolist()))
 
 
 def _recorded_motion(segment: Segment) -> Trajectory:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from validation import cli
+from validation.logs.formats import check_apart
 from validation.logs.limits import USUAL
 from validation.logs.log import ReadOptions, Stamps
 from validation.recordings.run import ConvertSettings, convert, info
@@ -73,6 +74,8 @@ class InfoOptions:
     """The options of `info`."""
 
     source: LogSource
+    json: Annotated[Path | None, cli.option(metavar="FILE", default="none")] = None
+    """JSON file to write the findings into as well."""
     bag: LogOptions = field(default_factory=LogOptions)
     simulation: SimulationOptions = SimulationOptions()
 
@@ -114,16 +117,23 @@ class ConvertOptions:
 def _info(options: InfoOptions) -> None:
     """Report what a log contains.
 
-    Prints topics or columns, rates, gaps, time offsets and the gyro's bias.
+    Prints topics or columns, rates, gaps, faults, time offsets and the gyro's bias.
 
     Compares dead reckoning on the log with the positions in it.
     """
     bag, simulation = options.bag, options.simulation
     with cli.mistakes_are_users():
+        if options.json is not None:
+            check_apart(options.json, options.source)
         found = info(options.source, bag.reading(), simulation.profile, simulation.seed)
     for fault in found.log.faults:
         cli.warn(fault)
-    cli.report_result(found)
+    if options.json is not None:
+        try:
+            found.save(options.json)
+        except OSError as error:
+            raise cli.UserError(f"--json {options.json}: the file cannot be written ({error.strerror or error})") from error
+    cli.report_result(found, [] if options.json is None else [options.json])
 
 
 def _convert(options: ConvertOptions) -> None:

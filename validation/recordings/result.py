@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from validation.logs.dead_reckoning import Reckoning
-from validation.logs.formats import losses, write_log
+from validation.logs.formats import check_apart, losses, write_log
+from validation.logs.groups import Group
+from validation.logs.health import LogHealth
 from validation.logs.log import Log
 from validation.logs.offsets import Offset
 from validation.logs.recording import Recording
 from validation.logs.rest import Rest
-from validation.recordings.table import group_grid, log_notes, offset_grid, reckoning_grid, topic_grid
+from validation.recordings.table import group_grid, health_grid, log_notes, offset_grid, reckoning_grid, topic_grid
 from validation.show.tables import Grid, text_tables
+from validation.store import versions, write_json
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,21 +31,76 @@ class LogInfo:
     """Readings of its gyro at rest; None where they are unknown."""
     reckoning: Reckoning | None
     """Ways of dead reckoning; None where the log allows none."""
+    health: LogHealth
+    """Faults of the log."""
 
     def grids(self) -> Sequence[Grid]:
-        """Return its tables: topics or groups, offsets of time, dead reckoning."""
+        """Return its tables: topics or groups, faults, offsets of time, dead reckoning."""
         log = self.log
         first = topic_grid(log.path.name, log.topics) if log.topics else group_grid(log.path.name, log.groups)
-        others = (offset_grid(self.offsets), reckoning_grid(self.reckoning))
+        others = (health_grid(self.health), offset_grid(self.offsets), reckoning_grid(self.reckoning))
         return [first, *(grid for grid in others if grid is not None)]
 
     def notes(self) -> Sequence[str]:
-        """Return sentences about clocks, gaps and the gyro at rest."""
-        return log_notes(self.log, self.rest)
+        """Return sentences about clocks, gaps and the gyro at rest, and about numbers that are hard to believe."""
+        return [*log_notes(self.log, self.rest), *self.health.implausible]
 
     def table(self, width: int = 110) -> str:
         """Return its tables and notes as text of at most `width` columns."""
         return text_tables(self.grids(), [*self.log.faults, *self.notes()], width)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what its JSON file holds; null stands for what is unknown."""
+        found, jumps = self.health, self.health.jumps
+        seconds = {offset.late: offset.seconds for offset in self.offsets}
+        reference = {offset.behind: 0.0 for offset in self.offsets}
+        return {
+            "schema": "ssmr.info/1",
+            "source": str(self.log.path),
+            "groups": {name: _group_entry(group) for name, group in self.log.groups.items()},
+            "offsets_s": {
+                "wheels": {**seconds, **reference}.get("wheels"),
+                "pose_yaw": seconds.get("pose"),
+                "position": None,
+            },
+            "offsets": [asdict(offset) for offset in self.offsets],
+            "pose_jumps": None if jumps is None else len(jumps.t),
+            "pose_jumps_at_s": None if jumps is None else jumps.t.tolist(),
+            "pose_jumps_m": None if jumps is None else jumps.metres.tolist(),
+            "pose_jumps_rad": None if jumps is None else jumps.radians.tolist(),
+            "uncommanded_share": found.uncommanded_share,
+            "dead_columns": list(found.dead_columns),
+            "implausible": list(found.implausible),
+            "gyro_at_rest": None if self.rest is None else asdict(self.rest),
+            "dead_reckoning": None if self.reckoning is None else asdict(self.reckoning),
+            "notes": [*self.log.faults, *self.notes()],
+            "versions": versions(),
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write the findings as JSON, whole or not at all; return the path.
+
+        Raises:
+            ValueError: `path` is a folder, the log itself or a part of it.
+            OSError: the file cannot be written.
+        """
+        path = Path(path)
+        check_apart(path, self.log.path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(path, self.as_dict())
+        return path
+
+
+def _group_entry(group: Group) -> dict[str, Any]:
+    return {
+        "source": group.source,
+        "samples": len(group.t),
+        "rate_hz": 1.0 / group.period,
+        "from_s": float(group.t[0]),
+        "to_s": float(group.t[-1]),
+        "columns": list(group.columns),
+        "gaps_s": [list(gap) for gap in group.gaps()],
+    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from pathlib import Path
 from validation.logs.dead_reckoning import reckon, with_filter
 from validation.logs.formats import check_target, losses, read_log
 from validation.logs.groups import aligned, cut_groups, merge, smoothed_groups
+from validation.logs.health import find_faults
 from validation.logs.log import Log, ReadOptions
 from validation.logs.offsets import estimate_offsets, synchronised
 from validation.logs.recording import Recording, RecordingError
@@ -77,7 +78,7 @@ def open_log(
 def info(
     source: str | Path, options: ReadOptions | None = None, profile: str | Profile = "thesis-lab", seed: int = 0
 ) -> LogInfo:
-    """Say what a log holds: topics or columns, rates, gaps, offsets of time, the gyro's bias, and dead reckoning.
+    """Say what a log holds: topics or columns, rates, gaps, faults, offsets of time, the gyro's bias, dead reckoning.
 
     The arguments are those of `open_log`. Topics that cannot be used are left out and become `LogInfo.log.faults`.
 
@@ -86,7 +87,8 @@ def info(
         SsmrError: the plant diverged.
     """
     log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed)
-    return LogInfo(log, tuple(estimate_offsets(log.groups)), find_rest(log.groups), reckon(log.groups))
+    groups = log.groups
+    return LogInfo(log, tuple(estimate_offsets(groups)), find_rest(groups), reckon(groups), find_faults(groups))
 
 
 def convert(

@@ -11,6 +11,7 @@ from ssmr.types import FloatArray
 from validation.logs.bags import SHOWN
 from validation.logs.dead_reckoning import Reckoning
 from validation.logs.groups import Groups
+from validation.logs.health import LogHealth
 from validation.logs.log import Log, Topic
 from validation.logs.offsets import Offset
 from validation.logs.rest import REST_LEAST, Rest
@@ -49,6 +50,23 @@ def _sampling(t: FloatArray) -> tuple[Cell, ...]:
     rate = 1.0 / period if period > 0.0 else math.nan
     first, last = (float(t[0]), float(t[-1])) if read else (math.nan, math.nan)
     return (Cell(str(len(t))), Cell(_RATE.text(rate)), Cell(_SECONDS.text(first)), Cell(_SECONDS.text(last)))
+
+
+def health_grid(health: LogHealth) -> Grid | None:
+    """Return what the log says about itself; None where it has nothing that could be looked at."""
+    rows = []
+    if health.jumps is not None:
+        t, steps, turns = health.jumps.t, health.jumps.metres, health.jumps.radians
+        worst = f"up to {steps.max():.2f} m and {DEGREES.text(turns.max())}°, {t[0]:.2f} to {t[-1]:.2f} s" if len(t) else ""
+        rows.append((Cell("jumps of the localiser"), Cell(str(len(t))), Cell(worst)))
+    if health.uncommanded_share is not None:
+        share = Cell(f"{100.0 * health.uncommanded_share:.1f} %")
+        rows.append((Cell("time in which wheels turn without a command"), share, Cell("")))
+    if rows or health.dead_columns:
+        dead = Cell(", ".join(health.dead_columns))
+        rows.append((Cell("columns that stay the same while it moves"), Cell(str(len(health.dead_columns))), dead))
+    header = (("fault", ""), ("found", ""), ("where", ""))
+    return Grid(header, (tuple(rows),), 1, "Health of the log", trailing=1) if rows else None
 
 
 def offset_grid(offsets: Sequence[Offset]) -> Grid | None:

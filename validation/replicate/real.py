@@ -184,7 +184,7 @@ def _binned(driven: Sequence[tuple[Comparison, Source]]) -> BinnedErrors:
         for k, piece in enumerate(source.pieces):
             if piece.reference is None or piece.t is None:
                 continue
-            starts, ends = horizon_windows(piece.t, _WINDOW, piece.fresh)
+            starts, ends = piece.windows(horizon_windows, piece.t, _WINDOW)
             pose = piece.reference.pose
             for i, j in zip(starts, ends, strict=True):
                 span = float(piece.t[j] - piece.t[i])

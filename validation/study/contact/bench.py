@@ -148,9 +148,9 @@ def make_bench(profile: Profile, recorded: Profile | None = None, recording: Sou
         plant, localiser = make_plant(profile, model), profile.plants[model].localiser
         models[model] = {name: drive(plant, piece, localiser, SAMPLE) for name, piece in scenarios.items()}
     if recording is not None and not any(
-        p.t is not None and len(horizon_windows(p.t, HORIZON, p.fresh)[0]) for p in recording.pieces
+        p.t is not None and len(p.windows(horizon_windows, p.t, HORIZON)[0]) for p in recording.pieces
     ):
-        raise ValueError(f"{recording.name} has no stretch of {HORIZON:g} s without a gap")
+        raise ValueError(f"{recording.name} has no stretch of {HORIZON:g} s without a gap or a jump of the localiser")
     bench = Bench(profile.name, profile.plants["mujoco"], scenarios, models, recording=recording)
     return bench if recorded is None else replace(bench, recorded=recorded.plants["mujoco"], recording_profile=recorded.name)
 

@@ -1,0 +1,185 @@
+"""Faults that a log shows by itself, and what becomes of them: `recordings info`, and windows that span no jump."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.estimation.ekf import EkfSettings
+from ssmr.metrics.poses import horizon_windows
+from ssmr.metrics.windows import overlapping_windows
+from ssmr.robot.drive import wheel_rates
+from ssmr.types import FloatArray
+from validation.compare import CompareSettings, compare
+from validation.fit import fit
+from validation.fit.objective import windows
+from validation.logs.groups import groups_of
+from validation.logs.health import AFTER_COMMAND_S, JUMP_M, JUMP_RAD, LogHealth, find_faults
+from validation.logs.recording import Recording
+from validation.logs.recording_csv import write_csv
+from validation.motion.sources import WindowCut, source_of
+from validation.recordings import info
+
+DT = 0.05
+
+
+def drive(seconds: float = 60.0) -> dict[str, FloatArray]:
+    """Columns of a robot that follows its commands at once, with a localiser of 10 Hz in a log of 20 Hz."""
+    t = DT * np.arange(round(seconds / DT))
+    v, w = 0.4 + 0.2 * np.sin(0.5 * t), 0.5 * np.sin(0.3 * t)
+    yaw = np.cumsum(w) * DT
+    x, y = np.cumsum(v * np.cos(yaw)) * DT, np.cumsum(v * np.sin(yaw)) * DT
+    left, right = wheel_rates(v, w, EkfSettings.half_track, EkfSettings.radius)
+    noise = 0.007 * np.random.default_rng(3).standard_normal((3, len(t)))
+    pose = np.repeat((np.array([x, y, yaw]) + noise)[:, ::2], 2, axis=1)[:, : len(t)]
+    named = {"cmd_v": v, "cmd_w": w, "enc_left": left, "enc_right": right, "gyro_z": w}
+    return {"t": t, **named, **dict(zip(("x", "y", "yaw"), pose, strict=True))}
+
+
+def faults_of(columns: dict[str, FloatArray]) -> LogHealth:
+    return find_faults(groups_of(Recording.from_columns("log", columns), "log.csv"))
+
+
+def with_jumps(columns: dict[str, FloatArray], jumps: dict[float, float], name: str = "x") -> dict[str, FloatArray]:
+    """The columns, with the localiser moved by so much from each time on."""
+    moved = sum(size * (columns["t"] >= at - 1e-9) for at, size in jumps.items())
+    return {**columns, name: columns[name] + moved}
+
+
+def test_a_sound_log_has_no_faults() -> None:
+    found = faults_of(drive())
+    assert found.sentences() == []
+    assert found.jumps is not None
+    assert len(found.jumps.t) == 0
+    assert found.uncommanded_share == 0.0
+
+
+@pytest.mark.parametrize(("name", "size"), [("x", 3.0 * JUMP_M), ("y", -2.0 * JUMP_M), ("yaw", 2.0 * JUMP_RAD)])
+def test_jumps_are_found_where_they_are(name: str, size: float) -> None:
+    at = [7.3, 20.0, 20.1, 41.5]
+    found = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).jumps
+    assert found is not None
+    np.testing.assert_allclose(found.t, at)
+    steps = found.radians if name == "yaw" else found.metres
+    np.testing.assert_allclose(steps, abs(size), atol=0.13)  # the robot itself drives up to 0.06 m; noise of both poses
+
+
+def test_larger_wheels_are_no_jumps() -> None:
+    columns = drive()
+    fast = {**columns, **{n: 6.0 * columns[n] for n in ("x", "y")}}  # 3.6 m/s: 0.36 m in a step
+    assert faults_of(fast).sentences() == []
+
+
+def test_motion_through_a_gap_is_no_jump() -> None:
+    columns = drive()
+    keep = (columns["t"] < 20.0) | (columns["t"] > 24.0)
+    found = faults_of({n: a[keep] for n, a in columns.items()}).jumps
+    assert found is not None
+    assert len(found.t) == 0
+
+
+def test_commands_say_how_fast_a_robot_without_encoders_is() -> None:
+    columns = {n: a for n, a in drive().items() if not n.startswith("enc")}
+    jumped = faults_of(with_jumps(columns, {30.0: 1.0}))
+    assert jumped.jumps is not None
+    assert jumped.jumps.t.tolist() == pytest.approx([30.0])
+    assert jumped.uncommanded_share is None
+    assert faults_of({n: a for n, a in columns.items() if not n.startswith("cmd")}).jumps is None
+
+
+def test_driving_without_commands_is_measured() -> None:
+    columns = drive()
+    for name in ("cmd_v", "cmd_w"):
+        columns[name] = np.where(columns["t"] < 15.0, 0.0, columns[name])
+    share = faults_of(columns).uncommanded_share
+    assert share == pytest.approx(15.0 / 60.0, abs=0.02)
+
+
+def test_wheels_may_follow_a_command_late() -> None:
+    columns = drive()
+    commanded = (columns["t"] % 10.0) < 5.0
+    follows = ((columns["t"] - 0.6 * AFTER_COMMAND_S) % 10.0) < 5.0 + 0.3 * AFTER_COMMAND_S
+    for names, there in ((("cmd_v", "cmd_w"), commanded), (("enc_left", "enc_right"), follows)):
+        for name in names:
+            columns[name] = np.where(there, columns[name], 0.0)
+    assert faults_of(columns).uncommanded_share == 0.0
+
+
+@pytest.mark.parametrize("name", ["gyro_z", "yaw", "current_left", "acc_x", "enc_left"])
+def test_a_column_that_never_changes_is_dead_only_while_the_robot_moves(name: str) -> None:
+    columns = drive()
+    zeros = np.zeros_like(columns["t"])
+    dead = {**columns, name: zeros}
+    assert faults_of(dead).dead_columns == (name,)
+    standing = {n: a if n == "t" else zeros for n, a in dead.items()}
+    assert faults_of(standing).dead_columns == ()
+
+
+def test_straight_driving_has_no_dead_gyro() -> None:
+    columns = drive()
+    zeros = np.zeros_like(columns["t"])
+    straight = {
+        "t": columns["t"],
+        "enc_left": columns["enc_left"] ** 2,
+        "enc_right": columns["enc_left"] ** 2,
+        "gyro_z": zeros,
+    }
+    assert faults_of(straight).dead_columns == ()
+
+
+def test_numbers_in_other_units_are_said_to_be_hard_to_believe() -> None:
+    columns = drive()
+    wrong = {**columns, "gyro_z": np.degrees(columns["gyro_z"]), "cmd_v": 1e3 * columns["cmd_v"]}
+    found = faults_of(wrong).implausible
+    assert [s.split()[0] for s in found] == ["gyro_z", "cmd_v"]
+    assert "degrees" in found[0]
+
+
+@pytest.mark.parametrize("cut", [horizon_windows, overlapping_windows, windows])
+def test_windows_span_no_jump(cut: WindowCut) -> None:
+    columns, at = drive(), [7.3, 20.0, 20.1, 41.5]
+    sound, jumped = (
+        source_of(Recording.from_columns("log", c), "log").pieces[0]
+        for c in (columns, with_jumps(columns, dict.fromkeys(at, 1.0)))
+    )
+    for horizon in (2.0, 6.0):
+        whole = sound.windows(cut, sound.t, horizon)
+        np.testing.assert_array_equal(whole, cut(sound.t, horizon, sound.fresh))
+        starts, ends = jumped.windows(cut, jumped.t, horizon)
+        assert len(starts) > 0.5 * len(whole[0])
+        assert not any(np.any((jumped.t[starts] < a) & (jumped.t[ends] >= a)) for a in at)
+
+
+def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    errors, costs = [], []
+    settings = CompareSettings(input="wheels", horizons=(6.0,))
+    for name, jumps in (("sound", {}), ("jumped", {10.0: 5.0, 45.0: -3.0})):
+        path = tmp_path / f"{name}.csv"
+        write_csv(with_jumps(drive(), jumps), path)
+        compared = compare(str(path), plants=("kinematic",), settings=settings, workers=1)
+        fitted = fit("kinematic", path, input="wheels", free=("wheel_radius",), population=5, generations=1, workers=1)
+        said = (caplog.messages, compared.notes(), compared.as_dict()["notes"], fitted.as_dict()["notes"])
+        warned = [any("jumps 2 times" in sentence for sentence in sentences) for sentences in said]
+        assert warned == [name == "jumped"] * len(said)
+        errors.append(compared.plants["kinematic"].horizons[6.0].position_p95_m)
+        costs.append(fitted.cost)
+    assert abs(errors[1] - errors[0]) < 0.5  # of 5 m
+    assert abs(costs[1] - costs[0]) < 0.15  # every fifth window of 6 s would span a jump: 0.5 m on average
+
+
+def test_info_writes_what_it_found(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    write_csv({**with_jumps(drive(), {10.0: 5.0}), "gyro_z": np.zeros(1200)}, path)
+    found = info(path)
+    document = json.loads(found.save(tmp_path / "new" / "info.json").read_text())
+    assert document["schema"] == "ssmr.info/1"
+    assert document["pose_jumps"] == 1
+    assert document["uncommanded_share"] == 0.0
+    assert document["dead_columns"] == ["gyro_z"]
+    assert set(document["offsets_s"]) == {"wheels", "pose_yaw", "position"}
+    assert "gyro_z" in found.table()
+    with pytest.raises(ValueError, match="the log itself"):
+        found.save(path)

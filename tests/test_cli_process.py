@@ -37,7 +37,14 @@ def start(program: str, *arguments: str, **options: object) -> subprocess.Popen[
     command = [sys.executable, "-c", program, *arguments]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
-    return subprocess.Popen(command, env=environment, text=True, **streams)  # type: ignore[call-overload,no-any-return]
+    return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
+        command, env=environment, text=True, preexec_fn=listen, **streams
+    )
+
+
+def listen() -> None:
+    """A shell lets what it starts in the background ignore Ctrl-C; these tests want it heard."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])

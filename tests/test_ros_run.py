@@ -105,7 +105,8 @@ def test_signals_stop_the_robot_and_keep_the_drive(drive: Drive, capsys: pytest.
     assert drive.port.closed
     said = capsys.readouterr()
     assert "ended before the reference did (interrupted)" in " ".join(said.out.split())
-    assert said.err.strip().splitlines()[-1] == "interrupted"
+    ended = "interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}"
+    assert said.err.strip().splitlines()[-1] == ended
 
 
 @pytest.mark.parametrize(("gone", "status"), [(True, "master lost"), (False, "stopped")])

@@ -164,7 +164,10 @@ def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> Non
     np.testing.assert_allclose(merged.channels["gps_east"], 2.0 * merged.t, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("rate", "message"), [(1e9, "too many samples; ask for a lower rate"), (1e-3, "do not overlap")])
+@pytest.mark.parametrize(
+    ("rate", "message"),
+    [(1e9, "too many samples of 6 columns, for the limit samples is 1e.07; ask for a lower rate"), (1e-3, "do not overlap")],
+)
 def test_rates_that_make_no_recording_are_refused(rate: float, message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         merge(LOG, log(), rate)

@@ -58,6 +58,16 @@ def test_a_signal_ends_the_work_and_keeps_the_result(number: signal.Signals, sta
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
 
 
+def test_the_status_is_kept_though_the_interrupt_passed_through_code_made_at_run_time(tmp_path: Path) -> None:
+    (tmp_path / "made.py").write_text(
+        "from validation import cli\ndef main() -> None:\n    exec('raise KeyboardInterrupt')\ncli.run(main, 'program', [])"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "made"]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
 def test_under_nohup_a_hangup_is_ignored(tmp_path: Path) -> None:
     ignoring = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + PROGRAM
     process = start(ignoring, str(tmp_path / "kept.txt"))

@@ -115,6 +115,15 @@ def _compiles(frame: FrameType | None) -> bool:
     return False
 
 
+def forget_interrupt() -> None:
+    """Let this process leave with the status that it asks for.
+
+    Where an interrupt has passed through code that was made at run time, as numba's is, Python remembers it, and at the end
+    of `python -m` kills itself by SIGINT whatever the status. Running any other code makes it forget.
+    """
+    exec("")  # nosec B102 - nothing is run
+
+
 def write_report(error: BaseException) -> str:
     """Write versions, command and traceback into a file that only this user can read; return a sentence that says where."""
     versions = ", ".join(f"{name} {version}" for name, version in store.versions().items())

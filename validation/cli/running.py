@@ -119,6 +119,7 @@ def run(
         where = f" ({error.filename})" if error.filename else ""
         said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
     except KeyboardInterrupt:
+        process.forget_interrupt()
         said = f"ended by {signal.Signals(came[0]).name}" if came else "interrupted"
         status = 128 + came[0] if came else EXIT_INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a user shall never see a bare traceback

@@ -162,7 +162,7 @@ def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
     profile = load_profile("husky-tile")
     groups = simulated_log("varied@kinematic", profile, 3)
     late = {o.late: o.seconds for o in estimate_offsets(groups)}
-    assert late["pose"] == pytest.approx(faults.pose_late, abs=0.004)
+    assert late["pose_yaw"] == pytest.approx(faults.pose_late, abs=0.004)
     rest = find_rest(groups)
     assert rest is not None
     assert rest.bias == pytest.approx(faults.gyro_bias, abs=4.0 * rest.std / np.sqrt(rest.seconds * 50.0))

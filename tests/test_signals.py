@@ -57,11 +57,11 @@ def log(late: float = 0.0, bias: float = 0.0, noise: float = 0.0) -> dict[str, G
 def test_a_known_shift_is_found_to_a_fraction_of_a_sample_and_taken_out(late: float) -> None:
     groups = log(late, noise=0.01)
     found = {o.late: o for o in estimate_offsets(groups)}
-    assert found["pose"].seconds == pytest.approx(late, abs=KNOWN_SHIFT)
-    assert found["pose"].behind == "imu"
+    assert found["pose_yaw"].seconds == pytest.approx(late, abs=KNOWN_SHIFT)
+    assert found["pose_yaw"].behind == "imu"
     assert abs(found["odom"].seconds) < KNOWN_SHIFT
     again = {o.late: o.seconds for o in estimate_offsets(synchronised(groups, found.values()))}
-    assert abs(again["pose"]) < KNOWN_SHIFT
+    assert abs(again["pose_yaw"]) < KNOWN_SHIFT
 
 
 def test_commands_lead_and_are_never_shifted() -> None:
@@ -88,7 +88,7 @@ def test_gaps_do_not_spoil_an_offset() -> None:
     keep = (groups["pose"].t < 12.0) | (groups["pose"].t > 20.0)
     pose = groups["pose"]
     groups["pose"] = replace(pose, t=pose.t[keep], columns={n: a[keep] for n, a in pose.columns.items()})
-    assert next(o.seconds for o in estimate_offsets(groups) if o.late == "pose") == pytest.approx(0.1, abs=KNOWN_SHIFT)
+    assert next(o.seconds for o in estimate_offsets(groups) if o.late == "pose_yaw") == pytest.approx(0.1, abs=KNOWN_SHIFT)
 
 
 # ------------------------------------------------------------------------------------------- rest

@@ -13,8 +13,8 @@ import numpy as np
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.types import FloatArray, IndexArray
 from validation.logs.groups import Groups, stacked_columns
-from validation.logs.recording import COMMAND_COLUMNS, POSE_COLUMNS, TIME_ROUNDOFF, fresh_poses
-from validation.logs.rest import wheel_twist
+from validation.logs.recording import COMMAND_COLUMNS, POSE_COLUMNS, fresh_poses
+from validation.logs.rest import moving_mean, wheel_twist
 
 JUMP_M = 0.2
 """Step of position beyond what the wheels explain from which it is a jump [m]: over twenty times the noise of lidar odometry
@@ -23,6 +23,8 @@ JUMP_RAD = 0.2
 """Step of heading beyond what the wheels explain from which it is a jump [rad]: ten times the noise of lidar odometry."""
 _CLOCKS_S = 1.0
 """Time around a step in which the wheels' fastest motion counts [s]: clocks of a log may be that far apart."""
+_BIN_S = 0.1
+"""Width of the bins in which the fastest motion is looked for [s]."""
 _FASTER = 1.25
 """Speeds may be this many times those of the wheels: their radius is known roughly, and a robot slides on."""
 AFTER_COMMAND_S = 2.0
@@ -30,8 +32,10 @@ AFTER_COMMAND_S = 2.0
 speed of a fast robot."""
 _BEFORE_COMMAND_S = 0.5
 """Time before a command in which wheels may turn because of it [s], where clocks of a log differ."""
+_WHEELS_MEAN_S = 0.25
+"""Time before and after an instant over which wheel rates are averaged, against the noise of encoders [s]."""
 _TURNING = 0.1
-"""Wheel rate above which a wheel turns [rad/s]: 16 mm/s of a Husky, well above the noise of encoders."""
+"""Wheel rate above which a wheel turns [rad/s]: 16 mm/s of a Husky, well above the noise of means of encoders."""
 _COMMANDED = 0.01
 """Size of a command above which it asks for motion [m/s, rad/s]."""
 _TURNED = 0.3
@@ -114,10 +118,9 @@ def find_jumps(groups: Groups) -> Jumps | None:
     t, steps = group.t[new], np.diff(pose[new], axis=0)
     metres, radians, dt = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2]), np.diff(t)
     stamps, rim, turning = speeds
-    low = np.searchsorted(stamps, t[:-1] - _CLOCKS_S - TIME_ROUNDOFF)
-    high = np.searchsorted(stamps, t[1:] + _CLOCKS_S + TIME_ROUNDOFF)
-    fastest = _FASTER * _scale(rim, stamps, t, metres) * _greatest_within(rim, low, high)
-    beyond = (metres - fastest * dt > JUMP_M) | (radians - _FASTER * _greatest_within(turning, low, high) * dt > JUMP_RAD)
+    path = _FASTER * _scale(rim, stamps, t, metres) * _greatest_around(t, stamps, rim) * dt
+    turn = _FASTER * _greatest_around(t, stamps, turning) * dt
+    beyond = (metres - path > JUMP_M) | (radians - turn > JUMP_RAD)
     piece = np.concatenate([[0], np.cumsum(np.diff(group.t) > group.longest_step())])[new]
     at = np.flatnonzero(beyond & (np.diff(piece) == 0))
     return Jumps(new[at + 1], t[at + 1], metres[at], radians[at])
@@ -150,18 +153,27 @@ def _scale(rim: FloatArray, stamps: FloatArray, t: FloatArray, metres: FloatArra
     return max(1.0, float(np.median(metres[driven] / np.diff(t)[driven] / at[driven])))
 
 
-def _greatest_within(values: FloatArray, low: IndexArray, high: IndexArray) -> FloatArray:
-    """Return the (K,) greatest of the values [low, high); the nearest one where that is empty."""
-    low = np.minimum(low, len(values) - 1)
-    edges = np.column_stack([low, np.maximum(high, low + 1)]).ravel()
-    return np.maximum.reduceat(np.append(values, 0.0), edges)[::2]
+def _greatest_around(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the (K - 1,) greatest of (M,) values at `stamps` within `_CLOCKS_S` of the steps between (K,) instants [s]."""
+    from scipy import ndimage  # here: it takes a tenth of a second to import
+
+    bins = ((stamps - stamps[0]) / _BIN_S).astype(np.intp)
+    greatest = np.zeros(bins[-1] + 1)
+    np.maximum.at(greatest, bins, values)
+    around = ndimage.maximum_filter1d(greatest, 2 * round(_CLOCKS_S / _BIN_S) + 3, mode="nearest")
+    at = np.clip((t - stamps[0]) / _BIN_S, 0, bins[-1]).astype(np.intp)
+    ends = np.maximum(around[at], np.interp(t, stamps, values))
+    return np.maximum(ends[:-1], ends[1:])
 
 
 def _fastest_wheel(groups: Groups) -> tuple[FloatArray, FloatArray] | None:
     """Return (M,) stamps [s] and the rate of the faster side [rad/s]; None without wheels."""
     group = groups.get("wheels")
     rates = None if group is None else stacked_columns(group.columns, COMMAND_COLUMNS["wheels"])
-    return None if group is None or rates is None else (group.t, np.abs(rates).max(axis=1))
+    if group is None or rates is None:
+        return None
+    sides = [moving_mean(group.t, side, _WHEELS_MEAN_S) for side in rates.T]
+    return group.t, np.abs(sides).max(axis=0)
 
 
 def _uncommanded_share(groups: Groups) -> float | None:
@@ -174,7 +186,9 @@ def _uncommanded_share(groups: Groups) -> float | None:
     driven = groups["cmd"].t[np.abs(command).max(axis=1) > _COMMANDED]
     at = np.concatenate([[-np.inf], driven, [np.inf]])
     after = np.searchsorted(at, t, side="right")
-    quiet = (t - at[after - 1] > AFTER_COMMAND_S) & (at[np.minimum(after, len(at) - 1)] - t > _BEFORE_COMMAND_S)
+    quiet = (t - at[after - 1] > AFTER_COMMAND_S + _WHEELS_MEAN_S) & (
+        at[np.minimum(after, len(at) - 1)] - t > _BEFORE_COMMAND_S
+    )
     return float(np.mean(quiet & (rate > _TURNING)))
 
 

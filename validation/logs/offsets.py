@@ -1,123 +1,285 @@
-"""Offsets of time between the groups of a log, from the lag at which their yaw rates agree best."""
+"""Offsets of time between the sensors of a log: how late each tells of a motion that two of them see.
+
+Yaw rates tell the delays of wheels, odometry, commands and of the pose's heading. The delay of its position shows in the
+speed along the heading: a localiser may filter the two differently, so they are measured, and taken out, one by one.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
-from validation.logs.groups import Group, Groups, held
+from validation.logs.groups import Group, Groups, held, stacked_columns
+from validation.logs.health import find_jumps
+from validation.logs.recording import POSE_COLUMNS, fresh_poses, refreshed
 from validation.logs.rest import wheel_twist
 
 _OFFSET_STEP = 0.01
-"""Period on which yaw rates are correlated [s]; a parabola through the best three lags is finer than that."""
+"""Period on which signals are correlated [s]; a parabola through the best three lags is finer than that."""
 _OFFSET_SMOOTHING = 0.1
-"""Standard deviation of the Gaussian that smooths both yaw rates first [s]: the slope of a noisy yaw is noisier."""
+"""Standard deviation of the Gaussian that smooths both signals first [s]: the slope of a noisy pose is noisier."""
 _OFFSET_LIMIT = 1.0
 """Longest offset that is looked for [s]."""
 _OFFSET_SPAN = 5.0
-"""Shortest overlap of two groups that are correlated [s]."""
+"""Shortest overlap of two signals that are correlated [s]."""
 _OFFSET_SAMPLES = 1_000_000
 """Greatest number of periods that are correlated: of a log that is longer than three hours, the beginning suffices."""
 _OFFSET_CORRELATION = 0.5
-"""Least correlation from which an offset is taken; below it the two yaw rates are not alike enough."""
+"""Least correlation from which an offset is taken; below it the two signals are not alike enough."""
 _CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
 """The first of these groups that a log has is the clock for the others: a gyro measures its yaw rate at once."""
+_BLOCK_S, _BLOCKS = 30.0, 8
+"""Length of the blocks of time whose errors are taken as independent [s], and the number of them in a log that is too short
+for so many."""
+_SHORTEST_BLOCK_S = 3.0
+"""Shortest block [s]: within less, errors of two blocks are alike."""
 
 
 @dataclass(frozen=True)
 class Offset:
-    """Delay of one group's yaw rate behind another's."""
+    """Delay of one signal behind another."""
 
     late: str
-    """Group that is late, if `seconds` is positive."""
+    """Group that is late, if `seconds` is positive; of a pose `pose_yaw`, its heading, or `position`."""
     behind: str
     """Group that it is compared with."""
     seconds: float
     """Delay [s]."""
     correlation: float
-    """Correlation of the two yaw rates at that delay [1]; equal signals have 1."""
+    """Correlation of the two signals at that delay [1]; equal signals have 1."""
+    standard_error: float | None = None
+    """Standard error, by leaving out one block of the log after the other [s]; None for a log that is too short for that."""
 
 
-def yaw_rate(groups: Groups, name: str) -> FloatArray | None:
-    """Return the (M,) yaw rate of a group at its stamps [rad/s]: for a pose the slope of yaw; None where it has none."""
-    group = groups.get(name)
-    if group is None:
+@dataclass(frozen=True, eq=False)
+class _Signal:
+    """Rate that a sensor tells, M samples."""
+
+    t: FloatArray
+    """(M,) stamps [s]."""
+    values: FloatArray
+    """(M,) rates."""
+    group: Group
+    """Group whose gaps are its own."""
+    unknown: FloatArray
+    """(K, 2) beginnings and ends of spans in which it tells nothing, besides gaps [s]."""
+    is_held: bool = False
+    """True for commands, which hold until the next one."""
+
+    def known(self, grid: FloatArray) -> NDArray[np.bool_]:
+        """Return (N,) whether it tells anything at instants `grid` [s]."""
+        inside = np.zeros(len(grid) + 1, dtype=np.int64)
+        np.add.at(inside, np.searchsorted(grid, self.unknown[:, 0]), 1)
+        np.add.at(inside, np.searchsorted(grid, self.unknown[:, 1]), -1)
+        return ~self.group.in_gaps(grid) & (np.cumsum(inside[:-1]) == 0)
+
+    def at(self, grid: FloatArray) -> FloatArray:
+        """Return the (N,) rates at instants `grid` [s]."""
+        if not self.is_held:
+            return np.interp(grid, self.t, self.values)
+        half = 0.5 * _OFFSET_STEP  # on stamps that the grid meets, one side alone would be half a step early
+        return 0.5 * (held(grid - half, self.t, self.values) + held(grid + half, self.t, self.values))
+
+
+@dataclass(frozen=True, eq=False)
+class _Poses:
+    """New poses of a log, K of them, and the steps between them."""
+
+    t: FloatArray
+    """(K,) stamps [s]."""
+    pose: FloatArray
+    """(K, 3) x [m], y [m], yaw [rad, unwrapped]."""
+    jumped: NDArray[np.bool_]
+    """(K - 1,) whether the localiser jumped in that step."""
+
+    @property
+    def middle(self) -> FloatArray:
+        """(K - 1,) middles of the steps [s]."""
+        return 0.5 * (self.t[1:] + self.t[:-1])
+
+    def signal(self, group: Group, rates: FloatArray) -> _Signal:
+        """Return (K - 1,) rates of the steps; jumps tell nothing."""
+        at = np.flatnonzero(self.jumped)
+        spans = np.column_stack([self.t[at], self.t[at + 1]])
+        return _Signal(self.middle[~self.jumped], rates[~self.jumped], group, spans)
+
+
+def _poses(groups: Groups) -> _Poses | None:
+    """Return the new poses of a log; None where it has none."""
+    pose = None if "pose" not in groups else stacked_columns(groups["pose"].columns, POSE_COLUMNS)
+    if pose is None:
         return None
-    if name in ("wheels", "odom"):
-        wheels = wheel_twist({name: group})
-        return None if wheels is None else wheels[2]
-    if name == "pose":
-        yaw = group.columns.get("yaw")
-        return None if yaw is None else np.asarray(np.gradient(yaw, group.t), dtype=np.float64)
-    return group.columns.get({"imu": "gyro_z", "cmd": "cmd_w"}.get(name, ""))
+    t = groups["pose"].t
+    new = np.flatnonzero(fresh_poses(t, pose))
+    jumps = find_jumps(groups)
+    after = np.isin(new[1:], () if jumps is None else jumps.index)
+    return _Poses(t[new], pose[new], after) if len(new) > 2 else None
 
 
-def estimate_offsets(groups: Groups) -> list[Offset]:
-    """Estimate the delay of each group behind the first group of `_CLOCK_ORDER`.
+_NOTHING = np.empty((0, 2))
 
-    The delay is the lag at which the correlation of the yaw rates is greatest, refined by a parabola. The delay of commands
-    is negative, because a robot follows them. Groups whose yaw rate does not resemble the first one's, or is zero, are left
-    out.
-    """
-    rates = {name: rate for name in (*_CLOCK_ORDER, "cmd") if (rate := yaw_rate(groups, name)) is not None}
-    reference, *others = list(rates) or [""]
-    found: list[Offset] = []
-    for name in others:
-        lag = _lag(groups[reference], rates[reference], groups[name], rates[name], is_held=name == "cmd")
-        if lag is not None:
-            found.append(Offset(name, reference, *lag))
+
+def _yaw_rates(groups: Groups, poses: _Poses | None) -> dict[str, _Signal]:
+    """Return the yaw rates that a log tells, by group, in `_CLOCK_ORDER` and then commands."""
+    found = {}
+    for name in (*_CLOCK_ORDER, "cmd"):
+        group = groups.get(name)
+        if group is None:
+            continue
+        if name == "pose":
+            if poses is not None:
+                found[name] = poses.signal(group, np.diff(poses.pose[:, 2]) / np.diff(poses.t))
+            continue
+        twist = wheel_twist({name: group}) if name in ("wheels", "odom") else None
+        rate = twist[2] if twist is not None else group.columns.get({"imu": "gyro_z", "cmd": "cmd_w"}.get(name, ""))
+        if rate is not None:
+            new = refreshed(group.t, np.column_stack(twist[1:])) if twist is not None else slice(None)
+            found[name] = _Signal(group.t[new], rate[new], group, _NOTHING, name == "cmd")
     return found
 
 
+def estimate_offsets(groups: Groups) -> list[Offset]:
+    """Estimate delays behind the first group of `_CLOCK_ORDER`.
+
+    The delay is the lag at which the correlation of two rates is greatest, refined by a parabola. Yaw rates are compared
+    with the first group's; the speed of the pose's position along its heading with that of the wheels, whose own delay is
+    added. The delay of commands is negative, because a robot follows them. What does not resemble the other, or is zero, is
+    left out. Samples that were only logged again do not count, nor do jumps of the localiser.
+    """
+    poses = _poses(groups)
+    rates = _yaw_rates(groups, poses)
+    reference, *others = list(rates) or [""]
+    found: list[Offset] = []
+    for name in others:
+        lag = _lag(rates[reference], rates[name])
+        if lag is not None:
+            found.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
+    position = None if poses is None else _position_offset(groups, poses, found)
+    return found if position is None else [*found, position]
+
+
+def _position_offset(groups: Groups, poses: _Poses, found: Iterable[Offset]) -> Offset | None:
+    """Return the delay of positions behind the first clock, or behind the wheels where those have no delay."""
+    twist = wheel_twist(groups)
+    if twist is None:
+        return None
+    t, v, w = twist
+    wheels = next(name for name in ("wheels", "odom") if name in groups and np.array_equal(groups[name].t, t))
+    new = refreshed(t, np.column_stack([v, w]))
+    speed = _Signal(t[new], v[new], groups[wheels], _NOTHING)
+    delays = {offset.late: offset for offset in found}
+    behind_first = delays[wheels].seconds if wheels in delays else 0.0
+    yaw_delay = delays["pose_yaw"].seconds - behind_first if "pose_yaw" in delays else 0.0
+    late, lag = yaw_delay, None
+    for _ in range(3):  # the heading at the time of a position is known once the delay between them is
+        yaw = np.interp(poses.middle + yaw_delay - late, poses.t, poses.pose[:, 2])
+        steps = np.diff(poses.pose[:, :2], axis=0) / np.diff(poses.t)[:, None]
+        lag = _lag(speed, poses.signal(groups["pose"], steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)))
+        if lag is None:
+            return None
+        late = lag[0]
+    assert lag is not None
+    if wheels not in delays:
+        return Offset("position", wheels, *lag)
+    own = delays[wheels]
+    error = None if lag[2] is None or own.standard_error is None else math.hypot(lag[2], own.standard_error)
+    return Offset("position", own.behind, lag[0] + own.seconds, lag[1], error)
+
+
 def synchronised(groups: Groups, offsets: Iterable[Offset]) -> dict[str, Group]:
-    """Return the groups with offsets taken out of the measurements; commands stay, for their delay is the robot's."""
+    """Return the groups with offsets taken out of the measurements; commands stay, for their delay is the robot's.
+
+    Positions and headings are corrected one by one, and stay together: at each corrected stamp of a position the heading is
+    interpolated between new ones. Samples that would need a heading from a gap or from beyond the ends are left out. Where
+    only one of the two delays is known, it is that of both.
+    """
     late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
-    return {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in groups.items()}
+    found = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in groups.items()}
+    known = [late[name] for name in ("position", "pose_yaw") if name in late]
+    poses = _poses(groups)
+    if poses is not None and known:
+        found["pose"] = _moved(groups["pose"], poses, known[0], known[-1])
+    return found
 
 
-def _lag(a: Group, rate_a: FloatArray, b: Group, rate_b: FloatArray, *, is_held: bool) -> tuple[float, float] | None:
-    """Return the delay of b behind a [s] and the correlation there; None where the two are not alike."""
+def _moved(group: Group, poses: _Poses, position: float, yaw: float) -> Group:
+    """Return a pose group whose positions and headings were late by so much [s]."""
+    keep = np.ones(len(group.t), dtype=bool)
+    columns = dict(group.columns)
+    for names, delay in ((POSE_COLUMNS[:2], 0.0), (POSE_COLUMNS[2:], yaw - position)):
+        at = group.t + delay
+        keep &= (at >= poses.t[0]) & (at <= poses.t[-1]) & ~group.in_gaps(at)
+        before = np.clip(np.searchsorted(poses.t, at, side="right") - 1, 0, len(poses.t) - 2)
+        jumps = poses.jumped[before] & (at < poses.t[before + 1])  # a jump stays one step
+        for name in names:
+            values = poses.pose[:, POSE_COLUMNS.index(name)]
+            columns[name] = np.where(jumps, values[before], np.interp(at, poses.t, values))
+    return replace(group, t=(group.t - position)[keep], columns={n: a[keep] for n, a in columns.items()})
+
+
+def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:
+    """Return the delay of b behind a [s], the correlation there and the delay's standard error [s]; None if not alike."""
     from scipy import ndimage  # here: it takes a tenth of a second to import
 
     start, stop = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if stop - start < _OFFSET_SPAN:
         return None
     grid = np.arange(start, min(stop, start + _OFFSET_SAMPLES * _OFFSET_STEP), _OFFSET_STEP)
-    x, y = np.interp(grid, a.t, rate_a), np.interp(grid, b.t, rate_b)
-    if is_held:  # on both sides of each instant: on stamps that the grid meets, one side would be half a step early
-        y = 0.5 * (held(grid - 0.5 * _OFFSET_STEP, b.t, rate_b) + held(grid + 0.5 * _OFFSET_STEP, b.t, rate_b))
-    x, y = (ndimage.gaussian_filter1d(rate, _OFFSET_SMOOTHING / _OFFSET_STEP, mode="nearest") for rate in (x, y))
-    lags, likeness = _correlations(x, y, ~a.in_gaps(grid), ~b.in_gaps(grid))
+    width = _OFFSET_SMOOTHING / _OFFSET_STEP
+    x, y = (ndimage.gaussian_filter1d(signal.at(grid), width, mode="nearest") for signal in (a, b))
+    sums = _block_sums(x, y, a.known(grid), b.known(grid))
+    total = sums.sum(axis=0)
+    best = _peak(total)
+    if best is None:
+        return None
+    n = len(sums)
+    without = [_peak(total - block) for block in sums] if n >= _BLOCKS // 2 else []
+    lags = np.array([peak[0] for peak in without if peak is not None])
+    error = math.sqrt((n - 1) / n * float(((lags - lags.mean()) ** 2).sum())) if len(lags) == n and n > 1 else None
+    return *best, error
+
+
+def _peak(sums: FloatArray) -> tuple[float, float] | None:
+    """Return the lag of greatest correlation [s] and the correlation, from (6, L) sums of products; None for none."""
+    most = sums.shape[1] // 2
+    n = np.maximum(sums[0], 1.0)
+    mean_x, mean_y, square_x, square_y, product = sums[1:] / n
+    variance = (square_x - mean_x**2) * (square_y - mean_y**2)
+    tiny = 1e-12  # rates of a millionth: standing
+    likeness = np.where(variance > tiny, (product - mean_x * mean_y) / np.sqrt(np.maximum(variance, tiny)), 0.0)
     best = int(np.argmax(likeness))
-    if likeness[best] < _OFFSET_CORRELATION or best in (0, len(lags) - 1):
+    if likeness[best] < _OFFSET_CORRELATION or best in (0, 2 * most):
         return None
     before, at, after = likeness[best - 1 : best + 2]
     bend = before - 2.0 * at + after
     refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return float(lags[best] + refined) * _OFFSET_STEP, float(at)
+    return float(best - most + refined) * _OFFSET_STEP, float(at)
 
 
-def _correlations(
-    x: FloatArray, y: FloatArray, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return lags of y behind x, in samples, and Pearson's correlation at each; both are (N,) series, known in places."""
+def _block_sums(x: FloatArray, y: FloatArray, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_]) -> FloatArray:
+    """Return (B, 6, L) sums over blocks of time, for lags of y behind x within the limit: what correlations are made of.
+
+    They are the number of pairs, and sums of x, y, x^2, y^2 and xy, of (N,) series that are known in places.
+    """
     from scipy import signal
 
+    most = round(_OFFSET_LIMIT / _OFFSET_STEP)
+    seconds = min(_BLOCK_S, max(_SHORTEST_BLOCK_S, len(x) * _OFFSET_STEP / _BLOCKS))
+    blocks = max(1, round(len(x) * _OFFSET_STEP / seconds))
     of_x, of_y = x_known.astype(np.float64), y_known.astype(np.float64)
     x, y = (x - x.mean()) * of_x, (y - y.mean()) * of_y
-    most = round(_OFFSET_LIMIT / _OFFSET_STEP)
-    window = slice(len(x) - 1 - most, len(x) + most)
-
-    def summed(u: FloatArray, v: FloatArray) -> FloatArray:
-        return np.asarray(signal.correlate(v, u, mode="full", method="fft")[window], dtype=np.float64)
-
-    n = np.maximum(summed(of_x, of_y), 1.0)
-    mean_x, mean_y = summed(x, of_y) / n, summed(of_x, y) / n
-    variance = (summed(x * x, of_y) / n - mean_x**2) * (summed(of_x, y * y) / n - mean_y**2)
-    tiny = 1e-12  # (rad/s)^4: yaw rates of a millionth of a rad/s, standing
-    likeness = np.where(variance > tiny, (summed(x, y) / n - mean_x * mean_y) / np.sqrt(np.maximum(variance, tiny)), 0.0)
-    return np.arange(-most, most + 1), likeness
+    padded = [np.pad(values, most) for values in (of_y, y, y * y)]
+    edges = np.linspace(0, len(x), blocks + 1).astype(int)
+    sums = np.empty((blocks, 6, 2 * most + 1))
+    for k, (a, b) in enumerate(pairwise(edges)):
+        ones, first, second = (values[a : b + 2 * most] for values in padded)
+        pairs = ((of_x, ones), (x, ones), (of_x, first), (x * x, ones), (of_x, second), (x, first))
+        for row, (u, v) in enumerate(pairs):
+            sums[k, row] = signal.correlate(v, u[a:b], mode="valid", method="fft")
+    return sums

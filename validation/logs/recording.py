@@ -248,7 +248,7 @@ class Segment:
         t = self.t - self.t[0]
         n = max(1, math.ceil((float(t[-1]) - TIME_ROUNDOFF) / dt))
         if kind == "wheels":
-            known = _refreshed(t, values)
+            known = refreshed(t, values)
             middle = (np.arange(n) + 0.5) * dt
             return Commands(dt, np.column_stack([np.interp(middle, t[known], c) for c in values[known].T]), kind)
         held = np.searchsorted(t, np.arange(n) * dt + TIME_ROUNDOFF, side="right") - 1
@@ -303,7 +303,7 @@ def fresh_poses(t: FloatArray, pose: FloatArray) -> NDArray[np.bool_]:
     return changed | (t - since > _STILL_AFTER + TIME_ROUNDOFF)
 
 
-def _refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+def refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
     """Return (M,) bool, True for rows of (M, k) values that were measured anew and not only logged again.
 
     A row equal to the one before counts as new if nothing new came for longer than a usual refresh takes, or for longer than

@@ -53,15 +53,20 @@ def wheel_twist(groups: Groups) -> tuple[FloatArray, FloatArray, FloatArray] | N
     return None
 
 
+def moving_mean(t: FloatArray, values: FloatArray, half: float) -> FloatArray:
+    """Return the (M,) means of the values whose stamps lie within `half` [s] of each of the (M,) stamps."""
+    low, high = np.searchsorted(t, t - half - TIME_ROUNDOFF), np.searchsorted(t, t + half + TIME_ROUNDOFF)
+    mean: FloatArray = np.diff(np.concatenate([[0.0], np.cumsum(values)])[np.stack([low, high])], axis=0)[0] / (high - low)
+    return mean
+
+
 def standing(groups: Groups, t: FloatArray) -> NDArray[np.bool_]:
     """Return (N,) whether the robot stood at instants `t` [s], by its wheels; False throughout where there are none."""
     wheels = wheel_twist(groups)
     if wheels is None:
         return np.zeros(len(t), dtype=bool)
     stamps, v, w = wheels
-    low = np.searchsorted(stamps, stamps - _REST_MARGIN - TIME_ROUNDOFF)
-    high = np.searchsorted(stamps, stamps + _REST_MARGIN + TIME_ROUNDOFF)
-    mean = [np.diff(np.concatenate([[0.0], np.cumsum(a)])[np.stack([low, high])], axis=0)[0] / (high - low) for a in (v, w)]
+    mean = [moving_mean(stamps, a, _REST_MARGIN) for a in (v, w)]
     moving = stamps[(np.abs(mean[0]) > _REST_V) | (np.abs(mean[1]) > _REST_W)]
     at = np.concatenate([[-math.inf], moving, [math.inf]])
     after = np.searchsorted(at, t, side="right")

@@ -52,17 +52,12 @@ class LogInfo:
     def as_dict(self) -> dict[str, Any]:
         """Return what its JSON file holds; null stands for what is unknown."""
         found, jumps = self.health, self.health.jumps
-        seconds = {offset.late: offset.seconds for offset in self.offsets}
-        reference = {offset.behind: 0.0 for offset in self.offsets}
+        seconds = {offset.behind: 0.0 for offset in self.offsets} | {offset.late: offset.seconds for offset in self.offsets}
         return {
             "schema": "ssmr.info/1",
             "source": str(self.log.path),
             "groups": {name: _group_entry(group) for name, group in self.log.groups.items()},
-            "offsets_s": {
-                "wheels": {**seconds, **reference}.get("wheels"),
-                "pose_yaw": seconds.get("pose"),
-                "position": None,
-            },
+            "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
             "offsets": [asdict(offset) for offset in self.offsets],
             "pose_jumps": None if jumps is None else len(jumps.t),
             "pose_jumps_at_s": None if jumps is None else jumps.t.tolist(),

@@ -70,12 +70,22 @@ def health_grid(health: LogHealth) -> Grid | None:
 
 
 def offset_grid(offsets: Sequence[Offset]) -> Grid | None:
-    """Return the delay of each group behind the one with the surest clock; None where no delay is known."""
+    """Return the delay of each signal behind the one with the surest clock; None where no delay is known."""
     if not offsets:
         return None
-    header = (("group", ""), ("behind", ""), ("late", "s"), ("correlation", "1"))
-    rows = tuple((Cell(o.late), Cell(o.behind), Cell(f"{o.seconds:+.4f}"), Cell(f"{o.correlation:.3f}")) for o in offsets)
-    return Grid(header, (rows,), 2, "Offsets of time, from the yaw rates", "Negative: early, as commands are.")
+    header = (("signal", ""), ("behind", ""), ("late", "s"), ("standard error", "s"), ("correlation", "1"))
+    rows = tuple(
+        (
+            Cell(o.late),
+            Cell(o.behind),
+            Cell(f"{o.seconds:+.4f}"),
+            Cell(NOTHING if o.standard_error is None else f"{o.standard_error:.4f}"),
+            Cell(f"{o.correlation:.3f}"),
+        )
+        for o in offsets
+    )
+    caption = "From yaw rates, for the position from speeds. Negative: early, as commands are."
+    return Grid(header, (rows,), 2, "Offsets of time", caption)
 
 
 def reckoning_grid(reckoning: Reckoning | None) -> Grid | None:

@@ -1,0 +1,124 @@
+"""Delays of wheels, positions and headings of a log: recovered from simulated logs, and taken out one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ssmr.estimation.ekf import EkfSettings
+from ssmr.robot.drive import wheel_rates
+from validation.logs.groups import Group
+from validation.logs.offsets import Offset, estimate_offsets, synchronised
+
+SECONDS = 120.0
+FEW_MS = 0.004
+"""Error of an offset that is excused if its standard error is smaller still [s]: a twelfth of a sample."""
+
+
+def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Speed, yaw rate, x, y and yaw of a robot at instants t, which turns while it speeds up and slows down."""
+    fine = np.arange(-2.0, SECONDS + 2.0, 1e-3)
+    v = 0.3 + 0.3 * np.sin(0.9 * fine) * np.sin(0.23 * fine)
+    w = 0.5 * np.sin(0.7 * fine + 1.0) + 0.3 * np.sin(1.3 * fine)
+    yaw = 1e-3 * np.cumsum(w)
+    x, y = 1e-3 * np.cumsum(v * np.cos(yaw)), 1e-3 * np.cumsum(v * np.sin(yaw))
+    return tuple(np.interp(t, fine, a) for a in (v, w, x, y, yaw))
+
+
+def log(wheels: float, position: float, yaw: float, seed: int = 0, gyro: bool = True) -> dict[str, Group]:
+    """A log whose sensors are late by so much [s]: 20 Hz, poses of 10 Hz that are logged twice, all of them noisy."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, SECONDS, 0.05)
+    seen = np.repeat(t[::2], 2)[: len(t)]
+
+    def noisy(values: np.ndarray, std: float, every: int = 1) -> np.ndarray:
+        return values + std * np.repeat(rng.standard_normal(-(-len(t) // every)), every)[: len(t)]
+
+    v, w = motion(t - wheels)[:2]
+    left, right = wheel_rates(v, w, EkfSettings.half_track, EkfSettings.radius)
+    x, y = motion(seen - position)[2:4]
+    pose = {"x": noisy(x, 0.007, 2), "y": noisy(y, 0.007, 2), "yaw": noisy(motion(seen - yaw)[4], 0.01, 2)}
+    groups = {
+        "pose": Group("log", t, pose),
+        "wheels": Group("log", t, {"enc_left": noisy(left, 0.05), "enc_right": noisy(right, 0.05)}),
+    }
+    return {**groups, "imu": Group("log", t, {"gyro_z": noisy(motion(t)[1], 0.02)})} if gyro else groups
+
+
+def found_in(groups: dict[str, Group]) -> dict[str, Offset]:
+    return {offset.late: offset for offset in estimate_offsets(groups)}
+
+
+def error_beyond(offset: Offset, true: float) -> bool:
+    assert offset.standard_error is not None
+    return abs(offset.seconds - true) > max(2.0 * offset.standard_error, FEW_MS)
+
+
+@pytest.mark.parametrize(("wheels", "position", "yaw"), [(0.2, 0.1, 0.22), (0.0, 0.15, -0.05), (-0.1, -0.1, 0.3)])
+def test_each_delay_is_recovered(wheels: float, position: float, yaw: float) -> None:
+    found = found_in(log(wheels, position, yaw))
+    for name, true in (("wheels", wheels), ("position", position), ("pose_yaw", yaw)):
+        assert found[name].behind == "imu"
+        assert not error_beyond(found[name], true), found[name]
+        assert found[name].standard_error < 0.02
+
+
+def test_without_a_gyro_the_wheels_are_the_clock() -> None:
+    found = found_in(log(0.2, 0.1, 0.22, gyro=False))
+    assert set(found) == {"pose_yaw", "position"}
+    assert {offset.behind for offset in found.values()} == {"wheels"}
+    assert not error_beyond(found["position"], -0.1)
+    assert not error_beyond(found["pose_yaw"], 0.02)
+
+
+def test_standard_errors_are_as_large_as_the_errors() -> None:
+    errors, told = [], []
+    for seed in range(8):
+        found = found_in(log(0.0, 0.1, 0.2, seed))
+        errors.append([found["position"].seconds - 0.1, found["pose_yaw"].seconds - 0.2])
+        told.append([found["position"].standard_error, found["pose_yaw"].standard_error])
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(told), axis=0))
+    assert np.all((ratio > 0.3) & (ratio < 2.0)), ratio  # eight draws: a standard deviation is known to a quarter
+
+
+def test_jumps_of_the_localiser_move_no_offset() -> None:
+    groups = log(0.2, 0.1, 0.22)
+    t, columns = groups["pose"].t, groups["pose"].columns
+    jumps = sum(3.0 * (t >= at) for at in (20.0, 33.0, 71.0))
+    lost = (t >= 50.0) & (t < 52.0)  # for two seconds it looks somewhere else
+    jumped = {**columns, "x": columns["x"] + jumps, "yaw": columns["yaw"] - 0.8 * lost}
+    found = found_in({**groups, "pose": Group("log", t, jumped)})
+    assert not error_beyond(found["position"], 0.1)
+    assert not error_beyond(found["pose_yaw"], 0.22)
+
+
+def test_sync_takes_each_delay_out() -> None:
+    groups = log(0.2, 0.1, 0.22)
+    told = [Offset(name, "imu", s, 1.0) for name, s in (("wheels", 0.2), ("position", 0.1), ("pose_yaw", 0.22))]
+    after = synchronised(groups, told)
+    pose = after["pose"]
+    x, y, yaw = motion(pose.t)[2:]
+    for name, true, noise in (("x", x, 0.007), ("y", y, 0.007), ("yaw", yaw, 0.01)):
+        assert np.sqrt(np.mean((pose.columns[name] - true) ** 2)) < 1.1 * noise
+    assert len(pose.t) > len(groups["pose"].t) - 10
+    assert all(abs(offset.seconds) < 2.0 * FEW_MS for offset in estimate_offsets(after))
+
+
+def test_a_heading_is_not_taken_out_of_a_gap() -> None:
+    groups = log(0.0, 0.0, 0.3)
+    t = groups["pose"].t
+    keep = (t < 40.0) | (t > 45.0)
+    gap = Group("log", t[keep], {name: values[keep] for name, values in groups["pose"].columns.items()})
+    pose = synchronised({**groups, "pose": gap}, [Offset("pose_yaw", "imu", 0.3, 1.0), Offset("position", "imu", 0.0, 1.0)])[
+        "pose"
+    ]
+    assert not np.any((pose.t > 39.75) & (pose.t < 45.0))
+    assert np.abs(pose.columns["yaw"] - motion(pose.t)[4]).max() < 0.06  # five times the noise
+
+
+def test_a_short_log_has_no_standard_error() -> None:
+    groups = {
+        name: Group("log", g.t[:160], {n: a[:160] for n, a in g.columns.items()}) for name, g in log(0.1, 0.1, 0.1).items()
+    }
+    found = found_in(groups)
+    assert found["wheels"].standard_error is None

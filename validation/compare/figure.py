@@ -9,6 +9,8 @@ Everything is drawn by matplotlib's objects under a style of its own: no pyplot,
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from matplotlib.patches import Rectangle
 
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
+from ssmr.metrics.windows import OverlappingErrors
 from validation.compare.data import ComparisonData
 from validation.compare.table import HEADLINE_HORIZON, headline_error
 from validation.compare.time_panels import (
@@ -190,12 +193,19 @@ def _panels(comparison: ComparisonData) -> list[list[Panel]]:
     with_loads = [m for m in motions if has_channel(m, "wheel_load_N")]
     errors: list[Panel] = []
     plants = comparison.plants.items()
-    if marks := [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons) for n, r in plants if r.horizons]:
+    if shown := {n: r for n, r in plants if r.horizons}:
         told = "by horizon [{}]: median, bar to 95th percentile"
         position, yaw = f"Position error {told.format('m')}", f"Yaw error {told.format('deg')}"
+
+        def marks(interval: Callable[[OverlappingErrors], tuple[float, float]]) -> list[HorizonMarks]:
+            intervals = {n: {h: interval(e) for h, e in r.overlapping.items()} for n, r in shown.items()}
+            return [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons, intervals[n]) for n, r in shown.items()]
+
+        metres = marks(lambda e: (e.position_low_m, e.position_high_m))
+        degrees = marks(lambda e: (math.degrees(e.yaw_low_rad), math.degrees(e.yaw_high_rad)))
         errors = [
-            partial(draw_horizons, marks, position, lambda e: (e.position_median_m, e.position_p95_m)),
-            partial(draw_horizons, marks, yaw, yaw_degrees),
+            partial(draw_horizons, metres, position, lambda e: (e.position_median_m, e.position_p95_m)),
+            partial(draw_horizons, degrees, yaw, yaw_degrees),
         ]
     elif len(motions) > 1:
         errors = [partial(_draw_position_error, comparison), partial(_draw_yaw_error, comparison)]

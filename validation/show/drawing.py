@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Literal
@@ -207,6 +207,8 @@ class HorizonMarks:
     marker: str
     errors: Mapping[float, HorizonErrors]
     """Errors by horizon [s]; not empty."""
+    intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+    """Ends of the interval of the median over overlapping windows, by horizon [s], in the unit shown."""
 
 
 def yaw_degrees(errors: HorizonErrors) -> tuple[float, float]:
@@ -224,12 +226,17 @@ def draw_horizons(
         at = np.array([horizons.index(h) for h in each.errors]) + 0.4 * (2 * k + 1 - len(marks)) / len(marks)
         median, high = np.array([value(errors) for errors in each.errors.values()]).T
         ax.vlines(at, median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
+        for x, horizon in zip(at, each.errors, strict=True):
+            if horizon in each.intervals:
+                ax.vlines(x, *each.intervals[horizon], colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
         ax.plot(at, high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
         ax.plot(at, median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=each.name)
         for x, y in zip(at, median, strict=True) if len(marks) <= 3 else ():  # numbers of more have no room
             ax.annotate(f"{y:.2g}" if y < 10.0 else f"{y:.0f}", (x, y), (0, -6), textcoords="offset points", ha="center",
                         va="top", fontsize=8.0, color="0.25")  # fmt: skip
         smallest, largest = min(smallest, float(median.min())), max(largest, float(high.max()))
+    if any(each.intervals for each in marks):
+        corner_note(ax, "pale: holds the median of windows every second with 90 %")
     if smallest > 0.0:
         ax.set_yscale("log")
         plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,))

@@ -68,6 +68,23 @@ def test_the_status_is_kept_though_the_interrupt_passed_through_code_made_at_run
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_library_that_a_signal_kept_from_loading_is_no_fault(number: int, status: int) -> None:
+    program = f"""
+import os
+from validation import cli
+def main() -> None:
+    try:
+        os.kill(os.getpid(), {int(number)})
+    except KeyboardInterrupt:
+        raise ImportError("initialization failed")
+cli.run(main, "program", [])
+"""
+    process = start(program)
+    _, said = process.communicate(timeout=30)
+    assert (process.returncode, said) == (status, "ended by SIGTERM\n" if status == 143 else "interrupted\n")
+
+
 def test_under_nohup_a_hangup_is_ignored(tmp_path: Path) -> None:
     ignoring = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + PROGRAM
     process = start(ignoring, str(tmp_path / "kept.txt"))

@@ -78,7 +78,7 @@ def signals_end_work() -> Iterator[list[int]]:
     swallow the interrupt, and the work would go on or break.
 
     Yields:
-        The list to which the number of an ending signal is added when it comes.
+        The list to which the number of each signal is added when it comes.
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -87,8 +87,8 @@ def signals_end_work() -> Iterator[list[int]]:
             again.daemon = True
             again.start()
             return
+        came.append(number)
         if number != signal.SIGINT:
-            came.append(number)
             for one in set(before) - {signal.SIGINT}:
                 signal.signal(one, signal.SIG_IGN)  # the result is being kept now
         raise KeyboardInterrupt

@@ -119,18 +119,28 @@ def run(
         where = f" ({error.filename})" if error.filename else ""
         said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
     except KeyboardInterrupt:
-        process.forget_interrupt()
-        said = f"ended by {signal.Signals(came[0]).name}" if came else "interrupted"
-        status = 128 + came[0] if came else EXIT_INTERRUPTED
+        said, status = _ended_by(came)
     except Exception as error:  # noqa: BLE001 - the last resort: a user shall never see a bare traceback
-        if str(error) == "can't start new thread":  # Python has no type for this
-            said, status = "run failed: no more threads can be started; ask for fewer workers", EXIT_FAILED_RUN
-        else:
-            said = f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}"
-            status = EXIT_FAULT
+        said, status = _last_resort(error, program, came)
     if said:
         say(said)
     sys.exit(status)
+
+
+def _last_resort(error: Exception, program: str, signals: Sequence[int]) -> tuple[str, int]:
+    """Return what to say of an error that nobody foresaw, and the exit status."""
+    if str(error) == "can't start new thread":  # Python has no type for this
+        return "run failed: no more threads can be started; ask for fewer workers", EXIT_FAILED_RUN
+    if signals and isinstance(error, ImportError | SystemError):  # a library that was being loaded says it so
+        return _ended_by(signals)
+    return f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}", EXIT_FAULT
+
+
+def _ended_by(signals: Sequence[int]) -> tuple[str, int]:
+    """Return what to say of signals that ended the work, and the exit status; Ctrl-C where none was noted."""
+    process.forget_interrupt()
+    number = next((n for n in signals if n != signal.SIGINT), signal.SIGINT)
+    return "interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}", 128 + number
 
 
 class _Harmless(logging.Formatter):

@@ -160,6 +160,12 @@ def test_any_usual_time_is_fine(start: float, period: float) -> None:
     assert find_time_fault(t, USUAL) is None
 
 
+@pytest.mark.parametrize("t", [(-1e308, -1e308), (1e308, -1e308, 1e308), (-1.7e308, 1.7e308)])
+def test_stamps_too_large_to_be_added_are_one_fault(t: tuple[float, ...]) -> None:
+    with np.errstate(all="raise"):
+        assert find_time_fault(np.array(t), USUAL) is not None
+
+
 def test_a_bag_with_a_stray_stamp_names_the_topic_and_the_sample(tmp_path: Path) -> None:
     def stray(make):
         return [*poses_at(make), ("/pose", 1e6, make.pose_stamped(1e6, 0.0, 0.0, 0.0))]

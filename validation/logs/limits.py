@@ -143,15 +143,15 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     """Return what is wrong with (M,) finite stamps [s], M at least 2; None if they can be the time of a log."""
     largest = Bound(limits.stamp, limits.says("stamp"))
     beyond = largest.first_beyond(t)
-    if beyond is not None and np.median(np.abs(t)) <= limits.stamp:  # one among others: those say that the unit is right
+    with np.errstate(over="ignore", invalid="ignore"):  # what is infinite then is beyond every limit
+        middle, steps = float(np.median(np.abs(t))), np.diff(t)
+        usual = float(np.median(steps))
+    if beyond is not None and middle <= limits.stamp:  # one among others: those say that the unit is right
         return TimeFault(beyond, f"there is {t[beyond]:.9g} s, but {largest.says}")
-    with np.errstate(over="ignore"):
-        steps = np.diff(t)
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
         k = int(back[0])
         return TimeFault(k + 1, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s")
-    usual = float(np.median(steps))
     if usual > limits.period or beyond is not None:
         name = "period" if usual > limits.period else "stamp"
         return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says(name)}{_other_unit(usual)}")

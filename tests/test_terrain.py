@@ -67,6 +67,9 @@ def test_the_first_key_may_be_left_out() -> None:
         ("flat:1", "not understood"),
         ("rough:5,seed=1.5", "no whole number"),
         ("rough:60", "as tightly as a wheel"),
+        ("rough:5,seed=" + "9" * 400, "at most 200 characters"),
+        ("rough:5,seed=" + "9" * 180, "seed"),
+        ("hill\nside", "unknown terrain 'hill side'"),
         ("split:0", "outside"),
     ],
 )

@@ -22,7 +22,7 @@ from tests.faults.pool import Part
 
 TERRAIN_WORDS = (
     "flat", "ramp", "rough", "split", ":", "=", ",", "5", "nan", "1e9", "slope_deg", "seed", "-1", "height_mm", " ", "ü",
-    "inf", "1e-9", "ramp:5", "rough:20", "split:0.5",
+    "inf", "1e-9", "ramp:5", "rough:20", "split:0.5", "seed=" + "9" * 400, "\n", "\x00",
 )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from ssmr.geometry import rotate_world_to_body, shift_reference
 from ssmr.parameters import MOST_SEED, require_in_range, require_within
 from ssmr.types import FloatArray
+from validation.words import one_line
 
 if TYPE_CHECKING:
     from ssmr.robot.surface import Surface
@@ -166,13 +167,20 @@ KINDS = tuple(_KEYS)
 FLAT = Terrain()
 
 
+MOST_TEXT = 200
+"""Characters of a text that describes a terrain: no number in it can be too long to be one."""
+
+
 def parse_terrain(text: str) -> Terrain:
     """Return the terrain that a text such as `ramp:5` describes.
 
     Raises:
         ValueError: an unknown kind or key, no number, or one outside its range; the message says what would be right.
     """
-    kind, _, rest = text.strip().partition(":")
+    text = one_line(text)
+    if len(text) > MOST_TEXT:
+        raise ValueError(f"a terrain is described in at most {MOST_TEXT} characters, not in {len(text)}")
+    kind, _, rest = text.partition(":")
     if kind not in KINDS:
         raise ValueError(f"unknown terrain '{kind}'; there are: {', '.join(map(usage, KINDS))}")
     keys, values = _KEYS[kind], dict[str, float]()

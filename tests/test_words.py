@@ -19,7 +19,7 @@ from markdown_it import MarkdownIt
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from validation import words
+from validation import cli, words
 from validation.cli import process, running
 from validation.show import drawing
 from validation.show.tables import Cell, Grid, markdown_table, rich_table, text_tables
@@ -184,3 +184,23 @@ def test_the_log_passes_no_escape_sequence_on(capfd: pytest.CaptureFixture[str],
     logging.getLogger("validation.test").warning("a topic %s was dropped", "/x\x1b]0;title\x07[red]\udcff")
     said = " ".join(capfd.readouterr().err.split())
     assert said == r"WARNING a topic /x\x1b]0;title\x07[red]\xff was dropped"
+
+
+@given(st.text(max_size=80), st.integers(8, 40))
+def test_what_is_too_long_loses_its_middle(text: str, most: int) -> None:
+    line = words.abridged(text, most)
+    assert len(line) <= most
+    assert not harmful(line, "")
+    whole = words.one_line(text)
+    assert line == whole if len(whole) <= most else whole.startswith(line[:3]) and whole.endswith(line[-1:])
+
+
+def test_paths_are_told_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    class Nothing:
+        def grids(self) -> tuple[()]:
+            return ()
+
+        notes = grids
+
+    cli.report_result(Nothing(), [Path(" /a.png"), Path("a\tb/c.png"), Path("o[red]2/d.png")])
+    assert capsys.readouterr().out == "written:  /a.png, a\\tb/c.png, o[red]2/d.png\n"

@@ -7,6 +7,7 @@ byte of a file name that is no text as `\xff`.
 - terminal, rerun and HTML (whose template escapes its marks besides): `one_line`, and `each_line` for several lines;
 - markdown: `markdown` for prose, `markdown_cell` for tables, `code_span` for names;
 - names of files that are made from foreign text: `file_name`;
+- a line on standard error, which may quote what was given: `abridged`;
 - pictures: `shortened`, and `validation.show.drawing.drawable` for glyphs that the font lacks;
 - a terminal that knows only ASCII: `ascii_text`, which the command lines put behind their streams.
 """
@@ -61,6 +62,13 @@ def shortened(text: object, most: int) -> str:
     """Return foreign text in one line of at most `most` characters; the end is kept, for it says more than the beginning."""
     line = one_line(text)
     return line if len(line) <= most else f"…{line[1 - most :]}"
+
+
+def abridged(text: object, most: int) -> str:
+    """Return foreign text in one line of at most `most` characters; what is too long loses its middle."""
+    line = one_line(text)
+    half = most // 2
+    return line if len(line) <= most else f"{line[: most - half]} … {line[3 - half :]}"
 
 
 def code_span(text: object) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-LONGEST_LINE = 700
+LONGEST_ERROR = 700
 """Length of an error message: a list of names is long, an array that is printed whole is longer."""
 LONGEST_WAIT = 20.0
 """Time after which something that should be quick hangs [s]."""
@@ -129,7 +129,7 @@ def _judge_lines(outcome: Outcome) -> None:
         outcome.fault("stray warning", outcome.stderr)
     elif outcome.status and outcome.status > 0 and outcome.status != FAULT and "traceback" not in dict(outcome.faults):
         last = said[-1] if said else ""
-        if not last.startswith(_LAST_WORDS) or len(last) > LONGEST_LINE:
+        if not last.startswith(_LAST_WORDS) or len(last) > LONGEST_ERROR:
             outcome.fault("unclear line", f"status {outcome.status}: {outcome.stderr!r}")
         elif unknown := [line for line in said[:-1] if not _KNOWN_LINES.match(line)]:
             outcome.fault("unclear line", f"not one line: {' '.join(unknown)}")
@@ -150,7 +150,7 @@ def _judge_claims(outcome: Outcome) -> None:
     """Find paths that are claimed to be written, and are not there."""
     for line in _WRITTEN.findall(outcome.stdout) if outcome.folder is not None and outcome.status == 0 else ():
         paths = [outcome.folder / text for text in line.split(", ")]
-        if "�" not in line and not all(path.exists() for path in paths):
+        if "\\" not in line and not all(path.exists() for path in paths):
             outcome.fault("false claim", f"not there: {line}")
 
 

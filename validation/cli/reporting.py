@@ -14,10 +14,12 @@ from rich.text import Text
 
 from validation.progress import Progress, Report
 from validation.show.tables import Grid, rich_table
-from validation.words import each_line, one_line
+from validation.words import abridged, each_line, one_line, visible
 
 LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
+LONGEST_LINE = 700
+"""Length of a line on standard error: a list of names fits, and whoever gave a longer text knows it."""
 
 
 @contextlib.contextmanager
@@ -82,7 +84,7 @@ def report_result(result: Reportable, written: Iterable[Path] = ()) -> None:
         console.print(rich_table(grid))
     for note in result.notes():
         console.print(Text(each_line(note)))
-    if files := ", ".join(map(one_line, written)):
+    if files := ", ".join(map(visible, written)):
         console.print(Text(f"written: {files}"), soft_wrap=True)
 
 
@@ -94,4 +96,4 @@ def warn(text: str) -> None:
 def say(text: str) -> None:
     """Print one line on standard error; nothing happens where nobody listens any more."""
     with contextlib.suppress(OSError, ValueError):
-        print(one_line(text), file=sys.stderr, flush=True)
+        print(abridged(text, LONGEST_LINE), file=sys.stderr, flush=True)

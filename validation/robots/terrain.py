@@ -167,7 +167,7 @@ KINDS = tuple(_KEYS)
 FLAT = Terrain()
 
 
-MOST_TEXT = 200
+_MOST_TEXT = 200
 """Characters of a text that describes a terrain: no number in it can be too long to be one."""
 
 
@@ -178,8 +178,8 @@ def parse_terrain(text: str) -> Terrain:
         ValueError: an unknown kind or key, no number, or one outside its range; the message says what would be right.
     """
     text = one_line(text)
-    if len(text) > MOST_TEXT:
-        raise ValueError(f"a terrain is described in at most {MOST_TEXT} characters, not in {len(text)}")
+    if len(text) > _MOST_TEXT:
+        raise ValueError(f"a terrain is described in at most {_MOST_TEXT} characters, not in {len(text)}")
     kind, _, rest = text.partition(":")
     if kind not in KINDS:
         raise ValueError(f"unknown terrain '{kind}'; there are: {', '.join(map(usage, KINDS))}")

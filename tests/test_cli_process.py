@@ -317,3 +317,11 @@ def test_a_search_that_is_interrupted_after_its_end_is_said_to_be_kept(
         with pytest.raises(KeyboardInterrupt), cli.search_kept_in(checkpoint):
             interrupt(touched)
         assert ("--resume" in capsys.readouterr().err) == (touched is not None)
+
+
+def test_a_line_that_quotes_pages_keeps_its_beginning_and_its_end(capsys: pytest.CaptureFixture[str]) -> None:
+    cli.warn("name '" + "a/" * 5000 + "' is not known")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert len(line) < 720
+    assert line.startswith("warning: name 'a/a/")
+    assert line.endswith("/' is not known")

@@ -31,9 +31,11 @@ class TuneTask:
         """Check the speed, and the numbers of the loop.
 
         Raises:
-            ValueError: an unknown feedback, or a number out of its range.
+            ValueError: no plant, an unknown feedback, or a number out of its range.
         """
         require_within(self, ("speed",), 1e-3, 100.0)
+        if not self.plants:
+            raise ValueError("plants is empty; name at least one")
         self.loop()
 
     def loop(self) -> LoopSettings:

@@ -1,4 +1,4 @@
-"""What a localiser tells of a robot: frames go there and back, and delays are those that were set."""
+"""A localiser tells of a robot: frames go there and back, and delays are those that were set."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from ssmr.types import FloatArray, State, Trajectory
 
 @dataclass(frozen=True)
 class Localiser:
-    """What a log's pose means: a frame that is fixed to the robot's body, told with delays."""
+    """A frame that is fixed to the robot's body, whose pose a log tells with delays."""
 
     tracked_x: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.4, 0.4))
     """Place of the tracked point ahead of the body's reference point [m]."""

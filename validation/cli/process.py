@@ -121,7 +121,7 @@ def forget_interrupt() -> None:
     Where an interrupt has passed through code that was made at run time, as numba's is, Python remembers it, and at the end
     of `python -m` kills itself by SIGINT whatever the status. Running any other code makes it forget.
     """
-    exec("")  # nosec B102 - nothing is run
+    exec("")  # nosec B102
 
 
 def write_report(error: BaseException) -> str:

@@ -162,6 +162,22 @@ def test_failed_runs_have_their_status(error: Exception, status: int, capsys: py
     assert capsys.readouterr().err.startswith("run failed: ")
 
 
+WARNING = """
+import warnings
+from validation import cli
+def main() -> None:
+    warnings.warn("\\x1b[1mone\\ntwo \\x1b]0;title\\x07\\x1b[0m", RuntimeWarning)
+    warnings.warn("\\x1b[1mCould not obtain multiprocessing lock due to OS level error: [Errno 28] disk is full")
+cli.run(main, "program", [])
+"""
+
+
+def test_a_librarys_warning_is_one_harmless_line() -> None:
+    process = start(WARNING)
+    _, said = process.communicate(timeout=30)
+    assert said == "warning: RuntimeWarning: one two \\x1b]0;title\\x07 (<string>, line 5)\n"
+
+
 # ------------------------------------------------------------------------------------------- files
 def test_what_killed_processes_left_is_swept_and_what_is_being_made_stays(tmp_path: Path) -> None:
     dead = subprocess.Popen([sys.executable, "-c", ""])

@@ -31,23 +31,38 @@ def test_values_that_are_wrong_stay_wrong() -> None:
 
 
 SHORT = """
-import resource
+import mujoco, resource
 from validation.plants.profile import load_profile, make_plant
+from validation.robots.wheel_loads import load_model, resting_loads
 lab = load_profile("thesis-lab")
-kept = [make_plant(lab, "mujoco")]
+plant = make_plant(lab, "mujoco")
+kept = [plant, load_model(plant), resting_loads(plant)]
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 60_000_000, -1))
 try:
     while len(kept) < 100:
-        kept.append(make_plant(lab, "mujoco"))
+        kept.append({kept})
+except (mujoco.FatalError, ValueError, MemoryError):
+    pass
+try:
+    {call}
 except MemoryError as error:
     print(error)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sizes are told by /proc")
-def test_robots_that_do_not_fit_into_memory_are_said_to_be_too_many() -> None:
-    done = subprocess.run([sys.executable, "-c", SHORT], capture_output=True, text=True, timeout=120)
+@pytest.mark.parametrize(
+    ("kept", "call"),
+    [
+        ('make_plant(lab, "mujoco")', 'make_plant(lab, "mujoco")'),
+        ("mujoco.MjData(plant.model)", "load_model(plant)"),
+        ("mujoco.MjData(plant.model)", "resting_loads(plant)"),
+    ],
+)
+def test_what_the_simulator_has_no_memory_for_is_said(kept: str, call: str) -> None:
+    program = SHORT.format(kept=kept, call=call)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "there is not enough memory for the simulator\n")
 
 

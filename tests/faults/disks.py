@@ -66,7 +66,7 @@ def _full(place: str, command: str, rng: random.Random, work: Path) -> tuple[Out
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
 
-    env = environment(XDG_CACHE_HOME=str(work / "no-cache"))
+    env = environment(XDG_CACHE_HOME=str(work.parent / "no-cache"))  # what libraries keep there is theirs to mend
     out = process(f"{command}, files of at most {most} bytes", argv_of(command, "out"), work, env=env, before_it=limit)
     return only(out, work / "out"), (0, 1, 2)
 

@@ -16,6 +16,7 @@ import sys
 import time
 import traceback
 import typing
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -35,6 +36,7 @@ from validation.words import each_line, one_line, shortened
 EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130
+_COLOUR = re.compile(r"\x1b\[[\d;]*m")
 
 
 @contextlib.contextmanager
@@ -98,6 +100,7 @@ def run(
     """
     process.prepare_streams()
     _prepare_log()
+    _prepare_warnings()
     gc.set_threshold(50_000, 20, 100)  # imports make many objects that stay, and Python would look through them all the time
     said, status, came = "", 0, list[int]()
     try:
@@ -159,6 +162,22 @@ def _prepare_log() -> None:
     handler.setFormatter(_Harmless("%(message)s"))
     logging.basicConfig(handlers=[handler])
     logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
+
+
+def _prepare_warnings() -> None:
+    """Let each warning of a library be one harmless line on standard error; numba colours its own with escape sequences.
+
+    That numba gets no lock against a fork of this process, where shared memory is full or closed, concerns nobody: no
+    program forks after it has loaded compiled code.
+    """
+
+    def show(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, file: object = None, line: object = None
+    ) -> None:
+        warn(f"{category.__name__}: {_COLOUR.sub('', str(message))} ({Path(filename).name}, line {lineno})")
+
+    warnings.showwarning = show
+    warnings.filterwarnings("ignore", r"\W*(\d+m)?Could not obtain multiprocessing lock")
 
 
 def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:

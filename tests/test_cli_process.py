@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -224,6 +225,22 @@ def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeyp
     )
     store.write_text(tmp_path / "a.txt", "text")
     assert done == ["file", "rename", "folder"]
+
+
+@pytest.mark.parametrize(("meant", "status", "said"), [(True, 2, "error: "), (False, 1, "run failed: ")])
+def test_a_folder_that_cannot_be_made_is_a_mistake_before_the_work_and_a_failed_run_within(
+    meant: bool, status: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+
+    def main() -> None:
+        with cli.mistakes_are_users() if meant else contextlib.nullcontext():
+            store.make_folder(tmp_path / "file")
+
+    with pytest.raises(SystemExit) as left:
+        cli.run(main, "program", [])
+    assert left.value.code == status
+    assert capsys.readouterr().err.startswith(f"{said}{tmp_path}/file: the folder cannot be made (File exists)")
 
 
 # ------------------------------------------------------------------------------------------- compiled code

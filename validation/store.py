@@ -142,16 +142,20 @@ def encodable(value: Any) -> Any:
     return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 
+class UnusableFolder(OSError, ValueError):
+    """A folder cannot be made or written: before the work that is a mistake of whoever named it, later a failed run."""
+
+
 def make_folder(path: Path) -> Path:
     """Make a folder that files can be written into, and return it.
 
     Raises:
-        ValueError: it cannot be made or written; the message says why.
+        UnusableFolder: it cannot be made or written; the message says why.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ValueError(f"{path}: the folder cannot be made ({error.strerror})") from error
+        raise UnusableFolder(f"{path}: the folder cannot be made ({error.strerror})") from error
     if not os.access(path, os.W_OK):
-        raise ValueError(f"{path}: the folder cannot be written; name another")
+        raise UnusableFolder(f"{path}: the folder cannot be written; name another")
     return path

@@ -86,6 +86,7 @@ def fit(
         ValueError: a name, number or file that cannot be used; the message says which.
         TypeError: an unknown option.
         SsmrError: a plant diverged, or no candidate could be driven.
+        OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
     sources, parameters, cost, search = put_options(

@@ -298,7 +298,9 @@ def search_for(
     of `problem.costs`. The search that is returned has at least one candidate of finite cost.
 
     Raises:
-        ValueError: settings that make no sense, a folder that cannot be written, or the checkpoint of another search.
+        ValueError: settings that make no sense, or the checkpoint of another search.
+        UnusableFolder: the folder of the checkpoint cannot be made or written.
+        OSError: the checkpoint cannot be written.
         KeyboardInterrupt: it was interrupted before it found anything.
         SsmrError: every candidate was impossible or failed, or the cluster was lost; what was rated before is kept.
     """

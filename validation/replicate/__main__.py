@@ -71,6 +71,8 @@ def main(options: ReplicateCommand) -> None:
             split=log.split,
         )
     folder = cli.output_folder(output.out)
+    if output.docs is not None:
+        cli.output_folder(output.docs.parent)
     try:
         with cli.shown("replicating") as progress:
             result = replicate(
@@ -82,7 +84,6 @@ def main(options: ReplicateCommand) -> None:
         raise
     written = result.save(folder)
     if output.docs is not None:
-        cli.output_folder(output.docs.parent)
         written.append(result.publish(output.docs))
     cli.report_result(result, written)
 

@@ -62,6 +62,7 @@ def tune(
         ValueError: a name, number or file that cannot be used; the message says which.
         TypeError: an unknown option.
         SsmrError: every candidate lost a reference or failed the stability guard.
+        OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
     task, parameters, cost, search = put_options(

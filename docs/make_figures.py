@@ -23,7 +23,6 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import load_profile
 from validation.robots.husky import (
-    CAPSULE_HALF_LENGTH,
     GRAVITY,
     PRESSED_IN,
     WHEELS,
@@ -127,7 +126,7 @@ def table_turning() -> None:
     print("\nratio of frictions (capsule, 0.4): measured, by contact radius, closed form")
     for ratio in (0.8, 1.0, 1.24, 1.5):
         found = turn(HuskyCalibration(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
-        form = turn_on_the_spot(ratio=ratio, half_width=CAPSULE_HALF_LENGTH).multiplier
+        form = turn_on_the_spot(ratio=ratio, half_width=HuskyCalibration.capsule_half_width).multiplier
         print_row(ratio, f"{found.multiplier:.3f}", f"{found.by_contact_radius:.3f}", f"{form:.3f}")
     print("\nfriction: torque of a side, closed form with the contact's radius [N m]")
     for friction in (0.1, 0.3, 0.6, 0.8):

@@ -12,6 +12,7 @@ import pytest
 
 from ssmr.errors import UnhealthyRunError
 from ssmr.robot.drive import wheel_rates
+from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
@@ -19,6 +20,7 @@ from ssmr.types import Commands, State, Trajectory
 from tests.conftest import ROUNDOFF
 from validation.robots.husky import WHEELS, HuskyCalibration, calibrate, husky_model, limit_torque, wheel_geoms, xml_path
 from validation.robots.plant import DEVIATION_LIMIT, LIFT_SHARE, MujocoPlant, check_health
+from validation.robots.wheel_loads import load_model
 
 WHEELBASE, TRACK = 0.512, 0.5708
 
@@ -38,9 +40,9 @@ STOP_ERROR = 0.02
 STIFF = Drive(delay_v=0.0, delay_w=0.0, v_max=5.0, w_max=5.0, torque_limit=math.inf, command_half_track=0.5 * TRACK * 1.8)
 
 
-def turning(multiplier_ratio: float) -> float:
+def turning(multiplier_ratio: float, track: float = TRACK) -> float:
     """Four point contacts, quasi-static, Coulomb: 1 + (mu_lat / mu_long)^2 (wheelbase / track)^2 (docs/physics.md)."""
-    return 1.0 + (multiplier_ratio * WHEELBASE / TRACK) ** 2
+    return 1.0 + (multiplier_ratio * WHEELBASE / track) ** 2
 
 
 @cache
@@ -49,7 +51,9 @@ def spin(calibration: HuskyCalibration) -> tuple[float, float, float]:
     motion = MujocoPlant(calibration, STIFF).run(Commands(0.05, np.tile([0.0, 0.6], (120, 1))), State(), 0.01)
     tail = motion.t > 3.0
     rate, wheels = motion.twist[tail, 2], motion.wheels[tail]
-    multiplier = calibration.wheel_radius * np.mean(wheels[:, 1] - wheels[:, 0]) / (TRACK * rate.mean())
+    multiplier = (
+        calibration.wheel_radius * np.mean(wheels[:, 1] - wheels[:, 0]) / (2.0 * calibration.half_track * rate.mean())
+    )
     return (
         float(multiplier),
         float(np.ptp(rate) / rate.mean()),
@@ -74,6 +78,23 @@ def test_turning_on_the_spot_is_the_closed_form(shape: str, friction: float) -> 
 def test_anisotropic_wheels_turn_as_the_closed_form_says(ratio: float) -> None:
     multiplier, ripple, _ = spin(HuskyCalibration(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
     assert multiplier == pytest.approx(turning(ratio), rel=TURN_ERROR["capsule"])
+    assert ripple < RIPPLE
+
+
+@pytest.mark.parametrize("half_track", [0.25, 0.275, 0.35])
+def test_another_track_turns_as_the_closed_form_says(half_track: float) -> None:
+    calibration = HuskyCalibration(half_track=half_track)
+    multiplier, ripple, _ = spin(calibration)
+    assert multiplier == pytest.approx(turning(1.0, 2.0 * half_track), rel=TURN_ERROR["ellipsoid"])
+    assert ripple < RIPPLE
+    loads = load_model(MujocoPlant(calibration, STIFF))
+    assert loads.track == pytest.approx(2.0 * half_track, rel=ROUNDOFF)
+
+
+@pytest.mark.parametrize("half_width", [0.001, 0.03])
+def test_capsules_of_any_width_turn_as_the_closed_form_says(half_width: float) -> None:
+    multiplier, ripple, _ = spin(HuskyCalibration(friction=0.4, wheel_shape="capsule", capsule_half_width=half_width))
+    assert multiplier == pytest.approx(turn_on_the_spot(half_width=half_width).multiplier, rel=TURN_ERROR["capsule"])
     assert ripple < RIPPLE
 
 
@@ -215,6 +236,7 @@ def test_every_element_has_a_name() -> None:
     [
         HuskyCalibration(),
         HuskyCalibration(mass=85.0, com_x=-0.05, com_y=0.02, yaw_inertia=5.0, wheel_radius=0.158, friction=0.3),
+        HuskyCalibration(half_track=0.275),
     ],
 )
 def test_the_compiled_model_has_the_calibrations_numbers(calibration: HuskyCalibration) -> None:
@@ -224,7 +246,7 @@ def test_the_compiled_model_has_the_calibrations_numbers(calibration: HuskyCalib
     base = model.body("base").id
     assert model.body_subtreemass[base] == pytest.approx(calibration.mass, rel=ROUNDOFF)
     for wheel, sx, sy in zip(WHEELS, (1, 1, -1, -1), (1, -1, 1, -1), strict=True):
-        assert np.allclose(model.body(wheel).pos[:2], [sx * WHEELBASE / 2, sy * TRACK / 2], atol=ROUNDOFF)
+        assert np.allclose(model.body(wheel).pos[:2], [sx * WHEELBASE / 2, sy * calibration.half_track], atol=ROUNDOFF)
     for geom in wheel_geoms(model):
         assert model.geom_friction[geom, 0] == calibration.friction
         assert model.geom_condim[geom] == 3

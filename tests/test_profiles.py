@@ -12,8 +12,8 @@ from validation.plants.profile import PLANTS, ProfileError, load_profile, make_p
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 
 
-def test_both_profiles_are_shipped() -> None:
-    assert set(shipped()) >= {"thesis-lab", "husky-tile"}
+def test_the_profiles_are_shipped() -> None:
+    assert set(shipped()) >= {"thesis-lab", "thesis-printed", "husky-tile"}
 
 
 @pytest.mark.parametrize("name", shipped())

@@ -22,6 +22,11 @@ def test_a_centred_robot_has_the_closed_form(ratio: float) -> None:
     assert np.allclose(found.centre, 0.0, atol=MINIMUM)
 
 
+@pytest.mark.parametrize("track", [0.4, 0.55, 0.8])
+def test_another_track_has_the_closed_form(track: float) -> None:
+    assert turn_on_the_spot(track=track).multiplier == pytest.approx(1.0 + (WHEELBASE / track) ** 2, rel=MINIMUM)
+
+
 def test_a_line_of_no_width_is_a_point_and_width_costs() -> None:
     assert turn_on_the_spot(half_width=1e-9).multiplier == pytest.approx(turn_on_the_spot().multiplier, rel=MINIMUM)
     assert turn_on_the_spot(half_width=0.05715).multiplier == pytest.approx(1.8480, abs=5e-5)  # docs/physics.md

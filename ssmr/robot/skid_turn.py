@@ -38,11 +38,13 @@ class SkidTurn:
     """Speed of the middle between the axles to the left [m/s]."""
     yaw_rate: float
     """Yaw rate [rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
+    track: float = TRACK
+    """Distance of the sides [m]."""
 
     @property
     def multiplier(self) -> float:
         """Yaw rate of the wheels over that of the body [1]; infinite for none."""
-        return 2.0 / (TRACK * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
+        return 2.0 / (self.track * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
 
     @property
     def centre(self) -> tuple[float, float]:
@@ -59,17 +61,20 @@ class _Contacts(NamedTuple):
     rolling: FloatArray
 
 
-def _contacts(x: float, y: float, half_width: float) -> _Contacts:
+def _contacts(x: float, y: float, half_width: float, track: float = TRACK) -> _Contacts:
     """Return the contact points, their shares of the load (linear in the place: equal springs) and rolling speeds [m/s]."""
-    load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * WHEEL_Y / (0.5 * TRACK) ** 2)
-    rolling = np.where(WHEEL_Y > 0.0, -1.0, 1.0)
+    wheel_y = WHEEL_Y * (track / TRACK)
+    load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * wheel_y / (0.5 * track) ** 2)
+    rolling = np.where(wheel_y > 0.0, -1.0, 1.0)
     if half_width == 0.0:
-        return _Contacts(WHEEL_X, WHEEL_Y, load, rolling)
-    y_twice = np.concatenate([WHEEL_Y - half_width, WHEEL_Y + half_width])
+        return _Contacts(WHEEL_X, wheel_y, load, rolling)
+    y_twice = np.concatenate([wheel_y - half_width, wheel_y + half_width])
     return _Contacts(np.tile(WHEEL_X, 2), y_twice, np.tile(0.5 * load, 2), np.tile(rolling, 2))
 
 
-def turn_on_the_spot(x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0) -> SkidTurn:
+def turn_on_the_spot(
+    x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0, track: float = TRACK
+) -> SkidTurn:
     """Return the turn with Coulomb friction, each tyre touching at one point or at two.
 
     Args:
@@ -77,8 +82,9 @@ def turn_on_the_spot(x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_wi
         y: distance of the centre of mass to the left of that middle [m].
         ratio: lateral over longitudinal friction [1].
         half_width: half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
+        track: distance of the sides [m].
     """
-    c = _contacts(x, y, half_width)
+    c = _contacts(x, y, half_width, track)
 
     def power(motion: FloatArray) -> tuple[float, FloatArray]:
         v_x, v_y, rate = motion
@@ -88,7 +94,8 @@ def turn_on_the_spot(x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_wi
         return float(c.load @ size), np.array([f_x.sum(), f_y.sum(), (c.x * f_y - c.y * f_x).sum()])
 
     found = minimize(power, np.array([0.0, 0.0, 1.8]), jac=True, method="BFGS", options={"gtol": 1e-10})
-    return SkidTurn(*map(float, found.x))
+    forward, across, rate = (float(value) for value in found.x)
+    return SkidTurn(forward, across, rate, track)
 
 
 def polygonal_turn(limit: Limit, heading: float, x: float = 0.0, y: float = 0.0) -> SkidTurn:

@@ -43,8 +43,14 @@ class HuskyCalibration:
     yaw_inertia: float = parameter(4.42, unit="kg m2", low=0.0, high=1e3, open_low=True, search=(3.2, 5.3))
     """Moment of inertia of the whole robot about the vertical through the middle [kg m2], the centre of mass being there
     -> body_inertia; derived from the maker's, see husky.xml."""
+    half_track: float = parameter(0.2854, unit="m", low=0.15, high=1.0)
+    """Half the distance between left and right wheels [m] -> body_pos of the wheels; the maker's robot description (the
+    thesis prints 0.275)."""
     wheel_shape: WheelShape = "ellipsoid"
     """Contact shape of the tyres: `ellipsoid` (one point), `cylinder` (a line) or `capsule` (two points)."""
+    capsule_half_width: float = parameter(0.00715, unit="m", low=1e-4, high=0.05)
+    """Half the distance between the two contact points of a capsule wheel [m] -> geom_size[1]; assumed. It is small, so that
+    the contact stays nearly one point; where friction along the wheel is much greater than across, it must be smaller."""
     timestep: float = parameter(0.002, unit="s", low=1e-5, high=0.01)
     """Physics step [s] -> opt.timestep; halving it moves the end of trajectories 1-4 by less than 2 mm."""
 

@@ -63,7 +63,7 @@ def _compose(shape: WheelShape, anisotropic: bool, terrain: Terrain) -> str:
         if shape == "cylinder":
             tire.set_attributes(type="cylinder", size=[radius, width], zaxis=[0, 1, 0])
         elif shape == "capsule":
-            tire.set_attributes(type="capsule", size=[radius, CAPSULE_HALF_LENGTH], zaxis=[0, 1, 0])
+            tire.set_attributes(type="capsule", size=[radius, HuskyCalibration.capsule_half_width], zaxis=[0, 1, 0])
         if terrain.kind == "rough":
             patch = arena.worldbody.add("body", name=f"{wheel}_ground", mocap=True)
             ground = patch.add("geom", type="plane", size=[0.3, 0.3, 0.05], material="tiles", contype=0, conaffinity=0)
@@ -104,9 +104,6 @@ PRESSED_IN: dict[str, float] = {"ellipsoid": 0.00283, "cylinder": 0.00252, "caps
 """Depth to which each shape of tyre sinks into the soft contact at rest [m], whatever the load: MuJoCo scales a
 contact by the inertia behind it. The contact point lies halfway, so the rolling radius is half of it less than the
 geom's."""
-
-CAPSULE_HALF_LENGTH = 0.00715
-"""Half the distance of a capsule wheel's two contact points [m]: narrow, so that the contact stays nearly one point."""
 
 _models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
 
@@ -149,7 +146,7 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str 
     """Set every number of `calibration` on a compiled model, in place.
 
     Roll and pitch inertia of the base scale with its mass; its yaw inertia is the whole robot's less that of the wheels,
-    which stand off the middle. `prefix` stands in front of the robot's names in a larger model.
+    which stand off the middle by the half-track. `prefix` stands in front of the robot's names in a larger model.
 
     Raises:
         ValueError: an inertia that is not positive, or that no rigid body has (each is at most the sum of the others); the
@@ -157,7 +154,8 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str 
     """
     wheels = [model.body(f"{prefix}{wheel}") for wheel in WHEELS]
     base_mass = calibration.mass - sum(float(w.mass[0]) for w in wheels)
-    from_wheels = sum(float(w.inertia[2] + w.mass[0] * (w.pos[0] ** 2 + w.pos[1] ** 2)) for w in wheels)
+    half_track = calibration.half_track
+    from_wheels = sum(float(w.inertia[2] + w.mass[0] * (w.pos[0] ** 2 + half_track**2)) for w in wheels)
     scale = base_mass / MAKER_BASE_MASS
     inertia = np.array([MAKER_ROLL_INERTIA * scale, MAKER_PITCH_INERTIA * scale, calibration.yaw_inertia - from_wheels])
     if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum():
@@ -171,13 +169,17 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str 
     model.body_inertia[base] = inertia
     model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
     for wheel, geom in zip(WHEELS, wheel_geoms(model, prefix), strict=True):
-        share = 0.5 if wheel.endswith("left") else -0.5
-        radius = calibration.wheel_radius + share * calibration.radius_difference + 0.5 * PRESSED_IN[calibration.wheel_shape]
+        sign = 1.0 if wheel.endswith("left") else -1.0
+        pressed_in = PRESSED_IN[calibration.wheel_shape]
+        radius = calibration.wheel_radius + 0.5 * sign * calibration.radius_difference + 0.5 * pressed_in
+        model.body_pos[model.body(f"{prefix}{wheel}").id, 1] = sign * half_track
         model.geom_friction[geom, 0] = calibration.friction
         model.geom_size[geom, 0] = radius
         if calibration.wheel_shape == "ellipsoid":
             model.geom_size[geom, 2] = radius
-        model.geom_rbound[geom] = calibration.wheel_radius + CAPSULE_HALF_LENGTH + 0.06
+        elif calibration.wheel_shape == "capsule":
+            model.geom_size[geom, 1] = calibration.capsule_half_width
+        model.geom_rbound[geom] = calibration.wheel_radius + calibration.capsule_half_width + 0.06
     if model.npair:
         # A capsule's contact frame on a plane: first tangent across the rolling direction, second along it.
         model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio

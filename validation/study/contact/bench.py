@@ -19,18 +19,20 @@ import numpy as np
 from ssmr.errors import DivergedError, SsmrError
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows
-from ssmr.robot.skid_turn import TRACK, turn_on_the_spot
+from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.robots.failures import mujoco_failures
-from validation.robots.husky import CAPSULE_HALF_LENGTH, GRAVITY, WHEELS, HuskyCalibration
+from validation.robots.husky import GRAVITY, WHEELS, HuskyCalibration
 from validation.robots.plant import LIFT_SHARE, MujocoPlant
 from validation.study.contact.variants import PhysicsVariant
 
-HALF_WIDTH: Mapping[str, float] = MappingProxyType({"ellipsoid": 0.0, "capsule": CAPSULE_HALF_LENGTH, "cylinder": 0.05715})
-"""Half the distance between a wheel's outermost contact points [m], by shape."""
+HALF_WIDTH: Mapping[str, float] = MappingProxyType(
+    {"ellipsoid": 0.0, "capsule": HuskyCalibration.capsule_half_width, "cylinder": 0.05715}
+)
+"""Half the distance between a wheel's outermost contact points [m], by shape; a profile may have other capsules."""
 SCENARIOS = ("traj1", "traj2", "traj3", "traj4")
 PUBLISHED_MODELS = ("improved", "coulomb", "linear")
 """Published models of the lab's robot."""
@@ -235,11 +237,13 @@ def closed_form(calibration: HuskyCalibration, ratio: float | None = None) -> fl
         ratio: lateral over longitudinal friction [1]; the calibration's if not given.
     """
     share = (calibration.mass - len(WHEELS) * _WHEEL_MASS) / calibration.mass
+    capsule = calibration.wheel_shape == "capsule"
     return turn_on_the_spot(
         share * calibration.com_x,
         share * calibration.com_y,
         calibration.friction_ratio if ratio is None else ratio,
-        HALF_WIDTH[calibration.wheel_shape],
+        calibration.capsule_half_width if capsule else HALF_WIDTH[calibration.wheel_shape],
+        2.0 * calibration.half_track,
     ).multiplier
 
 
@@ -260,7 +264,9 @@ def measure_spin(found: Spin, calibration: HuskyCalibration, tangent_ratio: floa
     if whole >= 1:
         end = int(np.argmax(yaw - yaw[0] >= 2.0 * math.pi * whole))
         span = slice(0, max(end, 1))
-        out["multiplier"] = float(calibration.wheel_radius * wheels[span].mean() / (TRACK * rate[span].mean()))
+        out["multiplier"] = float(
+            calibration.wheel_radius * wheels[span].mean() / (2.0 * calibration.half_track * rate[span].mean())
+        )
         out["ripple"] = float(np.ptp(rate[span]) / rate[span].mean())
         out["drift_m"] = float(np.hypot(*(xy[end] - xy[0]))) / whole
     return out

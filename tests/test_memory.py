@@ -1,4 +1,4 @@
-"""Too little memory is one line: for the simulator, which has errors of its own, and for a whole program."""
+"""Too little memory, or too few files, is one line: for the simulator, which has errors of its own, and for programs."""
 
 from __future__ import annotations
 
@@ -32,15 +32,17 @@ def test_values_that_are_wrong_stay_wrong() -> None:
 
 SHORT = """
 import mujoco, resource
+import numpy as np
 from validation.plants.profile import load_profile, make_plant
 from validation.robots.wheel_loads import load_model, resting_loads
+from validation.show.robot_mesh import robot_mesh
 lab = load_profile("thesis-lab")
 plant = make_plant(lab, "mujoco")
-kept = [plant, load_model(plant), resting_loads(plant)]
+kept = [plant, load_model(plant), resting_loads(plant), robot_mesh()]
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 60_000_000, -1))
 try:
-    while len(kept) < 100:
+    while len(kept) < 1000:
         kept.append({kept})
 except (mujoco.FatalError, ValueError, MemoryError):
     pass
@@ -58,6 +60,7 @@ except MemoryError as error:
         ('make_plant(lab, "mujoco")', 'make_plant(lab, "mujoco")'),
         ("mujoco.MjData(plant.model)", "load_model(plant)"),
         ("mujoco.MjData(plant.model)", "resting_loads(plant)"),
+        ("np.ones(500_000)", "robot_mesh()"),
     ],
 )
 def test_what_the_simulator_has_no_memory_for_is_said(kept: str, call: str) -> None:
@@ -75,6 +78,14 @@ def test_a_program_that_cannot_be_loaded_says_so_at_once() -> None:
     )
 
 
+def test_a_program_that_may_open_next_to_no_files_says_so_at_once() -> None:
+    """With ten to twelve, loading rerun would end the process with pages of its own stack."""
+    command = f"ulimit -n 12; exec {sys.executable} -m validation.compare traj4"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60)
+    said = "run failed: too few files may be open at once: a limit of 12, at least 20 are needed\n"
+    assert (done.returncode, done.stderr) == (cli.EXIT_FAILED_RUN, said)
+
+
 def test_threads_that_cannot_be_started_are_a_failed_run(capsys: pytest.CaptureFixture[str]) -> None:
     def program() -> None:
         raise RuntimeError("can't start new thread")
@@ -83,3 +94,24 @@ def test_threads_that_cannot_be_started_are_a_failed_run(capsys: pytest.CaptureF
         cli.run(program, "it", [])
     assert left.value.code == cli.EXIT_FAILED_RUN
     assert capsys.readouterr().err == "run failed: no more threads can be started; ask for fewer workers\n"
+
+
+NO_ROOM = "libarrow.so.2600: failed to map segment from shared object"
+"""What the system's loader says of a library that does not fit into the address space."""
+
+
+def test_a_library_that_does_not_fit_into_memory_is_a_failed_run(capsys: pytest.CaptureFixture[str]) -> None:
+    def program() -> None:
+        raise ImportError(NO_ROOM)
+
+    with pytest.raises(SystemExit) as left:
+        cli.run(program, "it", [])
+    assert left.value.code == cli.EXIT_FAILED_RUN
+    assert capsys.readouterr().err == "run failed: there is not enough memory\n"
+
+
+def test_a_library_that_does_not_fit_keeps_a_program_from_starting_in_one_line() -> None:
+    command = [sys.executable, "-c", f"from validation import cli; raise ImportError({NO_ROOM!r})"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    said = "run failed: there is not enough memory to load the program\n"
+    assert (done.returncode, done.stderr) == (cli.EXIT_FAILED_RUN, said)

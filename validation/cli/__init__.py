@@ -8,9 +8,10 @@ import sys
 from validation.cli import early
 
 sys.excepthook = early.answer
-early.require_address_space()
+early.require_resources()
 
 # ruff: noqa: E402 - what is loaded below takes half a second, in which Ctrl-C may come
+from validation.cli.early import EXIT_FAILED_RUN as EXIT_FAILED_RUN
 from validation.cli.early import EXIT_FAULT as EXIT_FAULT
 from validation.cli.options import Bounds as Bounds
 from validation.cli.options import Count as Count
@@ -35,7 +36,6 @@ from validation.cli.reporting import report_console as report_console
 from validation.cli.reporting import report_result as report_result
 from validation.cli.reporting import shown as shown
 from validation.cli.reporting import warn as warn
-from validation.cli.running import EXIT_FAILED_RUN as EXIT_FAILED_RUN
 from validation.cli.running import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.running import EXIT_USER_ERROR as EXIT_USER_ERROR
 from validation.cli.running import leave_out as leave_out

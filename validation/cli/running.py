@@ -28,12 +28,11 @@ from rich.console import Console
 from ssmr.errors import SsmrError
 from validation import store
 from validation.cli import process
-from validation.cli.early import EXIT_FAULT
+from validation.cli.early import EXIT_FAILED_RUN, EXIT_FAULT, is_short_of_memory
 from validation.cli.options import NUMBERS, UserError
 from validation.cli.reporting import say, warn
 from validation.words import each_line, one_line, shortened
 
-EXIT_FAILED_RUN = 1
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130
 _COLOUR = re.compile(r"\x1b\[[\d;]*m")
@@ -113,8 +112,6 @@ def run(
         said, status = f"error: {error}", EXIT_USER_ERROR
     except SsmrError as error:
         said, status = f"run failed: {error}", EXIT_FAILED_RUN
-    except MemoryError:
-        said, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
     except OSError as error:
         if isinstance(error, BrokenPipeError) and not process.output_is_read():
             process.silence_output()
@@ -132,6 +129,8 @@ def run(
 
 def _last_resort(error: Exception, program: str, signals: Sequence[int]) -> tuple[str, int]:
     """Return what to say of an error that nobody foresaw, and the exit status."""
+    if is_short_of_memory(error):
+        return "run failed: there is not enough memory", EXIT_FAILED_RUN
     if str(error) == "can't start new thread":  # Python has no type for this
         return "run failed: no more threads can be started; ask for fewer workers", EXIT_FAILED_RUN
     if signals and isinstance(error, ImportError | SystemError):  # a library that was being loaded says it so

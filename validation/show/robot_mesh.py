@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssmr.types import FloatArray
+from validation.robots.failures import mujoco_failures
 from validation.robots.husky import WHEELS, xml_path
 from validation.show.palette import Rgb
 
@@ -55,8 +56,13 @@ class RobotMesh:
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 
+@mujoco_failures()
 def robot_mesh() -> RobotMesh:
-    """The robot of husky.xml."""
+    """Return the robot of husky.xml.
+
+    Raises:
+        MemoryError: there is not enough memory for its model.
+    """
     model = mujoco.MjModel.from_xml_path(str(xml_path()))
     base = -np.array(model.site("reference").pos)
     places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}

@@ -16,12 +16,14 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ssmr.robot.drive import wheel_rates
+from ssmr.robot.drive import wheel_rates, wheel_references
 from ssmr.robot.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import load_profile
+from validation.robots.contact_law import ContactLaw, contact_law
+from validation.robots.health import START_TIME, check_health, examine, run_health
 from validation.robots.husky import (
     GRAVITY,
     PRESSED_IN,
@@ -29,9 +31,10 @@ from validation.robots.husky import (
     HuskyCalibration,
     husky_model,
     limit_torque,
+    wheel_geoms,
 )
 from validation.robots.physics import SHIPPED, Impedance, PhysicsSettings
-from validation.robots.plant import MujocoPlant, check_health
+from validation.robots.plant import MujocoPlant
 from validation.study.contact.bench import HALF_WIDTH, creep
 from validation.study.contact.variants import MUJOCO_IMPEDANCE
 
@@ -135,31 +138,61 @@ def table_turning() -> None:
         print_row(friction, f"{found.torque:.2f}", f"{form:.2f}", f"depth {1e3 * found.depth:.2f} mm")
 
 
-def lift_constant() -> float:
-    """Return wheel load times the contact's inverse mass times the damping time, N A T d_max / 2 [m/s]."""
-    model = husky_model(HuskyCalibration())
+def law_of(calibration: HuskyCalibration, impedance: Impedance | None = None) -> ContactLaw:
+    """Return the law of a robot's contact at rest."""
+    model = husky_model(calibration, settings=PhysicsSettings(solimp=impedance))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
-    inverse_mass = float(data.efc_diagA[data.contact[0].efc_address])
-    return 0.25 * WEIGHT * inverse_mass * 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
+    return contact_law(model, data, wheel_geoms(model))
 
 
 def table_lift() -> None:
     """Print, by impedance at zero depth, the largest friction times slip speed at which all tyres stay down."""
-    constant = lift_constant()
-    print(f"\nimpedance d0, friction: mu v at which a tyre lifts [m/s], law {constant:.4f} (1 - d0) / d0")
+    print("\nimpedance d0, friction: mu v at which a tyre lifts [m/s], and the law's")
     for d0 in (0.1, 0.2, 0.5, 0.9):
         for friction in (0.3, 0.6, 1.0):
-            low, high = 0.05, 20.0
+            low, high, impedance = 0.05, 20.0, (d0, 0.95, 0.005, 0.5, 2.0)
             for _ in range(8):
                 rate = math.sqrt(low * high)
-                found = turn(HuskyCalibration(friction=friction), rate, (d0, 0.95, 0.005, 0.5, 2.0), 4.0)
+                found = turn(HuskyCalibration(friction=friction), rate, impedance, 4.0)
                 if found.lowest_load < 0.01:
                     high = rate
                 else:
                     low, last = rate, found
             slip = last.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
-            print_row(d0, friction, f"{friction * slip:.4f}", f"{constant * (1 - d0) / d0:.4f}")
+            limit = law_of(HuskyCalibration(friction=friction), impedance).slip_limit
+            print_row(d0, friction, f"{friction * slip:.4f}", f"{friction * limit:.4f}")
+
+
+def table_rise() -> None:
+    """Print by how much the body rides higher at a friction times slip speed, turning on the spot, and the law's."""
+    print("\nfriction 0.3, mu v [m/s]: rise of the body [mm], law")
+    law = law_of(HuskyCalibration())
+    for product in (0.05, 0.1, 0.2, 0.4, 0.6, 0.7):
+        rate = product / law.friction * TRACK / (0.5 * WHEELBASE * DIAGONAL)
+        found = turn(HuskyCalibration(), rate, None, 4.0)
+        slip = found.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
+        print_row(product, f"{1e3 * (law.depth(0.0) - found.depth):.2f}", f"{1e3 * law.rise(slip):.2f}")
+
+
+def table_ripple() -> None:
+    """Print how far the loads' sum trembles on trajectories 1 and 4, by gain, armature and lag, and the law's."""
+    print("\ngain, armature, lag [ms], trajectory: rms of the loads' sum about the weight [N], law [N]")
+    for gain, armature, lag in (
+        (2100.0, 1.8, 0.0), (2100.0, 1.8, 0.02), (2100.0, 1.8, 0.05), (2100.0, 0.3, 0.0),
+        (118.04, 0.3, 0.0), (118.04, 0.1, 0.02), (118.04, 0.1, 0.05),
+    ):  # fmt: skip
+        calibration = HuskyCalibration(friction=0.7, gain=gain, armature=armature)
+        drive = replace(lab_drive(400.0), wheel_lag=lag)
+        plant = MujocoPlant(calibration, drive)
+        examined = examine(plant.model, calibration, drive)
+        for scenario in ("traj1", "traj4"):
+            commands = TRAJECTORIES[scenario].commands()
+            found = run_health(examined, [plant.run(commands, State(), plant.dt)]).load_sum_rms_N
+            references = wheel_references(commands, replace(drive, wheel_lag=0.0), plant.dt, State())
+            jumps = np.diff(references[:: round(drive.hold / plant.dt)], axis=0)[round(START_TIME / drive.hold) :]
+            law = examined.weight * examined.ripple.share(float(np.sqrt(np.mean(jumps**2))))
+            print_row(gain, armature, 1e3 * lag, scenario, f"{found:.1f}", f"{law:.1f}")
 
 
 def lab_drive(torque_limit: float) -> Drive:
@@ -341,6 +374,6 @@ def draw() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--tables"]:
-        for table in (table_turning, table_lift, table_steps, table_rest, table_between):
+        for table in (table_turning, table_lift, table_rise, table_ripple, table_steps, table_rest, table_between):
             table()
     draw()

@@ -28,7 +28,7 @@ from tests.conftest import metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare import figure as figures
 from validation.compare.figure import MAX_WINDOWS, comparison_figure
-from validation.robots.plant import Health
+from validation.robots.health import Health
 from validation.show.drawing import save_figure
 
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")

@@ -18,8 +18,9 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from tests.conftest import ROUNDOFF
+from validation.robots.health import DEVIATION_LIMIT, LIFT_SHARE, check_health
 from validation.robots.husky import WHEELS, HuskyCalibration, calibrate, husky_model, limit_torque, wheel_geoms, xml_path
-from validation.robots.plant import DEVIATION_LIMIT, LIFT_SHARE, MujocoPlant, check_health
+from validation.robots.plant import MujocoPlant
 from validation.robots.wheel_loads import load_model
 
 WHEELBASE, TRACK = 0.512, 0.5708

@@ -21,7 +21,7 @@ from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare.table import COLUMNS, comparison_markdown, headline_error
-from validation.robots.plant import Health
+from validation.robots.health import Health
 from validation.show.tables import BEST_STYLE, NOTHING, length_unit, rich_table
 
 TERMINAL = 110  # columns: what the tables must fit
@@ -52,7 +52,9 @@ def comparison(*plants: PlantResult, reference: str = "recording", source: str =
 
 def comparison_table(c: Comparison) -> Table:
     """Its table of metrics, for a terminal."""
-    (grid,) = [grid for grid in c.grids() if grid.header[0] == ("plant", "") and not grid.title.startswith("Wheel")]
+    (grid,) = [
+        grid for grid in c.grids() if grid.header[0] == ("plant", "") and not grid.title.startswith(("Wheel", "Health"))
+    ]
     return rich_table(grid)
 
 

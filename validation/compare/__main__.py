@@ -93,7 +93,7 @@ def main(options: CompareOptions) -> None:
     folder = cli.output_folder(options.folder())
     written = comparison.save(folder, recording=not output.no_rerun)
     for result in comparison.plants.values():
-        if result.health is not None and not result.health.ok:
+        if result.health is not None and result.health.advice:
             cli.warn(f"{result.name}: {result.health.advice}")
     cli.report_result(comparison, written)
     output.show(folder / "compare.rrd")

@@ -12,7 +12,7 @@ from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, Trajectory
-from validation.robots.plant import Health
+from validation.robots.health import Health
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import WheelLoads
 

@@ -70,7 +70,7 @@ def _plant_entry(result: PlantResult) -> dict[str, Any]:
         for horizon, overlapping in result.overlapping.items():
             entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(overlapping)
     if result.health is not None:
-        entry["health"] = {**asdict(result.health), "ok": result.health.ok, "advice": result.health.advice}
+        entry["health"] = result.health.as_dict()
     if result.loads is not None:
         entry["wheel_loads"] = {"wheels": WHEELS, **asdict(result.loads)}
     return entry

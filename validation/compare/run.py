@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -24,7 +24,8 @@ from validation.motion.driving import drive, horizons_of, window_errors_of
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 from validation.progress import Progress, Report, silent
-from validation.robots.plant import Health, MujocoPlant, check_health
+from validation.robots.health import Health, examine, run_health
+from validation.robots.plant import MujocoPlant
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import resting_loads, summarise, with_quasi_static
 
@@ -95,6 +96,7 @@ class PreparedComparison:
         """
         source, settings = self.source, self.settings
         motions, wall = self._drive_all(workers, progress)
+        health = {name: self._health(name, driven) for name, driven in motions.items()}  # of the motion, not of its noise
         if settings.noise:
             for index, name in enumerate(self.plants):
                 if name != self.reference:
@@ -109,11 +111,10 @@ class PreparedComparison:
         for name in self.plants:
             plant, driven = self.plants[name], motions[name]
             horizons = horizons_of([(source, driven)], settings.horizons) if recorded else {}
-            health = _health(driven) if settings.terrain.even else None
             loads = summarise(tuple(driven), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None
             results[name] = PlantResult(
                 name, tuple(driven), compare_pieces(driven, truth), horizons, wall[name], simulated / wall[name],
-                health, self.profile.plants[name].localiser, loads, every[name],
+                health[name], self.profile.plants[name].localiser, loads, every[name],
                 window_errors_of([(source, driven)], settings.horizons) if recorded else {},
             )  # fmt: skip
         commands = tuple(piece.commands for piece in source.pieces)
@@ -121,6 +122,15 @@ class PreparedComparison:
             source.name, self.profile.name, self.reference, truth, commands, results, settings.seed,
             settings.as_dict(), store.versions(), settings.terrain, source.warnings,
         )  # fmt: skip
+
+    def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:
+        """Return the verdict on a plant's run; None for a plant without wheel loads, and on ground that is not even."""
+        plant, localiser = self.plants[name], self.profile.plants[name].localiser
+        if not isinstance(plant, MujocoPlant) or not self.settings.terrain.even:
+            return None
+        bodies = [replace(motion, twist=localiser.body_twist(motion.twist)) for motion in motions]
+        given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
+        return run_health(examine(plant.model, plant.calibration, plant.drive), bodies, given_rates=given)
 
     def _drive_all(self, workers: int | None, progress: Report) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
         """Return all motions and each plant's wall time; plants run side by side, the pieces of one after another."""
@@ -216,11 +226,3 @@ def prepare(
         raise ValueError(f"plants is empty; there are: {', '.join(PLANTS)}")
     made = {name: make_plant(profile, name, settings.terrain) for name in PLANTS if name in asked}
     return PreparedComparison(source, profile, reference, made, settings)
-
-
-def _health(motions: Sequence[Trajectory]) -> Health | None:
-    """The worst verdict over all pieces, for a plant that knows its wheel loads."""
-    verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions if "wheel_load_N" in m.channels]
-    if not verdicts:
-        return None
-    return Health(min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
@@ -9,11 +10,13 @@ from itertools import combinations
 from ssmr.metrics.declared import METRICS, Metric
 from ssmr.metrics.poses import HorizonErrors
 from validation.compare.data import ComparisonData
+from validation.robots.health import Health
 from validation.robots.husky import WHEELS
 from validation.robots.terrain import FLAT
 from validation.show.tables import (
     DEGREES,
     METRES,
+    MILLIMETRES,
     NEWTONS,
     PERCENT,
     Cell,
@@ -60,6 +63,12 @@ OVERLAPPING_CAPTION = (
     " from low to high holds it with a probability of 90 %; it comes from resampling blocks of windows as long as the"
     " horizon. Where a recording is shorter than four such blocks, it is the range of the errors themselves."
 )
+_KILOGRAMS, _NEWTON_METRES = Unit("kg", 1.0, 1), Unit("N m", 1.0, 1)
+_TENTHS, _SPEED = Unit("N", 1.0, 1), Unit("m/s", 1.0, 2)
+_HEALTH_CAPTION = (
+    "apparent mass: thrust over acceleration; torque: of a side; loads' sum: off the weight; slip limit: where the soft"
+    " contact lifts a tyre; rise: of the body at the greatest slip"
+)
 METRIC_CAPTION = "Bold: the best of each column; the reference, at no distance from itself, competes only in real time."
 
 
@@ -84,8 +93,9 @@ def _plant_grid(comparison: ComparisonData) -> Grid:
     if comparison.terrain != FLAT:
         title += f" · mujoco on {comparison.terrain.words}"
     caption = f"compared with {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
-    for name, _ in _unhealthy(comparison):
-        caption += f"\n{name} is unhealthy: its wheel loads show a contact that cannot be trusted"
+    for name, health in _ailing(comparison):
+        if not health.ok:
+            caption += f"\n{name} is unhealthy: its wheel loads show a contact that cannot be trusted"
     return Grid(tuple(header), (tuple(rows),), 1, title, caption)
 
 
@@ -182,9 +192,28 @@ def _load_caption(comparison: ComparisonData) -> str:
     )
 
 
-def _unhealthy(comparison: ComparisonData) -> list[tuple[str, str]]:
-    """Plants whose wheel loads say that their contact cannot be believed, each with what to do about it."""
-    return [(n, r.health.advice) for n, r in comparison.plants.items() if r.health is not None and not r.health.ok]
+def _health_grid(comparison: ComparisonData) -> Grid | None:
+    """Return inertia, torque and slip of the plants that know them; None where none does."""
+    rows = []
+    for name, result in comparison.plants.items():
+        if (health := result.health) is not None and health.apparent_mass_kg is not None:
+            numbers = (
+                (_KILOGRAMS, health.apparent_mass_kg), (_NEWTON_METRES, health.peak_torque_N_m),
+                (_TENTHS, health.load_sum_rms_N), (_SPEED, health.slip_speed_m_s), (_SPEED, health.slip_limit_m_s),
+                (MILLIMETRES, health.ride_rise_m),
+            )  # fmt: skip
+            texts = [unit.text(math.nan if value is None else value) for unit, value in numbers]
+            rows.append(tuple(map(Cell, (name, *texts, health.verdict))))
+    header = (
+        ("plant", ""), ("apparent mass", "kg"), ("peak torque", "N m"), ("loads' sum rms", "N"), ("slip", "m/s"),
+        ("slip limit", "m/s"), ("rise", "mm"), ("verdict", ""),
+    )  # fmt: skip
+    return Grid(header, (tuple(rows),), 1, "Health", _HEALTH_CAPTION, 1) if rows else None
+
+
+def _ailing(comparison: ComparisonData) -> list[tuple[str, Health]]:
+    """Plants with whose physics something is wrong, each with the verdict."""
+    return [(n, r.health) for n, r in comparison.plants.items() if r.health is not None and r.health.advice]
 
 
 def comparison_grids(comparison: ComparisonData) -> list[Grid]:
@@ -192,11 +221,11 @@ def comparison_grids(comparison: ComparisonData) -> list[Grid]:
 
     On a recording the errors of the relative pose by horizon and plant come first: number of windows, median and 95th
     percentile (p95) of the position error [m] and the yaw error [deg]; then medians over windows that overlap. Then, with
-    plants as rows and the reference marked, the metrics. Then, for plants that know them, the wheel loads [N]. The best
-    value of each column is emphasised.
+    plants as rows and the reference marked, the metrics. Then, for plants that know them, the wheel loads [N], and the
+    health of their physics: inertia, torque, trembling of the loads and slip. The best value of each column is emphasised.
     """
-    grids = (_horizon_grid(comparison), _overlapping_grid(comparison), _plant_grid(comparison), _load_grid(comparison))
-    return [grid for grid in grids if grid is not None]
+    first = _horizon_grid(comparison), _overlapping_grid(comparison), _plant_grid(comparison)
+    return [grid for grid in (*first, _load_grid(comparison), _health_grid(comparison)) if grid is not None]
 
 
 def headline_error(comparison: ComparisonData, name: str) -> str:
@@ -234,13 +263,14 @@ def comparison_markdown(comparison: ComparisonData) -> str:
         f"- options: {code_span(options) if options else 'none'}",
         f"- versions: {code_span(versions) if versions else 'unknown'}",
     ]
-    for name, advice in _unhealthy(comparison):
-        lines += ["", f"> **{name} is unhealthy:** {one_line(advice)}."]
+    for name, health in _ailing(comparison):
+        lines += ["", f"> **{name}{'' if health.ok else ' is unhealthy'}:** {one_line(health.advice)}."]
     for grid, title, caption in (
         (_horizon_grid(comparison), "Error of the relative pose after a horizon", HORIZON_CAPTION),
         (_overlapping_grid(comparison), "The same over windows that begin every second", OVERLAPPING_CAPTION),
         (_plant_grid(comparison), "Plants compared with the reference", METRIC_CAPTION),
         (_load_grid(comparison), "Wheel loads", f"{_load_caption(comparison)}."),
+        (_health_grid(comparison), "Health", f"{_HEALTH_CAPTION}."),
     ):
         if grid is not None:
             lines += ["", f"## {title}", "", *markdown_table(grid), "", caption]

@@ -237,10 +237,16 @@ def draw_loads(comparison: ComparisonData, motion: DrawnMotion, ax: Axes) -> Non
     time_axis(comparison, ax, told)
     at_least(ax, 10.0)
     low, high = ax.get_ylim()
-    ax.set_ylim(low - 0.2 * (high - low), high)  # room for the verdict
+    ax.set_ylim(low - 0.3 * (high - low), high)  # room for the verdict
     result = comparison.plants.get(motion.name)
     if result is not None and result.health is not None:
         health = result.health
-        verdict = "healthy" if health.ok else "UNHEALTHY"
+        verdict = health.verdict if health.ok else health.verdict.upper()
         shares = f"lowest load {health.lowest_load_share:.0%} of a wheel's mean, deviation {health.load_deviation:.1%}"
-        corner_note(ax, f"{motion.name} {verdict}: {shares}, whole run", QUIET if health.ok else ALARM)
+        numbers = (
+            ("loads' sum off by {:.1f} N rms", health.load_sum_rms_N),
+            ("at most {:.0f} N m a side", health.peak_torque_N_m),
+            ("{:.0f} kg to push", health.apparent_mass_kg),
+        )
+        known = "; ".join(words.format(value) for words, value in numbers if value is not None)
+        corner_note(ax, f"{motion.name} {verdict}: {shares}\n{known}".strip(), ALARM if health.advice else QUIET)

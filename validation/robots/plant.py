@@ -1,9 +1,9 @@
-"""The MuJoCo Husky as a `Plant`, and the health gate that says whether its contact physics can be believed."""
+"""The MuJoCo Husky as a `Plant`."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import mujoco
@@ -16,14 +16,11 @@ from ssmr.robot.drive import Driver, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.robots.failures import mujoco_failures
+from validation.robots.health import check_health
 from validation.robots.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, husky_model, limit_torque, wheel_geoms
 from validation.robots.physics import SHIPPED, PhysicsSettings
 from validation.robots.terrain import FLAT, Terrain
 
-LIFT_SHARE = 0.02
-"""A wheel whose load falls below this share of its mean has left the ground."""
-DEVIATION_LIMIT = 0.10
-"""Greatest standard deviation of a wheel's load, as a share of its mean, that a run on flat ground may have."""
 PRESCRIBED_ARMATURE = 100.0
 """Armature of wheels whose rates are given [kg m2]: so heavy that the ground cannot change them (MuJoCo does not pass an
 armature's reaction on to the body)."""
@@ -31,43 +28,6 @@ PRESCRIBED_LAG = 2.5
 """Time constant with which given wheel rates are followed, in time steps."""
 SETTLE_TIME = 1.0
 """Time for which the robot stands before its resting height is taken [s]: fifty time constants of the contact."""
-
-
-@dataclass(frozen=True)
-class Health:
-    """Verdict on a run's contact physics, from its wheel loads."""
-
-    lowest_load_share: float
-    """Least load of any wheel over that wheel's mean [1]; 0 where a wheel lifted."""
-    load_deviation: float
-    """Greatest standard deviation of a wheel's load over its mean [1]."""
-
-    @property
-    def ok(self) -> bool:
-        """No wheel lifted, and the loads were smooth."""
-        return self.lowest_load_share >= LIFT_SHARE and self.load_deviation <= DEVIATION_LIMIT
-
-    @property
-    def advice(self) -> str:
-        """Text that says what is wrong and what to change; empty if all is well."""
-        if self.ok:
-            return ""
-        what = (
-            f"a wheel left the ground (least load {100 * self.lowest_load_share:.1f} % of its mean)"
-            if self.lowest_load_share < LIFT_SHARE
-            else f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of the mean, "
-            f"at most {100 * DEVIATION_LIMIT:.0f} %)"
-        )
-        return (
-            f"{what}: keep the soft contact of husky.xml (solimp 0.1 0.95 0.005), an elliptic cone and a time step "
-            "of at most 5 ms; if they are as shipped, lower the gain, raise the armature or limit the acceleration"
-        )
-
-
-def check_health(wheel_loads: FloatArray) -> Health:
-    """Judge (M, 4) wheel loads [N] of a run."""
-    mean = np.maximum(wheel_loads.mean(axis=0), 1e-9)
-    return Health(float((wheel_loads.min(axis=0) / mean).min()), float((wheel_loads.std(axis=0) / mean).max()))
 
 
 class MujocoPlant:

@@ -25,8 +25,9 @@ from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.robots.failures import mujoco_failures
+from validation.robots.health import LIFT_SHARE
 from validation.robots.husky import GRAVITY, WHEELS, HuskyCalibration
-from validation.robots.plant import LIFT_SHARE, MujocoPlant
+from validation.robots.plant import MujocoPlant
 from validation.study.contact.variants import PhysicsVariant
 
 HALF_WIDTH: Mapping[str, float] = MappingProxyType(

@@ -14,7 +14,8 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.types import Commands, Trajectory
-from validation.robots.plant import Health, MujocoPlant, check_health
+from validation.robots.health import Health, check_health
+from validation.robots.plant import MujocoPlant
 from validation.track.gains import GainSet
 from validation.track.loops import Robot, rate
 

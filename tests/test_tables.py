@@ -253,6 +253,23 @@ def test_an_unhealthy_plant_gets_the_advice_and_a_healthy_one_does_not() -> None
     assert "unhealthy" not in comparison_markdown(sound) + rendered(comparison_table(sound))
 
 
+def test_a_trembling_plant_gets_advice_but_is_not_called_unhealthy() -> None:
+    trembling = replace(
+        HEALTHY, apparent_mass_kg=361.52, load_sum_rms_N=10.8, weight_N=719.0, slip_speed_m_s=0.28, slip_limit_m_s=1.03,
+        ride_rise_m=0.0012, remedies=("raise | this", "lower `that`"),
+    )  # fmt: skip
+    c = comparison(plant("mujoco", health=trembling), plant("linear", health=HEALTHY))
+    text = comparison_markdown(c)
+    assert "> **mujoco:** " in text
+    assert "or lower" in text
+    assert "unhealthy" not in text
+    (grid,) = [grid for grid in c.grids() if grid.title == "Health"]
+    assert [[cell.text for cell in row] for row in grid.groups[0]] == [
+        ["mujoco", "361.5", NOTHING, "10.8", "0.28", "1.03", "1.2", "loads tremble"]
+    ]
+    assert not any(grid.title == "Health" for grid in comparison(plant("mujoco", health=HEALTHY)).grids())
+
+
 def test_what_the_user_named_is_never_markup() -> None:
     c = comparison(plant("mujoco"), plant("li|near"), source="a|b`c*[red]\n# d[/]", reference="mujoco")
     text = comparison_markdown(c)

@@ -119,7 +119,7 @@ class Robustness(StudyResult):
             "failure_rate": self.failures(grid) / len(grid),
             "nominal": self._summary(self.errors(name, "nominal")),
             "alone": {m.label: self._summary(self.errors(name, "alone", m)) for m in single_mismatches()},
-            "health": {**asdict(runs.health), "ok": runs.health.ok},
+            "health": runs.health.as_dict(),
             "runs": [asdict(e) for e in runs.errors],
         }
 

@@ -90,13 +90,15 @@ def spinning(calibration: HuskyCalibration, slip: float, model: mujoco.MjModel, 
     """Slip speed of the tyres [m/s] and rise of the body [m] while the robot turns on the spot at about the speed `slip`."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = rest.qpos, rest.qvel
-    rate = slip / (0.5 * 0.512 * math.hypot(0.512, 0.5708) / 0.5708)
-    wheel = rate * 0.2854 * (1.0 + (0.512 / 0.5708) ** 2) / calibration.wheel_radius
+    ratio = calibration.friction_ratio
+    along = 0.2854 * (ratio * 0.512 / 0.5708) ** 2  # slip of a tyre over the yaw rate, by the closed form of turning
+    rate = slip * max(ratio, 1.0) / math.hypot(along, ratio * 0.256)
+    wheel = rate * (0.2854 + along) / calibration.wheel_radius
     data.ctrl[:] = -wheel, wheel
     mujoco.mj_step(model, data, nstep=round(2.0 / model.opt.timestep))
     w, left = data.qvel[5], data.qvel[6]
     radius = model.geom_size[wheel_geoms(model)[0], 0] + 0.5 * data.contact[0].dist  # to the middle of the overlap
-    found = math.hypot(-0.2854 * w - radius * left, 0.256 * w)
+    found = math.hypot(-0.2854 * w - radius * left, ratio * 0.256 * w) / max(ratio, 1.0)
     return found, float(data.qpos[2] - rest.qpos[2])
 
 
@@ -106,6 +108,8 @@ def spinning(calibration: HuskyCalibration, slip: float, model: mujoco.MjModel, 
         (HuskyCalibration(friction=0.3, gain=2000.0), SHIPPED, None),
         (HuskyCalibration(friction=0.7, gain=2000.0), SHIPPED, None),
         (HuskyCalibration(friction=0.5, gain=2000.0, wheel_shape="capsule"), SHIPPED, None),
+        (HuskyCalibration(friction=0.5, gain=2000.0, wheel_shape="capsule", friction_ratio=0.6), SHIPPED, None),
+        (HuskyCalibration(friction=0.5, gain=2000.0, wheel_shape="capsule", friction_ratio=1.24), SHIPPED, None),
         (HuskyCalibration(friction=0.5, gain=2000.0), PhysicsSettings(impratio=1.0), None),
         (HuskyCalibration(friction=0.5, gain=2000.0), PhysicsSettings(solref=(0.006, 1.0)), None),
         (HuskyCalibration(friction=0.5, gain=2000.0), PhysicsSettings(solref=(0.006, 1.0), tangent_ratio=1.0), 105.0),

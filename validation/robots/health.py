@@ -50,7 +50,7 @@ class Health:
     weight_N: float | None = None
     """Weight [N]."""
     slip_speed_m_s: float | None = None
-    """Greatest slip speed of a tyre over the run [m/s]."""
+    """Greatest slip speed of a tyre over the run [m/s] (`Examined.slip_speeds`)."""
     slip_limit_m_s: float | None = None
     """Slip speed at which the soft contact lifts a tyre off the ground [m/s] (`contact_law`)."""
     ride_rise_m: float | None = None
@@ -145,6 +145,8 @@ class Examined:
     """(4, 2) places of the wheels in the body [m], ahead and to the left; in the order of `WHEELS`."""
     radii: FloatArray
     """(2,) rolling radii of the left and the right wheels [m]."""
+    grip: tuple[float, float]
+    """Friction of a tyre along its wheel and across it, over the greater of both [1]."""
 
     @property
     def contact(self) -> ContactLaw:
@@ -152,12 +154,16 @@ class Examined:
         return self.ripple.contact
 
     def slip_speeds(self, motion: Trajectory) -> FloatArray:
-        """Return (M, 4) slip speeds of the tyres [m/s] in a motion of the body."""
+        """Return (M, 4) slip speeds of the tyres [m/s] in a motion of the body.
+
+        Where friction depends on direction, slip in the direction of less friction counts less: the contact feels the
+        product.
+        """
         v_x, v_y, rate = motion.twist.T
         rolling = (motion.wheels * self.radii)[:, [SIDES.index(wheel.split("_")[1]) for wheel in WHEELS]]
         along = v_x[:, None] - rate[:, None] * self.places[:, 1] - rolling
         across = v_y[:, None] + rate[:, None] * self.places[:, 0]
-        return np.hypot(along, across)
+        return np.hypot(self.grip[0] * along, self.grip[1] * across)
 
 
 def examine(model: mujoco.MjModel, calibration: HuskyCalibration, drive: Drive) -> Examined:
@@ -184,11 +190,12 @@ def examine(model: mujoco.MjModel, calibration: HuskyCalibration, drive: Drive) 
         contact, calibration.wheel_radius, calibration.gain, calibration.armature, inertia, drive.wheel_lag, drive.hold,
         float(model.opt.timestep),
     )  # fmt: skip
-    half = 0.5 * calibration.radius_difference
+    half, ratio = 0.5 * calibration.radius_difference, calibration.friction_ratio
     return Examined(
         _pushed(model, data, base), float(model.body_subtreemass[base]) * GRAVITY, ripple,
         np.array([model.body(wheel).pos[:2] for wheel in WHEELS]),
         np.array([calibration.wheel_radius + half, calibration.wheel_radius - half]),
+        (1.0 / max(ratio, 1.0), ratio / max(ratio, 1.0)),
     )  # fmt: skip
 
 

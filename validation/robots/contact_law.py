@@ -40,8 +40,9 @@ class ContactLaw:
     """Reference acceleration over the speed at which the tyre sinks in [1/s]."""
     slip_damping: float
     """b: reference acceleration over slip speed [1/s]."""
-    impratio: float
-    """Impedance of friction over that of the normal [1]."""
+    cone: float
+    """Slope of the cone as the solver has it, mu over the root of impratio [1]; of friction across the wheel, where the tyre
+    is anisotropic."""
 
     @property
     def time_constant(self) -> float:
@@ -67,7 +68,7 @@ class ContactLaw:
 
     def depth(self, slip: float) -> float:
         """Return how deep a tyre of steady slip speed `slip` [m/s] is pressed in [m]; 0 where it leaves the ground."""
-        sliding = 1.0 + self.friction**2 / self.impratio if slip > 0.0 else 1.0
+        sliding = 1.0 + self.cone**2 if slip > 0.0 else 1.0
         low, high = 0.0, self.solimp[2]
         while sliding * self._give(high) > self.stiffness * self.impedance(high) * high + self._push(slip):
             low, high = high, 2.0 * high
@@ -89,7 +90,7 @@ class ContactLaw:
         """Slip speed at which the tyre leaves the ground [m/s]; infinite without friction."""
         if self.friction * self.slip_damping == 0.0:
             return math.inf
-        return (1.0 + self.friction**2 / self.impratio) * self._give(0.0) / (self.friction * self.slip_damping)
+        return (1.0 + self.cone**2) * self._give(0.0) / (self.friction * self.slip_damping)
 
     @property
     def reserve(self) -> float:
@@ -129,7 +130,7 @@ def contact_law(model: mujoco.MjModel, data: mujoco.MjData, tires: Sequence[int]
             ContactLaw(
                 float(data.efc_force[row]), float(data.efc_diagA[row]), float(max(contact.friction[:2])),
                 (low, high, width, middle, power), *_reference(contact.solref, high, model),
-                _reference(tangents, high, model)[1], float(model.opt.impratio),
+                _reference(tangents, high, model)[1], float(contact.mu),
             )
         )  # fmt: skip
     if not laws:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.metrics.poses import horizon_windows
-from ssmr.metrics.windows import overlapping_windows
+from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from validation.compare import CompareSettings, compare
@@ -20,6 +21,7 @@ from validation.logs.groups import groups_of
 from validation.logs.health import AFTER_COMMAND_S, JUMP_M, JUMP_RAD, LogHealth, find_faults
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import write_csv
+from validation.motion.driving import standing_sentences, standing_share
 from validation.motion.sources import WindowCut, source_of
 from validation.recordings import info
 
@@ -168,6 +170,62 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path,
         costs.append(fitted.cost)
     assert abs(errors[1] - errors[0]) < 0.5  # of 5 m
     assert abs(costs[1] - costs[0]) < 0.15  # every fifth window of 6 s would span a jump: 0.5 m on average
+
+
+def test_windows_of_the_picture_span_no_jump_either(tmp_path: Path) -> None:
+    at = [float(a) for a in np.arange(4.0, 60.0, 8.0)]
+    write_csv(with_jumps(drive(), dict.fromkeys(at, 2.0)), tmp_path / "log.csv")
+    settings = CompareSettings(input="wheels", horizons=(6.0,))
+    found = compare(str(tmp_path / "log.csv"), plants=("kinematic",), settings=settings, workers=1)
+    titles = [ax.get_title(loc="left") for ax in found.figure().axes if ax.get_xlabel() == "ahead [m]"]
+    assert titles
+    for title in titles:
+        start, end = (float(word) for word in title.removesuffix(" s").split(" to "))
+        assert not any(start < a <= end for a in at), title
+    assert found.plants["kinematic"].horizons[6.0].n == sum(len(starts) for starts, _ in found.scoring[6.0])
+
+
+@pytest.mark.parametrize("wheels", [True, False])
+def test_windows_without_motion_are_counted(wheels: bool) -> None:
+    """The robot stands for the last half; commands tell that where a log has no wheel rates."""
+    columns = drive()
+    stands = columns["t"] >= 30.0
+    for name in ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z"):
+        columns[name] = np.where(stands, 0.0, columns[name])
+    for name in ("x", "y", "yaw"):
+        columns[name] = np.where(stands, columns[name][600], columns[name])
+    kept = columns if wheels else {n: v for n, v in columns.items() if not n.startswith("enc")}
+    source = source_of(Recording.from_columns("log", kept), "log")
+    share = standing_share(source, 6.0)
+    assert share == pytest.approx(24.0 / 54.0, abs=0.05)
+    assert f"{100.0 * share:.0f} % of the windows of 6 s" in standing_sentences(source, 6.0)[0]
+    assert standing_share(source, 100.0) is None
+    moving = source_of(Recording.from_columns("log", drive()), "log")
+    assert standing_share(moving, 6.0) == 0.0
+    assert standing_sentences(moving, 6.0) == []
+
+
+def test_plants_that_a_recording_cannot_tell_apart_are_said_and_written(tmp_path: Path) -> None:
+    write_csv(drive(), tmp_path / "log.csv")
+    settings = CompareSettings(input="wheels", horizons=(2.0, 6.0))
+    found = compare(str(tmp_path / "log.csv"), plants=("improved", "coulomb", "linear"), settings=settings, workers=1)
+    rng = np.random.default_rng(1)
+
+    def errors(yaw: float) -> dict[float, WindowErrors]:
+        return {6.0: WindowErrors(6.0, np.abs(rng.normal(0.0, 0.1, 100)), np.abs(rng.normal(yaw, 0.01, 100)))}
+
+    yaws = {"improved": 0.1, "coulomb": 0.1, "linear": 0.2}
+    made = replace(found, plants={n: replace(r, windows=errors(yaws[n])) for n, r in found.plants.items()})
+    alike = made.as_dict()["alike"]
+    assert alike["horizon_s"] == 6.0
+    assert alike["yaw"] == [["improved", "coulomb"]]
+    assert len(alike["position"]) == 3
+    assert made.notes()[-2:] == [
+        "After 6 s the recording cannot tell any two of these plants apart in position.",
+        "After 6 s the recording cannot tell apart in yaw: improved and coulomb.",
+    ]
+    assert made.as_dict()["notes"] == list(made.notes())
+    assert compare("traj1", plants=("improved",), reference="improved").as_dict()["alike"] is None
 
 
 def test_info_writes_what_it_found(tmp_path: Path) -> None:

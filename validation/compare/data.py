@@ -11,7 +11,7 @@ from ssmr.metrics.declared import Metrics
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
-from ssmr.types import Commands, Trajectory
+from ssmr.types import Commands, IndexArray, Trajectory
 from validation.robots.health import Health
 from validation.robots.terrain import FLAT, Terrain
 from validation.robots.wheel_loads import WheelLoads
@@ -76,3 +76,6 @@ class ComparisonData:
     """The ground that the MuJoCo Husky stood on."""
     warnings: tuple[str, ...] = ()
     """Sentences about what is wrong with the recording."""
+    scoring: Mapping[float, tuple[tuple[IndexArray, IndexArray], ...]] = field(default_factory=dict)
+    """Starts and ends of the scoring windows that follow one another, by horizon [s] and piece; none spans a jump of the
+    localiser. Empty where the reference is a plant."""

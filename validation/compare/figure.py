@@ -9,7 +9,6 @@ Everything is drawn by matplotlib's objects under a style of its own: no pyplot,
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -23,8 +22,9 @@ from matplotlib.patches import Rectangle
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.metrics.windows import OverlappingErrors
+from ssmr.types import FloatArray
 from validation.compare.data import ComparisonData
-from validation.compare.table import HEADLINE_HORIZON, headline_error
+from validation.compare.table import HEADLINE_HORIZON, comparison_notes, headline_error
 from validation.compare.time_panels import (
     COMMAND_INK,
     draw_acceleration,
@@ -40,6 +40,7 @@ from validation.robots.terrain import FLAT
 from validation.show.drawing import (
     WIDTH_IN,
     HorizonMarks,
+    Interval,
     Panel,
     Row,
     Span,
@@ -55,10 +56,13 @@ from validation.show.drawing import (
     ink_of,
     joined,
     line_legend,
+    note_rows,
+    position_interval,
     put_together,
     side_by_side,
     text_row,
     yaw_degrees,
+    yaw_interval,
 )
 from validation.show.tables import length_unit, shortened
 
@@ -66,6 +70,9 @@ LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by then."""
 MAX_WINDOWS = 4
 """Number of windows shown; their errors are spread evenly from the least to the greatest."""
+
+_LEAST_MOTION = 0.05
+"""Way [m] or turn [rad] from which a plant moves in a window; a window without any motion is drawn only if all are so."""
 
 _HEADER_IN, _SECTION_IN, _ROW_IN, _WINDOW_IN, _FOOTER_IN = 0.78, 0.28, 2.3, 3.2, 0.22
 _ZOOM_IN, _PATHS_IN = 4.0, (3.0, 5.5)  # least width of the zoom; least and greatest height of the paths
@@ -124,26 +131,33 @@ def _draw_zoom(comparison: ComparisonData, zoom: _Zoom, ax: Axes) -> None:
 def _windows(comparison: ComparisonData) -> tuple[str, list[tuple[int, int, int]]]:
     """Which windows to show: what they are, in words, and (piece, first, last sample) of each, in the order of their errors.
 
-    All windows of the horizon closest to `HEADLINE_HORIZON` are put in the order of the plants' mean error and split into
-    equal shares; the one in the middle of each share is shown. Where no window fits, whole pieces serve.
+    All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in the order of the plants' mean
+    error and split into equal shares; the one in the middle of each share is shown. Where none fits, whole pieces serve.
     """
     reference, *others = drawn_motions(comparison)
-    known = {h for result in comparison.plants.values() for h in result.horizons} or {HEADLINE_HORIZON}
+    known = set(comparison.scoring) or {HEADLINE_HORIZON}
     words, cuts = "whole pieces", [(np.array([0]), np.array([len(piece) - 1])) for piece in reference.pieces]
     for horizon in sorted(known, key=lambda h: abs(h - HEADLINE_HORIZON)):
-        fitting = [horizon_windows(piece.t, horizon) for piece in reference.pieces]
+        fitting = list(comparison.scoring.get(horizon, ())) or [horizon_windows(p.t, horizon) for p in reference.pieces]
         if any(len(starts) for starts, _ in fitting):
             words, cuts = f"windows of {horizon:g} s", fitting
             break
     windows = [(i, int(a), int(b)) for i, ends in enumerate(cuts) for a, b in zip(*ends, strict=True)]
+    if driven := [w for w in windows if any(_moves(motion.pieces[w[0]].pose[w[1] : w[2] + 1]) for motion in others)]:
+        words, windows = words + " with motion" * (len(driven) < len(windows)), driven
     error = np.zeros(len(windows))
-    for motion in others:
-        pairs = zip(motion.pieces, reference.pieces, cuts, strict=True)
-        error += np.concatenate([relative_pose_error(p.pose, r.pose, *ends)[0] for p, r, ends in pairs])
+    for k, (i, a, b) in enumerate(windows):
+        ends = np.array([a]), np.array([b])
+        error[k] = sum(float(relative_pose_error(m.pieces[i].pose, reference.pieces[i].pose, *ends)[0][0]) for m in others)
     order = np.argsort(error, kind="stable")
     n = min(MAX_WINDOWS, len(windows))
     shown = [windows[order[int((k + 0.5) / n * len(windows))]] for k in range(n)]
     return f"{n} of {len(windows)} {words}" if n < len(windows) else f"all {words}", shown
+
+
+def _moves(pose: FloatArray) -> bool:
+    """Return whether (M, 3) poses of a plant are worth a picture."""
+    return bool(np.ptp(pose, axis=0).max() > _LEAST_MOTION)
 
 
 def _draw_window(comparison: ComparisonData, window: tuple[int, int, int], ax: Axes) -> None:
@@ -197,12 +211,11 @@ def _panels(comparison: ComparisonData) -> list[list[Panel]]:
         told = "by horizon [{}]: median, bar to 95th percentile"
         position, yaw = f"Position error {told.format('m')}", f"Yaw error {told.format('deg')}"
 
-        def marks(interval: Callable[[OverlappingErrors], tuple[float, float]]) -> list[HorizonMarks]:
+        def marks(interval: Callable[[OverlappingErrors], Interval]) -> list[HorizonMarks]:
             intervals = {n: {h: interval(e) for h, e in r.overlapping.items()} for n, r in shown.items()}
             return [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons, intervals[n]) for n, r in shown.items()]
 
-        metres = marks(lambda e: (e.position_low_m, e.position_high_m))
-        degrees = marks(lambda e: (math.degrees(e.yaw_low_rad), math.degrees(e.yaw_high_rad)))
+        metres, degrees = marks(position_interval), marks(yaw_interval)
         errors = [
             partial(draw_horizons, metres, position, lambda e: (e.position_median_m, e.position_p95_m)),
             partial(draw_horizons, degrees, yaw, yaw_degrees),
@@ -276,6 +289,7 @@ def _rows(comparison: ComparisonData) -> list[Row]:
         paths, closer = partial(_draw_paths, comparison), partial(_draw_zoom, comparison, zoom)
         rows.append(Row(tall, ((wide / WIDTH_IN, paths), (1.0 - wide / WIDTH_IN, closer))))
     rows += [side_by_side(_ROW_IN, panels) for panels in _panels(comparison)]
+    rows += note_rows(comparison_notes(comparison))
     rows.append(text_row(_FOOTER_IN, partial(draw_footer, _footer(comparison))))
     return rows
 

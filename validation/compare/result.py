@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation.compare.data import ComparisonData, PlantResult
-from validation.compare.table import comparison_grids, comparison_notes
+from validation.compare.table import alike_plants, comparison_grids, comparison_notes
 from validation.robots.husky import WHEELS
 from validation.show.result import Result
 from validation.show.tables import Grid
@@ -56,7 +56,8 @@ class Comparison(ComparisonData, Result):
             "reference": self.reference_name,
             "seed": self.seed,
             "options": dict(self.options),
-            "notes": list(self.warnings),
+            "notes": comparison_notes(self),
+            "alike": alike_plants(self),
             "versions": dict(self.versions),
             "plants": {name: _plant_entry(result) for name, result in self.plants.items()},
             "parameters": {name: dict(result.parameters) for name, result in self.plants.items()},

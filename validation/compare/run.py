@@ -19,8 +19,9 @@ from ssmr.types import Commands, Plant, State, Trajectory
 from validation import store
 from validation.compare.data import PlantResult
 from validation.compare.result import Comparison
+from validation.compare.table import headline_horizon
 from validation.logs.limits import USUAL, LogLimits
-from validation.motion.driving import drive, horizons_of, window_errors_of
+from validation.motion.driving import drive, horizons_of, scoring_windows, standing_sentences, window_errors_of
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 from validation.progress import Progress, Report, silent
@@ -118,9 +119,12 @@ class PreparedComparison:
                 window_errors_of([(source, driven)], settings.horizons) if recorded else {},
             )  # fmt: skip
         commands = tuple(piece.commands for piece in source.pieces)
+        scoring = {horizon: scoring_windows(source, horizon) for horizon in settings.horizons} if recorded else {}
+        headline = headline_horizon(scoring)
+        standing = standing_sentences(source, headline) if headline else []
         return Comparison(
             source.name, self.profile.name, self.reference, truth, commands, results, settings.seed,
-            settings.as_dict(), store.versions(), settings.terrain, source.warnings,
+            settings.as_dict(), store.versions(), settings.terrain, (*source.warnings, *standing), scoring,
         )  # fmt: skip
 
     def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 from ssmr.metrics.declared import METRICS, Metric
 from ssmr.metrics.poses import HorizonErrors
@@ -139,9 +140,10 @@ def _overlapping_grid(comparison: ComparisonData) -> Grid | None:
     values = [(f"{what} {word}", symbol) for what, symbol in (("position", "m"), ("yaw", "deg")) for word in _INTERVAL_WORDS]
     header = (("horizon", "s"), ("plant", ""), ("windows", "1"), *values)
     title = "The same over windows that begin every second, and how sure that is"
-    return (
-        Grid(header, tuple(groups), 2, title, "low, high: an interval that holds the median with 90 %") if groups else None
+    caption = (
+        "low, high: an interval that holds the median with 90 %; of less than four independent windows, their own range"
     )
+    return Grid(header, tuple(groups), 2, title, caption) if groups else None
 
 
 def comparison_notes(comparison: ComparisonData) -> list[str]:
@@ -149,21 +151,42 @@ def comparison_notes(comparison: ComparisonData) -> list[str]:
 
     Plants are told apart after the horizon closest to `HEADLINE_HORIZON`.
     """
-    known = sorted({h for result in comparison.plants.values() for h in result.windows})
-    if not known:
-        return list(comparison.warnings)
-    horizon = min(known, key=lambda h: abs(h - HEADLINE_HORIZON))
+    notes = list(comparison.warnings)
+    if (alike := alike_plants(comparison)) is None:
+        return notes
+    n = sum(alike["horizon_s"] in result.windows for result in comparison.plants.values())
+    for what in ("position", "yaw"):
+        pairs = [" and ".join(pair) for pair in alike[what]]
+        if len(pairs) == n * (n - 1) // 2 > 1:
+            notes.append(
+                f"After {alike['horizon_s']:g} s the recording cannot tell any two of these plants apart in {what}."
+            )
+        elif pairs:
+            notes.append(f"After {alike['horizon_s']:g} s the recording cannot tell apart in {what}: {', '.join(pairs)}.")
+    return notes
+
+
+def headline_horizon(horizons: Iterable[float]) -> float | None:
+    """Return the horizon closest to `HEADLINE_HORIZON` [s]; None of none."""
+    return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
+
+
+def alike_plants(comparison: ComparisonData) -> dict[str, Any] | None:
+    """Return the pairs of plants that a recording cannot tell apart, as compare.json has them; None without windows.
+
+    Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`: `{"horizon_s",
+    "position": [[name, name], ...], "yaw": [...]}`.
+    """
+    horizon = headline_horizon({h for result in comparison.plants.values() for h in result.windows})
+    if horizon is None:
+        return None
     able = {name: r.windows[horizon] for name, r in comparison.plants.items() if horizon in r.windows}
-    alike: dict[str, list[str]] = {"position": [], "yaw": []}
+    alike: dict[str, list[list[str]]] = {"position": [], "yaw": []}
     for a, b in combinations(able, 2):
         for what, differs in zip(alike, able[a].differs_from(able[b]), strict=True):
             if not differs:
-                alike[what].append(f"{a} and {b}")
-    return list(comparison.warnings) + [
-        f"After {horizon:g} s the recording cannot tell apart in {what}: {', '.join(pairs)}."
-        for what, pairs in alike.items()
-        if pairs
-    ]
+                alike[what].append([a, b])
+    return {"horizon_s": horizon, **alike}
 
 
 def _load_grid(comparison: ComparisonData) -> Grid | None:

@@ -19,6 +19,10 @@ _LONGEST_SHOWN = 60.0
 """Runs longer than this show velocities over a stretch only [s]: more would be a smear."""
 _STRETCH = 36.0
 """Length of that stretch [s]."""
+_MOVES = 0.02
+"""Speed [m/s] or yaw rate [rad/s] above which a plant moves."""
+_AS_GOOD = 0.05
+"""Shares of time that differ by less are as good as each other [1]."""
 _ZOOM_TIME = 0.6
 """Length of the panel of yaw acceleration [s]: a dozen periods of the driver's 20 Hz commands, each of them visible."""
 _ZOOM_SAMPLES = 40
@@ -95,13 +99,24 @@ def whole_span(comparison: ComparisonData) -> Span:
 
 
 def shown_span(comparison: ComparisonData) -> Span:
-    """Return the span that velocities are shown over [s]: a whole run, or the middle of a long run's longest piece."""
+    """Return the span that velocities are shown over [s].
+
+    It is a whole run; of a long one the part of its longest piece in which a plant moves most of the time, the nearest to
+    the piece's middle where several are as good.
+    """
     start, stop = whole_span(comparison)
     if stop - start <= _LONGEST_SHOWN:
         return start, stop
-    longest = max(comparison.reference, key=lambda piece: float(piece.t[-1] - piece.t[0]))
-    middle = 0.5 * float(longest.t[0] + longest.t[-1])
-    begin = min(max(float(longest.t[0]), middle - 0.5 * _STRETCH), stop - _STRETCH)
+    motion = drawn_motions(comparison)[-1]
+    longest = max(motion.pieces, key=lambda piece: float(piece.t[-1] - piece.t[0]))
+    first, last = float(longest.t[0]), float(longest.t[-1])
+    begins = np.append(np.arange(first, last - _STRETCH, 1.0), 0.5 * (first + last - _STRETCH))
+    moved = np.concatenate([[0], np.cumsum(np.abs(longest.twist[:, (0, 2)]).max(axis=1) > _MOVES)])
+    inside = [np.searchsorted(longest.t, begins + end) for end in (0.0, _STRETCH)]
+    share = (moved[inside[1]] - moved[inside[0]]) / np.maximum(inside[1] - inside[0], 1)
+    good = begins[share >= share.max() - _AS_GOOD]
+    nearest = float(good[np.argmin(np.abs(good - begins[-1]))])
+    begin = min(max(first, nearest), stop - _STRETCH)
     return begin, begin + _STRETCH
 
 
@@ -170,7 +185,7 @@ def draw_acceleration(comparison: ComparisonData, motions: Sequence[DrawnMotion]
     ax.set(title=f"Yaw acceleration [rad/s²] {where}", xlim=span, ylim=(low, high))
     ax.set_xlabel(f"time [s], a sample every {1e3 * sample_period(stamps):.3g} ms")
     shaded = [f"{leader.name}: its range is shaded"] if leader.name == _CHATTERING else []
-    corner_note(ax, "; ".join([*cut, *shaded, *(f"{name}: impulses, not drawn" for name in left_out)]))
+    corner_note(ax, "; ".join([*cut, *shaded, *([f"{', '.join(left_out)}: impulses, not drawn"] if left_out else [])]))
 
 
 def _clip(curves: Mapping[str, FloatArray]) -> tuple[float, float, list[str]]:

@@ -9,8 +9,18 @@ import numpy as np
 from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.robot.localiser import Localiser
-from ssmr.types import FloatArray, Plant, Trajectory
+from ssmr.types import FloatArray, IndexArray, Plant, Trajectory
+from validation.logs.rest import moving_mean
 from validation.motion.sources import Piece, Source, WindowCut
+
+_MEAN_S = 0.25
+"""Time before and after an instant over which wheel rates are averaged, against the noise of encoders [s]."""
+_TURNING = 0.1
+"""Wheel rate above which a wheel turns [rad/s], well above the noise of means of encoders."""
+_COMMANDED = 0.01
+"""Size of a command above which it asks for motion [m/s, rad/s]; it counts where a log has no wheel rates."""
+STANDING_SHARE = 0.1
+"""Share of windows without any motion from which they are worth a sentence: they lower every median."""
 
 
 def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
@@ -43,6 +53,48 @@ def window_errors_of(
     """Return errors of the relative pose over windows that begin every second, by horizon [s], as `horizons_of` does."""
     errors = {horizon: _errors_of(driven, horizon, overlapping_windows) for horizon in horizons}
     return {horizon: WindowErrors(horizon, *found) for horizon, found in errors.items() if found is not None}
+
+
+def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, IndexArray], ...]:
+    """Return starts and ends of the windows of `horizons_of`, piece by piece; none for a piece without stamps."""
+    nothing = np.empty(0, dtype=np.intp)
+    return tuple((nothing, nothing) if p.t is None else p.windows(horizon_windows, p.t, horizon) for p in source.pieces)
+
+
+def standing_share(source: Source, horizon: float) -> float | None:
+    """Return the share of the windows of `window_errors_of` in which the robot never moves [1]; None without windows.
+
+    Wheel rates say whether it moves, commands where there are no wheel rates.
+    """
+    still = []
+    for piece in source.pieces:
+        if piece.t is None or piece.reference is None:
+            continue
+        moved = np.concatenate([[0], np.cumsum(_moves(piece, piece.t, piece.reference))])
+        starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
+        still.append(moved[ends + 1] == moved[starts])
+    found = np.concatenate(still) if still else np.empty(0)
+    return float(found.mean()) if len(found) else None
+
+
+def _moves(piece: Piece, t: FloatArray, recorded: Trajectory) -> IndexArray:
+    """Return (M,) 1 where the robot moves, else 0."""
+    if np.any(recorded.wheels):
+        rates = np.column_stack([moving_mean(t, side, _MEAN_S) for side in recorded.wheels.T])
+        return (np.abs(rates).max(axis=1) > _TURNING).astype(np.intp)
+    values = piece.commands.values
+    at = np.minimum(((t - t[0]) / piece.commands.dt).astype(np.intp), len(values) - 1)
+    return (np.abs(values[at]).max(axis=1) > _COMMANDED).astype(np.intp)
+
+
+def standing_sentences(source: Source, horizon: float) -> list[str]:
+    """Return a sentence on a recording in which the robot often stands; none for one in which it drives."""
+    share = standing_share(source, horizon)
+    if share is None or share < STANDING_SHARE:
+        return []
+    return [
+        f"The robot stands still throughout {100.0 * share:.0f} % of the windows of {horizon:g} s, which lowers all medians."
+    ]
 
 
 def _errors_of(

@@ -29,6 +29,7 @@ from matplotlib.transforms import Affine2D
 from PIL import Image
 
 from ssmr.metrics.poses import HorizonErrors
+from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
 from validation.show.palette import colour, controller_colour, mix
 from validation.store import write_atomic
@@ -61,6 +62,8 @@ Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[[Axes], None]
 Span = tuple[float, float]
 Ink = str | tuple[float, float, float]
+Interval = tuple[float, float, float]
+"""A median, and the lower and the upper end of its interval."""
 
 DART = Outline([(1.0, 0.0), (-0.8, 0.75), (-0.35, 0.0), (-0.8, -0.75), (1.0, 0.0)], closed=True)
 BROAD, NARROW = 2.6, 1.5
@@ -207,8 +210,19 @@ class HorizonMarks:
     marker: str
     errors: Mapping[float, HorizonErrors]
     """Errors by horizon [s]; not empty."""
-    intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
-    """Ends of the interval of the median over overlapping windows, by horizon [s], in the unit shown."""
+    intervals: Mapping[float, Interval] = field(default_factory=dict)
+    """Medians over overlapping windows and their intervals, by horizon [s], in the unit shown."""
+
+
+def position_interval(errors: OverlappingErrors) -> Interval:
+    """Return the median of the position error over overlapping windows and the ends of its interval [m]."""
+    return errors.position_median_m, errors.position_low_m, errors.position_high_m
+
+
+def yaw_interval(errors: OverlappingErrors) -> Interval:
+    """Return the median of the yaw error over overlapping windows and the ends of its interval [deg]."""
+    median, low, high = map(math.degrees, (errors.yaw_median_rad, errors.yaw_low_rad, errors.yaw_high_rad))
+    return median, low, high
 
 
 def yaw_degrees(errors: HorizonErrors) -> tuple[float, float]:
@@ -228,7 +242,10 @@ def draw_horizons(
         ax.vlines(at, median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
         for x, horizon in zip(at, each.errors, strict=True):
             if horizon in each.intervals:
-                ax.vlines(x, *each.intervals[horizon], colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
+                middle, least, most = each.intervals[horizon]
+                ax.vlines(x, least, most, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
+                ax.plot(x, middle, "_", color=each.ink, markersize=9.0, markeredgewidth=1.2, zorder=2.4)
+                smallest, largest = min(smallest, least), max(largest, most)
         ax.plot(at, high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
         ax.plot(at, median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=each.name)
         for x, y in zip(at, median, strict=True) if len(marks) <= 3 else ():  # numbers of more have no room
@@ -236,7 +253,7 @@ def draw_horizons(
                         va="top", fontsize=8.0, color="0.25")  # fmt: skip
         smallest, largest = min(smallest, float(median.min())), max(largest, float(high.max()))
     if any(each.intervals for each in marks):
-        corner_note(ax, "pale: holds the median of windows every second with 90 %")
+        corner_note(ax, "thin line, pale: median of windows begun every second, and its 90 % interval")
     if smallest > 0.0:
         ax.set_yscale("log")
         plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,))

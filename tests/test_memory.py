@@ -34,11 +34,12 @@ SHORT = """
 import mujoco, resource
 import numpy as np
 from validation.plants.profile import load_profile, make_plant
+from validation.robots.health import examine
 from validation.robots.wheel_loads import load_model, resting_loads
 from validation.show.robot_mesh import robot_mesh
 lab = load_profile("thesis-lab")
 plant = make_plant(lab, "mujoco")
-kept = [plant, load_model(plant), resting_loads(plant), robot_mesh()]
+kept = [plant, load_model(plant), resting_loads(plant), robot_mesh(), examine(plant.model, plant.calibration, plant.drive)]
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 60_000_000, -1))
 try:
@@ -59,6 +60,7 @@ except MemoryError as error:
     [
         ('make_plant(lab, "mujoco")', 'make_plant(lab, "mujoco")'),
         ("mujoco.MjData(plant.model)", "load_model(plant)"),
+        ("mujoco.MjData(plant.model)", "examine(plant.model, plant.calibration, plant.drive)"),
         ("mujoco.MjData(plant.model)", "resting_loads(plant)"),
         ("np.ones(500_000)", "robot_mesh()"),
     ],

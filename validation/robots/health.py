@@ -14,6 +14,7 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, Trajectory
 from validation.robots.calibration import HuskyCalibration
 from validation.robots.contact_law import ContactLaw, contact_law
+from validation.robots.failures import mujoco_failures
 from validation.robots.husky import GRAVITY, SIDES, WHEELS, wheel_geoms
 from validation.robots.load_ripple import RippleLaw
 
@@ -166,6 +167,7 @@ class Examined:
         return np.hypot(self.grip[0] * along, self.grip[1] * across)
 
 
+@mujoco_failures()
 def examine(model: mujoco.MjModel, calibration: HuskyCalibration, drive: Drive) -> Examined:
     """Return what a calibrated model says about itself on level ground.
 
@@ -175,6 +177,7 @@ def examine(model: mujoco.MjModel, calibration: HuskyCalibration, drive: Drive) 
         drive: what drives it.
 
     Raises:
+        MemoryError: there is not enough memory to push the robot.
         ValueError: no tyre touches the ground, or the friction cone is not elliptic.
     """
     model = mujoco.MjModel.__copy__(model)

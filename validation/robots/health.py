@@ -57,7 +57,7 @@ class Health:
     ride_rise_m: float | None = None
     """How much higher the body rides at the greatest slip speed than where its wheels roll [m], by the contact's law."""
     remedies: tuple[str, ...] = ()
-    """What would stop the trembling, each alone; the smallest change comes first."""
+    """What would stop the trembling, each alone; what does the least harm comes first."""
 
     @property
     def ok(self) -> bool:

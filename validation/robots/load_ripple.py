@@ -79,7 +79,9 @@ class RippleLaw:
         return float(PHASE_SHARE / (GRAVITY + contact.reserve) * np.sqrt(2.0 * np.sum(lift**2)))
 
     def remedies(self, ratio: float) -> tuple[tuple[str, RippleLaw], ...]:
-        """Return what would bring the ripple down to `ratio` times its size, each alone, the smallest change first.
+        """Return what would bring the ripple down to `ratio` times its size, each alone, the one with the least harm first.
+
+        A lag makes the robot late, a short time constant asks for small steps, a low gain droops, and an armature is heavy.
 
         Returns:
             For each number that can do it by a factor of at most `REACH`: the advice in words, and the law that follows it.
@@ -89,8 +91,8 @@ class RippleLaw:
         for change, words in _CHANGES:
             if (factor := _least_factor(self, change, aim)) is not None:
                 then = change(self, factor)
-                found.append((factor, words(self, then), then))
-        return tuple((text, then) for _, text, then in sorted(found, key=lambda each: each[0]))
+                found.append((words(self, then), then))
+        return tuple(found)
 
 
 Change = Callable[[RippleLaw, float], RippleLaw]
@@ -137,10 +139,10 @@ def _contact_words(now: RippleLaw, then: RippleLaw) -> str:
 
 
 _CHANGES: tuple[tuple[Change, Callable[[RippleLaw, RippleLaw], str]], ...] = (
-    (_with_gain, _gain_words),
-    (_with_armature, _armature_words),
     (_with_lag, _lag_words),
     (_with_contact_time, _contact_words),
+    (_with_gain, _gain_words),
+    (_with_armature, _armature_words),
 )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.drive_train_logs import in_the_air, on_grass
 from tests.test_robustness import SMALL as ROBUSTNESS
 from tests.test_robustness import gains_of, hopeless, run_program
 from tests.test_terrain_study import SMALL as TERRAIN
@@ -17,6 +18,7 @@ from validation import cli
 from validation.progress import Progress
 from validation.study.catalogue import STUDIES
 from validation.study.contact import ContactOptions
+from validation.study.drivetrain import DriveTrainOptions
 from validation.study.filter import FilterOptions
 from validation.study.gains import GainsOptions
 from validation.study.gains import run as gains_run
@@ -36,6 +38,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
         FilterOptions(("line", "circle"), profiles=("thesis-lab",), frictions=(), seeds=1, timestep=0.005),
         lambda s: len(s.drives), 1,
     ),
+    "drivetrain": (DriveTrainOptions(in_the_air(), on_grass(), resamples=2), lambda s: len(s.parts), 5),
 }  # fmt: skip
 """Short options of each study, the function that counts its cases, and the progress at which the first is finished."""
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tests import bag_factory
+from tests.drive_train_logs import in_the_air, on_grass
 from tests.faults.doors import ROOT
 
 _ROOMS = ROOT / "validation"
@@ -33,6 +34,8 @@ def make_all(folder: Path) -> None:
 
     recording = Recording.from_columns("good", columns())
     write_csv(recording, folder / "good.csv")
+    for log in (in_the_air(commands=18), on_grass(commands=24)):
+        write_csv(log, folder / f"{log.name}.csv")
     for suffix in (".bag", ".mcap"):
         write_bag(groups_of(recording, "good"), folder / f"good{suffix}")
     for kind in ("sqlite", "mcap folder"):

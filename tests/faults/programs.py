@@ -49,6 +49,7 @@ USUAL: Mapping[str, Usual] = {
     "study gains": Usual("gains", {"--plants": "kinematic", "--seeds": "1"}),
     "study tables": Usual("tables", {"--numbers": "4.5", "--seeds": "1"}),
     "study contact": Usual("contact", {"--only": "cone"}),
+    "study drivetrain": Usual("drivetrain", {"--recording": "up.csv", "--ground": "grass.csv", "--resamples": "2"}),
     "study terrain": Usual("terrain", {"--seeds": "0"}),
     "replicate": Usual("", {"--quick": "", "--only": "3.12", "--out": "out"}),
     "recordings info": Usual("info good.csv", {}),
@@ -63,7 +64,7 @@ NOT_TRIED = {"-h": "prints the help", "--view": "opens a window", "--ros": "choo
 """Options that the campaign does not give, and why."""
 WRITTEN = {"--out", "--docs", "--json"}
 """Options that say where to write."""
-_BUDGETS = {"--population", "--seeds", "--runs", "--noise-seeds", "--patience", "--workers", "--seed"}
+_BUDGETS = {"--population", "--seeds", "--resamples", "--runs", "--noise-seeds", "--patience", "--workers", "--seed"}
 
 
 @functools.cache

@@ -20,6 +20,10 @@ _SPECIAL: Mapping[str, Any] = {
     "numbers": Annotated[cli.Names, cli.option(metavar="4.5,4.6,...", default="all, 4.5 to 4.36")],
     "only": Annotated[cli.Names, cli.option(default="all groups")],
     "recording": Annotated[str | None, cli.option(metavar="PATH", default="none")],
+    "ground": Annotated[str | None, cli.option(metavar="PATH", default="none")],
+    "held_out": Annotated[cli.Names, cli.option(metavar="PATH,...", default="none")],
+    "robot": Annotated[str | None, cli.option(metavar="NAME", default="the battery's voltage tells")],
+    "torque_constant": Annotated[cli.Number, cli.option(metavar="K", default="unknown")],
     "start": Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")],
     "until": Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")],
 }

@@ -43,5 +43,6 @@ STUDIES = (
     Study("tables", "How do the thesis' tables of tracked references (Tab. 4.5-4.36) compare with this project's robots?"),
     Study("gains", "Which of the shipped sets of gains follows which reference best, on which plant?"),
     Study("filter", "How fast does the pose drift that the state filter estimates from wheels and gyro?"),
+    Study("drivetrain", "What are the driver, the friction, the losses and the inertia of a real robot's drive train?"),
 )
 """Every study, in the order of the help text."""

@@ -1,0 +1,149 @@
+"""Tyres that give way before they slide, and the steady motion of a skid-steering robot on four of them.
+
+A Coulomb contact pushes with all of its friction as soon as it slides at all. A tyre on grass deforms and shears the ground:
+its force grows with slip, which is sliding speed over rolling speed,
+
+    f = mu N (1 - exp(-s / s_0)),    s = |v| / (|r w| + v_c),
+
+and reaches the friction limit only where s is several times s_0. As s_0 goes to zero this is Coulomb's law. The force of a
+contact has a potential, Phi(v) = mu N (|v| - c (1 - exp(-|v| / c))) with c = s_0 (|r w| + v_c), which is convex. So a robot
+that does not accelerate moves such that the sum of the four is least. There is only one such motion, and Newton's method
+finds it from anywhere.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ssmr.types import FloatArray
+
+CREEP = 0.02
+"""v_c: rolling speed that is added, so that slip has a meaning at standstill [m/s]."""
+_MOST_STEPS, _HALVINGS = 60, 40
+_SMALLEST_STEP = 1e-12
+"""A Newton step this small changes nothing any more [m/s]."""
+
+
+class SkidGeometry(NamedTuple):
+    """Four equal wheels, symmetric about the centre of mass."""
+
+    radius: float
+    """Rolling radius of the wheels [m]."""
+    half_track: float
+    """Half the distance of left and right wheels [m]."""
+    half_base: float
+    """Half the distance of the axles [m]."""
+
+
+def grip(slip: FloatArray | float, scale: float) -> FloatArray:
+    """Return the share of the friction limit at which a contact pushes, from 0 without slip to almost 1.
+
+    Args:
+        slip: sliding speed over rolling speed [1], not negative.
+        scale: s_0, the slip at which the share is 1 - 1/e [1].
+    """
+    return -np.expm1(-np.asarray(slip) / scale)
+
+
+def side_forces(rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
+    """Return (2, n) forward forces of the left and the right wheels, over mu N of a side [1].
+
+    Args:
+        rates: (2, n) wheel rates, left and right [rad/s].
+        twist: (3, n) forward speed, speed to the left [m/s] and yaw rate [rad/s] of the middle between the wheels.
+        geometry: the robot.
+        scale: s_0 of `grip` [1].
+    """
+    sliding, yielding, _ = _slides(rates, twist, geometry, scale)
+    speed = np.hypot(*sliding)
+    force = sliding[0] * _force_over_speed(speed, yielding)
+    forces: FloatArray = force[:2] + force[2:]
+    return forces
+
+
+def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
+    """Return the motion in which a robot does not accelerate while its wheels turn steadily.
+
+    Args:
+        rates: (2, n) wheel rates, left and right [rad/s].
+        geometry: the robot.
+        scale: s_0 of `grip` [1], positive.
+
+    Returns:
+        (3, n): forward speed, speed to the left [m/s], yaw rate [rad/s].
+
+    Raises:
+        ValueError: the scale is not positive.
+    """
+    if not scale > 0.0:
+        raise ValueError(f"the slip scale must be positive, got {scale}")
+    _, half_track, half_base = geometry
+    length = np.array([1.0, 1.0, np.hypot(half_track, half_base)])  # makes a yaw rate a speed
+    spin = geometry.radius * (rates[1] - rates[0]) / (2.0 * half_track)
+    twist = np.stack([geometry.radius * rates.mean(axis=0), np.zeros(rates.shape[1]), 0.5 * spin])
+    value = _potential(rates, twist, geometry, scale)
+    for _ in range(_MOST_STEPS):
+        slope, curvature = _slope_and_curvature(rates, twist, geometry, scale)
+        slope, curvature = slope / length[:, None], curvature / (length[:, None] * length)
+        trace = np.trace(curvature, axis1=1, axis2=2)[:, None, None]  # rank 2 where all contacts slide one way
+        step = -np.linalg.solve(curvature + 1e-9 * trace * np.eye(3), slope.T[:, :, None])[:, :, 0].T
+        gain, share = (slope * step).sum(axis=0), np.ones(rates.shape[1])
+        for _ in range(_HALVINGS):
+            tried = twist + share * step / length[:, None]
+            new = _potential(rates, tried, geometry, scale)
+            worse = new > value + 1e-4 * share * gain + 1e-15
+            if not worse.any():
+                break
+            share[worse] *= 0.5
+        better = ~worse
+        twist, value = np.where(better, tried, twist), np.where(better, new, value)
+        if np.abs(share * step)[:, better].max(initial=0.0) < _SMALLEST_STEP:
+            break
+    return twist
+
+
+def _slides(
+    rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float
+) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+    """Return (2, 4, n) sliding velocities of the rims over the ground, (4, n) their scales c, and the wheels' places."""
+    radius, half_track, half_base = geometry
+    x = half_base * np.array([1.0, 1.0, -1.0, -1.0])[:, None]
+    y = half_track * np.array([1.0, -1.0, 1.0, -1.0])[:, None]
+    rolling = radius * rates[[0, 1, 0, 1]]
+    sliding = np.stack([rolling - (twist[0] - twist[2] * y), -(twist[1] + twist[2] * x)])
+    return sliding, scale * (np.abs(rolling) + CREEP), (x, y)
+
+
+def _force_over_speed(speed: FloatArray, yielding: FloatArray) -> FloatArray:
+    """Return force over sliding speed, for wheels with half of a side's load [s/m]; without sliding it is finite."""
+    still = speed < 1e-9 * yielding
+    moving = np.where(still, yielding, speed)
+    return np.where(still, 0.5 / yielding, 0.5 * grip(moving / yielding, 1.0) / moving)
+
+
+def _potential(rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
+    """Return (n,) the sum of the contacts' potentials, over mu N of a side [m/s]."""
+    sliding, yielding, _ = _slides(rates, twist, geometry, scale)
+    speed = np.hypot(*sliding)
+    total: FloatArray = (0.5 * (speed - yielding * grip(speed / yielding, 1.0))).sum(axis=0)
+    return total
+
+
+def _slope_and_curvature(
+    rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the potential's (3, n) slope and (n, 3, 3) curvature over the twist."""
+    sliding, yielding, (x, y) = _slides(rates, twist, geometry, scale)
+    speed = np.hypot(*sliding)
+    across = _force_over_speed(speed, yielding)  # stiffness across the slide; along it:
+    along = 0.5 * np.exp(-speed / yielding) / yielding
+    still = speed < 1e-9 * yielding
+    direction = sliding / np.where(still, 1.0, speed)
+    one, none = np.ones_like(speed), np.zeros_like(speed)
+    arms = np.stack([np.stack([-one, none, one * y]), np.stack([none, -one, -one * x])])  # d sliding / d twist
+    stiffness = across * np.eye(2)[:, :, None, None] + (along - across) * direction[:, None] * direction[None]
+    slope = np.einsum("dkin,din->kn", arms, sliding * across)
+    curvature = np.einsum("dkin,dein,elin->nkl", arms, stiffness, arms)
+    return slope, curvature

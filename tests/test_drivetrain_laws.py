@@ -1,0 +1,183 @@
+"""Contacts that give way, set points and readings of currents: limits, symmetries, and cases made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.robot.currents import battery_current, bridge_reading
+from ssmr.robot.drive import wheel_references
+from ssmr.robot.set_points import SetPointLaw, rim_speeds
+from ssmr.robot.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
+from ssmr.robot.slip import CREEP, SkidGeometry, grip, quasi_static_twist, side_forces
+from ssmr.robot.vehicle import Drive
+from ssmr.types import Commands, FloatArray, State
+from tests.conftest import ROUNDOFF
+
+HUSKY = SkidGeometry(0.1651, 0.5 * TRACK, 0.5 * WHEELBASE)
+SOLVED = 1e-9
+"""Forces over friction limits that a Newton step of 1e-12 m/s leaves, with slip scales from 0.01 on."""
+DT = 0.01
+LAW = SetPointLaw(0.1, 1.05, 0.29, 1.0, 2.0, 1.9, 0.0)
+
+rates = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0)).map(lambda pair: np.array(pair)[:, None])
+scales = st.floats(0.01, 0.8)
+
+
+def balance(w: FloatArray, twist: FloatArray, scale: float) -> FloatArray:
+    """Sum of forces ahead and moment of the sides, over the friction limit, with the lateral ones from scratch."""
+    out = np.zeros(3)
+    for x in (HUSKY.half_base, -HUSKY.half_base):
+        for side, y in ((0, HUSKY.half_track), (1, -HUSKY.half_track)):
+            rim = HUSKY.radius * w[side, 0]
+            v = np.array([rim - twist[0, 0] + twist[2, 0] * y, -twist[1, 0] - twist[2, 0] * x])
+            speed = math.hypot(*v)
+            force = np.zeros(2) if speed == 0.0 else 0.5 * grip(speed / (abs(rim) + CREEP), scale) * v / speed
+            out += [force[0], force[1], (x * force[1] - y * force[0]) / HUSKY.half_track]
+    return out
+
+
+@given(slip=st.floats(0.0, 100.0), scale=scales)
+def test_grip_grows_from_nothing_to_the_limit(slip: float, scale: float) -> None:
+    assert grip(0.0, scale) == 0.0
+    assert 0.0 <= grip(slip, scale) <= 1.0
+    assert grip(2.0 * slip, scale) >= grip(slip, scale)
+    assert grip(scale, scale) == pytest.approx(1.0 - math.exp(-1.0), rel=ROUNDOFF)
+
+
+@given(w=rates, scale=scales)
+def test_the_steady_motion_balances_all_forces(w: FloatArray, scale: float) -> None:
+    assert np.abs(balance(w, quasi_static_twist(w, HUSKY, scale), scale)).max() < SOLVED
+
+
+@given(w=rates, scale=scales)
+def test_mirror_and_reversal(w: FloatArray, scale: float) -> None:
+    twist, mirrored, back = (quasi_static_twist(x, HUSKY, scale) for x in (w, w[::-1], -w))
+    assert np.allclose(mirrored, twist * [[1.0], [-1.0], [-1.0]], atol=1e-7)
+    assert np.allclose(back, -twist, atol=1e-7)
+    assert np.allclose(side_forces(w[::-1], mirrored, HUSKY, scale), side_forces(w, twist, HUSKY, scale)[::-1], atol=1e-6)
+    assert np.abs(side_forces(w, twist, HUSKY, scale)).max() <= 1.0
+
+
+@pytest.mark.parametrize("half_base", [0.1, 0.256, 0.5])
+def test_a_turn_on_the_spot_is_coulombs_whatever_the_scale(half_base: float) -> None:
+    """All four contacts slip alike there, so the law drops out: the closed form 1 + (a / b)^2 for any scale."""
+    geometry = SkidGeometry(0.1651, 0.2854, half_base)
+    for scale in (1e-5, 0.08, 0.5):
+        rate = quasi_static_twist(np.array([[-2.0], [2.0]]), geometry, scale)[2, 0]
+        multiplier = geometry.radius * 2.0 / (geometry.half_track * rate)
+        assert multiplier == pytest.approx(1.0 + (half_base / geometry.half_track) ** 2, rel=1e-9)
+
+
+def test_without_give_it_is_coulombs_law() -> None:
+    w = np.array([[-2.0, 1.0], [2.0, 3.0]])
+    twist = quasi_static_twist(w, HUSKY, 1e-5)
+    assert w[1, 0] * HUSKY.radius / twist[2, 0] == pytest.approx(1.0 / turn_on_the_spot().yaw_rate, rel=1e-6)
+    forces = side_forces(w, twist, HUSKY, 1e-5)
+    slide = HUSKY.radius * w[1] - twist[0] - twist[2] * HUSKY.half_track
+    across = twist[2] * HUSKY.half_base  # v_y is zero by symmetry
+    assert np.allclose(forces[1], slide / np.hypot(slide, across), atol=1e-6)
+    assert np.allclose(forces.sum(axis=0), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.08, 0.5])
+def test_straight_ahead_takes_no_force_and_standstill_no_motion(scale: float) -> None:
+    w = np.array([[3.0, 0.0], [3.0, 0.0]])
+    twist = quasi_static_twist(w, HUSKY, scale)
+    assert np.allclose(twist, [[3.0 * HUSKY.radius, 0.0], [0.0, 0.0], [0.0, 0.0]], atol=1e-9)
+    assert np.allclose(side_forces(w, twist, HUSKY, scale), 0.0, atol=1e-6)
+
+
+def test_softer_contacts_need_less_force_in_a_wide_curve() -> None:
+    w = np.array([[2.5], [3.0]])
+    needed = [abs(side_forces(w, quasi_static_twist(w, HUSKY, s), HUSKY, s)[1, 0]) for s in (0.01, 0.05, 0.2, 0.8)]
+    assert needed == sorted(needed, reverse=True)
+
+
+def test_a_scale_of_zero_is_refused() -> None:
+    with pytest.raises(ValueError, match="positive"):
+        quasi_static_twist(np.zeros((2, 1)), HUSKY, 0.0)
+
+
+currents = st.floats(-30.0, 30.0)
+
+
+@given(current=currents, rate=st.floats(-6.0, 6.0), ripple=st.floats(0.0, 3.0))
+def test_a_reading_knows_no_direction(current: float, rate: float, ripple: float) -> None:
+    one, other = (bridge_reading(np.array(s * current), np.array(s * rate), 0.15, ripple, 0.3) for s in (1.0, -1.0))
+    if rate != 0.0:
+        assert one == pytest.approx(other, rel=1e-12)
+    assert one >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("current", "rate", "reads"),
+    [(8.0, 2.0, 8.0), (-8.0, -2.0, 8.0), (-8.0, 2.0, 0.3), (-20.0, 2.0, 20.0), (8.0, -2.0, 0.3), (0.0, 2.0, 0.3)],
+)
+def test_a_reading_is_the_current_while_the_bridge_drives(current: float, rate: float, reads: float) -> None:
+    """At 2 rad/s and 0.15 rad/s per A, a braking current of less than 13.3 A feeds the battery: I (w + rho I) < 0."""
+    sharp = bridge_reading(np.array(current), np.array(rate), 0.15, 0.0, 0.3)
+    assert sharp == reads
+    if abs(current) > 5.0:
+        assert bridge_reading(np.array(current), np.array(rate), 0.15, 1.0, 0.3) == pytest.approx(reads, abs=1e-3)
+
+
+@given(current=st.floats(-15.0, 15.0), rate=st.floats(0.1, 4.0))
+def test_a_mean_reading_is_that_of_a_current_that_ripples(current: float, rate: float) -> None:
+    draws = current + 1.2 * np.random.default_rng(0).standard_normal(40_000)
+    seen = np.where(draws * (rate + 0.15 * draws) > 0.0, np.abs(draws), 0.3).mean()
+    assert bridge_reading(np.array(current), np.array(rate), 0.15, 1.2, 0.3) == pytest.approx(seen, abs=0.12)  # 40 000 draws
+
+
+@given(torque=st.floats(-500.0, 500.0), rate=st.floats(-6.0, 6.0))
+def test_a_lossless_battery_gives_what_the_wheels_take(torque: float, rate: float) -> None:
+    drawn = battery_current(np.array(torque), np.array(rate), np.array(48.0), 0.0, 1.0)
+    assert drawn * 48.0 == pytest.approx(torque * rate, rel=ROUNDOFF, abs=1e-9)
+    lossy = battery_current(np.array(torque), np.array(rate), np.array(48.0), 1e-3, 0.9)
+    assert lossy >= drawn - 1e-9
+
+
+def test_a_driver_is_the_drive_of_the_plants() -> None:
+    """Without the limit that the two sides share, the law is that of `ssmr.robot.drive`, to the step on which times lie."""
+    rng = np.random.default_rng(3)
+    commands = np.repeat(rng.uniform([-0.4, -0.8], [0.4, 0.8], (20, 2)), 300, axis=0)
+    law = LAW._replace(gain=1.0, lag=0.05)
+    drive = Drive(
+        delay_v=0.1, delay_w=0.1, hold=DT, w_max=1.0, command_half_track=0.29, acceleration_v=2.0, acceleration_w=1.9,
+        wheel_lag=0.05,
+    )  # fmt: skip
+    asked = wheel_references(Commands(DT, commands), drive, DT, State()) * drive.command_radius
+    assert np.allclose(rim_speeds(commands, DT, law, 10.0), asked, atol=1e-12)
+
+
+def test_a_driver_keeps_its_limits() -> None:
+    commands = np.tile([0.9, 3.0], (400, 1))
+    made = rim_speeds(commands, DT, LAW, 1.0)
+    assert np.all(made[:10] == 0.0)  # dead time
+    assert np.abs(made).max() == pytest.approx(1.0, rel=ROUNDOFF)
+    left, right = made[-1]
+    wanted = 1.05 * 0.9 - 0.29, 1.05 * 0.9 + 0.29  # the yaw rate is limited to 1
+    assert left / right == pytest.approx(wanted[0] / wanted[1], rel=ROUNDOFF)
+    slow = rim_speeds(np.tile([0.4, 0.0], (400, 1)), DT, LAW, 1.0)
+    assert np.diff(slow[:, 0]).max() <= 1.05 * LAW.acceleration * DT + 1e-12
+    assert slow[-1] == pytest.approx([0.42, 0.42], rel=ROUNDOFF)
+
+
+def test_a_dead_time_between_two_periods_is_neither_of_them() -> None:
+    commands = np.tile([0.5, 0.0], (200, 1))
+    early, between, late = (rim_speeds(commands, DT, LAW._replace(dead_time=x), 1.0)[:, 0] for x in (0.10, 0.105, 0.11))
+    assert np.all(between <= early)
+    assert np.all(between >= late)
+    assert early.sum() - between.sum() == pytest.approx(0.5 * (early.sum() - late.sum()), rel=1e-9)
+
+
+@pytest.mark.parametrize(("scale", "takes_as_much"), [(1e-4, True), (0.08, False)])
+def test_a_slight_curve_takes_as_much_as_a_turn_on_the_spot_only_without_give(scale: float, takes_as_much: bool) -> None:
+    w = np.array([[-2.0, 3.0], [2.0, 3.2]])
+    spot, curve = side_forces(w, quasi_static_twist(w, HUSKY, scale), HUSKY, scale)[1]
+    assert (curve == pytest.approx(spot, rel=0.01)) == takes_as_much
+    assert curve <= spot + SOLVED

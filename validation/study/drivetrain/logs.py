@@ -1,0 +1,155 @@
+"""A log as the study of the drive train sees it: wheel rates, currents, and what is known of its robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from ssmr.robot.slip import SkidGeometry
+from ssmr.types import FloatArray
+from validation.logs.formats import read_recording
+from validation.logs.recording import Recording
+
+MOST_SECONDS = 36_000.0
+"""Longest log that is studied [s]: the driver is computed a hundred times a second."""
+
+
+@dataclass(frozen=True)
+class Chassis:
+    """Nominal numbers of a robot; nothing of them is fitted."""
+
+    name: str
+    geometry: SkidGeometry
+    mass: float
+    """Total mass [kg]."""
+    command_radius: float
+    """Wheel radius with which the robot's driver turns speeds into wheel rates [m]."""
+    speed_limit: float
+    """Greatest speed of a rim that the driver allows [m/s]."""
+
+
+CHASSIS: Mapping[str, Chassis] = MappingProxyType({
+    "husky": Chassis("husky", SkidGeometry(0.155, 0.2854, 0.256), 73.3, 0.1651, 1.0),
+    "warthog": Chassis("warthog", SkidGeometry(0.300, 0.5685, 0.457), 470.0, 0.300, 5.0),
+})  # fmt: skip
+"""Robots whose numbers are known: the makers' robot descriptions, the Husky's loaded radius, and the Warthog's mass by its
+data's description."""
+_HUSKY_BATTERY = 35.0
+"""A battery with more than this is no Husky's, whose has 24 V [V]."""
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLog:
+    """The columns of a recording that the study uses, M samples."""
+
+    name: str
+    t: FloatArray
+    """(M,) time [s]."""
+    rates: FloatArray
+    """(2, M) wheel rates, left and right [rad/s]."""
+    commands: FloatArray | None
+    """(2, M) commanded speed [m/s] and yaw rate [rad/s]."""
+    currents: FloatArray | None
+    """(2, M) currents, left and right [A]."""
+    voltages: FloatArray | None
+    """(2, M) voltages, left and right [V]."""
+    yaw: FloatArray | None
+    """(M,) unwrapped heading [rad]; a log without one is taken for one with its wheels up."""
+    gyro: FloatArray | None
+    """(M,) yaw rate [rad/s]; None for a gyro that shows nothing."""
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def on_ground(self) -> bool:
+        """True if the robot drove, as far as the log tells: it has a heading or a gyro."""
+        return self.yaw is not None or self.gyro is not None
+
+    @property
+    def signed(self) -> bool:
+        """True if currents can be negative."""
+        return self.currents is not None and bool((self.currents < -0.5).mean() > 0.01)
+
+    @property
+    def battery(self) -> float:
+        """Median voltage of the battery [V]; 24 where there is none."""
+        known = None if self.voltages is None else self.voltages[self.voltages > 1.0]
+        return 24.0 if known is None or not len(known) else float(np.median(known))
+
+    def between(self, start: float, stop: float) -> DriveLog:
+        """Return the samples with `start` <= t < `stop` [s]."""
+        keep = (self.t >= start) & (self.t < stop)
+        cut = {n: None if (a := getattr(self, n)) is None else a[..., keep] for n in _COLUMNS}
+        return replace(self, **cut)  # type: ignore[arg-type]
+
+    def divided(self) -> tuple[DriveLog, DriveLog]:
+        """Return its first two thirds, to be fitted, and its last third, which judges."""
+        where = float(self.t[0]) + FIT_SHARE * self.duration
+        return self.between(-math.inf, where), self.between(where, math.inf)
+
+
+FIT_SHARE = 2.0 / 3.0
+"""Share of a log that is fitted where no other log is held out."""
+_COLUMNS = ("t", "rates", "commands", "currents", "voltages", "yaw", "gyro")
+
+
+def drive_log(source: str | Recording) -> DriveLog:
+    """Return the columns of a recording, or of the file at a path, that the study uses.
+
+    Raises:
+        ValueError: it cannot be read, has no wheel rates, or is longer than `MOST_SECONDS`.
+    """
+    recording = source if isinstance(source, Recording) else read_recording(source)
+    columns = recording.all_columns()
+
+    def pair(first: str, second: str) -> FloatArray | None:
+        both = first in columns and second in columns
+        return np.stack([columns[first], columns[second]]) if both else None
+
+    rates = pair("enc_left", "enc_right")
+    if rates is None:
+        raise ValueError(f"recording {recording.name} has no wheel rates (enc_left, enc_right); it has {', '.join(columns)}")
+    if recording.t[-1] - recording.t[0] > MOST_SECONDS:
+        raise ValueError(f"recording {recording.name} is longer than {MOST_SECONDS:g} s; cut it")
+    gyro, yaw = columns.get("gyro_z"), columns.get("yaw")
+    return DriveLog(
+        recording.name,
+        recording.t,
+        rates,
+        pair("cmd_v", "cmd_w"),
+        pair("current_left", "current_right"),
+        pair("voltage_left", "voltage_right"),
+        None if yaw is None else np.unwrap(yaw),
+        None if gyro is None or not np.ptp(gyro) > 0.0 else gyro,
+    )
+
+
+def chassis_of(name: str | None, log: DriveLog) -> Chassis:
+    """Return a robot by its name, or the one whose battery a log shows.
+
+    Raises:
+        ValueError: no robot has that name.
+    """
+    if name is None:
+        name = "warthog" if log.battery > _HUSKY_BATTERY else "husky"
+    if name not in CHASSIS:
+        raise ValueError(f"unknown robot '{name}'; there are: {', '.join(CHASSIS)}")
+    return CHASSIS[name]
+
+
+class Resampling(NamedTuple):
+    """How standard errors are found: by fits to resampled data."""
+
+    rng: np.random.Generator
+    draws: int
+    """Number of resampled fits."""
+    tick: Callable[[], object]
+    """Function that is called after each fit."""

@@ -23,6 +23,7 @@ from PIL import Image
 
 from ssmr.geometry import compose, relative
 from ssmr.metrics.poses import HorizonErrors
+from ssmr.metrics.windows import WindowErrors
 from ssmr.types import CommandKind, Commands, FloatArray, Trajectory
 from tests.conftest import metrics_of
 from validation.compare import Comparison, PlantResult
@@ -72,6 +73,7 @@ def make(
 ) -> Comparison:
     """A comparison of made-up plants; a recording has no channels."""
     pieces = [np.arange(0.0, 20.001, 0.05)] if stamps is None else stamps
+    sizes = np.abs(np.random.default_rng(2).normal(1.0, 0.5, 90))
     errors = {h: HorizonErrors(9, 0.09 * h, 0.12 * h, 0.25 * h, 0.3 * h) for h in horizons}
     plants = {
         name: PlantResult(
@@ -82,6 +84,7 @@ def make(
             0.1,
             200.0,
             Health(0.9, 0.02) if name == "mujoco" else None,
+            windows={h: WindowErrors(h, 0.09 * h * sizes, 0.25 * h * sizes) for h in horizons},
         )
         for name in names
     }
@@ -297,6 +300,17 @@ def test_horizons_take_the_place_of_errors_over_time() -> None:
             assert y_of(lines(ax)[name]) == pytest.approx([scale * getattr(e, of) for e in result.horizons.values()])
         columns = [x_of(line) for line in lines(ax).values()]
         assert np.all(columns[0] < columns[1]), "points stand side by side"
+
+
+def test_medians_of_overlapping_windows_and_notes_stand_in_the_picture() -> None:
+    comparison, figure = drawn("recording")
+    for key, scale, of in (("position", 1.0, "position_median_m"), ("yaw", 180.0 / math.pi, "yaw_median_rad")):
+        ax = panels(figure)[key]
+        drawn_at = [float(y) for line in ax.lines if line.get_marker() == "_" for y in np.asarray(line.get_ydata())]
+        for result in comparison.plants.values():
+            for errors in result.overlapping.values():
+                assert any(y == pytest.approx(scale * getattr(errors, of)) for y in drawn_at)
+    assert "cannot tell" in written(figure)
 
 
 def test_perfect_horizons_are_no_logarithms_of_zero() -> None:

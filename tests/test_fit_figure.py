@@ -19,6 +19,7 @@ from matplotlib.image import imread
 
 from ssmr.metrics.declared import compare_pieces
 from ssmr.metrics.poses import HorizonErrors
+from ssmr.metrics.windows import WindowErrors
 from ssmr.types import FloatArray
 from tests.test_figures import lines, motion, texts, written
 from validation.fit.data import FittedParameter, Scored, SearchTrace
@@ -74,7 +75,14 @@ def scored(label: str, reference: str, stamps: Sequence[FloatArray], gain: float
     """A wave; the fitted plant is a little off, the one before more."""
     truth, fitted, before = (tuple(replace(motion(t, g), channels={}) for t in stamps) for g in (1.0, gain, 1.08))
     errors = {h: HorizonErrors(9, 0.009 * h, 0.02 * h, 0.005 * h, 0.009 * h) for h in horizons}
-    return Scored(label, reference, truth, fitted, before, compare_pieces(fitted, truth), errors)
+    windows = {h: window_errors(h) for h in horizons}
+    return Scored(label, reference, truth, fitted, before, compare_pieces(fitted, truth), errors, windows)
+
+
+def window_errors(horizon: float) -> WindowErrors:
+    """Errors of eighty windows that begin every second."""
+    size = np.abs(np.random.default_rng(round(horizon)).normal(1.0, 0.4, 80))
+    return WindowErrors(horizon, 0.01 * horizon * size, 0.006 * horizon * size)
 
 
 def correlated(n: int) -> FloatArray:
@@ -126,6 +134,7 @@ def result(
         wall_s=12.34, parameters=tuple(parameters), correlation=correlated(n) if known else None,
         uncertainty_method="curvature at the optimum, scatter of 20 blocks of time" if known else "", remarks=tuple(notes),
         train=train, train_metrics=compare_pieces(motions, truths), train_horizons=horizons,
+        train_windows={h: window_errors(h) for h in horizons},
         before_horizons=dict(horizons) if all(s.before for s in train) else {}, held_out=tuple(held_out),
         trace=trace(shares, generations),
         options={"objective": "path", "strategy": "best/2", "crossover": "bin", "population": 32, "from": None},
@@ -284,6 +293,21 @@ def test_horizons_are_shown_where_there_are_any(case: tuple[FitResult, Figure]) 
         )
         held_out = [str(line.get_gid()) for line in found[0].lines if str(line.get_gid()).startswith("held out")]
         assert len(held_out) == len(made.held_out)
+        assert any("90 % interval" in text.get_text() for text in found[0].texts)
+        medians = [float(y) for line in found[0].lines if line.get_marker() == "_" for y in np.asarray(line.get_ydata())]
+        for e in (*made.train_windows.values(), *(w for s in made.held_out for w in s.windows.values())):
+            assert any(y == pytest.approx(1e3 * e.summary().position_median_m) for y in medians)
+
+
+def test_no_stretch_that_is_shown_spans_a_jump() -> None:
+    long = np.arange(0.0, 100.0, 0.05)
+    for at in ((1300,), tuple(range(300, 2000, 300))):
+        source = replace(scored("log.csv", "recording", [long], 1.005, (2.0,)), jumps=(at,))
+        (ax,) = paths(fit_figure(result(train=[source])), "train")
+        words = next(text.get_text() for text in ax.texts if " s · " in text.get_text())
+        first, last = (float(word) for word in words.partition(" s")[0].split(" to "))
+        assert last - first == pytest.approx(30.0 if len(at) == 1 else 15.0, abs=1.1)
+        assert not any(first < long[i] - 0.5 and last > long[i] + 0.5 for i in at)  # the title has whole seconds
 
 
 def test_correlations_are_shown_where_there_are_any(case: tuple[FitResult, Figure]) -> None:

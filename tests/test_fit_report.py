@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +84,7 @@ def test_tables_say_the_same_in_both_forms_and_fit_a_terminal(name: str) -> None
         text = rendered(table)
         assert all(len(line) <= TERMINAL for line in text.splitlines())
         assert all(cell in text for row in rich_rows(table)[1] for cell in row)
-    assert len(tables) == (3 if made.train_horizons else 2)
+    assert len(tables) == (4 if made.train_horizons else 2)
 
 
 @pytest.mark.parametrize("make", [recorded, many, interrupted])
@@ -119,6 +119,37 @@ def test_every_source_has_its_scores() -> None:
         errors = made.train[0].horizons[float(horizon)]
         got, rounding = in_si(heading, cell)
         assert got == pytest.approx(errors.position_median_m if what == "position" else errors.yaw_median_rad, abs=rounding)
+
+
+def test_medians_over_overlapping_windows_have_their_intervals_and_stand_in_the_file() -> None:
+    made = recorded()
+    header, rows, _ = rich_rows(tables_of(made)[3])
+    for source in (*made.train, *made.held_out):
+        for horizon, errors in source.windows.items():
+            e = errors.summary()
+            values = (
+                e.position_median_m,
+                e.position_low_m,
+                e.position_high_m,
+                e.yaw_median_rad,
+                e.yaw_low_rad,
+                e.yaw_high_rad,
+            )
+            wanted = [
+                row for row in rows
+                if row[0] == f"{horizon:g}" and ("held out" in row[1]) == (source in made.held_out) and row[2] == str(e.n)
+            ]  # fmt: skip
+            assert wanted
+            for heading, cell, value in zip(header[3:], wanted[0][3:], values, strict=True):
+                got, rounding = in_si(heading, cell)
+                assert got == pytest.approx(value, abs=rounding)
+    document = made.as_dict()
+    for source in made.held_out:
+        told = document["held_out"][source.label]["horizons"]
+        assert {h: entry["overlapping"] for h, entry in told.items()} == {
+            f"{h:g}": asdict(errors.summary()) for h, errors in source.windows.items()
+        }
+    assert document["train"]["horizons"]["6"]["overlapping"]["n"] == made.train_windows[6.0].summary().n
 
 
 def test_a_horizon_that_is_longer_than_a_source_is_a_dash() -> None:

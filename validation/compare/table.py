@@ -25,6 +25,7 @@ from validation.show.tables import (
     Unit,
     best_of,
     code_span,
+    interval_grid,
     length_unit,
     markdown_table,
     meanings,
@@ -52,7 +53,6 @@ HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] =
 )
 
 
-_INTERVAL_WORDS = ("median", "low", "high")
 HORIZON_CAPTION = (
     "Each plant's motion over a window as long as the horizon is compared with the reference's motion over that window, both"
     " seen from the pose at the window's start: the error is what dead reckoning loses in that time, however far the plant"
@@ -127,23 +127,8 @@ def _horizon_grid(comparison: ComparisonData) -> Grid | None:
 
 def _overlapping_grid(comparison: ComparisonData) -> Grid | None:
     """Return medians over windows that begin every second, with their intervals; None where there are no windows."""
-    groups = []
-    for horizon in sorted({h for result in comparison.plants.values() for h in result.overlapping}):
-        rows = []
-        for name, result in comparison.plants.items():
-            if (e := result.overlapping.get(horizon)) is not None:
-                position = e.position_median_m, e.position_low_m, e.position_high_m
-                yaw = e.yaw_median_rad, e.yaw_low_rad, e.yaw_high_rad
-                numbers = *map(METRES.text, position), *map(DEGREES.text, yaw)
-                rows.append(tuple(map(Cell, (f"{horizon:g}", name, str(e.n), *numbers))))
-        groups.append(tuple(rows))
-    values = [(f"{what} {word}", symbol) for what, symbol in (("position", "m"), ("yaw", "deg")) for word in _INTERVAL_WORDS]
-    header = (("horizon", "s"), ("plant", ""), ("windows", "1"), *values)
     title = "The same over windows that begin every second, and how sure that is"
-    caption = (
-        "low, high: an interval that holds the median with 90 %; of less than four independent windows, their own range"
-    )
-    return Grid(header, tuple(groups), 2, title, caption) if groups else None
+    return interval_grid("plant", [(name, r.overlapping) for name, r in comparison.plants.items()], title)
 
 
 def comparison_notes(comparison: ComparisonData) -> list[str]:

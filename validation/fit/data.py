@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.poses import HorizonErrors
+from ssmr.metrics.windows import WindowErrors
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
 
@@ -135,6 +136,10 @@ class Scored:
     """Distances of `motion` from `truth`, over all pieces."""
     horizons: Mapping[float, HorizonErrors]
     """Errors of the relative pose, by horizon [s]; empty where the truth is a plant's motion."""
+    windows: Mapping[float, WindowErrors] = field(default_factory=dict)
+    """Errors over windows that begin every second, by horizon [s]; empty where the truth is a plant's motion."""
+    jumps: tuple[tuple[int, ...], ...] = ()
+    """Indices, piece by piece, of the first samples after jumps of the localiser; empty where there is none."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -157,6 +162,8 @@ class FitData(SearchData):
     """Metrics over all of `train`."""
     train_horizons: Mapping[float, HorizonErrors]
     """Errors by horizon over all of `train`."""
+    train_windows: Mapping[float, WindowErrors] = field(default_factory=dict)
+    """Errors over windows that begin every second, by horizon [s], over all of `train`."""
     before_horizons: Mapping[float, HorizonErrors]
     """Errors by horizon over all of `train` before the fit; empty where the plant could not be driven everywhere."""
     held_out: tuple[Scored, ...]
@@ -172,14 +179,18 @@ class FitData(SearchData):
             **self.shared_dict(),
             "correlation": None if correlation is None else {"names": names, "matrix": correlation.tolist()},
             "standard_errors_by": self.uncertainty_method,
-            "train": _scores(self.train_metrics, self.train_horizons),
-            "train_by_source": {s.label: _scores(s.metrics, s.horizons) for s in self.train},
-            "held_out": {s.label: _scores(s.metrics, s.horizons) for s in self.held_out},
+            "train": _scores(self.train_metrics, self.train_horizons, self.train_windows),
+            "train_by_source": {s.label: _scores(s.metrics, s.horizons, s.windows) for s in self.train},
+            "held_out": {s.label: _scores(s.metrics, s.horizons, s.windows) for s in self.held_out},
         }
 
 
-def _scores(metrics: Metrics, horizons: Mapping[float, HorizonErrors]) -> dict[str, Any]:
+def _scores(
+    metrics: Metrics, horizons: Mapping[float, HorizonErrors], windows: Mapping[float, WindowErrors]
+) -> dict[str, Any]:
     out: dict[str, Any] = dict(metrics)
     if horizons:
         out["horizons"] = {f"{h:g}": asdict(errors) for h, errors in horizons.items()}
+        for horizon, errors in windows.items():
+            out["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(errors.summary())
     return out

@@ -7,9 +7,10 @@ stretch is shown whose error is the median of all, laid on the true pose at its 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from matplotlib.lines import Line2D
 from ssmr.geometry import relative
 from ssmr.metrics.declared import compare_pieces
 from ssmr.metrics.poses import HorizonErrors, horizon_windows, relative_pose_error
+from ssmr.metrics.windows import OverlappingErrors, WindowErrors
 from ssmr.types import FloatArray, Trajectory
 from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import FitData, Scored
@@ -29,7 +31,7 @@ from validation.fit.table import (
     source_text,
 )
 from validation.show import drawing
-from validation.show.drawing import BESIDE_INK, BROAD, DASHED, NARROW, Dashes, HorizonMarks, Ink, Panel, Row
+from validation.show.drawing import BESIDE_INK, BROAD, DASHED, NARROW, Dashes, HorizonMarks, Ink, Interval, Panel, Row
 from validation.show.tables import length_unit, shortened
 
 _LONGEST_STRETCH = 30.0
@@ -77,17 +79,25 @@ class _Stretch:
 
 
 def _stretch(scored: Scored, held_out: bool) -> _Stretch:
-    """Return all of a short motion, else the stretch of `_LONGEST_STRETCH`, or of the longest piece, of median error."""
+    """Return all of a short motion, else the stretch of `_LONGEST_STRETCH`, or of the longest piece, of median error.
+
+    No stretch spans a jump of the localiser; where none is as long as that, the longest between jumps is shown.
+    """
     lengths = [float(piece.t[-1] - piece.t[0]) for piece in scored.truth]
     if len(lengths) == 1 and lengths[0] <= _LONGEST_STRETCH:
         return _Stretch(scored, held_out, 0, 0, len(scored.truth[0]) - 1, whole=True)
     length = min(_LONGEST_STRETCH, max(lengths))
-    found = []
+    found: list[tuple[float, int, int, int]] = []
+    longest = (-1.0, 0, 0, 0)
     for k, (motion, truth) in enumerate(zip(scored.motion, scored.truth, strict=True)):
-        starts, ends = horizon_windows(truth.t, length) if length > 0.0 else (np.array([0]), np.array([0]))
-        errors = relative_pose_error(motion.pose, truth.pose, starts, ends)[0]
-        found += [(float(e), k, int(a), int(b)) for e, a, b in zip(errors, starts, ends, strict=True)]
-    _, k, a, b = sorted(found)[len(found) // 2]
+        cuts = (0, *(scored.jumps[k] if scored.jumps else ()), len(truth.t))
+        between = [(a, b) for a, b in pairwise(cuts) if b > a]
+        longest = max(longest, max((float(truth.t[b - 1] - truth.t[a]), k, a, b - 1) for a, b in between))
+        for a, b in between:
+            starts, ends = horizon_windows(truth.t[a:b], length) if length > 0.0 else (np.array([0]), np.array([0]))
+            errors = relative_pose_error(motion.pose, truth.pose, a + starts, a + ends)[0]
+            found += [(float(e), k, a + int(i), a + int(j)) for e, i, j in zip(errors, starts, ends, strict=True)]
+    k, a, b = sorted(found)[len(found) // 2][1:] if found else longest[1:]
     return _Stretch(scored, held_out, k, a, b, whole=False)
 
 
@@ -191,25 +201,47 @@ def _horizon_rows(result: FitData) -> list[Row]:
     ink = drawing.ink_of(result.model)
     darker: Ink = (0.55 * ink[0], 0.55 * ink[1], 0.55 * ink[2])
     most = 32 if len(result.held_out) < 3 else 20
-    marks = [
-        HorizonMarks("before the fit", BESIDE_INK, "X", result.before_horizons),
-        HorizonMarks("fitted to", ink, "o", result.train_horizons),
+    shown: list[tuple[HorizonMarks, Mapping[float, WindowErrors]]] = [
+        (HorizonMarks("before the fit", BESIDE_INK, "X", result.before_horizons), {}),
+        (HorizonMarks("fitted to", ink, "o", result.train_horizons), result.train_windows),
     ]
     for scored, marker in zip(result.held_out, "DsvP" * len(result.held_out), strict=False):
-        marks.append(HorizonMarks(f"held out: {source_text(scored, most)}", darker, marker, scored.horizons))
-    marks = [each for each in marks if each.errors]
-    if not marks:
+        name = f"held out: {source_text(scored, most)}"
+        shown.append((HorizonMarks(name, darker, marker, scored.horizons), scored.windows))
+    shown = [(marks, windows) for marks, windows in shown if marks.errors]
+    if not shown:
         return []
     bar = "median, bar to 95th percentile"
+
+    def marks(interval: Callable[[OverlappingErrors], Interval]) -> list[HorizonMarks]:
+        return [replace(m, intervals={h: interval(e.summary()) for h, e in windows.items()}) for m, windows in shown]
 
     def millimetres(errors: HorizonErrors) -> tuple[float, float]:
         return 1e3 * errors.position_median_m, 1e3 * errors.position_p95_m
 
     panels: list[Panel] = [
-        partial(drawing.draw_horizons, marks, f"Position error by horizon [mm]: {bar}", millimetres),
-        partial(drawing.draw_horizons, marks, f"Yaw error by horizon [deg]: {bar}", drawing.yaw_degrees),
+        partial(
+            drawing.draw_horizons,
+            marks(_millimetre_interval),
+            f"Position error by horizon [mm]: {bar}",
+            millimetres,
+        ),
+        partial(
+            drawing.draw_horizons,
+            marks(drawing.yaw_interval),
+            f"Yaw error by horizon [deg]: {bar}",
+            drawing.yaw_degrees,
+        ),
     ]
-    return [drawing.side_by_side(_HORIZON_IN, panels), drawing.text_row(_LEGEND_IN, partial(_draw_marks, marks))]
+    return [
+        drawing.side_by_side(_HORIZON_IN, panels),
+        drawing.text_row(_LEGEND_IN, partial(_draw_marks, [m for m, _ in shown])),
+    ]
+
+
+def _millimetre_interval(errors: OverlappingErrors) -> Interval:
+    median, low, high = drawing.position_interval(errors)
+    return 1e3 * median, 1e3 * low, 1e3 * high
 
 
 def _draw_marks(marks: Sequence[HorizonMarks], ax: Axes) -> None:

@@ -16,6 +16,7 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
+from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import Scored
 from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
@@ -23,7 +24,7 @@ from validation.fit.result import FitResult
 from validation.fit.search import Evaluate, FreeParameters, SearchOptions, put_options, search_for
 from validation.fit.targets import FitSources, is_scenario, open_targets
 from validation.fit.uncertainty import Uncertainty, estimate, found_parameters, sentences
-from validation.motion.driving import drive, horizons_of
+from validation.motion.driving import drive, horizons_of, standing_sentences, window_errors_of
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.searchable import find, make_space, with_values
@@ -135,7 +136,9 @@ def fit(
 
 def _warnings(targets: Sequence[FitTarget]) -> list[str]:
     """Return what is wrong with recordings, each sentence once: a recording may stand there for each input and span."""
-    return list(dict.fromkeys(warning for target in targets for warning in target.source.warnings))
+    said = [warning for target in targets for warning in target.source.warnings]
+    said += [sentence for target in targets for sentence in standing_sentences(target.source, HEADLINE_HORIZON)]
+    return list(dict.fromkeys(said))
 
 
 def _record(
@@ -215,9 +218,12 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget
         before: tuple[Trajectory, ...] = ()
         with contextlib.suppress(SsmrError):
             before = motions(target, 1)
-        errors = horizons_of([(target.source, motion)], _SCORE_HORIZONS)
-        metrics = compare_pieces(motion, target.truth)
-        return Scored(target.label, target.source.reference, target.truth, motion, before, metrics, errors)
+        driven = [(target.source, motion)]
+        return Scored(
+            target.label, target.source.reference, target.truth, motion, before, compare_pieces(motion, target.truth),
+            horizons_of(driven, _SCORE_HORIZONS), window_errors_of(driven, _SCORE_HORIZONS),
+            tuple(piece.jumps for piece in target.source.pieces),
+        )  # fmt: skip
 
     train, judged = tuple(map(scored, problem.targets)), list[Scored]()
     for target in held_out:
@@ -227,10 +233,12 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget
             troubles.append(f"The fitted plant cannot be driven along {target.label}, which was held out: {error}.")
     sources = [target.source for target in problem.targets]
     befores = list(zip(sources, [s.before for s in train], strict=True))
+    driven = list(zip(sources, [s.motion for s in train], strict=True))
     return {
         "train": train,
         "train_metrics": compare_pieces([m for s in train for m in s.motion], [t for s in train for t in s.truth]),
-        "train_horizons": horizons_of(list(zip(sources, [s.motion for s in train], strict=True)), _SCORE_HORIZONS),
+        "train_horizons": horizons_of(driven, _SCORE_HORIZONS),
+        "train_windows": window_errors_of(driven, _SCORE_HORIZONS),
         "before_horizons": horizons_of(befores, _SCORE_HORIZONS) if all(s.before for s in train) else {},
         "held_out": tuple(judged),
     }

@@ -17,7 +17,7 @@ _VAGUE_SHARE = 0.5  # a parameter with a wider interval, as a share of the space
 _KNOWN_DIGITS = 4  # significant digits of a number whose error is not known
 _MOST_DIGITS = 7  # greatest number of significant digits: only a fit to a model's own motion has smaller errors
 _SHOWN_HORIZONS = (2.0, 6.0, 30.0)  # horizons in tables [s]; all that were scored where none of these was
-_LONGEST_SOURCE = 32  # greatest number of characters of a source's name
+_LONGEST_SOURCE, _SHORT_SOURCE = 32, 18  # greatest numbers of characters of a source's name, of few columns and of many
 STOPPED = {
     "generations": "all generations done",
     "improvement": "no more improvement",
@@ -147,12 +147,24 @@ def _horizon_grids(result: FitData) -> list[Grid]:
     return [Grid(tuple(header), rows, title="Median error of the relative pose after a horizon", left=1)]
 
 
+def _overlapping_grids(result: FitData) -> list[Grid]:
+    """Return medians over windows that begin every second, with their intervals, where there are recordings."""
+    windows = [(source_text(s, _SHORT_SOURCE), s.windows) for s in result.train]
+    if len(result.train) > 1:
+        windows.append(("all fitted to", result.train_windows))
+    windows += [(f"held out: {source_text(s, _SHORT_SOURCE)}", s.windows) for s in result.held_out]
+    found = [(label, {h: e.summary() for h, e in by_horizon.items()}) for label, by_horizon in windows]
+    grid = tables.interval_grid("source", found, "The same over windows that begin every second, and how sure that is")
+    return [] if grid is None else [grid]
+
+
 def fit_grids(result: FitData) -> list[Grid]:
     """Return the parameters, the scores on each source, and median errors by horizon where there are recordings."""
     title = f"{result.model} fitted to {one_line(result.source)} · begun with profile {one_line(result.begun_with)}"
     parameters = parameter_grid(result.parameters, "parameter", "before")
     caption = f"{effort(result)}\n{ending(result)}\n"
-    return [replace(parameters, title=title, caption=caption), _score_grid(result), *_horizon_grids(result)]
+    parameters = replace(parameters, title=title, caption=caption)
+    return [parameters, _score_grid(result), *_horizon_grids(result), *_overlapping_grids(result)]
 
 
 def fit_notes(result: FitData) -> list[str]:
@@ -181,9 +193,10 @@ def fit_markdown(result: FitData) -> str:
         f"- options: {tables.code_span(options) if options else 'none'}",
         f"- versions: {tables.code_span(versions) if versions else 'unknown'}",
     ]
-    for heading, grid in zip(("Parameters", "Scores", "Errors by horizon"), fit_grids(result), strict=False):
+    headings = ("Parameters", "Scores", "Errors by horizon", "Errors over windows that begin every second")
+    for heading, grid in zip(headings, fit_grids(result), strict=False):
         lines += ["", f"## {heading}", ""]
-        lines += [f"{grid.title}:", ""] * (heading == "Errors by horizon")
+        lines += [f"{grid.title}:", ""] * heading.startswith("Errors")
         lines += tables.markdown_table(grid)
     lines += ["", "## Notes", "", *(f"- {tables.markdown(note)}" for note in fit_notes(result))] if fit_notes(result) else []
     lines += ["", "## What the metrics mean", "", *tables.meanings(_METRICS)]

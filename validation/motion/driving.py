@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -92,9 +93,8 @@ def standing_sentences(source: Source, horizon: float) -> list[str]:
     share = standing_share(source, horizon)
     if share is None or share < STANDING_SHARE:
         return []
-    return [
-        f"The robot stands still throughout {100.0 * share:.0f} % of the windows of {horizon:g} s, which lowers all medians."
-    ]
+    windows = f"{100.0 * share:.0f} % of the windows of {horizon:g} s"
+    return [f"{Path(source.name).stem}: the robot stands still throughout {windows}, which lowers all medians"]
 
 
 def _errors_of(

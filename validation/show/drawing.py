@@ -258,8 +258,14 @@ def draw_horizons(
         ax.set_yscale("log")
         plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,))
     ax.margins(y=0.25)
-    counts = [max(each.errors[h].n for each in marks if h in each.errors) for h in horizons]
-    texts = [f"{h:g} s\n{n} window{'s' * (n != 1)}" for h, n in zip(horizons, counts, strict=True)]
+    if any(each.intervals for each in marks):
+        low, high = ax.get_ylim()
+        ax.set_ylim(
+            low * (low / high) ** 0.15 if ax.get_yscale() == "log" else low - 0.15 * (high - low)
+        )  # room for the note
+    counts = [sorted({each.errors[h].n for each in marks if h in each.errors}) for h in horizons]
+    words = [str(n[0]) if len(n) == 1 else f"{n[0]} to {n[-1]}" for n in counts]
+    texts = [f"{h:g} s\n{n} window{'s' * (n != '1')}" for h, n in zip(horizons, words, strict=True)]
     ax.set_xticks(range(len(horizons)), texts)
     ax.grid(visible=False, axis="x")
     ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))

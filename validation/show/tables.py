@@ -22,6 +22,7 @@ from validation.words import shortened as shortened
 
 if TYPE_CHECKING:
     from ssmr.metrics.declared import Metric, MetricUnit
+    from ssmr.metrics.windows import OverlappingErrors
 
 NOTHING = "–"
 """Text for a number that is not finite."""
@@ -82,6 +83,35 @@ class Grid:
     """Explanation below the table."""
     trailing: int = 0
     """Number of last columns that hold words too; the very last one may be wrapped."""
+
+
+_INTERVAL_CAPTION = (
+    "low, high: an interval that holds the median with 90 %; of less than four independent windows, their own range"
+)
+
+
+def interval_grid(who: str, found: Sequence[tuple[str, Mapping[float, OverlappingErrors]]], title: str) -> Grid | None:
+    """Return medians over overlapping windows with their intervals, by horizon [s]; None where there is none.
+
+    Args:
+        who: heading of the column of names.
+        found: names, and the errors of each by horizon.
+        title: heading of the table.
+    """
+    groups = []
+    for horizon in sorted({h for _, errors in found for h in errors}):
+        rows = []
+        for name, errors in found:
+            if (e := errors.get(horizon)) is not None:
+                position = e.position_median_m, e.position_low_m, e.position_high_m
+                yaw = e.yaw_median_rad, e.yaw_low_rad, e.yaw_high_rad
+                numbers = *map(METRES.text, position), *map(DEGREES.text, yaw)
+                rows.append(tuple(map(Cell, (f"{horizon:g}", name, str(e.n), *numbers))))
+        groups.append(tuple(rows))
+    words = ("median", "low", "high")
+    values = [(f"{what} {word}", symbol) for what, symbol in (("position", "m"), ("yaw", "deg")) for word in words]
+    header = (("horizon", "s"), (who, ""), ("windows", "1"), *values)
+    return Grid(header, tuple(groups), 2, title, _INTERVAL_CAPTION) if groups else None
 
 
 def length_unit(values: Iterable[float]) -> Unit:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,3 +183,12 @@ def test_a_slight_curve_takes_as_much_as_a_turn_on_the_spot_only_without_give(sc
     spot, curve = side_forces(w, quasi_static_twist(w, HUSKY, scale), HUSKY, scale)[1]
     assert (curve == pytest.approx(spot, rel=0.01)) == takes_as_much
     assert curve <= spot + SOLVED
+
+
+def test_mujocos_contacts_push_by_sliding_speed_and_not_by_slip() -> None:
+    """docs/drivetrain.md: at half the wheel rates MuJoCo's contacts push half as much, those of the law nearly as much."""
+    tables = runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_drivetrain_tables.py"))
+    mujoco, _ = tables["mujoco_shares"](tables["CURVE"], 0.5)
+    law = tables["law_shares"](tables["CURVE"], 0.08)
+    assert mujoco[1] == pytest.approx([0.334, 0.167], abs=0.005)
+    assert law[1] == pytest.approx([0.345, 0.335], abs=0.005)

@@ -25,7 +25,7 @@ from ssmr.types import FloatArray
 from validation.study.drivetrain.samples import CurrentSamples
 
 CurrentKind = Literal["motor", "battery"]
-COULOMB_SCALE = 0.002
+COULOMB_SCALE = 1e-4
 """Slip scale of a contact that is a Coulomb one as far as any current shows [1]."""
 _ROBUST = 0.3
 """Residuals beyond this share of the currents' standard deviation count less than their square."""

@@ -1,0 +1,94 @@
+"""Print the table of docs/drivetrain.md on what MuJoCo's contacts can do of the slip law that a Husky's currents ask for.
+
+Run from the project's root: `python docs/make_drivetrain_tables.py husky_wet_grass_train.csv`. The page's figure is that of
+`python -m validation.study drivetrain`.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ssmr.robot.currents import bridge_reading
+from ssmr.robot.slip import quasi_static_twist, side_forces
+from ssmr.robot.vehicle import Drive
+from ssmr.types import Commands, FloatArray, State
+from validation.robots.husky import HuskyCalibration
+from validation.robots.physics import PhysicsSettings
+from validation.robots.plant import MujocoPlant
+from validation.study.contact.bench import creep
+from validation.study.drivetrain.evidence import sensor_of
+from validation.study.drivetrain.friction import COULOMB_SCALE
+from validation.study.drivetrain.logs import CHASSIS, drive_log
+from validation.study.drivetrain.samples import window_means
+
+FRICTION = 0.55
+"""Friction coefficient of the MuJoCo Husky [1]: that of the Husky on wet grass if its torque constant is 2.5 N m/A."""
+IMPRATIOS = (100.0, 10.0, 2.0, 1.0, 0.5, 0.2, 0.1)
+LAW_SCALE = 0.080
+"""Slip scale of the law [1], as the study finds it."""
+CHECKED = 0.5
+"""`impratio` at which the other step and the other speed are tried."""
+CURVE = np.array([[2.5, 1.25], [3.0, 1.5]])
+"""Wheel rates of one curve at two speeds [rad/s]."""
+HUSKY = CHASSIS["husky"]
+
+
+def mujoco_shares(rates: FloatArray, impratio: float, timestep: float = 0.002) -> tuple[FloatArray, float]:
+    """Return (2, n) torques of the sides over their friction torque at (2, n) steady wheel rates, and the creep [m/s]."""
+    calibration = HuskyCalibration(friction=FRICTION, wheel_radius=HUSKY.geometry.radius, mass=HUSKY.mass, timestep=timestep)
+    plant = MujocoPlant(calibration, Drive(), settings=PhysicsSettings(impratio=impratio))
+    ramp, shares = np.clip(np.arange(100) / 20.0, 0.0, 1.0)[:, None], np.empty_like(rates)  # 5 s, the first one speeds up
+    for k, rate in enumerate(rates.T):
+        motion = plant.run(Commands(0.05, ramp * rate, "wheels"), State(), 0.01)
+        late = motion.t > 3.0
+        weight = motion.channels["wheel_load_N"][late].sum(axis=1).mean()
+        torque = motion.channels["torque_N_m"][late].mean(axis=0)
+        shares[:, k] = torque / (0.5 * FRICTION * weight * HUSKY.geometry.radius)
+    return shares, creep(plant)
+
+
+def law_shares(rates: FloatArray, scale: float) -> FloatArray:
+    """Return (2, n) forces of the sides over their friction limits under the slip law."""
+    return side_forces(rates, quasi_static_twist(rates, HUSKY.geometry, scale), HUSKY.geometry, scale)
+
+
+def main(path: str) -> None:
+    """Fit friction, losses and rho to the currents with each contact, and print how much that explains."""
+    log = drive_log(path)
+    samples, sensor = window_means(log).moving(), sensor_of(log)
+    rates, inverse = np.unique(samples.rates.round(3), axis=1, return_inverse=True)
+
+    def explains(shares: FloatArray) -> float:
+        effort = shares[samples.side, inverse.ravel()]
+
+        def off(x: FloatArray) -> FloatArray:
+            loss = np.where(samples.side == 0, x[1], x[2]) * np.sign(samples.rate)
+            return bridge_reading(x[0] * effort + loss, samples.rate, x[3], sensor.ripple, sensor.idle) - samples.current
+
+        bounds = ([1.0, -2.0, -2.0, 0.03], [60.0, 9.0, 9.0, 0.5])
+        found = least_squares(off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3)
+        return float(1.0 - np.mean(off(found.x) ** 2) / np.var(samples.current))
+
+    print("| contacts | R² | nearest slip scale | creep on a slope [mm/s] |\n|---|---:|---:|---:|")
+    print(f"| Coulomb | {explains(law_shares(rates, COULOMB_SCALE)):.2f} | 0 | |")
+    print(f"| the slip law | {explains(law_shares(rates, LAW_SCALE)):.2f} | {LAW_SCALE:.3f} | |")
+    for impratio in IMPRATIOS:
+        shares, speed = mujoco_shares(rates, impratio)
+        near = least_squares(
+            lambda x, shares=shares: (law_shares(rates, x[0]) - shares).ravel(), [0.05], bounds=([0.001], [2.0])
+        )
+        print(
+            f"| MuJoCo, impratio {impratio:g} | {explains(shares):.2f} | {near.x[0]:.3f} | {1e3 * speed:.2f} |", flush=True
+        )
+    fine, _ = mujoco_shares(rates, CHECKED, 0.001)
+    print(f"impratio {CHECKED:g} at 1 ms: R² {explains(fine):.2f}")
+    curve, _ = mujoco_shares(CURVE, CHECKED)
+    print(f"shares of the right side in a curve and at half its speed: MuJoCo {curve[1].round(3)}", end=", ")
+    print(f"law {law_shares(CURVE, LAW_SCALE)[1].round(3)}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.robot.drive import wheel_rates
-from validation.logs.groups import Group
+from validation.logs.groups import Group, groups_of, merge
 from validation.logs.offsets import Offset, estimate_offsets, synchronised
 
 SECONDS = 120.0
@@ -25,8 +27,13 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.interp(t, fine, a) for a in (v, w, x, y, yaw))
 
 
-def log(wheels: float, position: float, yaw: float, seed: int = 0, gyro: bool = True) -> dict[str, Group]:
-    """A log whose sensors are late by so much [s]: 20 Hz, poses of 10 Hz that are logged twice, all of them noisy."""
+def log(
+    wheels: float, position: float, yaw: float, seed: int = 0, gyro: bool = True, repeated: bool = False
+) -> dict[str, Group]:
+    """A log whose sensors are late by so much [s]: 20 Hz, poses of 10 Hz that are logged twice, all of them noisy.
+
+    With `repeated` the wheels are measured at 10 Hz and logged twice too.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, SECONDS, 0.05)
     seen = np.repeat(t[::2], 2)[: len(t)]
@@ -34,13 +41,14 @@ def log(wheels: float, position: float, yaw: float, seed: int = 0, gyro: bool = 
     def noisy(values: np.ndarray, std: float, every: int = 1) -> np.ndarray:
         return values + std * np.repeat(rng.standard_normal(-(-len(t) // every)), every)[: len(t)]
 
-    v, w = motion(t - wheels)[:2]
+    every = 2 if repeated else 1
+    v, w = motion((seen if repeated else t) - wheels)[:2]
     left, right = wheel_rates(v, w, EkfSettings.half_track, EkfSettings.radius)
     x, y = motion(seen - position)[2:4]
     pose = {"x": noisy(x, 0.007, 2), "y": noisy(y, 0.007, 2), "yaw": noisy(motion(seen - yaw)[4], 0.01, 2)}
     groups = {
         "pose": Group("log", t, pose),
-        "wheels": Group("log", t, {"enc_left": noisy(left, 0.05), "enc_right": noisy(right, 0.05)}),
+        "wheels": Group("log", t, {"enc_left": noisy(left, 0.05, every), "enc_right": noisy(right, 0.05, every)}),
     }
     return {**groups, "imu": Group("log", t, {"gyro_z": noisy(motion(t)[1], 0.02)})} if gyro else groups
 
@@ -102,6 +110,32 @@ def test_sync_takes_each_delay_out() -> None:
         assert np.sqrt(np.mean((pose.columns[name] - true) ** 2)) < 1.1 * noise
     assert len(pose.t) > len(groups["pose"].t) - 10
     assert all(abs(offset.seconds) < 2.0 * FEW_MS for offset in estimate_offsets(after))
+
+
+@pytest.mark.parametrize("rate", [15.0, 33.0, 50.0])
+def test_another_clock_makes_no_signal_later(rate: float) -> None:
+    """Interpolation between samples that were logged twice would make them late by a quarter of a period of theirs."""
+    groups = log(0.2, 0.1, 0.22, repeated=True)
+    resampled = found_in(groups_of(merge(Path("log.csv"), groups, rate), "log"))
+    for name, offset in found_in(groups).items():
+        assert resampled[name].seconds == pytest.approx(offset.seconds, abs=FEW_MS)
+
+
+def test_no_value_beside_a_gap_is_taken_from_beyond_it() -> None:
+    t = np.delete(np.arange(0.0, 4.0, 0.05), slice(30, 50))
+    steps = np.repeat(np.arange(len(t) / 2.0), 2)  # measured every tenth of a second
+    steps[t > 2.0] += 100.0
+    wheels = Group("log", t, {"enc_left": steps, "enc_right": steps})
+    found = merge(Path("log.csv"), {"wheels": wheels}, 40.0)
+    before = found.t < 2.0
+    assert found.columns["enc_left"][before].max() == steps[t < 2.0].max()
+    assert found.columns["enc_left"][~before].min() == steps[t > 2.0].min()
+
+
+def test_a_synchronised_recording_has_no_offsets() -> None:
+    groups = log(0.2, 0.1, 0.22, repeated=True)
+    after = merge(Path("log.csv"), synchronised(groups, estimate_offsets(groups)))
+    assert all(abs(offset.seconds) < FEW_MS for offset in estimate_offsets(groups_of(after, "log")))
 
 
 def test_a_heading_is_not_taken_out_of_a_gap() -> None:

@@ -1,8 +1,9 @@
 """Columns of a log in groups, each group with its own time stamps, and the way to bring them onto one clock.
 
-On the common clock, measurements are interpolated linearly (angles are unwrapped first). Commands are held until the next
-one, and count as zero once they are older than `_COMMAND_TIMEOUT`, as in a robot's driver. A gap in a group becomes a gap in
-the recording. Groups that share their time stamps keep them, unless another rate is asked for.
+On the common clock, measurements are interpolated linearly (angles are unwrapped first) between samples that were not only
+logged again. Commands are held until the next one, and count as zero once they are older than `_COMMAND_TIMEOUT`, as in a
+robot's driver. A gap in a group becomes a gap in the recording. Groups that share their time stamps keep them, unless
+another rate is asked for.
 """
 
 from __future__ import annotations
@@ -18,7 +19,14 @@ from numpy.typing import NDArray
 from ssmr.geometry import relative
 from ssmr.types import FloatArray
 from validation.logs.limits import USUAL, LogLimits
-from validation.logs.recording import POSE_COLUMNS, TIME_ROUNDOFF, Recording, RecordingError
+from validation.logs.recording import (
+    POSE_COLUMNS,
+    TIME_ROUNDOFF,
+    Recording,
+    RecordingError,
+    fresh_poses,
+    refreshed,
+)
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "pose": POSE_COLUMNS,
@@ -128,13 +136,27 @@ def merge(path: Path, groups: Groups, rate: float | None = None, limits: LogLimi
             columns |= {n: held(t, group.t, values) for n, values in group.columns.items()}
             continue
         keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))  # gaps at the recording's period as well
-        columns |= {n: np.interp(t, group.t, values) for n, values in group.columns.items()}
+        new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
+        columns |= {n: np.interp(t, group.t[new], values[new]) for n, values in group.columns.items()}
     if np.count_nonzero(keep) < 2:
         raise RecordingError(path, f"nothing is left between the gaps: {_spans(groups.values())}")
     try:
         return Recording.from_columns(path.stem, {"t": t[keep], **{n: a[keep] for n, a in columns.items()}}, _GAP_FACTOR)
     except ValueError as cause:
         raise RecordingError(path, str(cause)) from cause
+
+
+def _measured(name: str, group: Group) -> NDArray[np.bool_]:
+    """Return (M,) where a group's samples were measured anew, or stand beside a gap.
+
+    A localiser or encoder that is slower than its log repeats its last value. To interpolate between repetitions would make
+    it late, by half of the time for which it is repeated.
+    """
+    if name not in ("pose", "wheels", "odom"):
+        return np.ones(len(group.t), dtype=bool)
+    new = (fresh_poses if name == "pose" else refreshed)(group.t, np.column_stack(list(group.columns.values())))
+    gap = np.diff(group.t) > group.longest_step()
+    return new | np.append(gap, True) | np.append(True, gap)
 
 
 def _spans(groups: Iterable[Group]) -> str:

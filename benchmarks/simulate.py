@@ -31,7 +31,8 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.models import improved, linear
 from ssmr.models.law import PlanarRobot
 from ssmr.models.table import PLANAR_MODELS, planar_law
-from ssmr.robot.drive import Sides, wheel_references
+from ssmr.robot.drive import wheel_references
+from ssmr.robot.motor import Wanted
 from ssmr.robot.vehicle import Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import (
@@ -94,7 +95,7 @@ def simulate_in_c(library: ctypes.CDLL, name: str, robot: PlanarRobot, reference
     return float(
         library.simulate(
             ctypes.c_int(PLANAR_MODELS.index(name)), ctypes.c_long(len(references)), references.ctypes,
-            ctypes.c_double(PLANAR_DT), vehicle.ctypes, parameters.ctypes, ctypes.c_double(robot.side_limit), out.ctypes,
+            ctypes.c_double(PLANAR_DT), vehicle.ctypes, parameters.ctypes, ctypes.c_double(robot.motor.limit), out.ctypes,
         )
     )  # fmt: skip
 
@@ -146,7 +147,7 @@ def peer_rows(commands: Commands, repeats: int) -> list[Row]:
 
     def rates(t: float, s: np.ndarray) -> np.ndarray:
         reference = references[min(int(t / PLANAR_DT), len(references) - 1)]
-        v, w, _, _ = improved.advance(s[3], s[4], Sides(*reference), 0.0, PLANAR_DT, robot)
+        v, w, _, _ = improved.advance(s[3], s[4], Wanted(reference[0], reference[1], 0.0, 0.0), 0.0, PLANAR_DT, robot)
         return np.array([s[3] * np.cos(s[2]), s[3] * np.sin(s[2]), s[4], (v - s[3]) / PLANAR_DT, (w - s[4]) / PLANAR_DT])
 
     system = linear.state_space(section.vehicle, profile.plants["linear"].parameters, section.drive)

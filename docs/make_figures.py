@@ -30,7 +30,6 @@ from validation.robots.husky import (
     WHEELS,
     HuskyCalibration,
     husky_model,
-    limit_torque,
     wheel_geoms,
 )
 from validation.robots.physics import SHIPPED, Impedance, PhysicsSettings
@@ -72,7 +71,6 @@ class Turn:
 def turn(calibration: HuskyCalibration, rate: float = 0.6, solimp: Impedance | None = None, seconds: float = 6.0) -> Turn:
     """Turn on the spot with unlimited torque."""
     model = husky_model(calibration, settings=PhysicsSettings(solimp=solimp))
-    limit_torque(model, math.inf)
     data = mujoco.MjData(model)
     data.ctrl[:] = wheel_rates(0.0, rate, HALF_TRACK, RADIUS)
     left, right = model.joint("front_left_wheel").dofadr[0], model.joint("front_right_wheel").dofadr[0]
@@ -271,7 +269,6 @@ def table_steps() -> None:
 def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a robot at rest on its tyres."""
     model = husky_model(calibration)
-    limit_torque(model, math.inf)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
     return model, data

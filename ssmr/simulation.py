@@ -25,10 +25,10 @@ from ssmr.robot.drive import (
     Sides,
     drive_numbers,
     fill_references,
-    wheel_rates,
     wheel_references,
     whole_steps,
 )  # fmt: skip
+from ssmr.robot.motor import Motor, Wanted, advance_integral, motor_numbers, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 
@@ -41,8 +41,8 @@ PLANAR_DT = 0.001
 SAMPLE_DT = 0.008
 """Default sample period of trajectories [s]: the lab's tracking system (Tab. 3.5)."""
 
-_VEHICLE = packed(Vehicle())
-"""Template for `named_like`."""
+_VEHICLE, _MOTOR = packed(Vehicle()), Motor(0.0, 0.0, 0.0, 0.0, 0.0)
+"""Templates for `named_like`."""
 
 
 class PlanarMotion(NamedTuple):
@@ -55,18 +55,27 @@ class PlanarMotion(NamedTuple):
     w: float  # yaw rate [rad/s]
     torque_left: float = 0.0  # torque of the left side in the last step [N m]
     torque_right: float = 0.0  # torque of the right side in the last step [N m]
+    integral_left: float = 0.0  # integral part of the left motor's torque [N m]
+    integral_right: float = 0.0  # integral part of the right motor's torque [N m]
 
 
 @jit
 def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> PlanarMotion:
     """Advance pose and velocities by one step `dt` [s] under wheel-rate references and a disturbing yaw acceleration."""
-    v, w, torque_left, torque_right = advance(now.v, now.w, wheels, disturbance, dt, robot)
+    left, right = now.integral_left, now.integral_right
+    v, w, torque_left, torque_right = advance(
+        now.v, now.w, Wanted(wheels.left, wheels.right, left, right), disturbance, dt, robot
+    )
     v_mid, w_mid = 0.5 * (now.v + v), 0.5 * (now.w + w)
     heading = now.yaw + 0.5 * dt * w_mid
     c, s = math.cos(heading), math.sin(heading)
     x = now.x + dt * (v_mid * c + robot.x_icr * w_mid * s)  # Eq. 2.13
     y = now.y + dt * (v_mid * s - robot.x_icr * w_mid * c)
-    return PlanarMotion(x, y, now.yaw + dt * w_mid, v, w, torque_left, torque_right)
+    if robot.motor.integral_gain > 0.0 and not robot.obeys:
+        mean = side_rates(v_mid, w_mid, robot.vehicle)
+        left = advance_integral(left, wheels.left - mean.left, dt, robot.motor)
+        right = advance_integral(right, wheels.right - mean.right, dt, robot.motor)
+    return PlanarMotion(x, y, now.yaw + dt * w_mid, v, w, torque_left, torque_right, left, right)
 
 
 @jit
@@ -74,7 +83,7 @@ def turning_wheels(now: PlanarMotion, wheels: Sides, robot: PlanarRobot) -> Side
     """Return the wheel rates [rad/s]: the references `wheels` of a robot that obeys them, or of its motion (Eq. 2.9)."""
     if robot.obeys:
         return Sides(wheels.left, wheels.right)
-    return wheel_rates(now.v, now.w, robot.vehicle.effective_half_track, robot.vehicle.wheel_radius)
+    return side_rates(now.v, now.w, robot.vehicle)
 
 
 @jit
@@ -102,7 +111,7 @@ def run_planar(
         The first step after which a number is not finite, or -1; and where the robot is at the end.
     """
     now, n = start, len(references)
-    wheels = wheel_rates(now.v, now.w, robot.vehicle.effective_half_track, robot.vehicle.wheel_radius)
+    wheels = side_rates(now.v, now.w, robot.vehicle)
     sample, due = 0, 0
     turn, least, most = 0.0, 0.0, 0.0  # yaw acceleration
     for k in range(n + 1):
@@ -144,7 +153,7 @@ def _run_population(
 ) -> None:
     """Drive S candidates at once, one a thread; write (S, M, 3) poses, NaN where a candidate diverges.
 
-    `kind` is a template of the model's parameters; `drives` are (S, 11) `DriveNumbers`, `robots` (S, k) rows of `robot_row`,
+    `kind` is a template of the model's parameters; `drives` are (S, 12) `DriveNumbers`, `robots` (S, k) rows of `robot_row`,
     `starts` (S, 7) x, y, yaw, v, omega, left and right wheel rate.
     """
     for i in numba.prange(len(robots)):
@@ -157,7 +166,7 @@ def _run_population(
         else:
             fill_references(inputs.values, drive, (inputs.before[0], inputs.before[1]), Sides(left, right), references)
         out = np.empty((1 + len(references) // inputs.stride, _COLUMNS))
-        start = PlanarMotion(x, y, yaw, v, w, 0.0, 0.0)
+        start = PlanarMotion(x, y, yaw, v, w, 0.0, 0.0, 0.0, 0.0)
         failed, _ = run_planar(references, np.zeros(1), inputs.dt, inputs.stride, robot, start, out)
         if failed >= 0:
             poses[i] = np.nan
@@ -167,15 +176,15 @@ def _run_population(
 
 def robot_row(robot: PlanarRobot) -> list[float]:
     """Return a robot's numbers one after the other: a population passes one such row a robot into compiled functions."""
-    return [*robot.vehicle, *robot.parameters, robot.side_limit, robot.x_icr, float(robot.obeys)]
+    return [*robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, float(robot.obeys)]
 
 
 @jit
 def robot_from_row(kind: Any, row: FloatArray) -> PlanarRobot:
     """Return the robot of a row of `robot_row`; `kind` is a template of the model's parameters."""
     vehicle, n = named_like(_VEHICLE, row), len(_VEHICLE)
-    parameters = named_like(kind, row[n:])
-    return PlanarRobot(vehicle, parameters, row[-3], row[-2], row[-1] != 0.0)
+    parameters, motor = named_like(kind, row[n:]), named_like(_MOTOR, row[-2 - len(_MOTOR) :])
+    return PlanarRobot(vehicle, parameters, motor, row[-2], row[-1] != 0.0)
 
 
 @dataclass(frozen=True)
@@ -198,18 +207,20 @@ class PlanarModel:
         """Return the numbers for compiled functions."""
         law = law_of(self.parameters)
         x_icr = float(law.rotation_centre(self.vehicle, self.parameters))
-        return PlanarRobot(packed(self.vehicle), packed(self.parameters), 2.0 * self.drive.torque_limit, x_icr, law.obeys)
+        return PlanarRobot(packed(self.vehicle), packed(self.parameters), motor_numbers(self.drive), x_icr, law.obeys)
 
     def prescribed(self) -> PlanarModel:
         """Return the model for given wheel rates, which the wheels keep whatever torque that takes.
 
-        No planar model knows longitudinal slip, so only the kinematics of a dynamic model remain, Eq. 2.9 and 2.10.
+        No planar model knows longitudinal slip, so only the kinematics of a dynamic model remain, Eq. 2.9 and 2.10, with a
+        radius for each side.
         """
         law = law_of(self.parameters)
         if law.obeys:
             return self
         c_eff, x_icr = self.vehicle.effective_half_track, law.rotation_centre(self.vehicle, self.parameters)
-        return replace(self, parameters=KinematicParameters(1.0, 1.0, x_icr, c_eff, -c_eff))
+        uneven = 0.5 * self.vehicle.radius_difference / self.vehicle.wheel_radius
+        return replace(self, parameters=KinematicParameters(1.0 + uneven, 1.0 - uneven, x_icr, c_eff, -c_eff))
 
 
 class PlanarPlant:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.drive import Driver, Sides, body_rates, wheel_rates, wheel_references, wheel_torques, whole_steps
+from ssmr.robot.drive import Driver, body_rates, wheel_rates, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
 from tests.conftest import EXACT
@@ -86,15 +86,27 @@ def test_measured_wheel_rates_pass_as_they_are() -> None:
     assert np.array_equal(references, np.repeat(rates.values, 50, axis=0))
 
 
-def test_torque_is_proportional_and_limited() -> None:
-    still = Sides(0.0, 0.0)
-    assert wheel_torques(Sides(3.0, -3.0), Sides(2.9, -2.9), 100.0, 14.0) == pytest.approx((10.0, -10.0))
-    assert wheel_torques(Sides(3.0, -3.0), still, 100.0, 14.0) == (14.0, -14.0)
-    assert wheel_torques(Sides(3.0, 0.0), still, 100.0, math.inf).left == pytest.approx(300.0)
+@pytest.mark.parametrize("ramp", [0.004, 0.02, 0.05])
+def test_a_ramp_is_the_mean_of_the_held_commands_over_its_time(ramp: float) -> None:
+    drive = replace(PLAIN, command_ramp=ramp, delay_v=0.1, delay_w=0.03)
+    rng = np.random.default_rng(2)
+    commands = Commands(0.05, rng.uniform(-0.9, 0.9, (30, 2)), before=(0.2, -0.1))
+    held = wheel_references(commands, replace(drive, command_ramp=0.0), DT, State())
+    ramped = wheel_references(commands, drive, DT, State())
+    n, first = round(ramp / DT), np.array([[0.2 + 0.1 * 0.275, 0.2 - 0.1 * 0.275]]) / drive.command_radius
+    padded = np.vstack([np.repeat(first, n - 1, axis=0), held])
+    assert ramped == pytest.approx(np.lib.stride_tricks.sliding_window_view(padded, n, axis=0).mean(axis=2), abs=1e-12)
+
+
+def test_a_ramp_ends_before_the_next_command_is_read() -> None:
+    with pytest.raises(ValueError, match="command_ramp"):
+        Drive(command_ramp=0.06)
 
 
 @pytest.mark.parametrize("chunk", [0.001, 0.01, 0.05, 0.2])
-@pytest.mark.parametrize("drive", [Drive(), Drive(delay_v=0.013, delay_w=0.4, acceleration_w=5.0, wheel_lag=0.1, hold=0.02)])
+@pytest.mark.parametrize(
+    "drive", [Drive(), Drive(delay_v=0.013, delay_w=0.4, acceleration_w=5.0, wheel_lag=0.1, hold=0.02, command_ramp=0.02)]
+)
 def test_stepping_is_the_whole_run(drive: Drive, chunk: float) -> None:
     """A driver that is told one command at a time, at any period, does what the precomputed references say."""
     rng = np.random.default_rng(1)

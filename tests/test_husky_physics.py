@@ -19,7 +19,7 @@ from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from tests.conftest import ROUNDOFF
 from validation.robots.health import DEVIATION_LIMIT, LIFT_SHARE, check_health
-from validation.robots.husky import WHEELS, HuskyCalibration, calibrate, husky_model, limit_torque, wheel_geoms, xml_path
+from validation.robots.husky import WHEELS, HuskyCalibration, calibrate, husky_model, wheel_geoms, xml_path
 from validation.robots.plant import MujocoPlant
 from validation.robots.wheel_loads import load_model
 
@@ -154,7 +154,6 @@ def test_the_shipped_lab_profile_is_healthy_and_converged(scenario: str, lab: ob
 
 def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = husky_model(calibration)
-    limit_torque(model, math.inf)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
     return model, data

@@ -20,7 +20,7 @@ from ssmr.models.improved import ImprovedParameters
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.parameters import packed
-from ssmr.robot.drive import Sides
+from ssmr.robot.motor import Wanted
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant, run_population
 from ssmr.types import Commands, State
@@ -67,7 +67,7 @@ def test_coulomb_accelerations_follow_from_the_lagrangian(v: float, w: float, ya
     p = CoulombParameters(u_x=0.07, mu_c=0.3, gain=60.0)
     robot = PlanarModel(p, SKEWED, Drive()).packed()
     resist = coulomb.resistance(v, w, robot.vehicle, robot.parameters)
-    dv, dw, torques = coulomb.accelerations(v, w, Sides(*ref), resist, robot)
+    dv, dw, torques = coulomb.accelerations(v, w, Wanted(*ref, 0.0, 0.0), resist, robot)
     assert np.allclose([dv, dw], lagrange(v, w, yaw, torques, p, SKEWED), rtol=1e-11, atol=1e-10)
 
 

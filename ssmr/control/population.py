@@ -61,7 +61,7 @@ def run_planar_loop(
     """
     n = (len(log) - 1) * tracker.position_steps
     commands = np.empty((1 + n // tracker.velocity_steps, 2))
-    now = PlanarMotion(start.x, start.y, start.yaw, start.v, start.w, 0.0, 0.0)
+    now = PlanarMotion(start.x, start.y, start.yaw, start.v, start.w, 0.0, 0.0, 0.0, 0.0)
     asked, mind = rolling(Sides(start.left, start.right), drive), FRESH_MIND
     for k in range(n + 1):
         if k % tracker.position_steps == 0 or k % tracker.velocity_steps == 0:
@@ -87,7 +87,7 @@ class PlanarRows(NamedTuple):
     """S planar robots of one kind, as arrays."""
 
     drives: FloatArray
-    """(S, 11) `DriveNumbers`."""
+    """(S, 12) `DriveNumbers`."""
     robots: FloatArray
     """(S, k) rows of `robot_row`."""
 
@@ -159,7 +159,7 @@ def plan_period(
         k: physics step at which the period begins, a tick of the position loop.
         n: physics steps to plan; 0 at the end of the mission.
         trackers: the robots' side.
-        drives: (S, 11) `DriveNumbers`.
+        drives: (S, 12) `DriveNumbers`.
         states: (S, 10) the fields of `Truth`.
         draws: (D, ticks, 8) standard normal numbers, taken in turn.
         batch: state of the loops, advanced in place.

@@ -12,7 +12,8 @@ from ssmr._jit import jit
 from ssmr.models.friction import coulomb_friction
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides, wheel_rates, wheel_torques
+from ssmr.robot.drive import Sides
+from ssmr.robot.motor import Wanted, apparent_inertia, motor_torques, side_radii, side_rates, thrusts
 
 
 @dataclass(frozen=True)
@@ -50,24 +51,26 @@ def resistance(v: float, w: float, vehicle: Any, parameters: Any) -> tuple[float
 
 @jit
 def accelerations(
-    v: float, w: float, wheels: Sides, resist: tuple[float, float], robot: PlanarRobot
+    v: float, w: float, wheels: Wanted, resist: tuple[float, float], robot: PlanarRobot
 ) -> tuple[float, float, Sides]:
     """Return dv/dt [m/s2], d(omega)/dt [rad/s2] and the torques of both sides [N m] (Eq. 2.27).
 
     M = diag(m, I + m x_ICR^2), C eta = m x_ICR omega (omega, -v), E tau = (tau_L + tau_R, c (tau_R - tau_L)) / r.
     """
     vehicle = robot.vehicle
-    mass, r, x_icr = vehicle.mass, vehicle.wheel_radius, vehicle.x_icr
-    rates = wheel_rates(v, w, vehicle.effective_half_track, r)
-    torque = wheel_torques(wheels, rates, robot.parameters.gain, robot.side_limit)
+    mass, x_icr = vehicle.mass, vehicle.x_icr
+    rates = side_rates(v, w, vehicle)
+    torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
+    thrust = thrusts(torque, rates, side_radii(vehicle), robot.motor)
     resisting_force, resisting_moment = resist
-    force = (torque.left + torque.right) / r - resisting_force - mass * x_icr * w * w
-    moment = vehicle.half_track * (torque.right - torque.left) / r - resisting_moment + mass * x_icr * w * v
-    return force / mass, moment / (vehicle.yaw_inertia + mass * x_icr * x_icr), torque
+    force = thrust.left + thrust.right - resisting_force - mass * x_icr * w * w
+    moment = vehicle.half_track * (thrust.right - thrust.left) - resisting_moment + mass * x_icr * w * v
+    moved, turned = apparent_inertia(vehicle)
+    return force / moved, moment / (turned + mass * x_icr * x_icr), torque
 
 
 @jit
-def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Advance the velocities by one step of Heun's method, with the signs of friction as they are at the start of the step.
 
     Nothing stops the sign from flipping at every step near rest: the numerical artefact of Fig. 3.33 belongs to the model.
@@ -84,6 +87,6 @@ LAW = PlanarLaw(
     CoulombParameters,
     advance,
     lambda vehicle, parameters: vehicle.x_icr,
-    vehicle=("mass", "yaw_inertia", "wheel_radius", "effective_half_track", "x_icr"),
+    vehicle=("mass", "yaw_inertia", "wheel_radius", "radius_difference", "effective_half_track", "x_icr"),
     colour="#d55e00",
 )

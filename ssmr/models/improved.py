@@ -13,7 +13,8 @@ from ssmr._jit import jit
 from ssmr.models.friction import improved_friction, stop_at_zero_crossing
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides, wheel_rates, wheel_torques
+from ssmr.robot.drive import Sides
+from ssmr.robot.motor import Wanted, apparent_inertia, motor_torques, side_radii, side_rates, thrusts
 
 
 @dataclass(frozen=True)
@@ -37,28 +38,27 @@ class ImprovedParameters:
 
 
 @jit
-def active(v: float, w: float, wheels: Sides, robot: PlanarRobot) -> tuple[float, float, Sides]:
+def active(v: float, w: float, wheels: Wanted, robot: PlanarRobot) -> tuple[float, float, Sides]:
     """Return the active force [N] and moment [N m] (Eq. 2.21), and the torques of both sides [N m] (Eq. 2.32)."""
-    vehicle = robot.vehicle
-    rates = wheel_rates(v, w, vehicle.effective_half_track, vehicle.wheel_radius)
-    torque = wheel_torques(wheels, rates, robot.parameters.gain, robot.side_limit)
-    force = (torque.left + torque.right) / vehicle.wheel_radius
-    return force, vehicle.half_track * (torque.right - torque.left) / vehicle.wheel_radius, torque
+    rates = side_rates(v, w, robot.vehicle)
+    torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
+    thrust = thrusts(torque, rates, side_radii(robot.vehicle), robot.motor)
+    return thrust.left + thrust.right, robot.vehicle.half_track * (thrust.right - thrust.left), torque
 
 
 @jit
-def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Advance the velocities by one step of Heun's method on the active forces.
 
     Friction (Eq. 2.29) sticks, breaks away or slides as it did at the start of the step, and a velocity that changes sign
     stops at zero (Eq. 2.31). A disturbing yaw acceleration is an active moment, so stiction resists it too.
     """
     vehicle, p = robot.vehicle, robot.parameters
-    mass, inertia, weight = vehicle.mass, vehicle.yaw_inertia, vehicle.mass * vehicle.gravity
+    (mass, inertia), weight = apparent_inertia(vehicle), vehicle.mass * vehicle.gravity
     lever_load = weight * 2.0 * vehicle.a * vehicle.b / (vehicle.a + vehicle.b)  # sum of N_i times lever (Eq. 2.17, 2.19)
     force, moment, torque = active(v, w, wheels, robot)
     moment += inertia * disturbance
-    friction = improved_friction(force, p.u_x * mass * vehicle.gravity, p.u_x * mass * vehicle.gravity, v)
+    friction = improved_friction(force, p.u_x * weight, p.u_x * weight, v)
     friction_moment = improved_friction(moment, p.mu_s * lever_load, p.mu_d * lever_load, w)
     stuck = v == 0.0 and friction == -force
     stuck_yaw = w == 0.0 and friction_moment == -moment

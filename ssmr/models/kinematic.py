@@ -13,7 +13,7 @@ from typing import Any
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides
+from ssmr.robot.motor import Wanted
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def body_velocity(left: float, right: float, parameters: Any) -> tuple[float, fl
 
 
 @jit
-def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Return the velocities that the references give at once; torques are zero, and disturbances have no effect."""
     r = robot.vehicle.wheel_radius
     v_next, _, w_next = body_velocity(r * wheels.left, r * wheels.right, robot.parameters)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from numba.extending import overload
 
 from ssmr.parameters import numbers_of
-from ssmr.robot.drive import Sides
+from ssmr.robot.motor import Motor, Wanted
 from ssmr.robot.vehicle import Vehicle
 
 
@@ -18,7 +18,7 @@ class PlanarRobot(NamedTuple):
 
     vehicle: Any  # numbers of the `Vehicle`
     parameters: Any  # numbers of the model's own parameter set; their type decides which law is compiled in
-    side_limit: float  # greatest torque of a side [N m]
+    motor: Motor  # the motor of a side
     x_icr: float  # longitudinal coordinate of the centre of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)
     obeys: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.obeys`
 
@@ -32,8 +32,8 @@ class Advanced(NamedTuple):
     torque_right: float  # torque of the right side at the start of the step [N m]
 
 
-Advance = Callable[[float, float, Sides, float, float, PlanarRobot], Advanced]
-"""One step of the velocities: v [m/s], omega [rad/s], wheel-rate references [rad/s], disturbing yaw acceleration [rad/s2],
+Advance = Callable[[float, float, Wanted, float, float, PlanarRobot], Advanced]
+"""One step of the velocities: v [m/s], omega [rad/s], what the motor controllers want, disturbing yaw acceleration [rad/s2],
 time step [s] and the robot's numbers give the velocities after the step."""
 
 
@@ -49,7 +49,7 @@ class PlanarLaw:
     """Compiled function that advances the velocities by one step."""
     rotation_centre: Callable[[Vehicle, Any], float] = lambda vehicle, parameters: 0.0
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
-    vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "effective_half_track")
+    vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "radius_difference", "effective_half_track")
     """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""
     colour: str = "#808080"
     """Colour in pictures and recordings, as #rrggbb."""
@@ -78,7 +78,7 @@ def law_of(parameters: object) -> PlanarLaw:
     return law
 
 
-def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Advance the velocities of any planar robot by one step of its own law; for compiled functions only."""
     raise NotImplementedError("advance works in compiled functions only")
 

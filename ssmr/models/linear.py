@@ -18,7 +18,8 @@ import numpy as np
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, packed, parameter
-from ssmr.robot.drive import Sides, wheel_torques
+from ssmr.robot.drive import Sides
+from ssmr.robot.motor import Wanted, apparent_inertia, gear_loss, motor_torques, side_radii, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 
@@ -64,9 +65,11 @@ class Rates(NamedTuple):
 @jit
 def coefficients(vehicle: Any, parameters: Any) -> Rates:
     """Return the rates of Eq. 2.46."""
-    mass, inertia, r, c, g = vehicle.mass, vehicle.yaw_inertia, vehicle.wheel_radius, vehicle.half_track, vehicle.gravity
+    (moved, inertia), mass = apparent_inertia(vehicle), vehicle.mass
+    r, c, g = vehicle.wheel_radius, vehicle.half_track, vehicle.gravity
     k_u, k_y, gain = parameters.k_u, parameters.k_y, parameters.gain
-    return Rates(2.0 * gain / (r * mass), LOAD_SUM * g * k_u, 2.0 * gain * c / (r * inertia), mass * g * k_y * c / inertia)
+    slowing = LOAD_SUM * g * k_u * (mass / moved)
+    return Rates(2.0 * gain / (r * moved), slowing, 2.0 * gain * c / (r * inertia), mass * g * k_y * c / inertia)
 
 
 def matrices(
@@ -112,23 +115,29 @@ def relax(x: float, rate: float, drive: float, dt: float) -> float:
 
 
 @jit
-def advance(v: float, w: float, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Advance the velocities exactly, for references that are constant over the step (matrix exponential, Eq. 2.44).
 
     Where the torque of a side is at its limit, both torques are held over the step and friction alone is stepped exactly.
     """
-    vehicle, gain = robot.vehicle, robot.parameters.gain
-    r, c_eff = vehicle.wheel_radius, vehicle.effective_half_track
-    rates = coefficients(vehicle, robot.parameters)
-    wanted = Sides(r * wheels.left, r * wheels.right)  # wheel speeds [m/s]
-    torque = wheel_torques(wanted, Sides(v - c_eff * w, v + c_eff * w), gain, robot.side_limit)
-    if abs(torque.left) < robot.side_limit and abs(torque.right) < robot.side_limit:
-        v_next = relax(v, rates.loop + rates.friction, rates.loop * 0.5 * (wanted.left + wanted.right), dt)
-        turning = rates.loop_yaw * 0.5 * (wanted.right - wanted.left) + disturbance
+    vehicle, gain, motor = robot.vehicle, robot.parameters.gain, robot.motor
+    r, radii, c_eff = vehicle.wheel_radius, side_radii(vehicle), vehicle.effective_half_track
+    rates, actual = coefficients(vehicle, robot.parameters), side_rates(v, w, vehicle)
+    torque = motor_torques(wheels, actual, gain * r, motor)  # the loop on wheel rates that this gain means
+    held = Sides(  # the part of the torques that is no feedback within the step [N m]
+        wheels.integral_left - gear_loss(actual.left, motor), wheels.integral_right - gear_loss(actual.right, motor)
+    )
+    moved, inertia = apparent_inertia(vehicle)
+    free_left = abs(torque.left + motor.braking * actual.left) < motor.limit
+    if free_left and abs(torque.right + motor.braking * actual.right) < motor.limit:
+        left, right = radii.left * wheels.left + held.left / gain, radii.right * wheels.right + held.right / gain  # [m/s]
+        v_next = relax(v, rates.loop + rates.friction, rates.loop * 0.5 * (left + right), dt)
+        turning = rates.loop_yaw * 0.5 * (right - left) + disturbance
         w_next = relax(w, rates.loop_yaw * c_eff + rates.friction_yaw, turning, dt)
     else:
-        v_next = relax(v, rates.friction, (torque.left + torque.right) / (r * vehicle.mass), dt)
-        turning = vehicle.half_track * (torque.right - torque.left) / (r * vehicle.yaw_inertia) + disturbance
+        left, right = torque.left - gear_loss(actual.left, motor), torque.right - gear_loss(actual.right, motor)
+        v_next = relax(v, rates.friction, (left + right) / (r * moved), dt)
+        turning = vehicle.half_track * (right - left) / (r * inertia) + disturbance
         w_next = relax(w, rates.friction_yaw, turning, dt)
     return Advanced(v_next, w_next, torque.left, torque.right)
 

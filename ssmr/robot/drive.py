@@ -1,8 +1,8 @@
-"""The drive in front of every plant: saturation, hold, dead time, acceleration limits, wheel kinematics, lag, torque loop.
+"""The driver in front of every plant: saturation, hold, ramp, dead time, acceleration limits, wheel kinematics, lag.
 
-Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, delayed, saturated; v and omega move towards it no faster
-than their limits, and are turned into wheel-rate references with the driver's own half-track and radius, which the motor
-controllers follow with a lag. All times are whole physics steps, so a run repeats to the bit.
+Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, or gone over to in a ramp, delayed, saturated; v and omega
+move towards it no faster than their limits, and are turned into wheel-rate references with the driver's own half-track and
+radius, which the motor controllers follow with a lag. All times are whole physics steps, so a run repeats to the bit.
 
 Measured wheel rates (`Commands.kind == "wheels"`) are used as references as they are: they have already passed a driver.
 """
@@ -57,6 +57,7 @@ class DriveNumbers(NamedTuple):
     delay_v: int  # delay of v in steps
     delay_w: int  # delay of omega in steps
     hold: int  # steps for which the driver holds a command
+    ramp: int  # steps in which it goes over to the next command; 0: at once
     period: int  # steps of a command period
 
 
@@ -69,7 +70,7 @@ class Driven(NamedTuple):
     right: float  # reference of the right wheels' rate [rad/s]
 
 
-DRIVE_TEMPLATE = DriveNumbers(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0)
+DRIVE_TEMPLATE = DriveNumbers(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0)
 """Template for `ssmr._jit.named_like`."""
 
 
@@ -98,24 +99,22 @@ def ramp(reference: float, target: float, largest_change: float) -> float:
 
 
 @jit
-def wheel_torques(wanted: Sides, actual: Sides, gain: float, side_limit: float) -> Sides:
-    """Return the torques of the two sides [N m]: a proportional loop on wheel rates (Eq. 2.32), saturated (Fig. 3.11)."""
-    return Sides(
-        saturate(gain * (wanted.left - actual.left), side_limit), saturate(gain * (wanted.right - actual.right), side_limit)
-    )
-
-
-@jit
 def held_value(values: FloatArray, column: int, step: int, delay: int, drive: DriveNumbers, before: float) -> float:
     """Return the value in one column of (N, 2) twists on which the driver acts: that of `delay` steps ago, as last sampled.
 
-    `step` counts the physics steps since the first command; `before` was commanded before it.
+    `step` counts the physics steps since the first command; `before` was commanded before it. Within the ramp the value lies
+    between the last sample and the one before it: the mean of the held values over the time of the ramp.
     """
     past = step - delay
     if past < 0:
         return before
-    value: float = values[min((past // drive.hold) * drive.hold // drive.period, len(values) - 1), column]
-    return value
+    sample = past // drive.hold
+    value: float = values[min(sample * drive.hold // drive.period, len(values) - 1), column]
+    since = past - sample * drive.hold + 1
+    if since >= drive.ramp:
+        return value
+    last: float = before if sample == 0 else values[min((sample - 1) * drive.hold // drive.period, len(values) - 1), column]
+    return last + (value - last) * (since / drive.ramp)
 
 
 @jit
@@ -169,6 +168,7 @@ def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
         delay_v=round(d.delay_v / dt),
         delay_w=round(d.delay_w / dt),
         hold=whole_steps(drive.hold, dt, "the drive's hold"),
+        ramp=round(d.command_ramp / dt),
         period=whole_steps(period, dt, "the command period"),
     )
 
@@ -217,7 +217,7 @@ class Driver:
             self._asked = follow(values, step + k, self._drive, self._before, self._asked)
             out[k] = self._asked.left, self._asked.right
         hold = self._drive.hold
-        spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - hold
+        spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - 2 * hold
         if spare > 1000:  # no delay reaches these samples any more; whole holds are dropped
             del self._samples[: spare // hold * hold]
         return out

@@ -18,6 +18,11 @@ class Vehicle:
     """Moment of inertia I about the vertical through the centre of gravity [kg m2]; Tab. 3.1."""
     wheel_radius: float = parameter(0.1651, unit="m", low=0.0, high=1e6, open_low=True, search=(0.14, 0.18))
     """Effective rolling radius r [m]; the maker's robot description."""
+    radius_difference: float = parameter(0.0, unit="m", low=-0.1, high=0.1, search=(-0.012, 0.012))
+    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped alike. Thesis: none."""
+    spin_inertia: float = parameter(0.0, unit="kg m2", low=0.0, high=1e3)
+    """Inertia of what spins with the wheels of one side: rotor and gear as they act at the wheels, and two wheels [kg m2].
+    The thesis leaves it out."""
     half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True)
     """c, lever of the longitudinal wheel forces [m]; half of the 0.55 m of Tab. 3.1 (the maker has 0.2854)."""
     effective_half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True, search=(0.2, 0.8))
@@ -33,8 +38,9 @@ class Vehicle:
     """g [m/s2]; list of symbols."""
 
     def __post_init__(self) -> None:
-        """Check the ranges; the ICR must lie within (-a, b), see Sec. 2.2.1."""
+        """Check the ranges; the ICR must lie within (-a, b), see Sec. 2.2.1, and both radii must be positive."""
         check_parameters(self)
+        require_in_range(self, "radius_difference", -self.wheel_radius, self.wheel_radius)
         require_in_range(self, "x_icr", -self.a, self.b)
 
 
@@ -68,10 +74,23 @@ class Drive:
     wheel_lag: float = parameter(0.0, unit="s", low=0.0, high=10.0, search=(0.0, 0.5))
     """Time constant with which the motor controllers follow a wheel-rate reference [s], where the wheel torque loop does
     not describe it; 0: at once."""
+    command_ramp: float = parameter(0.0, unit="s", low=0.0, high=10.0)
+    """Time in which the driver goes from one command that it reads to the next, in a straight line [s]; at most `hold`; 0:
+    at once. Steps of the reference reach the contacts as blows."""
     torque_limit: float = parameter(7.0, unit="N m", low=0.0, open_low=True, search=(2.0, 100.0), scale="log")
     """Greatest torque of one wheel [N m]; a side has twice that. Tab. 3.8, whose value only works per wheel
     (docs/errata.md)."""
+    no_load_rate: float = parameter(math.inf, unit="rad/s", low=0.0, open_low=True)
+    """Wheel rate at which a motor at its greatest voltage has no torque left [rad/s]; off (infinite) by default."""
+    integral_gain: float = parameter(0.0, unit="N m/rad", low=0.0, high=1e6)
+    """K_I of a side's speed loop [N m/rad]; 0: the proportional loop of the thesis."""
+    dc_stiffness: float = parameter(1000.0, unit="N m s/rad", low=0.0, high=1e9, open_low=True)
+    """K_dc, lasting torque of a side's integral part over the rate error that it leaves [N m s/rad]: the integral part leaks
+    at the rate K_I / K_dc."""
+    gear_loss: float = parameter(0.0, unit="N m", low=0.0, high=1e3)
+    """Dry friction torque of a side's gear and bearings at the wheels [N m]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Check the ranges; the ramp must have ended when the next command is read."""
         check_parameters(self)
+        require_in_range(self, "command_ramp", 0.0, self.hold)

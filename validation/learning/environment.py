@@ -21,9 +21,19 @@ from ssmr.control.tick import LOST, SPINNING
 from ssmr.control.waypoints import ALPHA_SWITCH, Target, Waypoints, position_errors, target
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Driver, whole_steps
+from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
 from validation.plants.profile import PlantProfile, Profile, load_profile, make_plant
-from validation.robots.husky import SIDES, WHEELS, HuskyCalibration, calibrate, limit_torque, xml_path
+from validation.robots.husky import (
+    SIDES,
+    WHEELS,
+    HuskyCalibration,
+    add_integral_parts,
+    calibrate,
+    controls,
+    set_motors,
+    xml_path,
+)
 from validation.robots.plant import MujocoPlant
 from validation.track.waypoint_files import open_reference
 from validation.words import shortened
@@ -38,8 +48,10 @@ LARGEST_ACTION = 100.0
 class Husky(composer.Entity):
     """The robot of husky.xml, without its free joint: `Arena.add_free_entity` gives it one."""
 
-    def _build(self, name: str = "husky") -> None:
+    def _build(self, name: str = "husky", integral: bool = False) -> None:
         self._model = mjcf.from_path(str(xml_path()))
+        if integral:
+            add_integral_parts(self._model)
         self._model.model = name
         self._model.find("joint", "root").remove()
 
@@ -63,10 +75,14 @@ class Husky(composer.Entity):
         """Velocity servos of the left and the right side [rad/s]."""
         return [self._model.find("actuator", f"{side}_motor") for side in SIDES]
 
-    def calibrate(self, physics: Any, calibration: HuskyCalibration, torque_limit: float) -> None:
-        """Set a calibration and the greatest torque of a wheel [N m] on compiled physics."""
+    def calibrate(self, physics: Any, calibration: HuskyCalibration, drive: Drive) -> None:
+        """Set a calibration and the motors of a drive on compiled physics.
+
+        Raises:
+            ValueError: the drive has an integral part and the robot was built without, or the other way round.
+        """
         calibrate(physics.model.ptr, calibration, self.prefix)
-        limit_torque(physics.model.ptr, torque_limit, self.prefix)
+        set_motors(physics.model.ptr, calibration, drive, self.prefix)
 
 
 def ground() -> composer.Arena:
@@ -107,6 +123,9 @@ class Tracking(composer.Task):
             )
         if any(p.parameters.wheel_shape != "ellipsoid" or p.parameters.friction_ratio != 1.0 for p in self._plants):
             raise ValueError("a tracking task has ellipsoid tyres and isotropic friction")
+        parts = {p.drive.integral_gain > 0.0 for p in self._plants}
+        if len(parts) != 1:
+            raise ValueError("the speed loops of all profiles, or of none, must have an integral part")
         self._resting: list[FloatArray] = []
         for profile in profiles:
             plant = make_plant(profile, "mujoco")
@@ -114,7 +133,7 @@ class Tracking(composer.Task):
             nq = plant.model.nq
             self._resting.append(plant.placed(waypoints.start)[1 : 1 + nq])
         self._waypoints, self._course = waypoints, waypoints.course()
-        self._arena, self.husky = ground(), Husky()
+        self._arena, self.husky = ground(), Husky(integral=parts.pop())
         self._frame = self._arena.add_free_entity(self.husky)
         self.set_timesteps(control_timestep=VELOCITY_PERIOD, physics_timestep=steps.pop())
         self._observables = {
@@ -143,7 +162,7 @@ class Tracking(composer.Task):
         """Draw a profile, and put its robot on the first waypoint, at rest on its tyres."""
         self._drawn = int(random_state.randint(len(self._plants)))
         plant = self._plants[self._drawn]
-        self.husky.calibrate(physics, plant.parameters, plant.drive.torque_limit)
+        self.husky.calibrate(physics, plant.parameters, plant.drive)
         with physics.reset_context():
             rest, lever = self._resting[self._drawn], np.zeros(3)
             mujoco.mju_rotVecQuat(lever, np.array(physics.model.body(f"{self.husky.prefix}base").pos), rest[3:7])
@@ -162,11 +181,12 @@ class Tracking(composer.Task):
         v, w = _checked(action)
         n = whole_steps(self.control_timestep, self.physics_timestep, "the control period")
         self._references, self._substep = self._driver.references((v, w), n), 0
-        physics.data.ctrl[:] = self._references[0]
+        physics.data.ctrl[:] = controls(physics.model.ptr, self._references[0])
 
     def before_substep(self, physics: Any, action: FloatArray, random_state: np.random.RandomState) -> None:
         """Set the wheel-rate references of this physics step."""
-        physics.data.ctrl[:] = self._references[min(self._substep, len(self._references) - 1)]
+        reference = self._references[min(self._substep, len(self._references) - 1)]
+        physics.data.ctrl[:] = controls(physics.model.ptr, reference)
         self._substep += 1
 
     def action_spec(self, physics: Any) -> specs.BoundedArray:

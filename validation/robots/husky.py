@@ -1,8 +1,8 @@
 """models/husky.xml + ground + calibration -> MjModel: dm_control.mjcf composes, mujoco runs.
 
-`_compose` builds what has structure (ground, robot, wheel shape, marker); `calibrate` sets the numbers on a compiled model
-and is the only place that does, so a fit that edits one model in place and a profile that is loaded from disk mean the
-same robot.
+`_compose` builds what has structure (ground, robot, wheel shape, marker); `calibrate` and `set_motors` set the numbers on a
+compiled model and are the only places that do, so a fit that edits one model in place and a profile that is loaded from disk
+mean the same robot.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ssmr.robot.motor import motor_numbers
+from ssmr.robot.vehicle import Drive
+from ssmr.types import FloatArray
 from validation.robots.calibration import HuskyCalibration, WheelShape
 from validation.robots.failures import mujoco_failures
 from validation.robots.physics import SHIPPED, PhysicsSettings, apply_settings
@@ -42,13 +45,18 @@ def xml_path() -> Path:
     raise FileNotFoundError(f"husky.xml is neither at {packaged} nor at {source}: the installation is incomplete")
 
 
-def _compose(shape: WheelShape, anisotropic: bool, terrain: Terrain) -> str:
-    """Return robot and ground as MJCF text; `anisotropic` adds contact pairs, whose two tangential frictions may differ."""
+def _compose(shape: WheelShape, anisotropic: bool, integral: bool, terrain: Terrain) -> str:
+    """Return robot and ground as MJCF text.
+
+    `anisotropic` adds contact pairs, whose two tangential frictions may differ; `integral` the motors' integral parts.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # dm_control's import warns where there is no screen; nothing is drawn here
         from dm_control import mjcf
 
     arena = mjcf.from_path(str(xml_path()))
+    if integral:
+        add_integral_parts(arena)
     arena.visual.headlight.set_attributes(ambient=[0.45] * 3, diffuse=[0.35] * 3, specular=[0.1] * 3)
     getattr(arena.visual, "global").set_attributes(offwidth=1280, offheight=960)
     arena.asset.add("texture", name="tiles", type="2d", builtin="checker", width=256, height=256,
@@ -105,21 +113,59 @@ PRESSED_IN: dict[str, float] = {"ellipsoid": 0.00283, "cylinder": 0.00252, "caps
 contact by the inertia behind it. The contact point lies halfway, so the rolling radius is half of it less than the
 geom's."""
 
-_models: dict[tuple[str, bool, Terrain], mujoco.MjModel] = {}
+SHAFT_MASS = 1e-6
+"""Mass [kg] and inertia [kg m2] of the body that carries a virtual shaft: next to nothing."""
+
+
+def add_integral_parts(robot: Any) -> None:
+    """Add what MuJoCo needs for a leaky integral in the speed loop of each side to the robot's MJCF tree.
+
+    The integral is the torsion of a spring between the mean angle of a side's wheels and a virtual shaft, which a servo of
+    limited torque turns at the wanted rate: the lasting torque of the spring slows the shaft down, so the integral leaks.
+    """
+    base = robot.find("body", "base")
+    for side in SIDES:
+        shaft = base.add("body", name=f"{side}_shaft")
+        shaft.add("inertial", pos=[0, 0, 0], mass=SHAFT_MASS, diaginertia=[SHAFT_MASS] * 3)
+        joint = shaft.add("joint", name=f"{side}_shaft", type="hinge", axis=[0, 1, 0], armature=1.0)
+        robot.actuator.add("velocity", name=f"{side}_shaft", joint=joint, kv=1.0)
+    for side in SIDES:
+        spring = robot.tendon.add("fixed", name=f"{side}_spring", springlength=[0.0, 0.0])
+        for name, share in ((f"front_{side}_wheel", -0.5), (f"rear_{side}_wheel", -0.5), (f"{side}_shaft", 1.0)):
+            spring.add("joint", joint=name, coef=share)
+        robot.actuator.add("general", name=f"{side}_spring", tendon=spring, biastype="affine", gainprm=[0.0])
+
+
+def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
+    """Return the (..., nu) inputs of all actuators for (..., 2) wheel-rate references [rad/s] of the left and right side.
+
+    The servos of the motors and, with integral parts, of their shafts have the reference; the springs have no input.
+    """
+    if model.nu == len(SIDES):
+        return references
+    return np.concatenate([references, references, np.zeros_like(references)], axis=-1)
+
+
+_models: dict[tuple[str, bool, bool, Terrain], mujoco.MjModel] = {}
+
+
+FREE_DRIVE = Drive(torque_limit=math.inf)
+"""Motors of the thesis without a limit: what a model has that is driven without a `Drive`."""
 
 
 @mujoco_failures()
 def husky_model(
-    calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED
+    calibration: HuskyCalibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED, drive: Drive = FREE_DRIVE
 ) -> mujoco.MjModel:
-    """Return a compiled and calibrated model, which belongs to the caller.
+    """Return a compiled and calibrated model, which belongs to the caller; its motors are those of `drive`.
 
     Raises:
         ValueError: a calibration whose inertia no body can have, or tyres that the terrain cannot have.
     """
     if calibration.friction_ratio != 1.0 and terrain.kind == "split":
         raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
-    key = (calibration.wheel_shape, calibration.friction_ratio != 1.0 or settings.tangent_ratio is not None, terrain)
+    anisotropic = calibration.friction_ratio != 1.0 or settings.tangent_ratio is not None
+    key = (calibration.wheel_shape, anisotropic, drive.integral_gain > 0.0, terrain)
     if key not in _models:
         _models[key] = mujoco.MjModel.from_xml_string(_compose(*key))
     model = mujoco.MjModel.__copy__(_models[key])
@@ -127,6 +173,7 @@ def husky_model(
     if terrain.kind == "split":
         model.geom_friction[model.geom(_OTHER_GROUND).id, 0] = calibration.friction * terrain.friction_ratio
     calibrate(model, calibration)
+    set_motors(model, calibration, drive)
     apply_settings(model, settings, wheel_geoms(model))
     return model
 
@@ -143,7 +190,7 @@ MAKER_PITCH_INERTIA = 1.7386
 
 
 def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str = "") -> None:
-    """Set every number of `calibration` on a compiled model, in place.
+    """Set every number of `calibration` on a compiled model, in place, but for those of the motors (`set_motors`).
 
     Roll and pitch inertia of the base scale with its mass; its yaw inertia is the whole robot's less that of the wheels,
     which stand off the middle by the half-track. `prefix` stands in front of the robot's names in a larger model.
@@ -186,21 +233,59 @@ def calibrate(model: mujoco.MjModel, calibration: HuskyCalibration, prefix: str 
         model.pair_friction[:, 1] = calibration.friction
     for wheel in WHEELS:
         model.dof_armature[model.joint(f"{prefix}{wheel}_wheel").dofadr[0]] = calibration.armature
-    for side in SIDES:
-        motor, tendon = model.actuator(f"{prefix}{side}_motor").id, model.tendon(f"{prefix}{side}").id
-        model.actuator_gainprm[motor, 0] = calibration.gain
-        model.actuator_biasprm[motor, 2] = -calibration.gain
-        resistance = calibration.rolling_resistance * 0.5 * calibration.mass * GRAVITY * calibration.wheel_radius
-        model.tendon_frictionloss[tendon] = resistance
     model.opt.timestep = calibration.timestep
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def limit_torque(model: mujoco.MjModel, wheel_limit: float, prefix: str = "") -> None:
-    """Set the greatest torque of one wheel [N m]; a side has twice that. Infinity switches the limit off."""
+def set_motors(model: mujoco.MjModel, calibration: HuskyCalibration, drive: Drive, prefix: str = "") -> None:
+    """Set the motors of `drive` (`ssmr.robot.motor`), with the calibration's gain, on a calibrated model, in place.
+
+    An integral part K_I, leaking to a stiffness K_dc, is a shaft of inertia J behind a servo of gain D and a spring of
+    stiffness k. The spring has a damper q of up to half the gain K_P, which the direct servo has less: without it the shaft
+    would swing on its spring once its servo has reached its limit. Without J the side's torque is exactly that of the motor,
+
+        tau = (K_P' - q) e + k s + q ds/dt,  D (e - ds/dt) = k s + q ds/dt,  e = wanted rate - wheel rate,  s = torsion,
+
+    with K_P = K_P' - q^2 / (D + q), K_I = k D^2 / (D + q)^2 and K_dc = D^2 / (D + q). J makes the shaft late by half a step.
+
+    Raises:
+        ValueError: the drive has an integral part and the model has none, or the other way round.
+    """
+    motor, dt = motor_numbers(drive), calibration.timestep
+    if (motor.integral_gain > 0.0) != (model.nu > len(SIDES)):
+        raise ValueError("the model and the drive must both have an integral part in the speed loop, or neither")
+    weight = calibration.mass * GRAVITY
+    lost = calibration.rolling_resistance * 0.5 * weight * calibration.wheel_radius + motor.gear_loss
+    limited = math.isfinite(motor.limit)
+    for wheel in WHEELS:
+        joint = model.joint(f"{prefix}{wheel}_wheel").id
+        model.dof_damping[model.jnt_dofadr[joint]] = 0.5 * motor.braking
+        model.jnt_actfrclimited[joint] = limited and motor.integral_gain > 0.0  # of the servo's and the spring's sum
+        model.jnt_actfrcrange[joint] = (-0.5 * motor.limit, 0.5 * motor.limit) if limited else 0.0
     for side in SIDES:
-        motor = model.actuator(f"{prefix}{side}_motor").id
-        limit = 2.0 * wheel_limit
-        model.actuator_forcelimited[motor] = math.isfinite(limit)
-        if math.isfinite(limit):
-            model.actuator_forcerange[motor] = -limit, limit
+        direct, limit = calibration.gain, motor.limit
+        if motor.integral_gain > 0.0:
+            stiffness, shaft = drive.dc_stiffness, model.joint(f"{prefix}{side}_shaft").id
+            inertia = 0.5 * stiffness * dt
+            damper = min(0.5 * calibration.gain, 2.0 * math.sqrt(motor.integral_gain * inertia))
+            servo = 0.5 * (stiffness + math.sqrt(stiffness * (stiffness + 4.0 * damper)))
+            spring = motor.integral_gain * ((servo + damper) / servo) ** 2
+            direct += damper * damper / (servo + damper) - damper
+            model.dof_armature[model.jnt_dofadr[shaft]] = inertia
+            _set_actuator(model, f"{prefix}{side}_spring", 0.0, -spring, -damper)
+            _set_actuator(model, f"{prefix}{side}_shaft", servo, 0.0, -servo, motor.limit)
+            limit = math.inf  # the joints limit the sum
+        _set_actuator(model, f"{prefix}{side}_motor", direct, 0.0, motor.braking - direct, limit)
+        model.tendon_frictionloss[model.tendon(f"{prefix}{side}").id] = lost
+
+
+def _set_actuator(
+    model: mujoco.MjModel, name: str, gain: float, by_length: float, by_rate: float, limit: float = math.inf
+) -> None:
+    """Set the gain of an actuator, the affine terms of its force, and its greatest force."""
+    number = int(model.actuator(name).id)
+    model.actuator_gainprm[number, 0] = gain
+    model.actuator_biasprm[number, :3] = 0.0, by_length, by_rate
+    model.actuator_forcelimited[number] = math.isfinite(limit)
+    if math.isfinite(limit):
+        model.actuator_forcerange[number] = -limit, limit

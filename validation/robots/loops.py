@@ -23,8 +23,10 @@ from ssmr.control.tick import LOG_COLUMNS
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Sides, drive_numbers, rolling
+from ssmr.robot.motor import motor_numbers
 from ssmr.types import FloatArray, State
 from validation.robots.failures import mujoco_failures
+from validation.robots.husky import controls
 from validation.robots.plant import MujocoPlant
 
 
@@ -49,7 +51,7 @@ class _Bodies:
         self._batch = batch.Batch(first.model, len(loops), workers)
         self._batch.set_models([p.plant.model for p in loops])
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._force = self._batch.bind("actuator_force")
+        self._force = self._batch.bind("qfrc_actuator")
         rough = first.terrain.kind == "rough"
         self._ground = [self._batch.bind(name) for name in ("mocap_pos", "mocap_quat")] if rough else []
         nq = first.model.nq
@@ -60,6 +62,8 @@ class _Bodies:
         self._yaw = np.full(len(loops), state.yaw)
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
+        self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]  # in the order of `WHEELS`
+        self._braking = np.array([motor_numbers(p.plant.drive).braking for p in loops])[:, None]
 
     @property
     def gave_up(self) -> NDArray[np.bool_]:
@@ -75,14 +79,16 @@ class _Bodies:
         out[:, 3:5] = rotate_world_to_body(self._qvel[:, :2], self._yaw)
         out[:, 5] = self._qvel[:, 5]
         out[:, 6], out[:, 7] = (self._qvel[:, dofs].mean(axis=1) for dofs in self._first.wheel_dofs)
-        out[:, 8:] = self._force
+        force = self._force[:, self._wheels]
+        out[:, 8:] = force[:, :2] + force[:, 2:] - self._braking * out[:, 6:8]
         return out
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
         """Take (S, n, 2) wheel-rate references and (S, n) yaw accelerations [rad/s2] through n physics steps."""
         control = np.zeros((*references.shape[:2], self._width))
-        control[:, :, :2] = references
-        control[:, :, 2 + 5] = self._inertia[:, None] * pushes
+        nu = self._first.model.nu
+        control[:, :, :nu] = controls(self._first.model, references)
+        control[:, :, nu + 5] = self._inertia[:, None] * pushes
         for piece in np.split(control, references.shape[1], axis=1) if self._ground else [control]:
             if self._ground:
                 for bound, values in zip(self._ground, self._first.planes_under(self._qpos[:, :7]), strict=True):
@@ -113,8 +119,9 @@ def run_husky_loops(
         MemoryError: the batch does not fit into memory.
     """
     settings = common_settings([p.settings for p in loops], seeds)
-    if len({(p.plant.dt, p.plant.terrain, p.plant.calibration.wheel_shape, p.plant.model.npair) for p in loops}) != 1:
-        raise ValueError("a population of Huskies has one time step, one terrain and one shape of tyre")
+    plants = [p.plant for p in loops]
+    if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
+        raise ValueError("a population of Huskies has one time step, one terrain, one shape of tyre and one kind of motor")
     dt = loops[0].plant.dt
     clock = make_clock(waypoints, settings, dt)
     drawn = [draw(clock, settings, seed) for seed in seeds]

@@ -13,17 +13,28 @@ from mujoco import rollout
 from ssmr.errors import DivergedError, UnhealthyRunError
 from ssmr.geometry import quat_wxyz_to_roll_pitch, quat_wxyz_to_yaw, rotate_world_to_body, yaw_to_quat_wxyz
 from ssmr.robot.drive import Driver, wheel_references, whole_steps
+from ssmr.robot.motor import motor_numbers
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.robots.failures import mujoco_failures
 from validation.robots.health import check_health
-from validation.robots.husky import PRESSED_IN, SIDES, WHEELS, HuskyCalibration, husky_model, limit_torque, wheel_geoms
+from validation.robots.husky import (
+    FREE_DRIVE,
+    PRESSED_IN,
+    SIDES,
+    WHEELS,
+    HuskyCalibration,
+    controls,
+    husky_model,
+    wheel_geoms,
+)
 from validation.robots.physics import SHIPPED, PhysicsSettings
 from validation.robots.terrain import FLAT, Terrain
 
 PRESCRIBED_ARMATURE = 100.0
 """Armature of wheels whose rates are given [kg m2]: so heavy that the ground cannot change them (MuJoCo does not pass an
 armature's reaction on to the body)."""
+_NO_INTEGRAL = 1e-6  # integral gain of those wheels [N m/rad]: next to nothing, but with the same parts in the model
 PRESCRIBED_LAG = 2.5
 """Time constant with which given wheel rates are followed, in time steps."""
 SETTLE_TIME = 1.0
@@ -67,8 +78,7 @@ class MujocoPlant:
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration, self.terrain, self._strict, self._settings = calibration, terrain, strict, settings
         self.drive = drive
-        self.model = husky_model(calibration, terrain, settings)
-        limit_torque(self.model, drive.torque_limit)
+        self.model = husky_model(calibration, terrain, settings, drive)
         self._data = mujoco.MjData(self.model)
         self.wheel_dofs = tuple(
             [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS if wheel.endswith(side)] for side in SIDES
@@ -78,9 +88,11 @@ class MujocoPlant:
         radius, wheel = float(self.model.geom_size[self._tires[0], 0]), self.model.body_pos[self._wheel_bodies[0]]
         self._level_height = radius - PRESSED_IN[calibration.wheel_shape] - float(wheel[2])  # of the base, on level ground
         self._load_columns = [int(self.model.sensor(f"load_{wheel}").adr[0]) for wheel in WHEELS]
-        self._torque_columns = [int(self.model.sensor(f"torque_{side}").adr[0]) for side in SIDES]
+        self._torque_columns = [int(self.model.sensor(f"torque_{wheel}").adr[0]) for wheel in WHEELS]
         self._acceleration_column = int(self.model.sensor("angular_acceleration").adr[0]) + 2
         self._imu_columns = [int(self.model.sensor(f"imu_{what}").adr[0]) for what in ("gyro", "accelerometer")]
+        parts = drive.integral_gain > 0.0
+        self._shaft_dofs = [int(self.model.joint(f"{side}_shaft").dofadr[0]) for side in SIDES] if parts else []
         self._resting = self._settle(State())
         self._rest_on_rough: tuple[State, FloatArray] | None = None
         mass_matrix = np.zeros((self.model.nv, self.model.nv))
@@ -103,9 +115,8 @@ class MujocoPlant:
         """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
         gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
         heavy = replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0)
-        model = husky_model(heavy, self.terrain, self._settings)
-        limit_torque(model, math.inf)
-        return model
+        same_parts = replace(FREE_DRIVE, integral_gain=min(self.drive.integral_gain, _NO_INTEGRAL))
+        return husky_model(heavy, self.terrain, self._settings, same_parts)
 
     @property
     def dt(self) -> float:
@@ -158,7 +169,9 @@ class MujocoPlant:
         c, s = math.cos(state.yaw), math.sin(state.yaw)
         data.qvel[:2] = c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y
         data.qvel[5] = state.yaw_rate
-        data.qvel[self.wheel_dofs[0]], data.qvel[self.wheel_dofs[1]] = state.wheel_left, state.wheel_right
+        for dofs, rate in zip(self.wheel_dofs, (state.wheel_left, state.wheel_right), strict=True):
+            data.qvel[dofs] = rate
+        data.qvel[self._shaft_dofs] = (state.wheel_left, state.wheel_right)[: len(self._shaft_dofs)]
         self._turns = round((state.yaw - float(quat_wxyz_to_yaw(data.qpos[3:7]))) / (2.0 * math.pi))
 
     def placed(self, state: State) -> FloatArray:
@@ -194,8 +207,9 @@ class MujocoPlant:
         data = self._data
         data.qfrc_applied[5] = self.yaw_inertia * yaw_acceleration
         turned = self._last.yaw  # to within a step: enough to count whole turns, however long the command is held
-        for reference in self._driver.references(command, whole_steps(dt, self.dt, "the step")):
-            data.ctrl[:] = reference
+        references = self._driver.references(command, whole_steps(dt, self.dt, "the step"))
+        for control in controls(self.model, references):
+            data.ctrl[:] = control
             before = data.time
             self.lay_ground(data)
             mujoco.mj_step(self.model, data)
@@ -230,14 +244,14 @@ class MujocoPlant:
         references = wheel_references(commands, self.drive, self.dt, state)
         start = self.placed(state)
         spec = mujoco.mjtState.mjSTATE_CTRL
-        control = np.vstack([references, references[-1:]])  # one more step: its sensors are the end's
+        model = self._prescribed if commands.kind == "wheels" else self.model
+        control = controls(model, np.vstack([references, references[-1:]]))  # one more step: its sensors are the end's
         if disturbance is not None:
             if len(disturbance) != len(references):
                 raise ValueError(f"{len(disturbance)} disturbances for {len(references)} physics steps")
-            applied = np.zeros((len(control), self.model.nv))
+            applied = np.zeros((len(control), model.nv))
             applied[:-1, 5] = self.yaw_inertia * np.asarray(disturbance)
             spec, control = spec | mujoco.mjtState.mjSTATE_QFRC_APPLIED, np.hstack([control, applied])
-        model = self._prescribed if commands.kind == "wheels" else self.model
         states, sensors = self._roll(model, start, control, int(spec))
         # A diverged rollout resets itself: its clock jumps back.
         bad = np.flatnonzero((np.diff(states[:, 0]) <= 0.0) | ~np.isfinite(states[1:]).all(axis=1))
@@ -270,6 +284,10 @@ class MujocoPlant:
             sensors[k] = data.sensordata
         return states, sensors
 
+    def side_torques(self, at_wheels: FloatArray, rates: FloatArray) -> FloatArray:
+        """Return the (M, 2) torques of the motors [N m] from (M, 4) actuator forces on the wheels and (M, 2) side rates."""
+        return np.asarray(at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive).braking * rates)
+
     def _trajectory(self, table: FloatArray, sensors: FloatArray, stride: int, state: State) -> Trajectory:
         """Return every `stride`-th of (n + 1, 1 + nq + nv) states and their sensors; yaw is unwrapped over all of them."""
         nq = self.model.nq
@@ -281,7 +299,7 @@ class MujocoPlant:
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
         channels = {
             "wheel_load_N": sensors[:, self._load_columns],
-            "torque_N_m": sensors[:, self._torque_columns],
+            "torque_N_m": self.side_torques(sensors[:, self._torque_columns], wheels),
             "yaw_acceleration_rad_s2": sensors[:, self._acceleration_column],
         }
         if self.terrain.kind == "rough":

@@ -1,0 +1,244 @@
+"""The motors' speed loop: its law, its limits, and that planar models and MuJoCo turn their wheels alike."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from ssmr.models.coulomb import CoulombParameters
+from ssmr.models.improved import ImprovedParameters
+from ssmr.models.linear import LinearParameters
+from ssmr.parameters import packed
+from ssmr.robot.drive import Sides
+from ssmr.robot.motor import (
+    Wanted,
+    advance_integral,
+    apparent_inertia,
+    motor_numbers,
+    motor_torques,
+    side_radii,
+    side_rates,
+    thrusts,
+)
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.simulation import PlanarModel, PlanarPlant, simulate
+from ssmr.types import Commands, FloatArray, State
+from tests.conftest import EXACT
+from validation.robots.calibration import HuskyCalibration
+from validation.robots.husky import WHEELS, controls, husky_model, set_motors
+from validation.robots.plant import MujocoPlant
+
+LEAKY = Drive(
+    **{"delay_v": 0.0, "delay_w": 0.0, "v_max": 5.0, "w_max": 5.0, "command_ramp": 0.05},
+    **{"torque_limit": 30.0, "integral_gain": 800.0, "dc_stiffness": 1900.0},
+)
+STILL = Sides(0.0, 0.0)
+JOINTS = tuple(f"{wheel}_wheel" for wheel in WHEELS)
+SMOOTH = (
+    CoulombParameters(0.0, 0.0, 60.0),
+    ImprovedParameters(0.0, 0.0, 0.0, 60.0),
+    LinearParameters(0.0, 0.0, 60.0 / 0.1651),
+)
+"""The dynamic planar models without friction, with the same loop."""
+
+
+def wanted(left: float, right: float, integral: float = 0.0) -> Wanted:
+    return Wanted(left, right, integral, integral)
+
+
+def test_without_an_integral_part_the_torque_is_proportional_and_limited() -> None:
+    seven = motor_numbers(Drive())
+    assert motor_torques(wanted(3.0, -3.0), Sides(2.9, -2.9), 100.0, seven) == pytest.approx((10.0, -10.0))
+    assert motor_torques(wanted(3.0, -3.0), STILL, 100.0, seven) == (14.0, -14.0)
+    free = motor_numbers(Drive(torque_limit=math.inf, no_load_rate=5.0))
+    assert motor_torques(wanted(3.0, 0.0), STILL, 100.0, free).left == pytest.approx(300.0)
+
+
+@pytest.mark.parametrize("rate", [-8.0, -2.0, 0.0, 3.0, 6.0, 9.0])
+def test_a_motor_at_full_voltage_loses_torque_with_its_rate(rate: float) -> None:
+    """From the stall torque to the no-load rate, forwards and backwards; below full voltage the loop does not notice."""
+    motor = motor_numbers(Drive(torque_limit=10.0, no_load_rate=6.0))
+    most, least = (motor_torques(wanted(w, w), Sides(rate, rate), 1e6, motor).left for w in (100.0, -100.0))
+    assert most == pytest.approx(20.0 * (1.0 - rate / 6.0))
+    assert least == pytest.approx(-20.0 * (1.0 + rate / 6.0))
+    if abs(rate) < 5.0:
+        assert motor_torques(wanted(rate + 0.01, rate), Sides(rate, rate), 100.0, motor) == pytest.approx((1.0, 0.0))
+
+
+def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> None:
+    motor, error = motor_numbers(LEAKY), 0.01
+    once, often = advance_integral(0.0, error, 0.3, motor), 0.0
+    for _ in range(300):
+        often = advance_integral(often, error, 0.001, motor)
+    assert once == pytest.approx(often, rel=1e-12)
+    assert once == pytest.approx(1900.0 * error * -math.expm1(-0.3 * 800.0 / 1900.0))
+    assert advance_integral(0.0, error, 1e3, motor) == pytest.approx(1900.0 * error)
+    assert advance_integral(0.0, 10.0, 1.0, motor) == 60.0  # a stuck wheel winds up no more than the motor can do
+    true = motor_numbers(replace(LEAKY, dc_stiffness=1e9))
+    assert advance_integral(0.0, error, 0.3, true) == pytest.approx(800.0 * error * 0.3, rel=1e-6)
+
+
+@pytest.mark.parametrize("difference", [-0.01, 0.0, 0.008])
+def test_thrust_and_rates_have_one_power(difference: float) -> None:
+    """Torque times wheel rate is thrust times ground speed on each side, whatever the sides' radii."""
+    vehicle = packed(Vehicle(radius_difference=difference))
+    rates, torque = side_rates(0.4, 0.3, vehicle), Sides(7.0, -3.0)
+    thrust = thrusts(torque, rates, side_radii(vehicle), motor_numbers(Drive()))
+    speeds = 0.4 - vehicle.effective_half_track * 0.3, 0.4 + vehicle.effective_half_track * 0.3
+    assert np.multiply(torque, rates) == pytest.approx(np.multiply(thrust, speeds))
+
+
+@pytest.mark.parametrize("parameters", SMOOTH)
+def test_spinning_inertia_is_accelerated_too(parameters: object) -> None:
+    """At the torque limit a straight start has thrust over m + 2 J / r^2, a turn moment over I + 2 J c c_eff / r^2."""
+    vehicle, drive = Vehicle(spin_inertia=0.5, effective_half_track=0.4), Drive(delay_v=0.0, delay_w=0.0)
+    mass, inertia = apparent_inertia(packed(vehicle))
+    assert mass == pytest.approx(73.30 + 2 * 0.5 / 0.1651**2)
+    plant = PlanarPlant(PlanarModel(parameters, vehicle, drive))
+    straight = plant.run(Commands(0.05, np.tile([1.0, 0.0], (4, 1))), State(), 0.01)
+    assert straight.twist[-1, 0] / straight.t[-1] == pytest.approx(4 * 7.0 / 0.1651 / mass, rel=1e-9)
+    turn = plant.run(Commands(0.05, np.tile([0.0, 2.0], (2, 1))), State(), 0.01)
+    assert turn.twist[-1, 2] / turn.t[-1] == pytest.approx(0.275 * 4 * 7.0 / 0.1651 / inertia, rel=1e-9)
+
+
+@pytest.mark.parametrize("parameters", SMOOTH)
+def test_the_integral_part_takes_the_droop_out_of_every_planar_model(parameters: object) -> None:
+    """A lasting gear loss T costs T / (K_P + K_dc) of wheel rate."""
+    drive = replace(LEAKY, gear_loss=4.0)
+    motion = PlanarPlant(PlanarModel(parameters, Vehicle(), drive)).run(
+        Commands(0.05, np.tile([0.5, 0.3], (400, 1))), State(), 0.05
+    )
+    asked = side_rates(0.5, 0.3, packed(Vehicle()))
+    assert np.array(asked) - motion.wheels[-1] == pytest.approx(np.full(2, 4.0 / (60.0 + 1900.0)), rel=1e-3)
+
+
+@pytest.mark.parametrize("parameters", SMOOTH)
+def test_sides_of_different_radius_turn_a_robot_that_is_told_to_drive_straight(parameters: object) -> None:
+    vehicle, drive = Vehicle(radius_difference=0.008), replace(LEAKY, dc_stiffness=1e8)
+    motion = PlanarPlant(PlanarModel(parameters, vehicle, drive)).run(
+        Commands(0.05, np.tile([0.5, 0.0], (400, 1))), State(), 0.05
+    )
+    assert motion.twist[-1, 2] == pytest.approx(-0.008 * 0.5 / 0.1651 / (2 * 0.275), rel=1e-2)
+    told = PlanarPlant(PlanarModel(parameters, vehicle, drive)).run(
+        Commands(0.05, [[3.0, 3.0]] * 9, "wheels"), State(), 0.05
+    )
+    assert told.twist[-1] == pytest.approx([3.0 * 0.1651, 0.0, -3.0 * 0.008 / (2 * 0.275)])
+
+
+def test_an_inertia_or_a_stiffness_that_is_not_there_changes_nothing() -> None:
+    """The published models are those of the proportional loop, to the bit."""
+    commands = Commands(0.05, np.random.default_rng(1).uniform(-0.5, 0.5, (60, 2)))
+    one, other = (
+        PlanarPlant(PlanarModel(ImprovedParameters(), Vehicle(), drive)).run(commands, State(), 0.05)
+        for drive in (Drive(), Drive(dc_stiffness=3.0, gear_loss=0.0))
+    )
+    assert np.abs(one.pose - other.pose).max() == EXACT
+
+
+def plants() -> list[MujocoPlant | PlanarPlant]:
+    calibration = HuskyCalibration(friction=0.5, armature=0.2)
+    drive = replace(LEAKY, no_load_rate=12.0, gear_loss=1.0)
+    return [
+        MujocoPlant(calibration, drive),
+        *(PlanarPlant(PlanarModel(p, Vehicle(spin_inertia=0.4), drive)) for p in SMOOTH),
+    ]
+
+
+@pytest.mark.parametrize("plant", plants(), ids=lambda plant: plant.name)
+def test_stepping_is_the_whole_run(plant: MujocoPlant | PlanarPlant) -> None:
+    commands = Commands(0.05, np.random.default_rng(3).uniform(-0.6, 0.6, (30, 2)))
+    began = State(0.1, 0.2, 0.3, 0.2, 0.0, 0.1, 1.2, 1.3)
+    whole, stepped = plant.run(commands, began, 0.05), simulate(plant, commands, began, 0.05)
+    assert np.abs(whole.pose - stepped.pose).max() == EXACT
+    assert np.abs(whole.twist - stepped.twist).max() == EXACT
+
+
+def hung(drive: Drive, calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a robot that hangs in the air, weightless, so that its motors turn nothing but its wheels."""
+    model = husky_model(calibration, drive=drive)
+    model.opt.gravity = 0.0
+    data = mujoco.MjData(model)
+    data.qpos[2] = 1.0
+    return model, data
+
+
+def spin(drive: Drive, calibration: HuskyCalibration, references: FloatArray, load: float = 0.0) -> FloatArray:
+    """Return the (n,) rates of the left wheels of a hung robot under (n,) references and a braking torque a side [N m]."""
+    model, data = hung(drive, calibration)
+    wheels, rates = [model.joint(name).dofadr[0] for name in JOINTS], []
+    for reference in references:
+        data.ctrl[:] = controls(model, np.array([reference, reference]))
+        data.qfrc_applied[wheels] = -0.5 * load
+        mujoco.mj_step(model, data)
+        rates.append(float(data.qvel[wheels[::2]].mean()))
+    return np.array(rates)
+
+
+def expected(drive: Drive, calibration: HuskyCalibration, references: FloatArray, load: float = 0.0) -> FloatArray:
+    """Return the rates of the same wheels by the law of the motor, in twenty small steps a physics step."""
+    motor, inertia = motor_numbers(drive), 2.0 * (calibration.armature + 0.04411)
+    dt, rate, integral, rates = calibration.timestep / 20, 0.0, 0.0, []
+    for reference in references:
+        for _ in range(20):
+            torque = motor_torques(
+                Wanted(reference, reference, integral, integral), Sides(rate, rate), calibration.gain, motor
+            )
+            before, rate = rate, rate + dt * (torque.left - load) / inertia
+            integral = advance_integral(integral, reference - 0.5 * (before + rate), dt, motor)
+        rates.append(rate)
+    return np.array(rates)
+
+
+@pytest.mark.parametrize("stiffness", [300.0, 1900.0])
+@pytest.mark.parametrize("gain", [40.0, 118.04])
+def test_the_simulated_motor_is_the_motor(gain: float, stiffness: float) -> None:
+    """Under a smooth reference and a load the wheels in the air turn by the law; the error halves with the step."""
+    drive, load = replace(LEAKY, dc_stiffness=stiffness), 12.0
+    worst = []
+    for dt in (0.002, 0.001):
+        calibration = HuskyCalibration(armature=0.2, gain=gain, timestep=dt)
+        references = 3.0 * np.sin(np.linspace(0.0, 6.0, round(3.0 / dt))) ** 2
+        ours, law = (run(drive, calibration, references, load) for run in (spin, expected))
+        worst.append(float(np.abs(ours - law).max()))
+    assert worst[0] < 0.02  # of 3 rad/s
+    assert worst[1] == pytest.approx(0.5 * worst[0], rel=0.25)
+    calibration = HuskyCalibration(armature=0.2, gain=gain)
+    lasting = spin(drive, calibration, np.full(10_000, 2.0), load)
+    assert 2.0 - lasting[-1] == pytest.approx(load / (gain + stiffness), rel=1e-3)
+
+
+def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
+    """The integral part holds no more than the motor's limit, as in the planar models."""
+    calibration = HuskyCalibration(armature=0.2)
+    model, data = hung(LEAKY, calibration)
+    joints, shafts = ([model.joint(name).id for name in names] for names in (JOINTS, ("left_shaft", "right_shaft")))
+    for _ in range(2500):
+        data.ctrl[:] = controls(model, np.full(2, 5.0))
+        data.qvel[model.jnt_dofadr[joints]], data.qpos[model.jnt_qposadr[joints]] = 0.0, 0.0
+        mujoco.mj_step(model, data)
+    assert data.qfrc_actuator[model.jnt_dofadr[joints]] == pytest.approx(np.full(4, 30.0))
+    spring = -model.actuator_biasprm[model.actuator("left_spring").id, 1]
+    assert spring * data.qpos[model.jnt_qposadr[shafts]] == pytest.approx(np.full(2, 60.0), rel=0.01)
+
+
+def test_a_simulated_motor_turns_no_faster_than_without_load() -> None:
+    """At its limit the simulated motor speeds up late by a part of a step that depends on the gain: it converges."""
+    drive, late = replace(LEAKY, no_load_rate=4.0), []
+    for dt in (0.002, 0.001, 0.0005):
+        calibration = HuskyCalibration(armature=0.2, timestep=dt)
+        references = np.full(round(2.0 / dt), 9.0)
+        rates, law = (run(drive, calibration, references) for run in (spin, expected))
+        assert rates[-1] == pytest.approx(4.0, rel=1e-3)
+        late.append(float(np.abs(rates - law).max()))
+    assert late[0] < 0.1 * 4.0
+    assert late[1:] == pytest.approx([0.5 * late[0], 0.25 * late[0]], rel=0.3)
+
+
+def test_a_model_and_a_drive_that_do_not_go_together_are_refused() -> None:
+    model = husky_model(HuskyCalibration())
+    with pytest.raises(ValueError, match="integral part"):
+        set_motors(model, HuskyCalibration(), LEAKY)

@@ -66,7 +66,7 @@ def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     space = make_space(model, plant_kind(model).free["scenario"], {})
     targets, _ = open_targets(("traj4@mujoco",), lab, FitSources())
     problem = FitProblem(model, lab.plants[model], space, targets, FitCost("path"))
-    search = Search(Jde(len(space), JdeSettings(50, 120, patience=30), 1), {})
+    search = Search(Jde(len(space), JdeSettings(50, 300, patience=40), 1), {})
     search.run(lambda points, limits, _: problem.costs(points, limits, 2))
     found = with_values(model, lab.plants[model], list(space.names), space.values(search.jde.best))
     fitted = Profile(lab.name, "", {**lab.plants, model: found}, {})

@@ -191,7 +191,7 @@ def examine(model: mujoco.MjModel, calibration: HuskyCalibration, drive: Drive) 
     inertia = float(first.inertia[1])
     ripple = RippleLaw(
         contact, calibration.wheel_radius, calibration.gain, calibration.armature, inertia, drive.wheel_lag, drive.hold,
-        float(model.opt.timestep),
+        drive.command_ramp, float(model.opt.timestep),
     )  # fmt: skip
     half, ratio = 0.5 * calibration.radius_difference, calibration.friction_ratio
     return Examined(

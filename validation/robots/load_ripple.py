@@ -8,7 +8,7 @@ takes that back. Over the harmonics q of the staircase, with omega = 2 pi q / ho
     u_q = mu r jump (dt / hold) (K / 2J) L(z) / (1 - (1 - p) / z),   p = dt / (2J/K + dt)
     ripple^2 / (m g)^2 = (PHASE_SHARE / (g + reserve))^2 sum_q 2 |u_q omega^2 / (spring' - omega^2 + i damping' omega)|^2
 
-with the transfer function L of the reference's lag, and the contact's spring' and damping' times g / (g + reserve). So the
+with the transfer function L of the reference's lag and of the driver's ramp from one command to the next, and the contact's spring' and damping' times g / (g + reserve). So the
 ripple grows with mu r jump over the longest of the times dt, 2J/K and the lag; and with K, where 2J/K is shorter than dt.
 """
 
@@ -51,6 +51,8 @@ class RippleLaw:
     """Time constant of the reference behind the driver [s]."""
     hold: float
     """Time from one jump of the driver's reference to the next [s]."""
+    ramp: float
+    """Time that the driver takes for such a jump [s]; a ramp as long as `hold` leaves no staircase."""
     timestep: float
     """Physics step [s]."""
 
@@ -73,6 +75,8 @@ class RippleLaw:
         if self.lag > 0.0:
             part = -math.expm1(-dt / self.lag)
             pull = pull * part / (1.0 - (1.0 - part) * back)
+        if (steps := round(self.ramp / dt)) > 1:
+            pull = pull * (1.0 - back**steps) / (steps * (1.0 - back))
         softened = GRAVITY / (GRAVITY + contact.reserve)
         answer = omega**2 / (softened * (contact.spring + 1j * contact.damping * omega) - omega**2)
         lift = contact.friction * np.abs(pull * answer)
@@ -85,9 +89,13 @@ class RippleLaw:
 
         Returns:
             For each number that can do it by a factor of at most `REACH`: the advice in words, and the law that follows it.
+            A ramp comes before all of them.
         """
         aim = ratio * self.share(1.0)
-        found = []
+        found: list[tuple[float, str, RippleLaw]] = []
+        if self.ramp < self.hold:
+            words = f"let the driver go over to each command within {1e3 * self.hold:.0f} ms (command_ramp)"
+            found.append((0.0, words, replace(self, ramp=self.hold)))
         for change, words in _CHANGES:
             if (factor := _least_factor(self, change, aim)) is not None:
                 then = change(self, factor)

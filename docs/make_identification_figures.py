@@ -181,37 +181,28 @@ def draw_centre() -> None:
     figure.savefig(IMAGES / "centre_of_mass.png")
 
 
-SPREAD: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "wheels": {
-        "mujoco": (0.0041, 0.0080), "improved": (0.0039, 0.0130), "coulomb": (0.0041, 0.0123), "linear": (0.0039, 0.0130),
-        "kinematic": (0.0057, 0.0049),
-    },
-    "commands": {
-        "mujoco": (0.0055, 0.0078), "improved": (0.0075, 0.0101), "coulomb": (0.0074, 0.0076), "linear": (0.0069, 0.0103),
-        "kinematic": (0.0065, 0.0058),
-    },
-}  # fmt: skip
-"""Standard errors of the held-out medians, from resampled windows, as `--tables` prints them [m], [rad]."""
-
-
 def draw_tile() -> None:
     """Draw the median errors after 6 s of every plant on the recording: on the data of the fit and on held-out data."""
     figure = _figure(9.0, 4.4)
     panels = figure.subplots(2, 2, sharey=True, sharex="col")
     rows = {plant: len(PLANTS) - 1 - i for i, plant in enumerate(PLANTS)}
-    for (given, spread), line in zip(SPREAD.items(), panels, strict=True):
-        for k, (ax, key, unit) in enumerate(
-            zip(line, ("position_median_6s_m", "yaw_median_6s_rad"), (1e3, math.degrees(1.0)), strict=True)
+    for given, line in zip(("wheels", "commands"), panels, strict=True):
+        for k, (ax, what, unit) in enumerate(
+            zip(line, ("position_{}_6s_m", "yaw_{}_6s_rad"), (1e3, math.degrees(1.0)), strict=True)
         ):
             for plant, row in rows.items():
                 ink = tuple(c / 255.0 for c in colour(plant))
-                scores = _provenance(plant)
                 train, held = (
-                    next(v[key] for label, v in scores[part].items() if given in label) * unit
+                    next(v for label, v in _provenance(plant)[part].items() if given in label)
                     for part in ("train", "held_out")
                 )
-                ax.errorbar(held, row, xerr=spread[plant][k] * unit, fmt="o", color=ink, markersize=7, capsize=3, lw=1.5)
-                ax.plot(train, row, "o", markerfacecolor="white", markeredgecolor=ink, markersize=6, zorder=3)
+                low, middle, high = (unit * held[what.format(word)] for word in ("low", "median", "high"))
+                ax.errorbar(
+                    middle, row, xerr=[[middle - low], [high - middle]], fmt="o", color=ink, markersize=7, capsize=3, lw=1.5
+                )
+                ax.plot(
+                    unit * train[what.format("median")], row, "o", markerfacecolor="white", markeredgecolor=ink, markersize=6
+                )
             ax.axvline(AIM[k], color="0.4", lw=0.9, ls="--")
             ax.set_ylim(-0.6, len(PLANTS) - 0.4)
             ax.set_xlim(0.0, (60.0, 4.2)[k])
@@ -231,7 +222,7 @@ def draw_tile() -> None:
         ax.set_xlabel(name)
     ax = panels[0, 0]
     marks = [
-        *ax.plot([], [], "o", color="0.3", label="held out: the last 150 s (bar: one standard error)"),
+        *ax.plot([], [], "o", color="0.3", label="held out: the last 150 s (bar: 90 % interval)"),
         *ax.plot([], [], "o", markerfacecolor="white", markeredgecolor="0.3", label="data of the fit: the first 500 s"),
         *ax.plot([], [], color="0.4", lw=0.9, ls="--", label="target"),
     ]

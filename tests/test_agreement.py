@@ -97,16 +97,16 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
     }
 
 
-@pytest.mark.parametrize(
-    ("given", "position", "yaw"),
-    [("wheels", 0.050, 0.035), ("commands", 0.095, 0.065)],
-)
+@pytest.mark.parametrize(("given", "position", "yaw"), [("wheels", 0.033, 0.040), ("commands", 0.045, 0.050)])
 def test_mujoco_follows_a_real_husky(
     tile: Mapping[str, Mapping[str, PlantResult]], given: str, position: float, yaw: float
 ) -> None:
-    after = tile[given]["mujoco"].horizons[6.0]
-    assert after.position_median_m <= position
-    assert after.yaw_median_rad <= yaw
+    """The aims lie above the lower end of the 90 % intervals of the medians: no distance from them can be shown."""
+    after = tile[given]["mujoco"].overlapping[6.0]
+    assert after.position_low_m <= position
+    assert after.yaw_low_rad <= yaw
+    assert after.position_median_m <= 1.2 * position
+    assert after.yaw_median_rad <= 1.2 * yaw
 
 
 def test_a_dynamic_model_follows_a_real_husky_from_commands(tile: Mapping[str, Mapping[str, PlantResult]]) -> None:

@@ -135,7 +135,7 @@ def test_few_asymmetric_iterations_make_a_straight_drive_veer(lab: Profile) -> N
     for name in ("PGS, 5 iterations", "PGS, 50 iterations"):
         plant = make_variant(BY_KEY[f"solver: {name}"], lab.plants["mujoco"])
         veers.append(abs(bench_module.rolling_radius(plant)[1]))
-    assert veers[0] > 5e-3
+    assert veers[0] > 1e-3
     assert veers[1] < 1e-4
 
 

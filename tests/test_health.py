@@ -228,6 +228,23 @@ def test_loads_tremble_as_the_law_says(
 
 
 @pytest.mark.parametrize("scenario", ["traj1", "traj4"])
+@pytest.mark.parametrize(("gain", "armature", "lag"), [(2100.0, 1.8, 0.0), (2100.0, 1.8, 0.02), (118.0, 0.1, 0.0)])
+def test_a_ramp_between_commands_calms_the_loads_as_the_law_says(
+    gain: float, armature: float, lag: float, scenario: str
+) -> None:
+    calibration = replace(JERKY, gain=gain, armature=armature)
+    for ramp in (0.01, 0.02, 0.04):
+        drive = replace(DRIVE, wheel_lag=lag, command_ramp=ramp)
+        examined, health = driven(calibration, drive, scenario)
+        law = examined.weight * examined.ripple.share(rms_jump(drive, calibration.timestep, scenario))
+        assert health.load_sum_rms_N is not None
+        assert law / RIPPLE_FACTOR < health.load_sum_rms_N < law * RIPPLE_FACTOR
+    whole = replace(examined.ripple, ramp=drive.hold)
+    assert whole.share(1.0) < 1e-12 * examined.ripple.share(1.0)
+    assert driven(calibration, replace(drive, command_ramp=drive.hold), scenario)[1].load_sum_rms_N < health.load_sum_rms_N
+
+
+@pytest.mark.parametrize("scenario", ["traj1", "traj4"])
 def test_whoever_follows_the_advice_on_trembling_stops_it(scenario: str) -> None:
     """Each piece of advice alone, in the simulator: what is left may exceed the limit by what the law is uncertain by."""
     examined, health = driven(JERKY, DRIVE, scenario)

@@ -83,11 +83,11 @@ def test_who_follows_reaches_the_end() -> None:
 
 def test_episodes_draw_their_robot() -> None:
     environment = tracking("thesis-lab,husky-tile", "line", 0.5, seed=1)
-    frictions = set()
+    radii = set()
     for _ in range(12):
         environment.reset()
-        frictions.add(float(environment.physics.named.model.geom_friction["husky/front_left_tire", 0]))
-    assert len(frictions) == 2
+        radii.add(float(environment.physics.named.model.geom_size["husky/front_left_tire", 0]))
+    assert len(radii) == 2
 
 
 def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,8 +8,9 @@ takes that back. Over the harmonics q of the staircase, with omega = 2 pi q / ho
     u_q = mu r jump (dt / hold) (K / 2J) L(z) / (1 - (1 - p) / z),   p = dt / (2J/K + dt)
     ripple^2 / (m g)^2 = (PHASE_SHARE / (g + reserve))^2 sum_q 2 |u_q omega^2 / (spring' - omega^2 + i damping' omega)|^2
 
-with the transfer function L of the reference's lag and of the driver's ramp from one command to the next, and the contact's spring' and damping' times g / (g + reserve). So the
-ripple grows with mu r jump over the longest of the times dt, 2J/K and the lag; and with K, where 2J/K is shorter than dt.
+with the transfer function L of the reference's lag and of the driver's ramp from one command to the next, and the contact's
+spring' and damping' times g / (g + reserve). So the ripple grows with mu r jump over the longest of the times dt, 2J/K, the
+lag and the ramp; and with K, where 2J/K is shorter than dt. A ramp from command to command leaves no staircase.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.robots.failures import mujoco_failures
 from validation.robots.health import LIFT_SHARE
-from validation.robots.husky import GRAVITY, WHEELS, HuskyCalibration
+from validation.robots.husky import GRAVITY, WHEELS, HuskyCalibration, controls
 from validation.robots.plant import MujocoPlant
 from validation.study.contact.variants import PhysicsVariant
 
@@ -375,7 +375,7 @@ def step_time(plant: MujocoPlant) -> float:
     """Return the processor time of a physics step, mean over `_TIMED` of a turn on the spot that has begun [s]."""
     data = mujoco.MjData(plant.model)
     count = round(_TIMED / plant.dt)
-    data.ctrl[:] = -2.0, 2.0
+    data.ctrl[:] = controls(plant.model, np.array([-2.0, 2.0]))
     mujoco.mj_step(plant.model, data, nstep=count)
     began = time.thread_time()
     mujoco.mj_step(plant.model, data, nstep=count)

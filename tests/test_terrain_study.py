@@ -18,7 +18,7 @@ from validation.study.terrain.findings import AXES, PLANAR, TrackerErrors
 from validation.study.terrain.run import manoeuvre, model_errors
 
 FEW = TerrainAxes(
-    speeds=(0.5,), slopes=(0.0, math.radians(3.0), math.radians(6.0)), heights=(0.0, 0.004), lost=(0.0,),
+    speeds=(0.5,), slopes=tuple(math.radians(degrees) for degrees in (0.0, 2.0, 4.0, 6.0)), heights=(0.0, 0.004), lost=(0.0,),
     directions=(0.0,), controllers=(),
 )  # fmt: skip
 SMALL = TerrainOptions(seeds=1, axes=FEW)
@@ -42,12 +42,10 @@ def test_every_axis_begins_where_the_thesis_is(small: TerrainStudy) -> None:
 
 
 def test_errors_grow_with_the_slope_as_the_drift_does(small: TerrainStudy) -> None:
-    """A robot that turns on a slope slides in proportion to the slope; roughness only adds."""
-    level, low, high = (p.position_m for p in small.line("slope", "improved"))
-    assert level is not None
-    assert low is not None
-    assert high is not None
-    assert (high - level) / (low - level) == pytest.approx(2.0, rel=0.25)
+    """A robot that turns on a slope slides in proportion to the slope, beside which the error on level ground is lost."""
+    level, *steep = (p.position_m or math.nan for p in small.line("slope", "improved"))
+    assert np.diff(steep, 2) == pytest.approx(0.0, abs=0.15 * level)
+    assert steep[-1] > 5.0 * level
     rough = small.line("roughness", "improved")
     assert (rough[1].position_m or 0.0) > 2.0 * (rough[0].position_m or 0.0)
 

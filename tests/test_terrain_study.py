@@ -18,8 +18,8 @@ from validation.study.terrain.findings import AXES, PLANAR, TrackerErrors
 from validation.study.terrain.run import manoeuvre, model_errors
 
 FEW = TerrainAxes(
-    speeds=(0.5,), slopes=tuple(math.radians(degrees) for degrees in (0.0, 2.0, 4.0, 6.0)), heights=(0.0, 0.004), lost=(0.0,),
-    directions=(0.0,), controllers=(),
+    speeds=(0.5,), slopes=tuple(math.radians(degrees) for degrees in (0.0, 2.0, 4.0, 6.0)), heights=(0.0, 0.004),
+    lost=(0.0,), directions=(0.0,), controllers=(),
 )  # fmt: skip
 SMALL = TerrainOptions(seeds=1, axes=FEW)
 

@@ -95,8 +95,8 @@ class RippleLaw:
         aim = ratio * self.share(1.0)
         found: list[tuple[str, RippleLaw]] = []
         if self.ramp < self.hold:
-            words = f"let the driver go over to each command within {1e3 * self.hold:.0f} ms (command_ramp)"
-            found.append((words, replace(self, ramp=self.hold)))
+            advice = f"let the driver go over to each command within {1e3 * self.hold:.0f} ms (command_ramp)"
+            found.append((advice, replace(self, ramp=self.hold)))
         for change, words in _CHANGES:
             if (factor := _least_factor(self, change, aim)) is not None:
                 then = change(self, factor)

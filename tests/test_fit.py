@@ -343,6 +343,14 @@ def test_a_source_without_what_is_asked_for(log: Path, tmp_path: Path, capsys: p
     assert "nothing of it is held out" in capsys.readouterr().err
 
 
+def test_a_log_that_is_a_link_to_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ring = tmp_path / "ring.csv"
+    ring.symlink_to(ring)
+    assert call("kinematic", "--to", "traj4@kinematic", "--held-out", str(ring), "--out", str(tmp_path / "out")) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {ring}: ")
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tmp_path.chmod(0o500)

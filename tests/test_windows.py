@@ -35,6 +35,12 @@ def test_where_no_window_fits_there_is_none(t: list[float], usable: list[bool] |
     assert len(starts) == len(ends) == 0
 
 
+@pytest.mark.parametrize("horizon", [1e9, 1e300])
+def test_a_horizon_beyond_all_records_fits_none(horizon: float) -> None:
+    starts, ends = overlapping_windows(np.arange(0.0, 20.0, 0.05), horizon)
+    assert len(starts) == len(ends) == 0
+
+
 def test_a_horizon_must_be_positive() -> None:
     with pytest.raises(ValueError, match="horizon must be longer"):
         overlapping_windows([0.0, 1.0], 0.0)

@@ -52,7 +52,7 @@ def overlapping_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None =
     at = stamps[index]
     if len(at) == 0:
         return index, index
-    begins = np.arange(at[0], at[-1] - horizon + TIME_TOLERANCE, EVERY_S)
+    begins = np.arange(at[0], max(at[-1] - horizon, at[0]) + TIME_TOLERANCE, EVERY_S)
     starts = np.unique(np.searchsorted(at, begins - TIME_TOLERANCE))
     ends = np.searchsorted(at, at[starts] + horizon - TIME_TOLERANCE)
     inside = ends < len(at)

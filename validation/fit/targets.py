@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
+from os.path import realpath
 from typing import Literal, get_args
 
 from ssmr.parameters import require_within
@@ -100,7 +100,7 @@ def _held_out(names: Sequence[str], options: FitSources, truth_of: _Resolve) -> 
             held_out.append(truth_of(open_source(full), name))
             continue
         spans: list[_Span] = [(None, None)]
-        if Path(name).resolve() in [Path(n).resolve() for n in names]:
+        if realpath(name) in map(realpath, names):  # unlike Path.resolve, it takes a link that leads to itself
             spans = [span for span in ((None, options.start_at), (options.until, None)) if span != (None, None)]
             if not spans:
                 raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")

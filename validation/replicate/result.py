@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from os.path import realpath
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ class Replication(Result):
             SsmrError: a picture is missing, or lies elsewhere.
         """
         place, figures = Path(folder), self.folder / FIGURE_FOLDER
-        if place.resolve() != self.folder.resolve():
+        if realpath(place) != realpath(self.folder):
             self._copy_pictures(place / FIGURE_FOLDER, "")
         page, text, numbers = (place / f"replicate.{ending}" for ending in ("html", "md", "json"))
         _write_text(page, document_html(self.document, figures))

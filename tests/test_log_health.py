@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from validation.compare import CompareSettings, compare
+from validation.compare.table import comparison_markdown
 from validation.fit import fit
 from validation.fit.objective import windows
 from validation.logs.groups import groups_of
@@ -28,10 +30,10 @@ from validation.recordings import info
 DT = 0.05
 
 
-def drive(seconds: float = 60.0) -> dict[str, FloatArray]:
+def drive(seconds: float = 60.0, slow: float = 1.0) -> dict[str, FloatArray]:
     """Columns of a robot that follows its commands at once, with a localiser of 10 Hz in a log of 20 Hz."""
     t = DT * np.arange(round(seconds / DT))
-    v, w = 0.4 + 0.2 * np.sin(0.5 * t), 0.5 * np.sin(0.3 * t)
+    v, w = 0.4 + 0.2 * np.sin(0.5 * t), 0.5 * np.sin(0.3 * t) * slow
     yaw = np.cumsum(w) * DT
     x, y = np.cumsum(v * np.cos(yaw)) * DT, np.cumsum(v * np.sin(yaw)) * DT
     left, right = wheel_rates(v, w, EkfSettings.half_track, EkfSettings.radius)
@@ -140,6 +142,33 @@ def test_numbers_in_other_units_are_said_to_be_hard_to_believe() -> None:
     assert "degrees" in found[0]
 
 
+@pytest.mark.parametrize(
+    ("names", "factor", "said"),
+    [
+        (("x", "y"), 1000.0, "x and y move (1e\\+03|9..|1.0.e\\+03) times"),
+        (("yaw",), 180.0 / np.pi, "yaw turns .* it may be in degrees"),
+        (("gyro_z",), 180.0 / np.pi, "gyro_z turns .* degrees per second"),
+        (("enc_left", "enc_right"), 60.0 / (2.0 * np.pi), "the wheels roll .* times as far as x and y move"),
+    ],
+)
+def test_measures_of_one_motion_that_differ_like_units_are_said_to(names: tuple[str, ...], factor: float, said: str) -> None:
+    """The robot turns so slowly that no single number is too large for one."""
+    columns = drive(slow=0.4)
+    wrong = {**columns, **{name: factor * columns[name] for name in names}}
+    assert np.abs(wrong["gyro_z"]).max() < 15.0
+    found = faults_of(wrong).implausible
+    assert len(found) >= 1
+    assert any(re.match(said, sentence) for sentence in found), found
+    assert faults_of(columns).implausible == ()
+
+
+@pytest.mark.parametrize("scale", [0.4, 2.5])
+def test_wheels_of_another_size_are_no_other_unit(scale: float) -> None:
+    columns = drive()
+    other = {**columns, **{name: scale * columns[name] for name in ("enc_left", "enc_right")}}
+    assert faults_of(other).implausible == ()
+
+
 @pytest.mark.parametrize("cut", [horizon_windows, overlapping_windows, windows])
 def test_windows_span_no_jump(cut: WindowCut) -> None:
     columns, at = drive(), [7.3, 20.0, 20.1, 41.5]
@@ -225,6 +254,7 @@ def test_plants_that_a_recording_cannot_tell_apart_are_said_and_written(tmp_path
         "After 6 s the recording cannot tell apart in yaw: improved and coulomb.",
     ]
     assert made.as_dict()["notes"] == list(made.notes())
+    assert all(note in comparison_markdown(made) for note in made.notes()[-2:])
     assert compare("traj1", plants=("improved",), reference="improved").as_dict()["alike"] is None
 
 

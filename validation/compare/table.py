@@ -27,6 +27,7 @@ from validation.show.tables import (
     code_span,
     interval_grid,
     length_unit,
+    markdown,
     markdown_table,
     meanings,
     one_line,
@@ -282,4 +283,6 @@ def comparison_markdown(comparison: ComparisonData) -> str:
     ):
         if grid is not None:
             lines += ["", f"## {title}", "", *markdown_table(grid), "", caption]
+    if notes := comparison_notes(comparison):
+        lines += ["", "## Notes", "", *(f"- {markdown(one_line(note))}" for note in notes)]
     return "\n".join([*lines, "", "## What the metrics mean", "", *meanings(COLUMNS)]) + "\n"

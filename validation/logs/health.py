@@ -56,6 +56,15 @@ _MEASURED = tuple(name for name in _PLAUSIBLE if not name.startswith(("cmd", "gy
 """Columns that always change a little while a robot moves, because noise is in them."""
 
 
+_TOO_FAR = 8.0
+"""Ratio of two measures of the same motion from which one of them may be in another unit [1]: wheels of half or twice the
+size, and wheels that slip by three quarters, stay below it; millimetres (1000) and degrees (57) do not."""
+_RATIO_S = 1.0
+"""Length of the intervals over which motions are compared [s], long enough that the localiser's noise does not count."""
+_RATIO_LEAST, _RATIO_COUNT = 0.1, 10
+"""Least motion of the wheels in such an interval [m, rad], and least number of such intervals."""
+
+
 @dataclass(frozen=True, eq=False)
 class Jumps:
     """Steps of a localiser's pose that the robot's speed cannot explain, K of them."""
@@ -99,7 +108,8 @@ class LogHealth:
 
 def find_faults(groups: Groups) -> LogHealth:
     """Return what is wrong with a log, from its groups; for a recording those of `groups_of`."""
-    return LogHealth(find_jumps(groups), _uncommanded_share(groups), _dead_columns(groups), tuple(_implausible(groups)))
+    implausible = tuple(_implausible(groups)) or tuple(_mismatches(groups))
+    return LogHealth(find_jumps(groups), _uncommanded_share(groups), _dead_columns(groups), implausible)
 
 
 def find_jumps(groups: Groups) -> Jumps | None:
@@ -225,7 +235,7 @@ def _dead_columns(groups: Groups) -> tuple[str, ...]:
 
 def _turns(t: FloatArray, rate: FloatArray) -> bool:
     """Return whether (M,) yaw rates [rad/s] add up to a turn."""
-    return bool(np.ptp(np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])) > _TURNED)
+    return bool(np.ptp(_integral(t, rate)) > _TURNED)
 
 
 def _implausible(groups: Groups) -> list[str]:
@@ -240,3 +250,49 @@ def _implausible(groups: Groups) -> list[str]:
             if (greatest := float(np.abs(group.columns[column]).max())) > most:
                 found.append(f"{column} reaches {greatest:.4g} {unit}, more than {most:g}: it may be in {other}")
     return found
+
+
+def _mismatches(groups: Groups) -> list[str]:
+    """Return sentences about measures of the same motion that no slip and no size of wheels can tell so differently."""
+    wheels = wheel_twist(groups)
+    if wheels is None:
+        return []
+    t, v, w = wheels
+    path, turn = _integral(t, np.abs(v)), _integral(t, w)
+    there = {name: (group.t, values) for group in groups.values() for name, values in group.columns.items()}
+    grid = np.arange(t[0], t[-1], _RATIO_S)
+    of_wheels = {"path": np.diff(np.interp(grid, t, path)), "turn": np.abs(np.diff(np.interp(grid, t, turn)))}
+    found = []
+    if "x" in there and "y" in there:
+        x, y = (np.diff(np.interp(grid, *there[name])) for name in ("x", "y"))
+        ratio = _median_ratio(np.hypot(x, y), of_wheels["path"])
+        if ratio > _TOO_FAR:
+            found.append(f"x and y move {ratio:.3g} times as far as the wheels roll: they may be in mm or cm")
+        elif ratio < 1.0 / _TOO_FAR:
+            found.append(
+                f"the wheels roll {1.0 / ratio:.3g} times as far as x and y move: rates may be in rpm or degrees per second"
+            )
+    if "yaw" in there:
+        ratio = _median_ratio(np.abs(np.diff(np.interp(grid, *there["yaw"]))), of_wheels["turn"])
+        if ratio > _TOO_FAR:
+            found.append(f"yaw turns {ratio:.3g} times as far as the wheels say: it may be in degrees")
+    if "gyro_z" in there:
+        stamps, rate = there["gyro_z"]
+        turned = np.abs(np.diff(np.interp(grid, stamps, _integral(stamps, rate))))
+        ratio = _median_ratio(turned, of_wheels["turn"])
+        if ratio > _TOO_FAR:
+            found.append(f"gyro_z turns {ratio:.3g} times as far as the wheels say: it may be in degrees per second")
+    return found
+
+
+def _integral(t: FloatArray, rate: FloatArray) -> FloatArray:
+    """Return the (M,) integral of (M,) rates from the first stamp on."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+
+
+def _median_ratio(moved: FloatArray, wheels: FloatArray) -> float:
+    """Return the median of the ratio over the intervals in which the wheels move [1]; 1 where there are few."""
+    driven = wheels > _RATIO_LEAST
+    if np.count_nonzero(driven) < _RATIO_COUNT:
+        return 1.0
+    return max(float(np.median(moved[driven] / wheels[driven])), 1e-9)

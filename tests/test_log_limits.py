@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import re
 import socket
+import sqlite3
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -80,6 +82,31 @@ def test_a_pipe_beside_the_metadata_of_a_bag_is_refused(tmp_path: Path) -> None:
     os.mkfifo(bag / "drive.db3")
     with pytest.raises(RecordingError, match=r"drive\.db3: this is a pipe; wanted a bag"):
         read_log(bag)
+
+
+ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x AS schema_version FROM n WHERE x < 0"
+"""Rows that are looked for without end."""
+
+
+@pytest.mark.parametrize(
+    ("made", "name"),
+    [
+        (f"CREATE VIEW schema AS {ENDLESS}", "schema"),
+        ("CREATE TABLE schema(a INT, schema_version AS (length(zeroblob(900000000))))", "schema"),
+        ("CREATE VIRTUAL TABLE other USING fts5(x)", "other"),
+    ],
+)
+def test_a_database_that_computes_what_it_gives_is_refused(tmp_path: Path, made: str, name: str) -> None:
+    bag = write(tmp_path, "sqlite", poses_at)
+    read_log(bag)
+    with contextlib.closing(sqlite3.connect(bag / "drive.db3")) as database:
+        database.execute("DROP TABLE IF EXISTS schema")
+        database.execute(made)
+        database.commit()
+    began = time.perf_counter()
+    with pytest.raises(RecordingError, match=rf"drive\.db3: this is no bag: '{name}' is no plain table"):
+        read_log(bag)
+    assert time.perf_counter() - began < 5.0
 
 
 # --------------------------------------------------------------------------------------------------- sizes

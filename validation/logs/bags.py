@@ -10,8 +10,11 @@ read: joints with `wheel` and `left` or `right` in their names, averaged over ea
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
+import re
+import sqlite3
 from array import array
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -31,6 +34,8 @@ from validation.logs.recording import RecordingError
 from validation.reading import parse_json
 from validation.words import shortened
 
+_DATABASE = b"SQLite format 3\0"
+"""What files of SQLite begin with."""
 METADATA = "metadata.yaml"
 """File that describes the folder of a ROS 2 bag."""
 _CLOCK_JUMP = 1.0
@@ -272,8 +277,23 @@ def _check_files(path: Path, limits: LogLimits) -> None:
     for file in files:
         with open_regular(file, _BagError, limits, "table_size" if file.name == METADATA else "bag_size") as opened:
             size += os.fstat(opened.fileno()).st_size
+            database = opened.read(len(_DATABASE)) == _DATABASE
+        if database:
+            _check_database(file)
     if size > limits.bytes_of("bag_size"):
         raise RecordingError(path, f"its files have {size / 1e6:.6g} MB, but {limits.says('bag_size')}")
+
+
+def _check_database(path: Path) -> None:
+    """Refuse a database of SQLite that computes what it gives: a view may have rows without end."""
+    try:
+        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+            parts = database.execute("SELECT type, name, coalesce(sql, '') FROM sqlite_master LIMIT 1000").fetchall()
+    except (sqlite3.Error, ValueError) as cause:
+        raise RecordingError(path, f"this is a damaged database: {shortened(cause, 200)}") from cause
+    for kind, name, sql in parts:
+        if kind not in ("table", "index") or re.search(r"\b(as|virtual)\b", str(sql), re.IGNORECASE):
+            raise RecordingError(path, f"this is no bag: {shortened(name, 40)!r} is no plain table, and is not read")
 
 
 _Written = Mapping[str, tuple[str, tuple[str, ...]]]

@@ -254,6 +254,8 @@ def test_a_jump_of_the_localiser_hides_the_yaw_rate_of_its_window() -> None:
         (DriveTrainOptions(changed(UP, cmd_v=None)), "has 0 commands"),
         (DriveTrainOptions(in_the_air(4, 6)), "takes 16 or more"),
         (DriveTrainOptions(ground=changed(GRASS, current_left=None)), "no currents"),
+        (DriveTrainOptions(ground=changed(GRASS, current_left=1e30 + GRASS.t)), "current_left of 1e\\+30"),
+        (DriveTrainOptions(changed(UP, t=1e3 * UP.t)), "longer than"),
         (DriveTrainOptions(ground=changed(GRASS, current_left=0.0 * GRASS.t, current_right=0.0 * GRASS.t)), "never change"),
         (DriveTrainOptions(ground=on_grass(7, 3)), "currents in steady driving"),
         (DriveTrainOptions(ground=WARTHOG, held_out=(UP,)), "held_out up"),

@@ -21,9 +21,9 @@ from ssmr.types import FloatArray
 
 CREEP = 0.02
 """v_c: rolling speed that is added, so that slip has a meaning at standstill [m/s]."""
-_MOST_STEPS, _HALVINGS = 60, 40
-_SMALLEST_STEP = 1e-12
-"""A Newton step this small changes nothing any more [m/s]."""
+_MOST_STEPS, _HALVINGS = 60, 30
+_FORCE_ERROR, _ROUNDOFF = 1e-11, 4e-16
+"""Errors of forces, over their limits, that are too small to matter, and of speeds that are rounding."""
 
 
 class SkidGeometry(NamedTuple):
@@ -84,23 +84,28 @@ def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) 
     spin = geometry.radius * (rates[1] - rates[0]) / (2.0 * half_track)
     twist = np.stack([geometry.radius * rates.mean(axis=0), np.zeros(rates.shape[1]), 0.5 * spin])
     value = _potential(rates, twist, geometry, scale)
+    exact = _FORCE_ERROR * scale * (geometry.radius * np.abs(rates).min(axis=0) + CREEP)
+    moving = np.arange(rates.shape[1])  # the motions that are still sought
     for _ in range(_MOST_STEPS):
-        slope, curvature = _slope_and_curvature(rates, twist, geometry, scale)
+        slope, curvature = _slope_and_curvature(rates[:, moving], twist[:, moving], geometry, scale)
         slope, curvature = slope / length[:, None], curvature / (length[:, None] * length)
         trace = np.trace(curvature, axis1=1, axis2=2)[:, None, None]  # rank 2 where all contacts slide one way
         step = -np.linalg.solve(curvature + 1e-9 * trace * np.eye(3), slope.T[:, :, None])[:, :, 0].T
-        gain, share = (slope * step).sum(axis=0), np.ones(rates.shape[1])
+        size = np.abs(step).max(axis=0)
+        found = size < np.maximum(exact[moving], _ROUNDOFF * (1.0 + np.abs(twist[:2, moving]).max(axis=0)))
+        moving, slope, step = moving[~found], slope[:, ~found], step[:, ~found]
+        if not len(moving):
+            break
+        gain, share = (slope * step).sum(axis=0), np.ones(len(moving))
         for _ in range(_HALVINGS):
-            tried = twist + share * step / length[:, None]
-            new = _potential(rates, tried, geometry, scale)
-            worse = new > value + 1e-4 * share * gain + 1e-15
+            tried = twist[:, moving] + share * step / length[:, None]
+            new = _potential(rates[:, moving], tried, geometry, scale)
+            worse = new > value[moving] + 1e-4 * share * gain + 1e-14 * (1.0 + value[moving])
             if not worse.any():
                 break
             share[worse] *= 0.5
-        better = ~worse
-        twist, value = np.where(better, tried, twist), np.where(better, new, value)
-        if np.abs(share * step)[:, better].max(initial=0.0) < _SMALLEST_STEP:
-            break
+        twist[:, moving], value[moving] = np.where(worse, twist[:, moving], tried), np.where(worse, value[moving], new)
+        moving = moving[~worse]  # nothing is lower any more, to rounding
     return twist
 
 

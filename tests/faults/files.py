@@ -122,7 +122,7 @@ def templates() -> Path:
 def lay_out(folder: Path) -> None:
     """Put good files, and things that are no files, where a command line may name them."""
     folder.mkdir(parents=True)
-    for name in ("good.csv", "way.csv", "good.toml", "good.bag", "good.mcap"):
+    for name in ("good.csv", "up.csv", "grass.csv", "way.csv", "good.toml", "good.bag", "good.mcap"):
         shutil.copy(templates() / name, folder)
     (folder / "empty.csv").touch()
     (folder / "folder.csv").mkdir()

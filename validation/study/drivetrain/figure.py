@@ -109,13 +109,12 @@ def _draw_inertia(fit: InertiaFit, ax: Axes) -> None:
         ink = _SIDES[1] if x.reversal else _SIDES[0]
         ax.plot([x.change], [charge], "v" if x.reversal else "^", color=ink, markersize=5.5, alpha=0.8, gid="transient")
     reach = np.array([0.0, max(x.change for x in fit.transients)])
-    near = int(np.argmin(np.abs(INERTIA_GRID - fit.value)))
     for reversal, ink in ((False, _SIDES[0]), (True, _SIDES[1])):
         some = [x for x in fit.transients if x.reversal == reversal]
         if some:
             change = np.array([x.change for x in some])
-            slope = float(np.array([x.predicted[near] - x.predicted[0] for x in some]) @ change / (change @ change))
-            ax.plot(reach, slope * fit.value / INERTIA_GRID[near] * reach, color=ink, linewidth=1.3)
+            charge = np.array([np.interp(fit.value, INERTIA_GRID, x.predicted) - x.predicted[0] for x in some])
+            ax.plot(reach, float(charge @ change / (change @ change)) * reach, color=ink, linewidth=1.3)
     ax.set(title="▲ speeding up, ▼ reversing", xlabel="change of wheel rate [rad/s]", ylabel="charge above losses [A s]")
     ax.margins(y=0.2)
     corner_note(ax, f"J/K {fit.value:.2f} ± {fit.standard_error:.2f} A s²/rad")

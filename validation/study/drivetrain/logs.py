@@ -98,6 +98,12 @@ class DriveLog:
 
 FIT_SHARE = 2.0 / 3.0
 """Share of a log that is fitted where no other log is held out."""
+_BELIEVED: Mapping[str, float] = {
+    **dict.fromkeys(("enc_left", "enc_right", "cmd_v", "cmd_w", "gyro_z"), 1e3),
+    **dict.fromkeys(("current_left", "current_right", "voltage_left", "voltage_right"), 1e4),
+    "yaw": 1e7,
+}
+"""Greatest sizes of columns that a robot may have [SI]."""
 _COLUMNS = ("t", "rates", "commands", "currents", "voltages", "yaw", "gyro")
 
 
@@ -105,7 +111,7 @@ def drive_log(source: str | Recording) -> DriveLog:
     """Return the columns of a recording, or of the file at a path, that the study uses.
 
     Raises:
-        ValueError: it cannot be read, has no wheel rates, or is longer than `MOST_SECONDS`.
+        ValueError: it cannot be read, has no wheel rates, has numbers of no robot, or is longer than `MOST_SECONDS`.
     """
     recording = source if isinstance(source, Recording) else read_recording(source)
     columns = recording.all_columns()
@@ -117,6 +123,11 @@ def drive_log(source: str | Recording) -> DriveLog:
     rates = pair("enc_left", "enc_right")
     if rates is None:
         raise ValueError(f"recording {recording.name} has no wheel rates (enc_left, enc_right); it has {', '.join(columns)}")
+    for name, most in _BELIEVED.items():
+        if name in columns and np.abs(columns[name]).max() > most:
+            raise ValueError(
+                f"recording {recording.name} has a {name} of {np.abs(columns[name]).max():g}; wanted at most {most:g}"
+            )
     if recording.t[-1] - recording.t[0] > MOST_SECONDS:
         raise ValueError(f"recording {recording.name} is longer than {MOST_SECONDS:g} s; cut it")
     gyro, yaw = columns.get("gyro_z"), columns.get("yaw")

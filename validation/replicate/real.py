@@ -229,12 +229,15 @@ def _straight_of(residuals: BinnedErrors, profile: Profile, words: str) -> list[
         return []
     i = fast[-1]
     errors = ", ".join(f"{name} {yaw[i, 0]:.3f}" for name, (_, yaw) in residuals.medians.items())
-    difference = float(profile.plants["mujoco"].parameters.radius_difference)
+    radii = {
+        "mujoco": profile.plants["mujoco"].parameters.radius_difference,
+        **{name: profile.plants[name].vehicle.radius_difference for name in ("improved", "coulomb", "linear")},
+    }
+    differences = ", ".join(f"{1e3 * float(value):.1f} ({name})" for name, value in radii.items())
     return [
         f"Straight ahead (below {residuals.yaw_rates[1]:g} rad/s) at {residuals.speeds[i]:g} m/s and more, driven by "
-        f"{words}, the median yaw errors are {errors} rad. The Coulomb, improved and linear models have one wheel radius "
-        f"for both sides; the MuJoCo Husky was fitted with a difference of {1e3 * difference:.1f} mm, and the kinematics "
-        "have a factor for each side."
+        f"{words}, the median yaw errors are {errors} rad. In this profile the wheel radii of the two sides differ by "
+        f"{differences} mm; the kinematics have a factor for each side."
     ]
 
 

@@ -26,6 +26,7 @@ from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from validation import cli
 from validation.plants.profile import load_profile
+from validation.robots.husky import controls
 from validation.robots.loops import HuskyLoop, run_husky_loops
 from validation.robots.plant import MujocoPlant
 from validation.track.gains import load_gains
@@ -88,7 +89,7 @@ def mujoco_rows(repeats: int, workers: int, population: int) -> list[Row]:
     runs = run_husky_loops(loops, waypoints, range(4), workers)
     n = round(float(runs[0].t[-1]) / plant.dt)
     references = np.repeat(runs[0].table[:-1, 6:8], n // (len(runs[0].t) - 1), axis=0)
-    control = np.repeat(references[None], population, axis=0)
+    control = np.repeat(controls(plant.model, references)[None], population, axis=0)
     start = np.repeat(plant.placed(waypoints.start)[None], population, axis=0)
     datas = [mujoco.MjData(plant.model) for _ in range(workers)]
     closed, opened = alternate(

@@ -47,6 +47,7 @@ from ssmr.simulation import (
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
 from validation.plants.profile import load_profile
+from validation.robots.husky import controls
 from validation.robots.plant import MujocoPlant
 
 COLUMNS = 13
@@ -205,14 +206,14 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     """The Husky as a plant against bare mujoco.rollout of the same model, and against real time."""
     section = load_profile("thesis-lab").plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
-    references = wheel_references(commands, section.drive, plant.dt, State())
+    control = controls(plant.model, wheel_references(commands, section.drive, plant.dt, State()))
     data = mujoco.MjData(plant.model)
     start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     plant.reset(State())
     mujoco.mj_getState(plant.model, plant._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     ours, bare = alternate(
         lambda: plant.run(commands, State(), SAMPLE_DT),
-        lambda: rollout.rollout(plant.model, data, start[None], references[None]),
+        lambda: rollout.rollout(plant.model, data, start[None], control[None]),
         repeats=repeats,
     )
     speed = commands.duration / ours

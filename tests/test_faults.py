@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.faults import arguments, doors, judge, kills, pool, programs, report
+from tests.faults import arguments, doors, files, judge, kills, pool, programs, report
 from tests.faults.judge import Outcome
 from tests.faults.pool import Case
 
@@ -49,6 +49,14 @@ def test_every_option_of_every_program_is_tried() -> None:
         wanted = {o for a in programs.declared(name) for o in a.option_strings if o.startswith("--")} - {"--view", "--help"}
         given[name] = {word for _ in range(800) for word in arguments.argv_of(name, rng)}
         assert wanted <= given[name]
+
+
+def test_every_file_of_a_usual_command_is_there(tmp_path: Path) -> None:
+    """Without it, a command is refused for that alone, and nothing else of it is tried."""
+    files.lay_out(tmp_path / "work")
+    named = [word for usual in programs.USUAL.values() for word in usual.argv() if word.endswith(".csv")]
+    assert "good.csv" in named
+    assert [name for name in named if not (tmp_path / "work" / name).is_file()] == []
 
 
 def test_a_case_is_decided_by_its_name_and_the_seed() -> None:

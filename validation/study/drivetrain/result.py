@@ -217,7 +217,7 @@ class DriveTrainStudy(StudyResult):
         if f is not None and f.kind == "motor" and k is None:
             says.append(
                 "Unknown: the torque constant. Currents tell torques only over it, so that friction torque, friction "
-                "coefficient and inertia stay unknown; --torque-constant K gives them."
+                "coefficient and inertia stay unknown until torque_constant is given."
             )
         if f is not None and f.kind == "battery":
             says.append(

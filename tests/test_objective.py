@@ -13,6 +13,7 @@ from ssmr.types import State, Trajectory
 from tests.conftest import EXACT, ROUNDOFF
 from validation.fit.objective import FitCost, FitTarget, make_raters, windows
 from validation.fit.problem import FitProblem
+from validation.fit.uncertainty import estimate
 from validation.logs.recording import Recording
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import open_source, source_of
@@ -102,6 +103,30 @@ def test_sync_cost_is_what_comparisons_print(lab: Profile) -> None:
             drive(plant, target.source.pieces[0], candidate.localiser, target.source.sample_dt), target.truth[0]
         )
         assert cost == pytest.approx(m["sync_rms_m"] + 0.5 * m["yaw_rms_rad"], rel=1e-9)
+
+
+@pytest.mark.parametrize("objective", ["sync", "horizon"])
+def test_without_weight_of_position_only_the_heading_counts(lab: Profile, objective: str) -> None:
+    """A localiser that jumps about leaves cost and standard errors as they are, as long as its heading is right."""
+    target = log_target(lab)
+    rng = np.random.default_rng(3)
+    jumpy = tuple(
+        replace(truth, pose=truth.pose + np.column_stack([rng.normal(0.0, 3.0, (len(truth), 2)), np.zeros(len(truth))]))
+        for truth in target.truth
+    )
+    costs, errors = [], []
+    for truth in (target.truth, jumpy):
+        cost = FitCost(objective, position_weight=0.0, horizons=(2.0,))  # type: ignore[arg-type]
+        space = make_space("improved", ("effective_half_track", "tracked_x"), {})
+        p = FitProblem("improved", lab.plants["improved"], space, [replace(target, truth=truth)], cost)
+        x = np.array([0.3, 0.5])
+        costs.append(p.costs(x[None])[0])
+        errors.append(estimate(p, space.points(np.array([lab.plants["improved"].vehicle.effective_half_track, 0.0]))))
+    assert costs[1] == pytest.approx(costs[0], rel=ROUNDOFF)
+    assert costs[0] > 0.01
+    assert errors[1].share == pytest.approx(errors[0].share, rel=1e-6)
+    assert errors[0].share[0] < 0.01
+    assert errors[0].share[1] == pytest.approx(12.0**-0.5, rel=1e-3)  # the heading says nothing about the tracked point
 
 
 def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> None:
@@ -211,6 +236,9 @@ def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
         (lambda: make_space("coulomb", ("delay", "delay_v"), {}), "delay and delay_v move the same number"),
         (lambda: FitCost("nice"), "unknown objective 'nice'"),  # type: ignore[arg-type]
         (lambda: FitCost(yaw_weight=float("nan")), "yaw_weight"),
+        (lambda: FitCost(position_weight=-1.0), "position_weight"),
+        (lambda: FitCost("horizon", position_weight=0.0, yaw_weight=0.0), "leaves nothing to fit to"),
+        (lambda: FitCost("path", position_weight=0.0), "position_weight belongs to"),
     ],
 )
 def test_mistakes_are_named(make, what: str) -> None:  # type: ignore[no-untyped-def]

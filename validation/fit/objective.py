@@ -40,6 +40,9 @@ class FitCost:
     """Horizons of the horizon objective [s]."""
     yaw_weight: float = 1.0
     """Position error that counts as much as a radian of yaw error, in the sync and horizon objectives [m/rad]."""
+    position_weight: float = 1.0
+    """Weight of position errors in the sync and horizon objectives [1]; 0 fits the heading alone, where positions are not to
+    be trusted."""
     k_rms: float = 20.0
     """K_rms of Eq. 3.1 [1/m]; Tab. 3.7."""
     k_haus: float = 8.0
@@ -51,11 +54,18 @@ class FitCost:
         """Check the objective's name, the horizons and the weights.
 
         Raises:
-            ValueError: an unknown objective, a weight that is negative or not finite, or a horizon that is not positive.
+            ValueError: an unknown objective, a weight that is negative or not finite, weights that leave nothing to fit
+                to, or a horizon that is not positive.
         """
         if self.objective is not None and self.objective not in get_args(Objective):
             raise ValueError(f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}")
-        require_within(self, ("k_rms", "k_haus", "k_ratio", "yaw_weight"), 0.0, 1e6)
+        require_within(self, ("k_rms", "k_haus", "k_ratio", "yaw_weight", "position_weight"), 0.0, 1e6)
+        if self.objective == "path" and self.position_weight != 1.0:
+            raise ValueError(
+                "position_weight belongs to the objectives sync and horizon; path is a distance between positions"
+            )
+        if self.yaw_weight == self.position_weight == 0.0:
+            raise ValueError("position_weight and yaw_weight are both 0, which leaves nothing to fit to")
         if not 1 <= len(self.horizons) <= MOST_HORIZONS:
             raise ValueError(f"horizons must be 1 to {MOST_HORIZONS} numbers, got {len(self.horizons)}")
         require_within(self, ("horizons",), 1e-3, 1e5)
@@ -113,7 +123,7 @@ class SyncRater:
         """Return the (S,) terms of the cost of (S, M, 3) poses; NaN where a pose is NaN."""
         position, yaw = self._errors(poses)
         rms = np.sqrt((position**2).sum(axis=2).mean(axis=1)), np.sqrt((yaw**2).mean(axis=1))
-        return self._weight * (rms[0] + self._cost.yaw_weight * rms[1])
+        return self._weight * (self._cost.position_weight * rms[0] + self._cost.yaw_weight * rms[1])
 
     def errors(self, poses: FloatArray) -> SignedErrors:
         """Return errors at equal times, every tenth of a second."""
@@ -153,7 +163,8 @@ class HorizonRater:
     def cost(self, poses: FloatArray) -> FloatArray:
         """Return the (S,) terms of the cost of (S, M, 3) poses."""
         position, yaw = self._errors(poses)
-        size = np.hypot(position[..., 0], position[..., 1]) + self._cost.yaw_weight * np.abs(yaw)
+        far = np.hypot(position[..., 0], position[..., 1])
+        size = self._cost.position_weight * far + self._cost.yaw_weight * np.abs(yaw)
         return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
 
     def errors(self, poses: FloatArray) -> SignedErrors:

@@ -34,6 +34,7 @@ from validation.progress import Progress, Report, silent
 _SIZE, _SIMULATED_SIZE = (50, 300), (32, 60)  # usual population and generations; Tab. 3.7, and for simulated bodies
 PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
 """The profile that a fit begins with unless another is given."""
+_TOLD = ("input", "from", "until", "objective", "position_weight")  # options that the provenance of a fitted profile repeats
 _SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)  # horizons of the relative pose errors in results [s]
 
 
@@ -153,6 +154,7 @@ def _record(
         "objective": problem.cost.objective,
         **({"horizons_s": list(problem.cost.horizons)} if problem.cost.objective == "horizon" else {}),
         **({"yaw_weight_m_rad": problem.cost.yaw_weight} if problem.cost.objective != "path" else {}),
+        **({"position_weight": problem.cost.position_weight} if problem.cost.position_weight != 1.0 else {}),
         "fixed": dict(parameters.fix) or None,
         **search.record(settings),
         "start": None if parameters.start is None else dict(parameters.start),
@@ -249,7 +251,7 @@ def _fitted_profile(result: FitResult, base: Profile, plant: PlantProfile | None
     assert plant is not None
     provenance = {
         "source": result.source,
-        **{k: v for k, v in result.options.items() if v is not None and k in ("input", "from", "until", "objective")},
+        **{k: v for k, v in result.options.items() if v is not None and k in _TOLD},
         "method": f"jDE {settings.strategy} {settings.crossover}, population {settings.population}",
         "seed": result.seed,
         "status": result.status,

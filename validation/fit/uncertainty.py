@@ -17,7 +17,7 @@ import numpy as np
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter
-from validation.fit.objective import SignedErrors
+from validation.fit.objective import FitCost, SignedErrors
 from validation.fit.problem import FitProblem
 from validation.plants.table import SIMULATED
 
@@ -52,7 +52,7 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1) -> Uncert
     below, above = np.maximum(point - _STEP, 0.0), np.minimum(point + _STEP, 1.0)
     beside = [np.where(np.arange(n) == i, end, point) for i in range(n) for end in (below, above)]
     found = problem.errors(np.vstack([point[None], np.array(beside)]), workers)
-    rows, jacobian = _linearised(found, above - below, problem.cost.yaw_weight)
+    rows, jacobian = _linearised(found, above - below, problem.cost)
     known = np.array(np.isfinite(jacobian).all(axis=(0, 1)) & np.isfinite(rows).all())
     covariance = np.full((n, n), np.nan)
     if known.any():
@@ -70,9 +70,9 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1) -> Uncert
     )
 
 
-def _linearised(found: SignedErrors, width: FloatArray, yaw_weight: float) -> tuple[FloatArray, FloatArray]:
-    """Return (K, 3) errors at the point in metres, yaw weighted, and their (K, 3, n) derivatives along the cube's axes."""
-    stacked = np.concatenate([found.position, yaw_weight * found.yaw[..., None]], axis=2)
+def _linearised(found: SignedErrors, width: FloatArray, cost: FitCost) -> tuple[FloatArray, FloatArray]:
+    """Return (K, 3) errors at the point in metres, weighted, and their (K, 3, n) derivatives along the cube's axes."""
+    stacked = np.concatenate([cost.position_weight * found.position, cost.yaw_weight * found.yaw[..., None]], axis=2)
     return stacked[0], np.moveaxis((stacked[2::2] - stacked[1::2]) / width[:, None, None], 0, 2)
 
 

@@ -1,0 +1,114 @@
+"""A Husky on tile and on wet grass: what docs/wet_grass.md says of both, and of the profile husky-wet-grass."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ssmr.metrics.poses import relative_pose_error
+from ssmr.metrics.windows import WindowErrors, overlapping_windows
+from ssmr.types import FloatArray, IndexArray
+from tests.conftest import data_folder
+from validation.motion.driving import drive
+from validation.motion.sources import Source, open_source
+from validation.plants.profile import PLANTS, load_profile, make_plant
+
+LOGS = {ground: data_folder() / ground / f"{ground}_train.csv" for ground in ("husky_tile", "husky_wet_grass")}
+SPLIT = {"husky_tile": 500.0, "husky_wet_grass": 182.0}
+"""End of the part that the profiles come from [s]."""
+HORIZON = 6.0
+MOVES = 0.3
+"""Wheels turn by at least this much in a window that counts [rad]."""
+LATE = {"husky_tile": -0.034, "husky_wet_grass": 0.142}
+"""Delay of the headings behind the wheel rates [s]; docs/wet_grass.md, from whole logs by other means."""
+
+
+@cache
+def log(ground: str, start: float | None = None) -> Source:
+    if not LOGS[ground].is_file():
+        pytest.skip(f"{ground}: no recording in {data_folder()}")
+    return open_source(str(LOGS[ground]), "wheels", start)
+
+
+def moving(source: Source) -> list[tuple[IndexArray, IndexArray, FloatArray]]:
+    """Starts and ends of windows in which wheels turn, and the (2, M) rotation of the sides since the piece's begin."""
+    found = []
+    for piece in source.pieces:
+        assert piece.t is not None
+        assert piece.reference is not None
+        rates = piece.reference.wheels
+        steps = np.diff(piece.t)[:, None]
+        turned = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps, axis=0)])
+        way = np.concatenate([[0.0], np.cumsum(np.abs(rates[:-1]).max(axis=1) * steps[:, 0])])
+        starts, ends = piece.windows(overlapping_windows, piece.t, HORIZON)
+        moves = way[ends] - way[starts] > MOVES
+        found.append((starts[moves], ends[moves], turned.T))
+    return found
+
+
+def heading_per_side(ground: str) -> tuple[float, float]:
+    """Mean change of heading over rotation of a side, and the share by which left exceeds right; least absolute errors."""
+    source = log(ground)
+    rows, turned = [], []
+    for piece, (starts, ends, sides) in zip(source.pieces, moving(source), strict=True):
+        assert piece.t is not None
+        assert piece.reference is not None
+        begin, end = piece.t[starts] - LATE[ground], piece.t[ends] - LATE[ground]
+        rows.append(np.column_stack([np.interp(end, piece.t, s) - np.interp(begin, piece.t, s) for s in sides]))
+        turned.append(piece.reference.pose[ends, 2] - piece.reference.pose[starts, 2])
+    matrix, wanted = np.concatenate(rows) * np.array([-1.0, 1.0]), np.concatenate(turned)
+    x = np.array([0.15, 0.15])
+    for _ in range(60):
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(matrix @ x - wanted), 2e-3))
+        x = np.linalg.lstsq(matrix * weight[:, None], wanted * weight, rcond=None)[0]
+    return float(x.mean()), float((x[0] - x[1]) / x.mean())
+
+
+def heading_errors(profile: str, model: str, ground: str) -> WindowErrors:
+    """Errors of a profile's plant in the part of a log that the profile does not come from."""
+    source, loaded = log(ground, SPLIT[ground]), load_profile(profile)
+    plant, found = make_plant(loaded, model), []
+    for piece, (starts, ends, _) in zip(source.pieces, moving(source), strict=True):
+        assert piece.reference is not None
+        motion = drive(plant, piece, loaded.plants[model].localiser, source.sample_dt)
+        found.append(relative_pose_error(motion.pose, piece.reference.pose, starts, ends)[1])
+    yaw = np.concatenate(found)
+    return WindowErrors(HORIZON, np.zeros(len(yaw)), np.abs(yaw))
+
+
+def test_the_robot_turns_alike_on_both_grounds_but_its_tyres_differ() -> None:
+    (tile, tile_sides), (grass, grass_sides) = heading_per_side("husky_tile"), heading_per_side("husky_wet_grass")
+    assert grass / tile == pytest.approx(1.0, abs=0.022)  # the same within two standard errors of the grass
+    assert tile == pytest.approx(0.157, abs=0.002)
+    radius = load_profile("husky-tile").plants["mujoco"].parameters.wheel_radius
+    assert radius * tile_sides == pytest.approx(0.0087, abs=0.0012)  # two standard errors of the whole log
+    assert radius * (tile_sides - grass_sides) > 0.0047  # 6.7 +- 1.0 mm
+
+
+@pytest.mark.parametrize("model", ["kinematic", "linear"])
+def test_each_profile_is_better_on_its_own_ground(model: str) -> None:
+    for ground, own, other in (
+        ("husky_tile", "husky-tile", "husky-wet-grass"),
+        ("husky_wet_grass", "husky-wet-grass", "husky-tile"),
+    ):
+        good, bad = heading_errors(own, model, ground), heading_errors(other, model, ground)
+        assert good.differs_from(bad)[1], ground
+        assert np.median(good.yaw) < 0.65 * np.median(bad.yaw), ground
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_profile_keeps_what_the_grass_does_not_tell(plant: str) -> None:
+    """Radii that are equal, another clock and another driver are all that husky-wet-grass changes."""
+    tile, grass = (load_profile(name).plants[plant] for name in ("husky-tile", "husky-wet-grass"))
+    numbers = vars(tile.vehicle) | vars(tile.parameters), vars(grass.vehicle) | vars(grass.parameters)
+    changed = {name for name in numbers[0] if numbers[0][name] != numbers[1][name]}
+    assert changed == ({"alpha_l", "alpha_r"} if plant == "kinematic" else {"radius_difference"})
+    if plant == "kinematic":
+        old, new = ((n["alpha_l"], n["alpha_r"]) for n in numbers)
+        assert new[0] == new[1] == pytest.approx(sum(old) / 2.0, abs=1e-5)
+    else:
+        assert numbers[1]["radius_difference"] == 0.0
+    assert (grass.localiser.tracked_x, grass.localiser.tracked_y) == (0.0, 0.0)
+    assert grass.localiser.yaw_late == 0.142

@@ -201,6 +201,15 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path,
     assert abs(costs[1] - costs[0]) < 0.15  # every fifth window of 6 s would span a jump: 0.5 m on average
 
 
+def test_parts_of_a_log_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    write_csv(with_jumps(drive(), {10.0: 5.0, 45.0: -3.0}), path)
+    options = {"input": "wheels", "until": 30.0, "held_out": (str(path),), "free": ("wheel_radius",)}
+    notes = fit("kinematic", path, **options, population=5, generations=1, workers=1).as_dict()["notes"]
+    told = [note.partition(":")[0] for note in notes if "jumps once" in note]
+    assert told == ["log, 0 to 30 s", "log, 30 to 60 s"]
+
+
 def test_windows_of_the_picture_span_no_jump_either(tmp_path: Path) -> None:
     at = [float(a) for a in np.arange(4.0, 60.0, 8.0)]
     write_csv(with_jumps(drive(), dict.fromkeys(at, 2.0)), tmp_path / "log.csv")

@@ -62,7 +62,7 @@ HORIZON_CAPTION = (
 )
 OVERLAPPING_CAPTION = (
     "These windows begin every second and so overlap: the median does not depend on where the first one begins. The interval"
-    " from low to high holds it with a probability of 90 %; it comes from resampling blocks of windows as long as the"
+    " in brackets holds it with a probability of 90 %; it comes from resampling blocks of windows as long as the"
     " horizon. Where a recording is shorter than four such blocks, it is the range of the errors themselves."
 )
 _KILOGRAMS, _NEWTON_METRES = Unit("kg", 1.0, 1), Unit("N m", 1.0, 1)

@@ -17,7 +17,10 @@ _VAGUE_SHARE = 0.5  # a parameter with a wider interval, as a share of the space
 _KNOWN_DIGITS = 4  # significant digits of a number whose error is not known
 _MOST_DIGITS = 7  # greatest number of significant digits: only a fit to a model's own motion has smaller errors
 _SHOWN_HORIZONS = (2.0, 6.0, 30.0)  # horizons in tables [s]; all that were scored where none of these was
-_LONGEST_SOURCE, _SHORT_SOURCE = 32, 18  # greatest numbers of characters of a source's name, of few columns and of many
+_LONGEST_SOURCE, _SHORT_SOURCE = (
+    32,
+    26,
+)  # greatest numbers of characters of a source's name, in narrow tables and in wide ones
 STOPPED = {
     "generations": "all generations done",
     "improvement": "no more improvement",
@@ -150,8 +153,6 @@ def _horizon_grids(result: FitData) -> list[Grid]:
 def _overlapping_grids(result: FitData) -> list[Grid]:
     """Return medians over windows that begin every second, with their intervals, where there are recordings."""
     windows = [(source_text(s, _SHORT_SOURCE), s.windows) for s in result.train]
-    if len(result.train) > 1:
-        windows.append(("all fitted to", result.train_windows))
     windows += [(f"held out: {source_text(s, _SHORT_SOURCE)}", s.windows) for s in result.held_out]
     found = [(label, {h: e.summary() for h, e in by_horizon.items()}) for label, by_horizon in windows]
     grid = tables.interval_grid("source", found, "The same over windows that begin every second, and how sure that is")

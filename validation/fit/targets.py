@@ -114,7 +114,8 @@ def _recorded(name: str, options: FitSources, spans: Sequence[_Span], truth_of: 
     for word in _KINDS if given == "both" else (given,):
         parts = [open_source(name, _KINDS[word], start, stop, options.limits) for start, stop in spans]
         pieces = tuple(piece for part in parts for piece in part.pieces)
-        whole = replace(parts[0], pieces=pieces, warnings=tuple(w for part in parts for w in part.warnings))
+        warnings, title = tuple(w for part in parts for w in part.warnings), " and ".join(part.title for part in parts)
+        whole = replace(parts[0], pieces=pieces, warnings=warnings, title=title)
         targets.append(truth_of(whole, f"{name} ({word})" if given == "both" else name))
     return targets
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -94,7 +93,7 @@ def standing_sentences(source: Source, horizon: float) -> list[str]:
     if share is None or share < STANDING_SHARE:
         return []
     windows = f"{100.0 * share:.0f} % of the windows of {horizon:g} s"
-    return [f"{Path(source.name).stem}: the robot stands still throughout {windows}, which lowers all medians"]
+    return [f"{source.title}: the robot stands still throughout {windows}, which lowers all medians"]
 
 
 def _errors_of(

@@ -85,6 +85,8 @@ class Source:
     """Period at which plants are sampled [s]."""
     warnings: tuple[str, ...] = ()
     """Sentences about what is wrong with a recording."""
+    title: str = ""
+    """Name of a recording in sentences, with its span of time where it was cut."""
 
 
 def open_source(
@@ -126,13 +128,20 @@ def open_source(
             raise ValueError(
                 f"{name} has {stretches} stretches between gaps, wanted at most {_MOST_PIECES}: its steps of time vary"
             )
-        return source_of(recording, name, kind)
+        span = "" if start is None and stop is None else f", {recording.t[0]:.0f} to {recording.t[-1]:.0f} s"
+        return source_of(recording, name, kind, recording.name + span)
     paths = f"paths of recordings ({readable()})"
     raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")
 
 
-def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> Source:
+def source_of(recording: Recording, name: str, kind: CommandKind = "twist", title: str | None = None) -> Source:
     """Return a recording as a motion to compare plants on; what is wrong with it is logged as a warning too.
+
+    Args:
+        recording: the recording.
+        name: name that the user gave it.
+        kind: which of its inputs drives the plants.
+        title: name in sentences; the recording's own if not given.
 
     Raises:
         ValueError: it lacks the inputs or the pose.
@@ -140,10 +149,11 @@ def source_of(recording: Recording, name: str, kind: CommandKind = "twist") -> S
     health = find_faults(groups_of(recording, name))
     jumps = np.empty(0, dtype=np.intp) if health.jumps is None else health.jumps.index
     pieces = tuple(_piece(s, kind, jumps) for s in recording.segments())
-    warnings = tuple(f"{recording.name}: {sentence}" for sentence in health.sentences())
+    title = title or recording.name
+    warnings = tuple(f"{title}: {sentence}" for sentence in health.sentences())
     for warning in warnings:
         _logger.warning("%s", warning)
-    return Source(name, pieces, RECORDING, RECORDING_GRID, warnings)
+    return Source(name, pieces, RECORDING, RECORDING_GRID, warnings, title)
 
 
 def _piece(segment: Segment, kind: CommandKind, jumps: IndexArray) -> Piece:

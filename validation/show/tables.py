@@ -86,8 +86,12 @@ class Grid:
 
 
 _INTERVAL_CAPTION = (
-    "low, high: an interval that holds the median with 90 %; of less than four independent windows, their own range"
+    "in brackets: an interval that holds the median with 90 %; in logs of less than four horizons, the range of the errors"
 )
+
+
+def _with_interval(unit: Unit, median: float, low: float, high: float) -> str:
+    return f"{unit.text(median)} ({unit.text(low)}–{unit.text(high)})"
 
 
 def interval_grid(who: str, found: Sequence[tuple[str, Mapping[float, OverlappingErrors]]], title: str) -> Grid | None:
@@ -103,14 +107,17 @@ def interval_grid(who: str, found: Sequence[tuple[str, Mapping[float, Overlappin
         rows = []
         for name, errors in found:
             if (e := errors.get(horizon)) is not None:
-                position = e.position_median_m, e.position_low_m, e.position_high_m
-                yaw = e.yaw_median_rad, e.yaw_low_rad, e.yaw_high_rad
-                numbers = *map(METRES.text, position), *map(DEGREES.text, yaw)
-                rows.append(tuple(map(Cell, (f"{horizon:g}", name, str(e.n), *numbers))))
+                position = _with_interval(METRES, e.position_median_m, e.position_low_m, e.position_high_m)
+                yaw = _with_interval(DEGREES, e.yaw_median_rad, e.yaw_low_rad, e.yaw_high_rad)
+                rows.append(tuple(map(Cell, (f"{horizon:g}", name, str(e.n), position, yaw))))
         groups.append(tuple(rows))
-    words = ("median", "low", "high")
-    values = [(f"{what} {word}", symbol) for what, symbol in (("position", "m"), ("yaw", "deg")) for word in words]
-    header = (("horizon", "s"), (who, ""), ("windows", "1"), *values)
+    header = (
+        ("horizon", "s"),
+        (who, ""),
+        ("windows", "1"),
+        ("position median", METRES.symbol),
+        ("yaw median", DEGREES.symbol),
+    )
     return Grid(header, tuple(groups), 2, title, _INTERVAL_CAPTION) if groups else None
 
 

@@ -1,6 +1,6 @@
 """models/husky.xml + ground + calibration -> MjModel: dm_control.mjcf composes, mujoco runs.
 
-`_compose` builds what has structure (ground, robot, wheel shape, marker); `calibrate` and `set_motors` set the numbers on a
+`_compose` builds what has structure (ground, robot, wheel shape); `calibrate` and `set_motors` set the numbers on a
 compiled model and are the only places that do, so a fit that edits one model in place and a profile that is loaded from disk
 mean the same robot.
 """
@@ -46,7 +46,7 @@ def xml_path() -> Path:
 
 
 def _compose(shape: WheelShape, anisotropic: bool, integral: bool, terrain: Terrain) -> str:
-    """Return robot and ground as MJCF text.
+    """Return robot and ground as MJCF text, without looks: recordings have them from husky.xml, and here they cost time.
 
     `anisotropic` adds contact pairs, whose two tangential frictions may differ; `integral` the motors' integral parts.
     """
@@ -57,14 +57,10 @@ def _compose(shape: WheelShape, anisotropic: bool, integral: bool, terrain: Terr
     arena = mjcf.from_path(str(xml_path()))
     if integral:
         add_integral_parts(arena)
-    arena.visual.headlight.set_attributes(ambient=[0.45] * 3, diffuse=[0.35] * 3, specular=[0.1] * 3)
-    getattr(arena.visual, "global").set_attributes(offwidth=1280, offheight=960)
-    arena.asset.add("texture", name="tiles", type="2d", builtin="checker", width=256, height=256,
-                    rgb1=[0.86, 0.87, 0.88], rgb2=[0.79, 0.80, 0.82])  # fmt: skip
-    arena.asset.add("material", name="tiles", texture="tiles", texrepeat=[1, 1], texuniform=True)
+    for geom in arena.find_all("geom"):
+        if not geom.name.endswith("_tire"):
+            geom.remove()
     ground = _lay_ground(arena, terrain)
-    arena.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
-    arena.worldbody.add("site", name="start", type="cylinder", size=[0.03, 0.001], rgba=[0.1, 0.5, 0.9, 0.8])
     for wheel in WHEELS:
         tire = arena.find("geom", f"{wheel}_tire")
         radius, width = 0.1651, 0.05715
@@ -74,7 +70,7 @@ def _compose(shape: WheelShape, anisotropic: bool, integral: bool, terrain: Terr
             tire.set_attributes(type="capsule", size=[radius, HuskyCalibration.capsule_half_width], zaxis=[0, 1, 0])
         if terrain.kind == "rough":
             patch = arena.worldbody.add("body", name=f"{wheel}_ground", mocap=True)
-            ground = patch.add("geom", type="plane", size=[0.3, 0.3, 0.05], material="tiles", contype=0, conaffinity=0)
+            ground = patch.add("geom", type="plane", size=[0.3, 0.3, 0.05], contype=0, conaffinity=0)
         if anisotropic or terrain.kind == "rough":
             arena.contact.add(
                 "pair", geom1=ground, geom2=tire, condim=3, solref=[0.02, 1], solimp=[0.1, 0.95, 0.005, 0.5, 2]
@@ -84,7 +80,7 @@ def _compose(shape: WheelShape, anisotropic: bool, integral: bool, terrain: Terr
 
 def _lay_ground(arena: Any, terrain: Terrain) -> Any:
     """Add the ground; return the geom that is named so, if there is one."""
-    looks: dict[str, Any] = {"name": "ground", "material": "tiles", "condim": 3}
+    whole: dict[str, Any] = {"name": "ground", "condim": 3}
     if terrain.kind == "rough":
         return None  # each wheel has a plane of its own, which `MujocoPlant` lays under it
     if terrain.kind == "split":
@@ -95,10 +91,10 @@ def _lay_ground(arena: Any, terrain: Terrain) -> Any:
         left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
         down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
         contact = {"solref": tire.solref, "solimp": tire.solimp, "priority": int(tire.priority) + 1}
-        right = {**looks, **slab, **contact, "name": _OTHER_GROUND, "rgba": [0.55, 0.68, 0.80, 1]}
+        right = {**whole, **slab, **contact, "name": _OTHER_GROUND}
         arena.worldbody.add("geom", pos=left * (terrain.edge_offset - half) + down, **right)
-        return arena.worldbody.add("geom", pos=left * (terrain.edge_offset + half) + down, **slab, **looks)
-    return arena.worldbody.add("geom", type="plane", size=[0, 0, 0.05], **looks)
+        return arena.worldbody.add("geom", pos=left * (terrain.edge_offset + half) + down, **slab, **whole)
+    return arena.worldbody.add("geom", type="plane", size=[0, 0, 0.05], **whole)
 
 
 _OTHER_GROUND = "other_ground"

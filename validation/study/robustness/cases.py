@@ -4,9 +4,9 @@ A mismatch changes friction, centre of mass, dead time, sensor noise or torque l
 drives the same robots with the same noise: first each mismatch alone, under several seeds, which shows what the controller
 is sensitive to; then a random sample of all combinations, which shows how its errors spread.
 
-The torque limit of the shipped profiles (400 N m a wheel) is never reached. So the share in `LEVELS` does not refer to that
-limit but to the greatest torque that the nominal robot needs when it is driven along the reference without feedback, at the
-reference's own velocities. That torque depends on the mission and not on any controller.
+The torque limit of the shipped profiles (30 N m a wheel) is hardly ever reached. So the share in `LEVELS` does not refer to
+that limit but to the greatest torque that the nominal robot needs when it is driven along the reference without feedback,
+at the reference's own velocities. That torque depends on the mission and not on any controller.
 """
 
 from __future__ import annotations

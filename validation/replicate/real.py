@@ -272,7 +272,7 @@ def _centre_of_mass(profile: Profile) -> list[str]:
         "Centre of mass (docs/centre_of_mass.md): fitted with equal friction in all directions, it lies "
         f"{place('x', 'ahead of', 'behind')} the middle between the axles and "
         f"{place('y', 'to the left', 'to the right')}. The places in the maker's robot descriptions (85 mm to the right, "
-        "87 mm to the rear) do not explain the recording then. But with 6 % less grip sideways than ahead, a centre in the "
+        "87 mm to the rear) do not explain the recording then. But with 5 % less grip sideways than ahead, a centre in the "
         "middle explains it as well. Motion alone cannot decide between these; weighing the axles would."
     ]
 

@@ -36,7 +36,7 @@ class Motor(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What the controllers of both sides hold at one physics step."""
+    """The references and the integral torques of both sides' controllers at one physics step."""
 
     left: float  # reference of the left wheels' rate [rad/s]
     right: float  # reference of the right wheels' rate [rad/s]

@@ -358,3 +358,49 @@ def test_a_line_that_quotes_pages_keeps_its_beginning_and_its_end(capsys: pytest
     assert len(line) < 720
     assert line.startswith("warning: name 'a/a/")
     assert line.endswith("/' is not known")
+
+
+SWALLOWED = {
+    "the end of an object's life": (
+        """
+class Short:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+Short()
+time.sleep(20.0)
+""",
+        "interrupted",
+        130,
+    ),
+    "a library": ("keep(lambda: json.loads('{'))", "ended by SIGTERM", 143),
+    "nobody: a fault of this project's own": ("keep(lambda: Wanted())", "has a fault", 70),
+}
+"""Work, by what becomes of the interrupt in it; what is said then, and the exit status."""
+
+
+@pytest.mark.parametrize("by", SWALLOWED)
+def test_an_interrupt_that_is_swallowed_ends_the_work_all_the_same(by: str, tmp_path: Path) -> None:
+    work, said, status = SWALLOWED[by]
+    program = f"""
+import json, signal, time
+from validation import cli
+def Wanted():
+    raise ZeroDivisionError("of the project")
+def keep(then):
+    try:
+        signal.raise_signal(signal.SIGTERM)
+    except KeyboardInterrupt:
+        then()
+def main() -> None:
+    \"\"\"Work.\"\"\"
+    exec(WORK)
+WORK = {work!r}
+cli.run(main, "the program", [])
+"""
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.returncode == status

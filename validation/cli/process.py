@@ -75,7 +75,8 @@ def signals_end_work() -> Iterator[list[int]]:
     """Within, signals raise `KeyboardInterrupt`: Ctrl-C whenever it is pressed, each of `ENDING_SIGNALS` once.
 
     A signal that was to be ignored, as under nohup, stays so. While numba compiles, a signal is put off: its compiler would
-    swallow the interrupt, and the work would go on or break.
+    swallow the interrupt, and the work would go on or break. An interrupt that Python itself swallows, because it met the
+    end of an object's life, comes again.
 
     Yields:
         The list to which the number of each signal is added when it comes.
@@ -83,9 +84,7 @@ def signals_end_work() -> Iterator[list[int]]:
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         if _compiles(frame):
-            again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
-            again.daemon = True
-            again.start()
+            _send_again(number)
             return
         came.append(number)
         if number != signal.SIGINT:
@@ -95,15 +94,33 @@ def signals_end_work() -> Iterator[list[int]]:
 
     came: list[int] = []
     before: dict[int, Any] = {}
+    hook = sys.unraisablehook
     if threading.current_thread() is threading.main_thread():
         for number in (getattr(signal, name) for name in ("SIGINT", *ENDING_SIGNALS) if hasattr(signal, name)):
             if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
                 before[number] = signal.signal(number, interrupt)
+        sys.unraisablehook = _again_if_swallowed
     try:
         yield came
     finally:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _send_again(number: int) -> None:
+    """Let a signal come again in a moment."""
+    again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
+    again.daemon = True
+    again.start()
+
+
+def _again_if_swallowed(unraisable: Any) -> None:
+    """Let an interrupt come again that Python swallows, and report any other error that it does, as it usually does."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        _send_again(signal.SIGINT)
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def _compiles(frame: FrameType | None) -> bool:

@@ -133,7 +133,7 @@ def _last_resort(error: Exception, program: str, signals: Sequence[int]) -> tupl
         return "run failed: there is not enough memory", EXIT_FAILED_RUN
     if str(error) == "can't start new thread":  # Python has no type for this
         return "run failed: no more threads can be started; ask for fewer workers", EXIT_FAILED_RUN
-    if signals and isinstance(error, ImportError | SystemError):  # a library that was being loaded says it so
+    if signals and (isinstance(error, ImportError | SystemError) or not _is_ours(error)):  # so a library says that it came
         return _ended_by(signals)
     return f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}", EXIT_FAULT
 

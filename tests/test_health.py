@@ -38,7 +38,7 @@ PUSHED = 1e-3
 RISE = 5e-3
 """Relative, of the body's rise over slip speed, which the measured slip speed limits."""
 RIPPLE_FACTOR = 1.8
-"""Of the ripple's law either way, over ripples that differ a thousandfold."""
+"""Greatest factor between a simulated ripple and its law, either way; the ripples differ a thousandfold."""
 DRIVE = Drive(delay_v=0.2, delay_w=0.2, command_half_track=0.5188, acceleration_v=1.16, wheel_lag=0.02, torque_limit=400.0)
 JERKY = HuskyCalibration(friction=0.7, gain=2100.0, armature=1.8, wheel_radius=0.16)
 

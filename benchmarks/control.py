@@ -26,9 +26,9 @@ from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from validation import cli
 from validation.plants.profile import load_profile
-from validation.robots.husky import controls
-from validation.robots.loops import HuskyLoop, run_husky_loops
-from validation.robots.plant import MujocoPlant
+from validation.simulator.loops import HuskyLoop, run_husky_loops
+from validation.simulator.model import controls
+from validation.simulator.plant import MujocoPlant
 from validation.track.gains import load_gains
 from validation.track.loops import make_controller, make_robot
 from validation.track.waypoint_files import open_reference

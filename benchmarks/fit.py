@@ -36,7 +36,7 @@ from validation.fit.targets import FitSources, open_targets
 from validation.plants.profile import PlantProfile, load_profile
 from validation.plants.searchable import make_space
 from validation.progress import Progress
-from validation.robots.plant import MujocoPlant
+from validation.simulator.plant import MujocoPlant
 
 SIMULINK_RUN_S = 2.75
 """Sec. 3.6: the Coulomb model on trajectory 4, on the authors' machine [s]."""
@@ -54,7 +54,7 @@ def problem_of(model: str, source: str, free: tuple[str, ...], cost: FitCost) ->
     return FitProblem(
         model,
         profile.plants[model],
-        make_space(model, free, {}),
+        make_space(model, free, {}, profile.robot),
         open_targets([source], profile, FitSources())[0],
         cost,
     )

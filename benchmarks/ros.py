@@ -31,13 +31,13 @@ from ssmr.estimation.sensing import SensorModel
 from ssmr.types import State
 from validation import cli, store
 from validation.plants.profile import load_profile, make_plant
-from validation.robots.plant import MujocoPlant
 from validation.ros import messages as msg
 from validation.ros.commands import BASE_TIMEOUT
 from validation.ros.inbox import Received
 from validation.ros.pacing import EDGE, Pacer, drift
 from validation.ros.port import Port, load_rospy, message_class, set_pose_service
 from validation.ros.sim import FILTERED_TOPIC, MESSAGE_TYPES, POSE_TOPIC, PUBLISH_RATES, SET_POSE_TOPIC, SIM_TIME_PARAMETER
+from validation.simulator.plant import MujocoPlant
 from validation.track.gains import load_gains
 from validation.track.loops import make_controller, make_robot, odometry_of, rate, run_robots
 from validation.track.waypoint_files import open_reference

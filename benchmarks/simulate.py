@@ -47,8 +47,8 @@ from ssmr.simulation import (
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
 from validation.plants.profile import load_profile
-from validation.robots.husky import controls
-from validation.robots.plant import MujocoPlant
+from validation.simulator.model import controls
+from validation.simulator.plant import MujocoPlant
 
 COLUMNS = 13
 """Numbers of a step, as the compiled loops write them."""

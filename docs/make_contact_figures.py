@@ -15,13 +15,18 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ssmr.robot.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_spot
+from ssmr.robot.skid_turn import polygonal_turn, turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
+from validation import load_robot
 from validation.motion.driving import drive
 from validation.motion.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
-from validation.study.contact.bench import SAMPLE, SPIN_LEAD, TURNED, make_variant, spin
+from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin
+from validation.study.contact.bench import TURNED, make_variant
 from validation.study.contact.variants import PhysicsVariant, physics_variants
+
+_ROBOT = load_robot("husky")
+WHEELBASE, TRACK = _ROBOT.geometry.wheelbase, _ROBOT.geometry.track
 
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {
@@ -65,10 +70,14 @@ def draw_theory(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axe
         (0.0, "#0072b2", "centre in the middle", "cone: pyramidal"),
         (y, "#d55e00", "maker's centre", "near ODE, maker's centre: as it is"),
     ):
-        theory = [polygonal_turn("diamond", math.radians(h), 0.0, place).yaw_rate for h in headings]
+        theory = [polygonal_turn("diamond", math.radians(h), WHEELBASE, TRACK, 0.0, place).yaw_rate for h in headings]
         ax.plot(headings, theory, color=colour, lw=1.4, label=f"friction polygon, {words}")
         ax.axhline(
-            turn_on_the_spot(0.0, place).yaw_rate, color=colour, lw=0.9, ls=(0, (4, 2)), label=f"friction circle, {words}"
+            turn_on_the_spot(WHEELBASE, TRACK, 0.0, place).yaw_rate,
+            color=colour,
+            lw=0.9,
+            ls=(0, (4, 2)),
+            label=f"friction circle, {words}",
         )
         measured = by_heading(found[key], section)
         ax.plot(*measured, "o", color=colour, ms=3.5)
@@ -81,9 +90,9 @@ def draw_theory(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axe
     ax.set_xticks([0, 15, 30, 45, 60, 75, 90])
     ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=2)
     ax.set_title("Turning slowly on the spot (dots: MuJoCo)", fontsize=10)
-    straight = polygonal_turn("diamond", 0.25 * math.pi, 0.0, y)
+    straight = polygonal_turn("diamond", 0.25 * math.pi, WHEELBASE, TRACK, 0.0, y)
     print(f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, {straight.yaw_rate:.3f} rad/m of rim speed")
-    print(f"circle, maker's centre: centre of rotation {turn_on_the_spot(0.0, y).centre[1]:.3f} m to the left")
+    print(f"circle: centre of rotation {turn_on_the_spot(WHEELBASE, TRACK, 0.0, y).centre[1]:.3f} m to the left")
 
 
 def draw_paths(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes) -> None:

@@ -7,6 +7,7 @@ Run from the project's root: `python docs/make_drivetrain_tables.py husky_wet_gr
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -15,14 +16,18 @@ from ssmr.robot.currents import bridge_reading
 from ssmr.robot.slip import quasi_static_twist, side_forces
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
-from validation.robots.husky import HuskyCalibration
-from validation.robots.physics import PhysicsSettings
-from validation.robots.plant import MujocoPlant
-from validation.study.contact.bench import creep
+from validation import load_robot
+from validation.simulator.calibration import Calibration
+from validation.simulator.physics import PhysicsSettings
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.turning import creep
 from validation.study.drivetrain.evidence import sensor_of
 from validation.study.drivetrain.friction import COULOMB_SCALE
 from validation.study.drivetrain.logs import CHASSIS, drive_log
 from validation.study.drivetrain.samples import window_means
+
+_ROBOT = load_robot("husky")
+husky = partial(Calibration.of, _ROBOT)
 
 FRICTION = 0.55
 """Friction coefficient of the MuJoCo Husky [1]: that of the Husky on wet grass if its torque constant is 2.5 N m/A."""
@@ -38,7 +43,7 @@ HUSKY = CHASSIS["husky"]
 
 def mujoco_shares(rates: FloatArray, impratio: float, timestep: float = 0.002) -> tuple[FloatArray, float]:
     """Return (2, n) torques of the sides over their friction torque at (2, n) steady wheel rates, and the creep [m/s]."""
-    calibration = HuskyCalibration(friction=FRICTION, wheel_radius=HUSKY.geometry.radius, mass=HUSKY.mass, timestep=timestep)
+    calibration = husky(friction=FRICTION, wheel_radius=HUSKY.geometry.radius, mass=HUSKY.mass, timestep=timestep)
     plant = MujocoPlant(calibration, Drive(), settings=PhysicsSettings(impratio=impratio))
     ramp, shares = np.clip(np.arange(100) / 20.0, 0.0, 1.0)[:, None], np.empty_like(rates)  # 5 s, the first one speeds up
     for k, rate in enumerate(rates.T):

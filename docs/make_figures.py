@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,25 +18,32 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ssmr.robot.drive import wheel_rates, wheel_references
-from ssmr.robot.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
+from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory
+from validation import load_robot
 from validation.plants.profile import load_profile
-from validation.robots.contact_law import ContactLaw, contact_law
-from validation.robots.health import START_TIME, check_health, examine, run_health
-from validation.robots.husky import (
+from validation.simulator.calibration import Calibration
+from validation.simulator.contact_law import ContactLaw, contact_law
+from validation.simulator.health import START_TIME, check_health, examine, run_health
+from validation.simulator.model import (
     GRAVITY,
-    PRESSED_IN,
     WHEELS,
-    HuskyCalibration,
-    husky_model,
+    pressed_in,
+    robot_model,
     wheel_geoms,
 )
-from validation.robots.physics import SHIPPED, Impedance, PhysicsSettings
-from validation.robots.plant import MujocoPlant
-from validation.study.contact.bench import HALF_WIDTH, creep
+from validation.simulator.physics import SHIPPED, Impedance, PhysicsSettings
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.turning import creep
 from validation.study.contact.variants import MUJOCO_IMPEDANCE
+
+_ROBOT = load_robot("husky")
+husky = partial(Calibration.of, _ROBOT)
+CAPSULE = husky().capsule_half_width
+HALF_WIDTH = {"ellipsoid": 0.0, "capsule": CAPSULE, "cylinder": 0.5 * _ROBOT.geometry.wheel_width}
+WHEELBASE, TRACK = _ROBOT.geometry.wheelbase, _ROBOT.geometry.track
 
 RADIUS, WEIGHT = 0.1651, 73.30 * GRAVITY
 DIAGONAL = math.hypot(WHEELBASE, TRACK)
@@ -68,9 +76,9 @@ class Turn:
     """Torque of a side [N m]."""
 
 
-def turn(calibration: HuskyCalibration, rate: float = 0.6, solimp: Impedance | None = None, seconds: float = 6.0) -> Turn:
+def turn(calibration: Calibration, rate: float = 0.6, solimp: Impedance | None = None, seconds: float = 6.0) -> Turn:
     """Turn on the spot with unlimited torque."""
-    model = husky_model(calibration, settings=PhysicsSettings(solimp=solimp))
+    model = robot_model(calibration, settings=PhysicsSettings(solimp=solimp))
     data = mujoco.MjData(model)
     data.ctrl[:] = wheel_rates(0.0, rate, HALF_TRACK, RADIUS)
     left, right = model.joint("front_left_wheel").dofadr[0], model.joint("front_right_wheel").dofadr[0]
@@ -87,7 +95,7 @@ def turn(calibration: HuskyCalibration, rate: float = 0.6, solimp: Impedance | N
     table = np.array(rows)
     yaw_rate, wheels, depth, torque = table[:, :4].mean(axis=0)
     multiplier = RADIUS * wheels / (TRACK * yaw_rate)
-    contact_radius = RADIUS + 0.5 * PRESSED_IN[calibration.wheel_shape] - 0.5 * depth
+    contact_radius = RADIUS + 0.5 * pressed_in(model, calibration).mean() - 0.5 * depth
     loads = table[:, 4:]
     return Turn(
         multiplier,
@@ -111,7 +119,7 @@ def table_turning() -> None:
     print("\nshape, friction: soft at 1, 2, 5 ms; by contact radius at 2 ms; closed form; default contact at 1, 2, 5 ms")
     for shape, half_width in HALF_WIDTH.items():
         for friction in (0.1, 0.3, 0.6, 0.8):
-            base = HuskyCalibration(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
+            base = husky(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
             steps = [replace(base, timestep=dt) for dt in (0.001, 0.002, 0.005)]
             soft, default = [turn(c) for c in steps], [turn(c, solimp=MUJOCO_IMPEDANCE) for c in steps]
             print_row(
@@ -119,26 +127,26 @@ def table_turning() -> None:
                 friction,
                 *(f"{t.multiplier:.4f}" for t in soft),
                 f"{soft[1].by_contact_radius:.4f}",
-                f"{turn_on_the_spot(half_width=half_width).multiplier:.4f}",
+                f"{turn_on_the_spot(WHEELBASE, TRACK, half_width=half_width).multiplier:.4f}",
                 *(f"{t.multiplier:.2f}" for t in default),
                 f"{max(t.ripple for t in soft):.0e}",
                 f"{max(t.lowest_load for t in default):.2f}",
             )
     print("\nratio of frictions (capsule, 0.4): measured, by contact radius, closed form")
     for ratio in (0.8, 1.0, 1.24, 1.5):
-        found = turn(HuskyCalibration(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
-        form = turn_on_the_spot(ratio=ratio, half_width=HuskyCalibration.capsule_half_width).multiplier
+        found = turn(husky(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
+        form = turn_on_the_spot(WHEELBASE, TRACK, ratio=ratio, half_width=CAPSULE).multiplier
         print_row(ratio, f"{found.multiplier:.3f}", f"{found.by_contact_radius:.3f}", f"{form:.3f}")
     print("\nfriction: torque of a side, closed form with the contact's radius [N m]")
     for friction in (0.1, 0.3, 0.6, 0.8):
-        found = turn(HuskyCalibration(friction=friction))
+        found = turn(husky(friction=friction))
         form = found.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
         print_row(friction, f"{found.torque:.2f}", f"{form:.2f}", f"depth {1e3 * found.depth:.2f} mm")
 
 
-def law_of(calibration: HuskyCalibration, impedance: Impedance | None = None) -> ContactLaw:
+def law_of(calibration: Calibration, impedance: Impedance | None = None) -> ContactLaw:
     """Return the law of a robot's contact at rest."""
-    model = husky_model(calibration, settings=PhysicsSettings(solimp=impedance))
+    model = robot_model(calibration, settings=PhysicsSettings(solimp=impedance))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
     return contact_law(model, data, wheel_geoms(model))
@@ -152,23 +160,23 @@ def table_lift() -> None:
             low, high, impedance = 0.05, 20.0, (d0, 0.95, 0.005, 0.5, 2.0)
             for _ in range(8):
                 rate = math.sqrt(low * high)
-                found = turn(HuskyCalibration(friction=friction), rate, impedance, 4.0)
+                found = turn(husky(friction=friction), rate, impedance, 4.0)
                 if found.lowest_load < 0.01:
                     high = rate
                 else:
                     low, last = rate, found
             slip = last.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
-            limit = law_of(HuskyCalibration(friction=friction), impedance).slip_limit
+            limit = law_of(husky(friction=friction), impedance).slip_limit
             print_row(d0, friction, f"{friction * slip:.4f}", f"{friction * limit:.4f}")
 
 
 def table_rise() -> None:
     """Print by how much the body rides higher at a friction times slip speed, turning on the spot, and the law's."""
     print("\nfriction 0.3, mu v [m/s]: rise of the body [mm], law")
-    law = law_of(HuskyCalibration())
+    law = law_of(husky())
     for product in (0.05, 0.1, 0.2, 0.4, 0.6, 0.7):
         rate = product / law.friction * TRACK / (0.5 * WHEELBASE * DIAGONAL)
-        found = turn(HuskyCalibration(), rate, None, 4.0)
+        found = turn(husky(), rate, None, 4.0)
         slip = found.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
         print_row(product, f"{1e3 * (law.depth(0.0) - found.depth):.2f}", f"{1e3 * law.rise(slip):.2f}")
 
@@ -180,7 +188,7 @@ def table_ripple() -> None:
         (2100.0, 1.8, 0.0), (2100.0, 1.8, 0.02), (2100.0, 1.8, 0.05), (2100.0, 0.3, 0.0),
         (118.04, 0.3, 0.0), (118.04, 0.1, 0.02), (118.04, 0.1, 0.05),
     ):  # fmt: skip
-        calibration = HuskyCalibration(friction=0.7, gain=gain, armature=armature)
+        calibration = husky(friction=0.7, gain=gain, armature=armature)
         drive = replace(lab_drive(400.0), wheel_lag=lag)
         plant = MujocoPlant(calibration, drive)
         examined = examine(plant.model, calibration, drive)
@@ -199,7 +207,7 @@ def lab_drive(torque_limit: float) -> Drive:
 
 
 def trajectory(
-    scenario: str, calibration: HuskyCalibration, torque_limit: float, settings: PhysicsSettings = SHIPPED
+    scenario: str, calibration: Calibration, torque_limit: float, settings: PhysicsSettings = SHIPPED
 ) -> Trajectory:
     """Drive one of trajectories 1-4, sampled every 10 ms."""
     plant = MujocoPlant(calibration, lab_drive(torque_limit), settings=settings)
@@ -217,8 +225,7 @@ def table_steps() -> None:
     for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
         for scenario in TRAJECTORIES:
             runs = [
-                trajectory(scenario, HuskyCalibration(friction=friction, timestep=dt), limit)
-                for dt in (0.005, 0.002, 0.001, 0.0005)
+                trajectory(scenario, husky(friction=friction, timestep=dt), limit) for dt in (0.005, 0.002, 0.001, 0.0005)
             ]
             apart = [f"{ends_apart(a, b):.2f}" for a, b in pairwise(runs)]
             health = check_health(runs[1].channels["wheel_load_N"])
@@ -242,7 +249,7 @@ def table_steps() -> None:
     print("\npyramidal cone, trajectory 4: end moves from 2 to 1, 1 to 0.5 ms [mm]")
     for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
         runs = [
-            trajectory("traj4", HuskyCalibration(friction=friction, timestep=dt), limit, PhysicsSettings(cone="pyramidal"))
+            trajectory("traj4", husky(friction=friction, timestep=dt), limit, PhysicsSettings(cone="pyramidal"))
             for dt in (0.002, 0.001, 0.0005)
         ]
         print_row(friction, *(f"{ends_apart(a, b):.0f}" for a, b in pairwise(runs)))
@@ -259,16 +266,16 @@ def table_steps() -> None:
         moved = []
         for scenario in ("traj1", "traj4"):
             one, two = (
-                trajectory(scenario, HuskyCalibration(friction=0.14, gain=gain, armature=armature, timestep=dt), 7.0)
+                trajectory(scenario, husky(friction=0.14, gain=gain, armature=armature, timestep=dt), 7.0)
                 for dt in (0.002, 0.001)
             )
             moved.append(f"{ends_apart(one, two):.1f}")
         print_row(gain, armature, f"{2e3 * (armature + 0.04411) / gain:.1f}", *moved)
 
 
-def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def settled(calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a robot at rest on its tyres."""
-    model = husky_model(calibration)
+    model = robot_model(calibration)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
     return model, data
@@ -281,7 +288,7 @@ def table_rest() -> None:
         for friction in (0.2, 0.6):
             speeds = []
             for impratio in (1.0, 10.0, 100.0):
-                calibration = HuskyCalibration(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
+                calibration = husky(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
                 plant = MujocoPlant(calibration, lab_drive(math.inf), settings=PhysicsSettings(impratio=impratio))
                 speeds.append(f"{1e3 * creep(plant):.3f}")
             print_row(shape, friction, *speeds)
@@ -290,7 +297,7 @@ def table_rest() -> None:
         off = []
         for speed in (0.5, 1.5):
             for axis in (0, 1):
-                model, data = settled(HuskyCalibration(friction=friction, armature=30.0, gain=1e4))
+                model, data = settled(husky(friction=friction, armature=30.0, gain=1e4))
                 data.qvel[axis], start = speed, data.qpos[axis]
                 mujoco.mj_step(model, data, nstep=round(2.0 * speed / (friction * GRAVITY) / 0.002))
                 off.append(f"{100.0 * ((data.qpos[axis] - start) / (speed**2 / (2.0 * friction * GRAVITY)) - 1.0):+.1f}")
@@ -305,7 +312,7 @@ def table_between() -> None:
     radius = RADIUS
     for friction in (0.2, 0.4, 0.8):
         for v, w in ((0.25, 0.5), (0.5, 0.25), (0.5, 0.5), (0.5, 0.75), (1.0, 0.5)):
-            motion = MujocoPlant(HuskyCalibration(friction=friction), drive).run(
+            motion = MujocoPlant(husky(friction=friction), drive).run(
                 Commands(0.05, np.tile([v, w], (200, 1))), State(), 0.01
             )
             tail = motion.t > 7.0
@@ -318,7 +325,7 @@ def table_between() -> None:
     for friction in (0.14, 0.4):
         for gain in (60.0, 118.04, 400.0):
             for w in (0.25, 0.75):
-                found = turn(HuskyCalibration(friction=friction, gain=gain), w)
+                found = turn(husky(friction=friction, gain=gain), w)
                 wheel = HALF_TRACK * w / RADIUS
                 load = found.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
                 reached = found.multiplier * TRACK * found.rate / (2.0 * RADIUS * wheel)
@@ -334,13 +341,13 @@ def draw() -> None:
     looks = {"ellipsoid": ("o", "ellipsoid (touches at a point)"), "cylinder": ("s", "cylinder (touches along a line)")}
     for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
         for shape, (marker, label) in looks.items():
-            base = HuskyCalibration(friction=0.6, wheel_shape=shape)  # type: ignore[arg-type]
+            base = husky(friction=0.6, wheel_shape=shape)  # type: ignore[arg-type]
             found = [turn(replace(base, timestep=dt), solimp=solimp).multiplier for dt in steps]
             fill = colour if shape == "ellipsoid" else "white"
             left.plot([1e3 * dt for dt in steps], found, marker, ls="-", lw=1.2, color=colour, markerfacecolor=fill,
                       label=f"{contact} contact, {label}")  # fmt: skip
     for shape, style in (("ellipsoid", "-"), ("cylinder", "--")):
-        form = turn_on_the_spot(half_width=HALF_WIDTH[shape]).multiplier
+        form = turn_on_the_spot(WHEELBASE, TRACK, half_width=HALF_WIDTH[shape]).multiplier
         name = "a point" if shape == "ellipsoid" else "a line"
         left.axhline(form, color="black", lw=0.8, ls=style, label=f"formula for {name}: {form:.3f}")
     left.set(xscale="log", xlabel="time step [ms]", ylabel="wheels' yaw rate over the robot's", ylim=(1.7, 2.9))
@@ -350,7 +357,7 @@ def draw() -> None:
     left.set_title("Turning on the spot, friction 0.6", fontsize=10)
     drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
     for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
-        plant = MujocoPlant(HuskyCalibration(friction=0.6), drive, settings=PhysicsSettings(solimp=solimp))
+        plant = MujocoPlant(husky(friction=0.6), drive, settings=PhysicsSettings(solimp=solimp))
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), plant.dt)
         shown = motion.t > 4.8
         right.plot(

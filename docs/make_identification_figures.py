@@ -21,11 +21,15 @@ from matplotlib.patches import FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
 from ssmr.metrics.poses import horizon_windows
-from ssmr.robot.skid_turn import TRACK, WHEEL_X, WHEEL_Y, WHEELBASE, turn_on_the_spot
+from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.types import FloatArray
+from validation import load_robot
 from validation.logs.recording_csv import read_csv
 from validation.plants.profile import PLANTS, load_profile
 from validation.show.palette import colour
+
+_ROBOT = load_robot("husky")
+WHEELBASE, TRACK = _ROBOT.geometry.wheelbase, _ROBOT.geometry.track
 
 OUTLINE = 0.99, 0.67
 """Length and width of a Husky A200 [m]."""
@@ -95,7 +99,7 @@ def _draw_robot(ax: Axes) -> None:
     """Draw body and tyres from above, the front up."""
     length, (diameter, tyre) = OUTLINE[0], WHEEL
     boxes = [(0.0, 0.0, TRACK - tyre + 0.06, length, "#f7f2e4")]
-    boxes += [(y, x, tyre, diameter, "0.82") for x, y in zip(WHEEL_X, WHEEL_Y, strict=True)]
+    boxes += [(y, x, tyre, diameter, "0.82") for x, y in zip(strict=True)]
     for y, x, wide, long, fill in boxes:
         corner = y - 0.5 * wide, x - 0.5 * long
         ax.add_patch(FancyBboxPatch(corner, wide, long, "round,pad=0,rounding_size=0.03", facecolor=fill, edgecolor="0.35"))
@@ -153,7 +157,7 @@ def draw_centre() -> None:
         annotation_clip=False,
     )
     for row, place in zip(rows, PLACES, strict=True):
-        expected = turn_on_the_spot(place.x, place.y, place.ratio).multiplier
+        expected = turn_on_the_spot(WHEELBASE, TRACK, place.x, place.y, place.ratio).multiplier
         found = [(turns, expected, f"{expected:.2f}")]
         if place.cost is not None:
             found.append((costs, place.cost, f"{'' if place.refitted else '≤ '}{place.cost:.4f}"))

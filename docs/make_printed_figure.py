@@ -20,9 +20,9 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import load_profile, make_plant
-from validation.robots.husky import GRAVITY
-from validation.robots.plant import MujocoPlant
 from validation.show.palette import colour
+from validation.simulator.model import GRAVITY
+from validation.simulator.plant import MujocoPlant
 from validation.thesis import published
 
 OUT = Path(__file__).parent / "img" / "printed_parameters.png"

@@ -33,8 +33,8 @@ class Declaration:
 
     name: str
     """Name of the field."""
-    default: float
-    """Value of a parameter set that does not set it."""
+    default: float | None
+    """Value of a parameter set that does not set it; None for a number that every set must say."""
     unit: str
     """Unit of the value; `1` for a pure number."""
     low: float
@@ -44,13 +44,22 @@ class Declaration:
     open_low: bool
     """Whether `low` itself is forbidden."""
     search: tuple[float, float] | None
-    """Default bounds of a search, wide enough for any robot of the kind; None if no search may move the number."""
+    """Default bounds of a search; None if no search may move the number."""
     scale: Scale
     """Spacing of the search between its bounds."""
+    of: str
+    """The size of the robot of which `search` has multiples; empty where `search` is in the number's own unit."""
+
+    def bounds(self, sizes: Mapping[str, float]) -> tuple[float, float] | None:
+        """Return the default bounds of a search for a robot of these sizes, in the number's unit; None for no search."""
+        if self.search is None:
+            return None
+        size = sizes[self.of] if self.of else 1.0
+        return self.search[0] * size, self.search[1] * size
 
 
 def parameter(
-    default: float,
+    default: float | None = None,
     *,
     unit: str,
     low: float,
@@ -58,9 +67,11 @@ def parameter(
     open_low: bool = False,
     search: tuple[float, float] | None = None,
     scale: Scale = "linear",
+    of: str = "",
 ) -> Any:
     """Return a dataclass field that holds a number; see `Declaration` for the arguments."""
-    return field(default=default, metadata={_KEY: Declaration("", default, unit, low, high, open_low, search, scale)})
+    about = {_KEY: Declaration("", default, unit, low, high, open_low, search, scale, of)}
+    return field(metadata=about) if default is None else field(default=default, metadata=about)
 
 
 _known: dict[type, Mapping[str, Declaration]] = {}

@@ -18,7 +18,7 @@ ROOMS = (
     {"ssmr.simulation"},
     {"ssmr.control"},
     {"validation.thesis", "validation.store", "validation.reading", "validation.progress", "validation.words"},
-    {"validation.logs", "validation.robots"},
+    {"validation.logs", "validation.simulator"},
     {"validation.plants"},
     {"validation.show"},
     {"validation.motion", "validation.cli"},

@@ -37,8 +37,8 @@ from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.plants.profile import Profile, load_profile, make_plant
-from validation.robots.loops import HuskyLoop, run_husky_loops
-from validation.robots.plant import MujocoPlant
+from validation.simulator.loops import HuskyLoop, run_husky_loops
+from validation.simulator.plant import MujocoPlant
 from validation.thesis import published
 from validation.track.gains import load_gains
 

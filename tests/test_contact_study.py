@@ -10,19 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.robot.skid_turn import TRACK, turn_on_the_spot
+from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.types import Commands, State
+from tests.robots import TRACK, WHEELBASE
 from tests.test_robustness import run_program
 from validation.logs.recording import Recording
 from validation.motion.driving import drive
 from validation.motion.sources import Piece, source_of
 from validation.plants.profile import Profile
-from validation.robots.husky import HuskyCalibration
-from validation.robots.physics import PhysicsSettings
-from validation.robots.plant import MujocoPlant
+from validation.simulator.calibration import Calibration
+from validation.simulator.physics import PhysicsSettings
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.turning import SPIN_LEAD
 from validation.study.contact import ContactStudy
 from validation.study.contact import bench as bench_module
-from validation.study.contact.bench import SPIN_LEAD, Bench, Measures, TriedVariant, make_bench, make_variant
+from validation.study.contact.bench import Bench, Measures, TriedVariant, make_bench, make_variant
 from validation.study.contact.figure import badness
 from validation.study.contact.result import MEASURE_COLUMNS
 from validation.study.contact.run import try_variants
@@ -109,9 +111,9 @@ def test_each_robot_has_its_own_closed_form(
 def test_a_robot_heavier_on_the_right_circles_about_its_closed_forms_centre(lab: Profile) -> None:
     plant = make_variant(BY_KEY["centre of mass: maker's, now"], lab.plants["mujoco"])
     made = bench_module.spin(plant, 24.0)
-    calibration: HuskyCalibration = plant.calibration
+    calibration: Calibration = plant.calibration
     share = (calibration.mass - 4 * 2.637) / calibration.mass
-    x, y = turn_on_the_spot(share * calibration.com_x, share * calibration.com_y).centre
+    x, y = turn_on_the_spot(WHEELBASE, TRACK, share * calibration.com_x, share * calibration.com_y).centre
     found = bench_module.measure_spin(made, calibration)
     assert found["wander_m"] == pytest.approx(2.0 * np.hypot(x, y), rel=0.05)
     assert found["drift_m"] < 0.002  # it is back after a turn

@@ -25,9 +25,10 @@ from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
+from tests.robots import HUSKY
 from tests.test_architecture import room_imports
 from validation.recordings.simulated_log import LogSettings
-from validation.robots.husky import WHEELS, HuskyCalibration, xml_path
+from validation.simulator.description import WHEELS
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -36,7 +37,6 @@ DOCUMENTED = (
     Vehicle,
     Drive,
     *(planar_law(name).parameters for name in PLANAR_MODELS),
-    HuskyCalibration,
     SineScenario,
     SensorNoise,
     EkfSettings,
@@ -121,7 +121,7 @@ def test_constants_are_listed_as_they_are() -> None:
 
 def elements() -> Mapping[str, list[Mapping[str, str]]]:
     """Attributes of the elements of husky.xml that hold physics, by the names the page gives them."""
-    root = ElementTree.parse(xml_path()).getroot()
+    root = ElementTree.parse(HUSKY.mjcf_path).getroot()
     found: dict[str, list[Mapping[str, str]]] = {"flag": [e.attrib for e in root.iterfind("option/flag")]}
     found["option"] = [e.attrib for e in root.iterfind("option")]
     for kind in ("tire", "wheel"):

@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 from ssmr.robot.currents import battery_current, bridge_reading
 from ssmr.robot.drive import wheel_references
 from ssmr.robot.set_points import SetPointLaw, rim_speeds
-from ssmr.robot.skid_turn import TRACK, WHEELBASE, turn_on_the_spot
+from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.robot.slip import CREEP, SkidGeometry, grip, quasi_static_twist, side_forces
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF
+from tests.robots import TRACK, WHEELBASE
 
 HUSKY = SkidGeometry(0.1651, 0.5 * TRACK, 0.5 * WHEELBASE)
 SOLVED = 1e-9
@@ -78,7 +79,7 @@ def test_a_turn_on_the_spot_is_coulombs_whatever_the_scale(half_base: float) -> 
 def test_without_give_it_is_coulombs_law() -> None:
     w = np.array([[-2.0, 1.0], [2.0, 3.0]])
     twist = quasi_static_twist(w, HUSKY, 1e-5)
-    assert w[1, 0] * HUSKY.radius / twist[2, 0] == pytest.approx(1.0 / turn_on_the_spot().yaw_rate, rel=1e-6)
+    assert w[1, 0] * HUSKY.radius / twist[2, 0] == pytest.approx(1.0 / turn_on_the_spot(WHEELBASE, TRACK).yaw_rate, rel=1e-6)
     forces = side_forces(w, twist, HUSKY, 1e-5)
     slide = HUSKY.radius * w[1] - twist[0] - twist[2] * HUSKY.half_track
     across = twist[2] * HUSKY.half_base  # v_y is zero by symmetry

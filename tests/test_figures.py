@@ -29,8 +29,8 @@ from tests.conftest import metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare import figure as figures
 from validation.compare.figure import MAX_WINDOWS, comparison_figure
-from validation.robots.health import Health
 from validation.show.drawing import save_figure
+from validation.simulator.health import Health
 
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
 METRICS = metrics_of(0.0145, 0.0250, 1.0312, 0.98, 0.0151, 0.0260, 0.0202, 0.0349)

@@ -18,12 +18,13 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from tests.conftest import ROUNDOFF
-from validation.robots.health import DEVIATION_LIMIT, LIFT_SHARE, check_health
-from validation.robots.husky import WHEELS, HuskyCalibration, calibrate, husky_model, wheel_geoms, xml_path
-from validation.robots.plant import MujocoPlant
-from validation.robots.wheel_loads import load_model
-
-WHEELBASE, TRACK = 0.512, 0.5708
+from tests.robots import HUSKY, TRACK, WHEELBASE, husky
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import WHEELS
+from validation.simulator.health import DEVIATION_LIMIT, LIFT_SHARE, check_health
+from validation.simulator.model import calibrate, robot_model, wheel_geoms
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.wheel_loads import load_model
 
 TURN_ERROR = {"ellipsoid": 0.005, "capsule": 0.005, "cylinder": 0.03}
 """Of the yaw-rate multiplier against its closed form: contacts are regularised, and a cylinder's is a line as wide as the
@@ -47,7 +48,7 @@ def turning(multiplier_ratio: float, track: float = TRACK) -> float:
 
 
 @cache
-def spin(calibration: HuskyCalibration) -> tuple[float, float, float]:
+def spin(calibration: Calibration) -> tuple[float, float, float]:
     """Yaw-rate multiplier, its ripple and the load deviation of a robot that turns on the spot, over the last 3 of 6 s."""
     motion = MujocoPlant(calibration, STIFF).run(Commands(0.05, np.tile([0.0, 0.6], (120, 1))), State(), 0.01)
     tail = motion.t > 3.0
@@ -67,7 +68,7 @@ def spin(calibration: HuskyCalibration) -> tuple[float, float, float]:
 def test_turning_on_the_spot_is_the_closed_form(shape: str, friction: float) -> None:
     found = []
     for dt in (0.001, 0.002, 0.005):
-        multiplier, ripple, deviation = spin(HuskyCalibration(friction=friction, wheel_shape=shape, timestep=dt))  # type: ignore[arg-type]
+        multiplier, ripple, deviation = spin(husky(friction=friction, wheel_shape=shape, timestep=dt))  # type: ignore[arg-type]
         assert multiplier == pytest.approx(turning(1.0), rel=TURN_ERROR[shape])
         assert ripple < RIPPLE
         assert deviation < RIPPLE
@@ -77,14 +78,14 @@ def test_turning_on_the_spot_is_the_closed_form(shape: str, friction: float) -> 
 
 @pytest.mark.parametrize("ratio", [0.8, 1.24, 1.5])
 def test_anisotropic_wheels_turn_as_the_closed_form_says(ratio: float) -> None:
-    multiplier, ripple, _ = spin(HuskyCalibration(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
+    multiplier, ripple, _ = spin(husky(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
     assert multiplier == pytest.approx(turning(ratio), rel=TURN_ERROR["capsule"])
     assert ripple < RIPPLE
 
 
 @pytest.mark.parametrize("half_track", [0.25, 0.275, 0.35])
 def test_another_track_turns_as_the_closed_form_says(half_track: float) -> None:
-    calibration = HuskyCalibration(half_track=half_track)
+    calibration = husky(half_track=half_track)
     multiplier, ripple, _ = spin(calibration)
     assert multiplier == pytest.approx(turning(1.0, 2.0 * half_track), rel=TURN_ERROR["ellipsoid"])
     assert ripple < RIPPLE
@@ -94,14 +95,16 @@ def test_another_track_turns_as_the_closed_form_says(half_track: float) -> None:
 
 @pytest.mark.parametrize("half_width", [0.001, 0.03])
 def test_capsules_of_any_width_turn_as_the_closed_form_says(half_width: float) -> None:
-    multiplier, ripple, _ = spin(HuskyCalibration(friction=0.4, wheel_shape="capsule", capsule_half_width=half_width))
-    assert multiplier == pytest.approx(turn_on_the_spot(half_width=half_width).multiplier, rel=TURN_ERROR["capsule"])
+    multiplier, ripple, _ = spin(husky(friction=0.4, wheel_shape="capsule", capsule_half_width=half_width))
+    assert multiplier == pytest.approx(
+        turn_on_the_spot(WHEELBASE, TRACK, half_width=half_width).multiplier, rel=TURN_ERROR["capsule"]
+    )
     assert ripple < RIPPLE
 
 
 def test_anisotropy_is_refused_where_mujoco_would_lay_it_along_the_world() -> None:
     with pytest.raises(ValueError, match="capsule"):
-        HuskyCalibration(friction_ratio=1.2)
+        husky(friction_ratio=1.2)
 
 
 def test_the_default_contact_would_hop() -> None:
@@ -112,7 +115,7 @@ def test_the_default_contact_would_hop() -> None:
     """
     found = []
     for dt in (0.001, 0.005):
-        plant = MujocoPlant(HuskyCalibration(friction=0.8, timestep=dt, wheel_shape="cylinder"), STIFF)
+        plant = MujocoPlant(husky(friction=0.8, timestep=dt, wheel_shape="cylinder"), STIFF)
         plant.model.geom_solimp[wheel_geoms(plant.model)] = 0.9, 0.95, 0.001, 0.5, 2.0
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (120, 1))), State(), 0.01)
         tail = motion.t > 3.0
@@ -125,7 +128,7 @@ def test_the_default_contact_would_hop() -> None:
 @cache
 def lab_run(scenario: str, timestep: float, friction: float) -> Trajectory:
     drive = Drive(command_half_track=0.5 * TRACK * 1.8, torque_limit=7.0 if friction < 0.3 else 20.0)
-    return MujocoPlant(HuskyCalibration(friction=friction, timestep=timestep), drive).run(
+    return MujocoPlant(husky(friction=friction, timestep=timestep), drive).run(
         TRAJECTORIES[scenario].commands(), State(), SAMPLE_DT
     )
 
@@ -152,8 +155,8 @@ def test_the_shipped_lab_profile_is_healthy_and_converged(scenario: str, lab: ob
     assert np.hypot(*(ends[0] - ends[1])) <= HALVING
 
 
-def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = husky_model(calibration)
+def settled(calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = robot_model(calibration)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
     return model, data
@@ -162,7 +165,7 @@ def settled(calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjDat
 @pytest.mark.parametrize("shape", list(TURN_ERROR))
 @pytest.mark.parametrize("friction", [0.2, 0.6])
 def test_it_holds_on_a_side_slope(shape: str, friction: float) -> None:
-    model, data = settled(HuskyCalibration(friction=friction, wheel_shape=shape))  # type: ignore[arg-type]
+    model, data = settled(husky(friction=friction, wheel_shape=shape))  # type: ignore[arg-type]
     tilt = math.radians(8.0)
     model.opt.gravity[:] = 0.0, 9.81 * math.sin(tilt), -9.81 * math.cos(tilt)
     mujoco.mj_step(model, data, nstep=round(4.0 / model.opt.timestep))
@@ -179,7 +182,7 @@ def test_a_sliding_stop_takes_v_squared_over_two_mu_g(friction: float, sideways:
     A tyre that begins to slide rises out of its impression, which makes short stops too short: by 5.9 % from 0.5 m/s at
     friction 0.8 (docs/physics.md).
     """
-    model, data = settled(HuskyCalibration(friction=friction, armature=30.0, gain=1e4))
+    model, data = settled(husky(friction=friction, armature=30.0, gain=1e4))
     axis, v = int(sideways), 1.5
     data.qvel[axis] = v
     start = data.qpos[axis]
@@ -201,7 +204,7 @@ def test_undriven_energy_only_falls(velocity: tuple[float, float, float]) -> Non
     Kinetic and potential energy, taken every 20 ms, never rise but by what the pressed tyres give
     back.
     """
-    model, data = settled(HuskyCalibration(friction=0.5))
+    model, data = settled(husky(friction=0.5))
     model.actuator_gainprm[:, 0] = 0.0
     model.actuator_biasprm[:, 2] = 0.0
     wheel = wheel_rates(velocity[0], velocity[2], 0.5 * TRACK, 0.1651)
@@ -219,13 +222,13 @@ def test_undriven_energy_only_falls(velocity: tuple[float, float, float]) -> Non
 
 # ------------------------------------------------------------------------------- the model as compiled
 def test_husky_xml_stands_alone() -> None:
-    model = mujoco.MjModel.from_xml_path(str(xml_path()))
+    model = mujoco.MjModel.from_xml_path(str(HUSKY.mjcf_path))
     assert model.nu == 2
     assert (model.nq, model.nv) == (11, 10)
 
 
 def test_every_element_has_a_name() -> None:
-    model = mujoco.MjModel.from_xml_path(str(xml_path()))
+    model = mujoco.MjModel.from_xml_path(str(HUSKY.mjcf_path))
     for kind, count in (("body", model.nbody), ("joint", model.njnt), ("geom", model.ngeom), ("site", model.nsite),
                         ("actuator", model.nu), ("sensor", model.nsensor), ("tendon", model.ntendon)):  # fmt: skip
         assert all(getattr(model, kind)(i).name for i in range(count)), kind
@@ -234,13 +237,13 @@ def test_every_element_has_a_name() -> None:
 @pytest.mark.parametrize(
     "calibration",
     [
-        HuskyCalibration(),
-        HuskyCalibration(mass=85.0, com_x=-0.05, com_y=0.02, yaw_inertia=5.0, wheel_radius=0.158, friction=0.3),
-        HuskyCalibration(half_track=0.275),
+        husky(),
+        husky(mass=85.0, com_x=-0.05, com_y=0.02, yaw_inertia=5.0, wheel_radius=0.158, friction=0.3),
+        husky(half_track=0.275),
     ],
 )
-def test_the_compiled_model_has_the_calibrations_numbers(calibration: HuskyCalibration) -> None:
-    model = husky_model(calibration)
+def test_the_compiled_model_has_the_calibrations_numbers(calibration: Calibration) -> None:
+    model = robot_model(calibration)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     base = model.body("base").id
@@ -252,7 +255,7 @@ def test_the_compiled_model_has_the_calibrations_numbers(calibration: HuskyCalib
         assert model.geom_condim[geom] == 3
         assert model.geom_priority[geom] == 1
     assert np.allclose(model.body_ipos[base], [calibration.com_x, calibration.com_y, calibration.com_z])
-    centred = husky_model(replace(calibration, com_x=0.0, com_y=0.0))
+    centred = robot_model(replace(calibration, com_x=0.0, com_y=0.0))
     mujoco.mj_forward(centred, again := mujoco.MjData(centred))
     full = np.zeros((centred.nv, centred.nv))
     mujoco.mj_fullM(centred, again, full)
@@ -263,7 +266,7 @@ def test_the_compiled_model_has_the_calibrations_numbers(calibration: HuskyCalib
 @pytest.mark.parametrize(("mass", "com_x", "radius"), [(73.30, 0.0, 0.1651), (110.0, 0.0, 0.1651), (73.30, -0.08, 0.153)])
 def test_the_rolling_radius_is_the_calibrations(shape: str, mass: float, com_x: float, radius: float) -> None:
     """A wheel that turns once rolls 2 pi `wheel_radius`, whatever it carries."""
-    calibration = HuskyCalibration(mass=mass, com_x=com_x, wheel_radius=radius, wheel_shape=shape, yaw_inertia=0.06 * mass)  # type: ignore[arg-type]
+    calibration = husky(mass=mass, com_x=com_x, wheel_radius=radius, wheel_shape=shape, yaw_inertia=0.06 * mass)  # type: ignore[arg-type]
     motion = MujocoPlant(calibration, STIFF).run(Commands(0.05, np.tile([0.5, 0.0], (100, 1))), State(), 0.05)
     assert motion.twist[-1, 0] / motion.wheels[-1].mean() == pytest.approx(radius, rel=1e-3)
 
@@ -274,13 +277,13 @@ def test_seven_newton_metres_a_wheel_turn_the_robot_below_a_friction_of_0_356() 
     assert limit == pytest.approx(0.356, abs=0.003)
     turn = Commands(0.05, np.tile([0.0, 0.6], (120, 1)))
     for friction, turns in ((0.98 * limit, True), (1.02 * limit, False)):
-        motion = MujocoPlant(HuskyCalibration(friction=friction), replace(STIFF, torque_limit=7.0)).run(turn, State(), 0.05)
+        motion = MujocoPlant(husky(friction=friction), replace(STIFF, torque_limit=7.0)).run(turn, State(), 0.05)
         assert (motion.yaw[-1] > 0.1) == turns
 
 
 def test_calibrating_in_place_is_building_anew() -> None:
-    one, other = husky_model(HuskyCalibration(friction=0.3, mass=80.0)), husky_model(HuskyCalibration())
-    calibrate(other, HuskyCalibration(friction=0.3, mass=80.0))
+    one, other = robot_model(husky(friction=0.3, mass=80.0)), robot_model(husky())
+    calibrate(other, husky(friction=0.3, mass=80.0))
     for name in (
         "body_mass",
         "body_inertia",
@@ -297,7 +300,7 @@ def test_calibrating_in_place_is_building_anew() -> None:
 @pytest.mark.parametrize("yaw_inertia", [1.0, 30.0])
 def test_an_inertia_no_body_has_is_refused_with_the_range_it_may_have(yaw_inertia: float) -> None:
     with pytest.raises(ValueError, match="must lie between"):
-        husky_model(HuskyCalibration(yaw_inertia=yaw_inertia))
+        robot_model(husky(yaw_inertia=yaw_inertia))
 
 
 def test_a_centre_of_mass_to_the_right_makes_a_turning_robot_drift() -> None:
@@ -308,9 +311,7 @@ def test_a_centre_of_mass_to_the_right_makes_a_turning_robot_drift() -> None:
     """
     drift = []
     for com_y in (0.0, -0.085):
-        motion = MujocoPlant(HuskyCalibration(com_y=com_y), STIFF).run(
-            Commands(0.05, np.tile([0.0, 0.6], (200, 1))), State(), 0.01
-        )
+        motion = MujocoPlant(husky(com_y=com_y), STIFF).run(Commands(0.05, np.tile([0.0, 0.6], (200, 1))), State(), 0.01)
         drift.append(np.abs(motion.twist[motion.t > 3.0, 0]).mean())
     assert drift[0] < 1e-6
     assert drift[1] > 0.005
@@ -318,14 +319,14 @@ def test_a_centre_of_mass_to_the_right_makes_a_turning_robot_drift() -> None:
 
 def test_loads_carry_the_weight_and_follow_the_centre_of_mass() -> None:
     stand = Commands(0.05, np.zeros((20, 2)))
-    loads = MujocoPlant(HuskyCalibration(com_x=-0.089), STIFF).run(stand, State(), 0.05).channels["wheel_load_N"][-1]
+    loads = MujocoPlant(husky(com_x=-0.089), STIFF).run(stand, State(), 0.05).channels["wheel_load_N"][-1]
     assert loads.sum() == pytest.approx(73.30 * 9.81, rel=1e-4)
     base_mass = 73.30 - 4 * 2.637
     assert (loads[2:].sum() - loads[:2].sum()) * WHEELBASE / 2 == pytest.approx(0.089 * base_mass * 9.81, rel=0.02)
 
 
 def test_imu_reads_gravity_at_rest_and_the_turn() -> None:
-    plant = MujocoPlant(HuskyCalibration(), STIFF)
+    plant = MujocoPlant(husky(), STIFF)
     data = mujoco.MjData(plant.model)
     mujoco.mj_step(plant.model, data, nstep=1000)
     assert np.allclose(data.sensor("imu_accelerometer").data, [0.0, 0.0, 9.81], atol=0.01)
@@ -336,7 +337,7 @@ def test_imu_reads_gravity_at_rest_and_the_turn() -> None:
 
 
 def test_the_health_gate_stops_a_bad_run_and_says_what_to_change() -> None:
-    plant = MujocoPlant(HuskyCalibration(friction=0.8, wheel_shape="cylinder"), STIFF, strict=True)
+    plant = MujocoPlant(husky(friction=0.8, wheel_shape="cylinder"), STIFF, strict=True)
     plant.model.geom_solimp[wheel_geoms(plant.model)] = 0.9, 0.95, 0.001, 0.5, 2.0
     with pytest.raises(UnhealthyRunError, match="solimp") as failed:
         plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), 0.01)

@@ -15,10 +15,10 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF
-from validation.robots.husky import HuskyCalibration
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import FLAT, Terrain, parse_terrain
-from validation.robots.wheel_loads import MEASURED, QUASI_STATIC, load_model, summarise, with_quasi_static
+from tests.robots import husky
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, Terrain, parse_terrain
+from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, load_model, summarise, with_quasi_static
 
 LEVEL = np.array([[0.0, 0.0, -9.81]])
 HUSKY = LoadModel(73.3, 0.0, 0.0, 0.19, 0.512, 0.5708, 0.176)
@@ -78,7 +78,7 @@ def test_slope_differentiates() -> None:
 
 @pytest.mark.parametrize("com", [(0.0, 0.0), (-0.087, 0.0), (0.05, -0.085)])
 def test_the_husky_at_rest_carries_what_the_formula_says(com: tuple[float, float]) -> None:
-    plant = MujocoPlant(HuskyCalibration(com_x=com[0], com_y=com[1]), STIFF)
+    plant = MujocoPlant(husky(com_x=com[0], com_y=com[1]), STIFF)
     motion = plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05)
     wanted = with_quasi_static(motion, plant, Localiser()).channels[QUASI_STATIC][-1]
     simulated = motion.channels[MEASURED][-1]
@@ -88,7 +88,7 @@ def test_the_husky_at_rest_carries_what_the_formula_says(com: tuple[float, float
 
 
 def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
-    plant = MujocoPlant(HuskyCalibration(friction=0.7, gain=2100.0, armature=1.8), STIFF)
+    plant = MujocoPlant(husky(friction=0.7, gain=2100.0, armature=1.8), STIFF)
     speeding = plant.run(Commands(0.05, np.tile([1.0, 0.0], (16, 1))), State(), 0.05)
     turning = plant.run(Commands(0.05, np.tile([1.0, 0.5], (80, 1))), State(), 0.05)
     mean = 0.25 * load_model(plant).mass * 9.81
@@ -101,7 +101,7 @@ def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
 
 
 def test_loads_on_a_side_slope_are_the_formulas() -> None:
-    plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF, terrain=parse_terrain("ramp:slope_deg=10,toward_deg=90"))
+    plant = MujocoPlant(husky(friction=0.7), STIFF, terrain=parse_terrain("ramp:slope_deg=10,toward_deg=90"))
     motion = with_quasi_static(plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05), plant, Localiser())
     np.testing.assert_allclose(motion.channels[MEASURED][-1], motion.channels[QUASI_STATIC][-1], rtol=2 * STATIC_SHARE)
     found = summarise((motion,), static_loads(Vehicle()))
@@ -110,7 +110,7 @@ def test_loads_on_a_side_slope_are_the_formulas() -> None:
 
 
 def test_where_the_motion_is_tracked_changes_no_load() -> None:
-    plant = MujocoPlant(HuskyCalibration(friction=0.7), STIFF)
+    plant = MujocoPlant(husky(friction=0.7), STIFF)
     motion = plant.run(TRAJECTORIES["traj1"].commands(), State(), 0.05)
     here = with_quasi_static(motion, plant, Localiser()).channels[QUASI_STATIC]
     localiser = Localiser(0.1, -0.05, 0.3)
@@ -138,7 +138,7 @@ def turning_drift(slope_angle: float, yaw_rate: float, friction: float, wheelbas
 @pytest.mark.parametrize(("friction", "degrees", "rate"), [(0.3, 1.0, 0.4), (0.6, 2.0, 0.4), (0.6, 2.0, 0.8)])
 def test_a_robot_that_turns_on_a_slope_slides_down_it_as_derived(friction: float, degrees: float, rate: float) -> None:
     terrain = parse_terrain(f"ramp:{degrees}")
-    plant = MujocoPlant(HuskyCalibration(friction=friction, gain=2100.0, armature=1.8), STIFF, terrain=terrain)
+    plant = MujocoPlant(husky(friction=friction, gain=2100.0, armature=1.8), STIFF, terrain=terrain)
     n = round((2.0 + 4.2 * math.pi / rate) / 0.05)
     motion = plant.run(Commands(0.05, np.tile([0.0, rate], (n, 1))), State(), 0.05)
     first = 40

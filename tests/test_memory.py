@@ -9,9 +9,10 @@ import mujoco
 import pytest
 
 from ssmr.errors import SsmrError
+from tests.robots import husky
 from validation import cli
-from validation.robots.failures import mujoco_failures
-from validation.robots.husky import HuskyCalibration, husky_model
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.model import robot_model
 
 
 @pytest.mark.parametrize("error", [mujoco.FatalError, ValueError])
@@ -27,15 +28,15 @@ def test_what_else_mujoco_cannot_do_is_a_failed_run() -> None:
 
 def test_values_that_are_wrong_stay_wrong() -> None:
     with pytest.raises(ValueError, match="which no rigid body has"):
-        husky_model(HuskyCalibration(yaw_inertia=0.1))
+        robot_model(husky(yaw_inertia=0.1))
 
 
 SHORT = """
 import mujoco, resource
 import numpy as np
 from validation.plants.profile import load_profile, make_plant
-from validation.robots.health import examine
-from validation.robots.wheel_loads import load_model, resting_loads
+from validation.simulator.health import examine
+from validation.simulator.wheel_loads import load_model, resting_loads
 from validation.show.robot_mesh import robot_mesh
 lab = load_profile("thesis-lab")
 plant = make_plant(lab, "mujoco")

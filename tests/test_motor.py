@@ -28,9 +28,11 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant, simulate
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import EXACT
-from validation.robots.calibration import HuskyCalibration
-from validation.robots.husky import WHEELS, controls, husky_model, set_motors
-from validation.robots.plant import MujocoPlant
+from tests.robots import husky
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import WHEELS
+from validation.simulator.model import controls, robot_model, set_motors
+from validation.simulator.plant import MujocoPlant
 
 LEAKY = Drive(
     **{"delay_v": 0.0, "delay_w": 0.0, "v_max": 5.0, "w_max": 5.0, "command_ramp": 0.05},
@@ -140,7 +142,7 @@ def test_an_inertia_or_a_stiffness_that_is_not_there_changes_nothing() -> None:
 
 
 def plants() -> list[MujocoPlant | PlanarPlant]:
-    calibration = HuskyCalibration(friction=0.5, armature=0.2)
+    calibration = husky(friction=0.5, armature=0.2)
     drive = replace(LEAKY, no_load_rate=12.0, gear_loss=1.0)
     return [
         MujocoPlant(calibration, drive),
@@ -157,16 +159,16 @@ def test_stepping_is_the_whole_run(plant: MujocoPlant | PlanarPlant) -> None:
     assert np.abs(whole.twist - stepped.twist).max() == EXACT
 
 
-def hung(drive: Drive, calibration: HuskyCalibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def hung(drive: Drive, calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a robot that hangs in the air, weightless, so that its motors turn nothing but its wheels."""
-    model = husky_model(calibration, drive=drive)
+    model = robot_model(calibration, drive=drive)
     model.opt.gravity = 0.0
     data = mujoco.MjData(model)
     data.qpos[2] = 1.0
     return model, data
 
 
-def spin(drive: Drive, calibration: HuskyCalibration, references: FloatArray, load: float = 0.0) -> FloatArray:
+def spin(drive: Drive, calibration: Calibration, references: FloatArray, load: float = 0.0) -> FloatArray:
     """Return the (n,) rates of the left wheels of a hung robot under (n,) references and a braking torque a side [N m]."""
     model, data = hung(drive, calibration)
     wheels, rates = [model.joint(name).dofadr[0] for name in JOINTS], []
@@ -178,7 +180,7 @@ def spin(drive: Drive, calibration: HuskyCalibration, references: FloatArray, lo
     return np.array(rates)
 
 
-def expected(drive: Drive, calibration: HuskyCalibration, references: FloatArray, load: float = 0.0) -> FloatArray:
+def expected(drive: Drive, calibration: Calibration, references: FloatArray, load: float = 0.0) -> FloatArray:
     """Return the rates of the same wheels by the law of the motor, in twenty small steps a physics step."""
     motor, inertia = motor_numbers(drive), 2.0 * (calibration.armature + 0.04411)
     dt, rate, integral, rates = calibration.timestep / 20, 0.0, 0.0, []
@@ -200,20 +202,20 @@ def test_the_simulated_motor_is_the_motor(gain: float, stiffness: float) -> None
     drive, load = replace(LEAKY, dc_stiffness=stiffness), 12.0
     worst = []
     for dt in (0.002, 0.001):
-        calibration = HuskyCalibration(armature=0.2, gain=gain, timestep=dt)
+        calibration = husky(armature=0.2, gain=gain, timestep=dt)
         references = 3.0 * np.sin(np.linspace(0.0, 6.0, round(3.0 / dt))) ** 2
         ours, law = (run(drive, calibration, references, load) for run in (spin, expected))
         worst.append(float(np.abs(ours - law).max()))
     assert worst[0] < 0.02  # of 3 rad/s
     assert worst[1] == pytest.approx(0.5 * worst[0], rel=0.25)
-    calibration = HuskyCalibration(armature=0.2, gain=gain)
+    calibration = husky(armature=0.2, gain=gain)
     lasting = spin(drive, calibration, np.full(10_000, 2.0), load)
     assert 2.0 - lasting[-1] == pytest.approx(load / (gain + stiffness), rel=1e-3)
 
 
 def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
     """The integral part holds no more than the motor's limit, as in the planar models."""
-    calibration = HuskyCalibration(armature=0.2)
+    calibration = husky(armature=0.2)
     model, data = hung(LEAKY, calibration)
     joints, shafts = ([model.joint(name).id for name in names] for names in (JOINTS, ("left_shaft", "right_shaft")))
     for _ in range(2500):
@@ -229,7 +231,7 @@ def test_a_simulated_motor_turns_no_faster_than_without_load() -> None:
     """At its limit the simulated motor speeds up late by a part of a step that depends on the gain: it converges."""
     drive, late = replace(LEAKY, no_load_rate=4.0), []
     for dt in (0.002, 0.001, 0.0005):
-        calibration = HuskyCalibration(armature=0.2, timestep=dt)
+        calibration = husky(armature=0.2, timestep=dt)
         references = np.full(round(2.0 / dt), 9.0)
         rates, law = (run(drive, calibration, references) for run in (spin, expected))
         assert rates[-1] == pytest.approx(4.0, rel=1e-3)
@@ -239,6 +241,6 @@ def test_a_simulated_motor_turns_no_faster_than_without_load() -> None:
 
 
 def test_a_model_and_a_drive_that_do_not_go_together_are_refused() -> None:
-    model = husky_model(HuskyCalibration())
+    model = robot_model(husky())
     with pytest.raises(ValueError, match="integral part"):
-        set_motors(model, HuskyCalibration(), LEAKY)
+        set_motors(model, husky(), LEAKY)

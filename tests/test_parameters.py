@@ -9,9 +9,10 @@ import pytest
 from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.parameters import check_parameters, described, packed, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
-from validation.robots.calibration import HuskyCalibration
+from tests.robots import HUSKY
+from validation.simulator.calibration import Calibration
 
-SETS = (*(planar_law(name).parameters for name in PLANAR_MODELS), Vehicle, Drive, HuskyCalibration)
+SETS = (*(planar_law(name).parameters for name in PLANAR_MODELS), Vehicle, Drive, Calibration)
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,9 @@ def test_numbers_outside_their_range_are_refused_by_name(changed: dict[str, floa
 
 @pytest.mark.parametrize("kind", SETS)
 def test_every_number_is_declared_within_its_range(kind: type) -> None:
-    numbers = {f.name for f in fields(kind) if isinstance(f.default, float)}
+    numbers = {f.name for f in fields(kind) if f.type == "float"}
     assert numbers == set(described(kind))
     for declared in described(kind).values():
-        for value in (declared.default, *(declared.search or ())):
-            assert declared.low <= value <= declared.high
+        assert declared.default is None or declared.low <= declared.default <= declared.high
+        bounds = declared.bounds(HUSKY.sizes)
+        assert bounds is None or declared.low <= bounds[0] < bounds[1] <= declared.high

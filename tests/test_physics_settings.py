@@ -8,9 +8,10 @@ import pytest
 
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
-from validation.robots.husky import HuskyCalibration, husky_model, wheel_geoms
-from validation.robots.physics import SHIPPED, PhysicsSettings
-from validation.robots.plant import MujocoPlant
+from tests.robots import husky
+from validation.simulator.model import robot_model, wheel_geoms
+from validation.simulator.physics import SHIPPED, PhysicsSettings
+from validation.simulator.plant import MujocoPlant
 
 EVERYTHING = PhysicsSettings(
     cone="pyramidal", impratio=7.0, noslip=2, condim=4, solimp=(0.5, 0.9, 0.002, 0.5, 2.0), solref=(0.03, 0.8),
@@ -19,15 +20,15 @@ EVERYTHING = PhysicsSettings(
 
 
 def test_nothing_said_is_what_ships() -> None:
-    one, other = husky_model(HuskyCalibration()), husky_model(HuskyCalibration(), settings=SHIPPED)
+    one, other = robot_model(husky()), robot_model(husky(), settings=SHIPPED)
     for name in ("geom_solimp", "geom_solref", "geom_condim", "geom_friction", "body_mass"):
         assert np.array_equal(getattr(one, name), getattr(other, name)), name
     assert (one.opt.cone, one.opt.impratio, one.opt.iterations) == (other.opt.cone, other.opt.impratio, other.opt.iterations)
 
 
 def test_everything_said_is_in_the_model_and_the_calibration_stays() -> None:
-    calibration = HuskyCalibration(friction=0.4, mass=80.0)
-    model, shipped = husky_model(calibration, settings=EVERYTHING), husky_model(calibration)
+    calibration = husky(friction=0.4, mass=80.0)
+    model, shipped = robot_model(calibration, settings=EVERYTHING), robot_model(calibration)
     tires = wheel_geoms(model)
     assert model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_PGS
@@ -56,12 +57,12 @@ def test_prescribed_wheels_have_the_settings_too() -> None:
     commands = Commands(0.05, np.tile([-3.0, 3.0], (40, 1)), kind="wheels")
     ends = []
     for settings in (SHIPPED, PhysicsSettings(tangent_ratio=0.3)):
-        plant = MujocoPlant(HuskyCalibration(), Drive(), settings=settings)
+        plant = MujocoPlant(husky(), Drive(), settings=settings)
         ends.append(plant.run(commands, State(), 0.05).yaw[-1])
     assert abs(ends[0] - ends[1]) > 0.05
 
 
 def test_half_a_millisecond_suffices_for_prescribed_wheels() -> None:
     commands = Commands(0.05, np.tile([3.0, 3.0], (10, 1)), kind="wheels")
-    motion = MujocoPlant(HuskyCalibration(timestep=0.0005), Drive()).run(commands, State(), 0.05)
+    motion = MujocoPlant(husky(timestep=0.0005), Drive()).run(commands, State(), 0.05)
     assert motion.wheels[-1] == pytest.approx([3.0, 3.0], rel=1e-3)

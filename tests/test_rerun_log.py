@@ -23,14 +23,15 @@ from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
+from tests.robots import HUSKY
 from validation.compare import Comparison, PlantResult
 from validation.compare.rerun import write_recording
-from validation.robots.husky import WHEELS, xml_path
 from validation.show.palette import GREY, colour, mix
 from validation.show.rerun_layout import axis_range
 from validation.show.rerun_robots import POSE_PERIOD
 from validation.show.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
 from validation.show.viewer import open_viewer
+from validation.simulator.description import WHEELS
 
 SINGLE = 2.0**-22
 """Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""
@@ -211,7 +212,7 @@ def test_what_was_run_can_be_read_from_the_properties(shown: tuple[Comparison, P
 
 def test_the_body_stands_on_its_wheels(shown: tuple[Comparison, Path, Read]) -> None:
     _, _, read = shown
-    model = mujoco.MjModel.from_xml_path(str(xml_path()))
+    model = mujoco.MjModel.from_xml_path(str(HUSKY.mjcf_path))
     at = read.static["world/linear/robot/base"]["Transform3D:translation"][0]
     assert np.abs(np.array(at) - model.body("base").pos).max() <= SINGLE
     for wheel in WHEELS:

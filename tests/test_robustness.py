@@ -20,7 +20,7 @@ from ssmr.control.tick import LOG_COLUMNS, LOST
 from tests.conftest import ROUNDOFF
 from validation import cli
 from validation.plants.profile import Profile
-from validation.robots.plant import MujocoPlant
+from validation.simulator.plant import MujocoPlant
 from validation.study.__main__ import program
 from validation.study.catalogue import STUDIES, Study
 from validation.study.result import StudyResult

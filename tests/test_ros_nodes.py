@@ -12,7 +12,6 @@ import pytest
 from tests.ros_fakes import FakeClock, FakePort, make
 from tests.test_ros_pilot import BEND, law
 from validation.plants.profile import Profile, make_plant
-from validation.robots.plant import MujocoPlant
 from validation.ros import messages as msg
 from validation.ros.commands import LOCK_TOPIC, CommandGate
 from validation.ros.control import STOP_TIME, ControlNode, RobotTopics, connect_control
@@ -29,6 +28,7 @@ from validation.ros.sim import (
     SimNode,
     connect_simulation,
 )
+from validation.simulator.plant import MujocoPlant
 
 COMMAND = "/cmd_vel"
 

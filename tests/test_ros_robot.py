@@ -12,8 +12,8 @@ from ssmr.estimation.sensing import SensorModel
 from ssmr.types import State
 from tests.conftest import EXACT
 from validation.plants.profile import Profile, make_plant
-from validation.robots.plant import MujocoPlant
 from validation.ros.robot import SensorSettings, SimulatedRobot
+from validation.simulator.plant import MujocoPlant
 
 STEPS = 10  # of 2 ms: 50 Hz
 

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from ssmr.robot.skid_turn import TRACK, WHEELBASE, polygonal_turn, turn_on_the_spot
+from ssmr.robot.skid_turn import polygonal_turn, turn_on_the_spot
+from tests.robots import TRACK, WHEELBASE
 
 MINIMUM = 1e-6
 """Relative: where a smooth power is least, its gradient vanishes to 1e-10."""
@@ -17,23 +18,27 @@ SIDE = 0.5 * (TRACK - WHEELBASE)
 
 @pytest.mark.parametrize("ratio", [0.6, 1.0, 1.24])
 def test_a_centred_robot_has_the_closed_form(ratio: float) -> None:
-    found = turn_on_the_spot(ratio=ratio)
+    found = turn_on_the_spot(WHEELBASE, TRACK, ratio=ratio)
     assert found.multiplier == pytest.approx(1.0 + (ratio * WHEELBASE / TRACK) ** 2, rel=MINIMUM)
     assert np.allclose(found.centre, 0.0, atol=MINIMUM)
 
 
 @pytest.mark.parametrize("track", [0.4, 0.55, 0.8])
 def test_another_track_has_the_closed_form(track: float) -> None:
-    assert turn_on_the_spot(track=track).multiplier == pytest.approx(1.0 + (WHEELBASE / track) ** 2, rel=MINIMUM)
+    assert turn_on_the_spot(WHEELBASE, track).multiplier == pytest.approx(1.0 + (WHEELBASE / track) ** 2, rel=MINIMUM)
 
 
 def test_a_line_of_no_width_is_a_point_and_width_costs() -> None:
-    assert turn_on_the_spot(half_width=1e-9).multiplier == pytest.approx(turn_on_the_spot().multiplier, rel=MINIMUM)
-    assert turn_on_the_spot(half_width=0.05715).multiplier == pytest.approx(1.8480, abs=5e-5)  # docs/physics.md
+    assert turn_on_the_spot(WHEELBASE, TRACK, half_width=1e-9).multiplier == pytest.approx(
+        turn_on_the_spot(WHEELBASE, TRACK).multiplier, rel=MINIMUM
+    )
+    assert turn_on_the_spot(WHEELBASE, TRACK, half_width=0.05715).multiplier == pytest.approx(
+        1.8480, abs=5e-5
+    )  # docs/physics.md
 
 
 def test_mirroring_the_centre_mirrors_the_turn() -> None:
-    one, other = turn_on_the_spot(-0.03, 0.05), turn_on_the_spot(-0.03, -0.05)
+    one, other = turn_on_the_spot(WHEELBASE, TRACK, -0.03, 0.05), turn_on_the_spot(WHEELBASE, TRACK, -0.03, -0.05)
     assert one.multiplier == pytest.approx(other.multiplier, rel=MINIMUM)
     assert one.centre[0] == pytest.approx(other.centre[0], rel=1e-4)
     assert one.centre[1] == pytest.approx(-other.centre[1], rel=1e-4)
@@ -42,23 +47,27 @@ def test_mirroring_the_centre_mirrors_the_turn() -> None:
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.5 * math.pi, 4.0])
 def test_a_polygon_is_the_same_after_a_quarter_turn_and_a_square_is_a_turned_diamond(heading: float) -> None:
-    diamond = polygonal_turn("diamond", heading)
-    assert polygonal_turn("diamond", heading + 0.5 * math.pi).yaw_rate == pytest.approx(diamond.yaw_rate, rel=1e-9)
-    assert polygonal_turn("square", heading + 0.25 * math.pi).yaw_rate == pytest.approx(diamond.yaw_rate, rel=1e-9)
+    diamond = polygonal_turn("diamond", heading, WHEELBASE, TRACK)
+    assert polygonal_turn("diamond", heading + 0.5 * math.pi, WHEELBASE, TRACK).yaw_rate == pytest.approx(
+        diamond.yaw_rate, rel=1e-9
+    )
+    assert polygonal_turn("square", heading + 0.25 * math.pi, WHEELBASE, TRACK).yaw_rate == pytest.approx(
+        diamond.yaw_rate, rel=1e-9
+    )
 
 
 def test_a_polygons_yaw_rate_swings_between_two_closed_forms() -> None:
-    assert polygonal_turn("diamond", 0.0).multiplier == pytest.approx(1.0 + WHEELBASE / TRACK, rel=1e-9)
-    assert polygonal_turn("diamond", 0.25 * math.pi).multiplier == pytest.approx(1.0, rel=1e-9)
+    assert polygonal_turn("diamond", 0.0, WHEELBASE, TRACK).multiplier == pytest.approx(1.0 + WHEELBASE / TRACK, rel=1e-9)
+    assert polygonal_turn("diamond", 0.25 * math.pi, WHEELBASE, TRACK).multiplier == pytest.approx(1.0, rel=1e-9)
 
 
 @pytest.mark.parametrize(("offset", "straight"), [(0.98 * SIDE, False), (1.02 * SIDE, True), (-1.02 * SIDE, True)])
 def test_a_centre_off_to_a_side_makes_a_squares_robot_drive_straight(offset: float, straight: bool) -> None:
     """Its sides turn against each other, it does not turn: the heavier side sticks, and goes where its wheels roll."""
-    found = polygonal_turn("square", 0.0, 0.0, offset)
+    found = polygonal_turn("square", 0.0, WHEELBASE, TRACK, 0.0, offset)
     assert (found.yaw_rate == 0.0) == straight
     if straight:
         assert found.forward == pytest.approx(-math.copysign(1.0, offset), rel=1e-9)
         assert found.multiplier == math.inf
         assert found.centre == (math.inf, math.inf)
-    assert turn_on_the_spot(0.0, offset).yaw_rate > 1.8  # a circle's robot turns almost as it did
+    assert turn_on_the_spot(WHEELBASE, TRACK, 0.0, offset).yaw_rate > 1.8  # a circle's robot turns almost as it did

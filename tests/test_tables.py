@@ -21,8 +21,8 @@ from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare.table import COLUMNS, comparison_markdown, headline_error
-from validation.robots.health import Health
 from validation.show.tables import BEST_STYLE, NOTHING, length_unit, rich_table
+from validation.simulator.health import Health
 
 TERMINAL = 110  # columns: what the tables must fit
 HEALTHY, UNHEALTHY = Health(0.9, 0.03), Health(0.0, 0.3)

@@ -17,12 +17,13 @@ from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from tests.conftest import EXACT
+from tests.robots import TRACK, WHEELBASE, husky
 from validation import cli
 from validation.compare import __main__ as compare
 from validation.plants.profile import Profile, make_plant
-from validation.robots.husky import HuskyCalibration
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import FLAT, KINDS, Terrain, parse_terrain
+from validation.simulator.model import robot_model
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, KINDS, Terrain, parse_terrain
 from validation.track import __main__ as track
 
 SAMPLED = 0.06
@@ -66,7 +67,6 @@ def test_the_first_key_may_be_left_out() -> None:
         ("ramp:slope_deg=5,slope_deg=6", "not understood"),
         ("flat:1", "not understood"),
         ("rough:5,seed=1.5", "no whole number"),
-        ("rough:60", "as tightly as a wheel"),
         ("rough:5,seed=" + "9" * 400, "at most 200 characters"),
         ("rough:5,seed=" + "9" * 180, "seed"),
         ("hill\nside", "unknown terrain 'hill side'"),
@@ -76,6 +76,13 @@ def test_the_first_key_may_be_left_out() -> None:
 def test_mistakes_are_told(text: str, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         parse_terrain(text)
+
+
+def test_a_wheel_needs_room_on_rough_ground() -> None:
+    rough = parse_terrain("rough:60")
+    rough.require_room(0.01)
+    with pytest.raises(ValueError, match="as tightly as a wheel of 165 mm"):
+        robot_model(husky(), rough)
 
 
 def test_rough_ground_has_the_statistics_that_it_names() -> None:
@@ -95,7 +102,7 @@ def test_rough_ground_has_the_statistics_that_it_names() -> None:
 def test_a_robot_lies_on_the_plane_of_its_wheels() -> None:
     terrain = Terrain("rough", height=0.005, length=5.0, seed=1)  # so long that it is nearly a plane under a robot
     pose = np.array([[1.0, 2.0, 0.7]])
-    height, roll, pitch = terrain.lie(pose)[0]
+    height, roll, pitch = terrain.lie(pose, WHEELBASE, TRACK)[0]
     h, gx, gy = terrain.surface.at(pose[:, :2])[0]
     ahead, aside = gx * math.cos(0.7) + gy * math.sin(0.7), gy * math.cos(0.7) - gx * math.sin(0.7)
     assert height == pytest.approx(h, abs=1e-4)
@@ -129,14 +136,14 @@ def test_it_turns_towards_the_side_with_the_grip_while_it_slides() -> None:
     """On a floor of two frictions a hard start pulls to the slippery side: the side with the grip gets ahead."""
     drive = Drive(delay_v=0.0, delay_w=0.0, torque_limit=400.0)
     start = Commands(0.05, np.tile([1.0, 0.0], (10, 1)))
-    plant = MujocoPlant(HuskyCalibration(friction=0.3), drive, terrain=parse_terrain("split:0.3"))
+    plant = MujocoPlant(husky(friction=0.3), drive, terrain=parse_terrain("split:0.3"))
     assert plant.run(start, State(), 0.05).yaw[-1] < -0.01  # grip on the left, so it turns right
 
 
 def test_rough_ground_lifts_the_robot_as_the_ground_lies(lab: Profile) -> None:
     terrain = Terrain("rough", height=0.01, length=2.0, seed=2)
     motion = make_plant(lab, "mujoco", terrain).run(TRAJECTORIES["traj4"].commands(), State(), 0.05)
-    lies = terrain.lie(motion.pose)
+    lies = terrain.lie(motion.pose, WHEELBASE, TRACK)
     np.testing.assert_allclose(motion.channels["height_m"], lies[:, 0], atol=2e-3)
     np.testing.assert_allclose(motion.channels["roll_pitch_rad"], lies[:, 1:], atol=8e-3)
 

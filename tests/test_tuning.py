@@ -19,9 +19,9 @@ from ssmr.metrics.declared import compare_paths
 from tests.conftest import EXACT, ROUNDOFF
 from validation import cli
 from validation.plants.profile import Profile, ProfileError
-from validation.robots.physics import PhysicsSettings
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import parse_terrain
+from validation.simulator.physics import PhysicsSettings
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import parse_terrain
 from validation.track import __main__ as track
 from validation.track.gains import GainSet, dump_gains, load_gains
 from validation.track.loops import make_controller, make_robot, rate, require_practicable, run_robots

@@ -1,4 +1,5 @@
 from .motion.sources import open_source as open_source
 from .plants.profile import load_profile as load_profile
+from .simulator.description import load_robot as load_robot
 
-__all__ = ["load_profile", "open_source"]
+__all__ = ["load_profile", "load_robot", "open_source"]

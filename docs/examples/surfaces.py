@@ -17,8 +17,8 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import State
 from validation.plants.profile import load_profile, make_plant
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import parse_terrain
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import parse_terrain
 
 FRICTIONS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 TERRAINS = ("flat", "ramp:2", "ramp:slope_deg=2,toward_deg=90", "rough:2", "split:0.7")

@@ -24,7 +24,7 @@ class CoulombParameters:
     """Rolling resistance coefficient [1] (printed in m)."""
     mu_c: float = parameter(0.0254, unit="1", low=0.0, high=5.0, search=(0.0, 0.2))
     """Lateral Coulomb friction coefficient [1]."""
-    gain: float = parameter(56.75, unit="N m s/rad", low=0.0, high=1e6, search=(10.0, 500.0), scale="log")
+    gain: float = parameter(56.75, unit="N m s/rad", low=0.0, high=1e6, search=(0.085, 4.2), scale="log", of="gain")
     """K_P of the wheel torque loop, a side [N m s/rad]."""
 
     def __post_init__(self) -> None:

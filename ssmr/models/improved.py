@@ -27,7 +27,7 @@ class ImprovedParameters:
     """Static lateral friction coefficient [1]."""
     mu_d: float = parameter(0.0409, unit="1", low=0.0, high=5.0, search=(0.0, 0.15))
     """Dynamic lateral friction coefficient [1]."""
-    gain: float = parameter(118.04, unit="N m s/rad", low=0.0, high=1e6, search=(10.0, 500.0), scale="log")
+    gain: float = parameter(118.04, unit="N m s/rad", low=0.0, high=1e6, search=(0.085, 4.2), scale="log", of="gain")
     """K_P of the wheel torque loop, a side [N m s/rad]."""
 
     def __post_init__(self) -> None:

@@ -24,11 +24,11 @@ class KinematicParameters:
     """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius, less slip."""
     alpha_r: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
     """Share of the right wheels' speed that moves the robot [1]."""
-    x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.25, 0.25))
+    x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.98, 0.98), of="half_wheelbase")
     """Longitudinal coordinate of the centres of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)."""
-    y_l: float = parameter(0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.2, 0.9))
+    y_l: float = parameter(0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.7, 3.15), of="half_track")
     """Lateral coordinate of the left side's centre of rotation [m], positive to the left."""
-    y_r: float = parameter(-0.275, unit="m", low=-50.0, high=0.0, search=(-0.9, -0.2))
+    y_r: float = parameter(-0.275, unit="m", low=-50.0, high=0.0, search=(-3.15, -0.7), of="half_track")
     """Lateral coordinate of the right side's centre of rotation [m], negative."""
 
     def __post_init__(self) -> None:

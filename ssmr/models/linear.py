@@ -38,7 +38,9 @@ class LinearParameters:
     """K_u, longitudinal viscous coefficient [s/m]."""
     k_y: float = parameter(0.0298, unit="s", low=0.0, high=1e3, search=(0.0, 0.1))
     """K_y, lateral viscous coefficient, with the printed lever [s] (by Eq. 2.40 it would be s/m)."""
-    gain: float = parameter(229.58, unit="N m s/m", low=0.0, high=1e6, open_low=True, search=(50.0, 500.0), scale="log")
+    gain: float = parameter(
+        229.58, unit="N m s/m", low=0.0, high=1e6, open_low=True, search=(0.07, 0.7), scale="log", of="gain_over_radius"
+    )
     """K_P of the wheel torque loop, a side, per wheel speed in m/s [N m s/m]."""
 
     def __post_init__(self) -> None:

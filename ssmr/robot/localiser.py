@@ -21,9 +21,9 @@ from ssmr.types import FloatArray, State, Trajectory
 class Localiser:
     """A frame that is fixed to the robot's body, whose pose a log tells with delays."""
 
-    tracked_x: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.4, 0.4))
+    tracked_x: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-1.56, 1.56), of="half_wheelbase")
     """Place of the tracked point ahead of the body's reference point [m]."""
-    tracked_y: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.2, 0.2))
+    tracked_y: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.7, 0.7), of="half_track")
     """Place of the tracked point to the left of the body's reference point [m]."""
     tracked_yaw: float = parameter(0.0, unit="rad", low=-3.2, high=3.2, search=(-0.1, 0.1))
     """Heading of the tracked frame in the body [rad]; a lidar that looks a little to the left has a positive one."""

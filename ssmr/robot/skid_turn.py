@@ -16,11 +16,10 @@ from scipy.optimize import linprog, minimize
 
 from ssmr.types import FloatArray
 
-WHEELBASE, TRACK = 0.512, 0.5708
-"""Distances of the axles and of the sides in models/husky.xml [m]."""
-WHEEL_X = 0.5 * WHEELBASE * np.array([1.0, 1.0, -1.0, -1.0])
-WHEEL_Y = 0.5 * TRACK * np.array([1.0, -1.0, 1.0, -1.0])
-"""Places of the wheels, in the order of `validation.robots.husky.WHEELS` [m]."""
+FRONT = np.array([1.0, 1.0, -1.0, -1.0])
+LEFT = np.array([1.0, -1.0, 1.0, -1.0])
+"""Which wheels are in front (1) and behind (-1), and on the left (1) and the right (-1): front left, front right, rear left,
+rear right."""
 STRAIGHT = 1e-9
 """Yaw rate below which a robot drives straight, to rounding [rad/s]."""
 
@@ -38,7 +37,7 @@ class SkidTurn:
     """Speed of the middle between the axles to the left [m/s]."""
     yaw_rate: float
     """Yaw rate [rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
-    track: float = TRACK
+    track: float
     """Distance of the sides [m]."""
 
     @property
@@ -61,30 +60,32 @@ class _Contacts(NamedTuple):
     rolling: FloatArray
 
 
-def _contacts(x: float, y: float, half_width: float, track: float = TRACK) -> _Contacts:
+def _contacts(wheelbase: float, track: float, x: float, y: float, half_width: float) -> _Contacts:
     """Return the contact points, their shares of the load (linear in the place: equal springs) and rolling speeds [m/s]."""
-    wheel_y = WHEEL_Y * (track / TRACK)
-    load = 0.25 * (1.0 + x * WHEEL_X / (0.5 * WHEELBASE) ** 2 + y * wheel_y / (0.5 * track) ** 2)
-    rolling = np.where(wheel_y > 0.0, -1.0, 1.0)
+    wheel_x, wheel_y = 0.5 * wheelbase * FRONT, 0.5 * track * LEFT
+    load = 0.25 * (1.0 + x * FRONT / (0.5 * wheelbase) + y * LEFT / (0.5 * track))
+    rolling = -LEFT
     if half_width == 0.0:
-        return _Contacts(WHEEL_X, wheel_y, load, rolling)
+        return _Contacts(wheel_x, wheel_y, load, rolling)
     y_twice = np.concatenate([wheel_y - half_width, wheel_y + half_width])
-    return _Contacts(np.tile(WHEEL_X, 2), y_twice, np.tile(0.5 * load, 2), np.tile(rolling, 2))
+    return _Contacts(np.tile(wheel_x, 2), y_twice, np.tile(0.5 * load, 2), np.tile(rolling, 2))
 
 
 def turn_on_the_spot(
-    x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0, track: float = TRACK
+    wheelbase: float, track: float, x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0
 ) -> SkidTurn:
     """Return the turn with Coulomb friction, each tyre touching at one point or at two.
 
     Args:
+        wheelbase: distance of the axles [m].
+        track: distance of the sides [m].
         x: distance of the centre of mass ahead of the middle between the axles [m].
         y: distance of the centre of mass to the left of that middle [m].
         ratio: lateral over longitudinal friction [1].
         half_width: half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
-        track: distance of the sides [m].
     """
-    c = _contacts(x, y, half_width, track)
+    unit = 0.5 * track  # of length: the search sees the same numbers for every size of robot
+    c = _contacts(wheelbase / unit, 2.0, x / unit, y / unit, half_width / unit)
 
     def power(motion: FloatArray) -> tuple[float, FloatArray]:
         v_x, v_y, rate = motion
@@ -93,24 +94,26 @@ def turn_on_the_spot(
         f_x, f_y = c.load * s_x / size, c.load * ratio**2 * s_y / size
         return float(c.load @ size), np.array([f_x.sum(), f_y.sum(), (c.x * f_y - c.y * f_x).sum()])
 
-    found = minimize(power, np.array([0.0, 0.0, 1.8]), jac=True, method="BFGS", options={"gtol": 1e-10})
+    found = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
     forward, across, rate = (float(value) for value in found.x)
-    return SkidTurn(forward, across, rate, track)
+    return SkidTurn(forward, across, rate / unit, track)
 
 
-def polygonal_turn(limit: Limit, heading: float, x: float = 0.0, y: float = 0.0) -> SkidTurn:
+def polygonal_turn(limit: Limit, heading: float, wheelbase: float, track: float, x: float = 0.0, y: float = 0.0) -> SkidTurn:
     """Return the turn where a polygon that does not turn with the robot limits friction, instead of a circle.
 
     Args:
         limit: which polygon; a square is a diamond turned by 45 degrees, and greater, of which the motion knows nothing.
         heading: yaw of the robot in the polygon's axes [rad].
+        wheelbase: distance of the axles [m].
+        track: distance of the sides [m].
         x: distance of the centre of mass ahead of the middle between the axles [m].
         y: distance of the centre of mass to the left of that middle [m].
 
     Returns:
         One of the motions of least dissipation: a polygon may leave the motion across free (docs/contact.md).
     """
-    c = _contacts(x, y, 0.0)
+    c = _contacts(wheelbase, track, x, y, 0.0)
     n = len(c.x)
     if limit == "square":
         heading -= 0.25 * np.pi
@@ -128,4 +131,4 @@ def polygonal_turn(limit: Limit, heading: float, x: float = 0.0, y: float = 0.0)
     cost = np.concatenate([np.zeros(3), c.load])
     found = linprog(cost, np.vstack(rows), np.concatenate(bounds), bounds=[(None, None)] * 3 + [(0.0, None)] * n)
     v_x, v_y, rate = (float(value) for value in found.x[:3])
-    return SkidTurn(v_x, v_y, rate if rate > STRAIGHT else 0.0)
+    return SkidTurn(v_x, v_y, rate if rate > STRAIGHT else 0.0, track)

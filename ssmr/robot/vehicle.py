@@ -10,29 +10,35 @@ from ssmr.parameters import check_parameters, numbers_of, parameter, require_in_
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Mass and geometry of a four-wheel skid-steering robot (Fig. 2.3, Tab. 3.1)."""
+    """Mass and geometry of a four-wheel skid-steering robot (Fig. 2.3); the defaults are the thesis' robot (Tab. 3.1)."""
 
-    mass: float = parameter(73.30, unit="kg", low=0.0, high=1e6, open_low=True, search=(40.0, 150.0))
+    mass: float = parameter(73.30, unit="kg", low=0.0, high=1e6, open_low=True, search=(0.55, 2.05), of="mass")
     """Total mass m [kg]; Tab. 3.1, weighed with battery."""
-    yaw_inertia: float = parameter(2.16, unit="kg m2", low=0.0, high=1e6, open_low=True, search=(1.0, 10.0))
+    yaw_inertia: float = parameter(
+        2.16, unit="kg m2", low=0.0, high=1e6, open_low=True, search=(0.25, 2.3), of="yaw_inertia"
+    )
     """Moment of inertia I about the vertical through the centre of gravity [kg m2]; Tab. 3.1."""
-    wheel_radius: float = parameter(0.1651, unit="m", low=0.0, high=1e6, open_low=True, search=(0.14, 0.18))
+    wheel_radius: float = parameter(
+        0.1651, unit="m", low=0.0, high=1e6, open_low=True, search=(0.85, 1.09), of="wheel_radius"
+    )
     """Effective rolling radius r [m]; the maker's robot description."""
-    radius_difference: float = parameter(0.0, unit="m", low=-0.1, high=0.1, search=(-0.012, 0.012))
+    radius_difference: float = parameter(0.0, unit="m", low=-0.1, high=0.1, search=(-0.073, 0.073), of="wheel_radius")
     """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped alike. Thesis: none."""
     spin_inertia: float = parameter(0.0, unit="kg m2", low=0.0, high=1e3)
     """Inertia of what spins with the wheels of one side: rotor and gear as they act at the wheels, and two wheels [kg m2].
     The thesis leaves it out."""
     half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True)
     """c, lever of the longitudinal wheel forces [m]; half of the 0.55 m of Tab. 3.1 (the maker has 0.2854)."""
-    effective_half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True, search=(0.2, 0.8))
+    effective_half_track: float = parameter(
+        0.275, unit="m", low=0.0, high=1e6, open_low=True, search=(0.7, 2.8), of="half_track"
+    )
     """Half-track that links yaw rate to wheel rates [m]: wheels of a skidding robot slip, so v_R - v_L = 2 c_eff omega
     with c_eff larger than c. The thesis sets both to c (Eq. 2.9)."""
     a: float = parameter(0.256, unit="m", low=0.0, high=1e6, open_low=True)
     """Distance of the rear axle from the centre of gravity [m]; half of the maker's wheelbase, not in the thesis."""
     b: float = parameter(0.256, unit="m", low=0.0, high=1e6, open_low=True)
     """Distance of the front axle from the centre of gravity [m]; half of the maker's wheelbase, not in the thesis."""
-    x_icr: float = parameter(0.0, unit="m", low=-1e6, high=1e6, search=(-0.25, 0.25))
+    x_icr: float = parameter(0.0, unit="m", low=-1e6, high=1e6, search=(-0.98, 0.98), of="half_wheelbase")
     """Longitudinal coordinate of the instantaneous centre of rotation [m] (Eq. 2.4, 2.10); 0 by Sec. 2.2.3."""
     gravity: float = parameter(9.81, unit="m/s2", low=0.0, high=1e6, open_low=True)
     """g [m/s2]; list of symbols."""
@@ -61,10 +67,10 @@ class Drive:
     """Dead time of the yaw-rate command [s]; Tab. 3.8."""
     hold: float = parameter(0.05, unit="s", low=0.0, open_low=True)
     """The robot reads its command every `hold` seconds and keeps it [s]; Tab. 3.5, 20 Hz."""
-    command_half_track: float = parameter(0.275, unit="m", low=0.0, open_low=True, search=(0.2, 0.8))
+    command_half_track: float = parameter(0.275, unit="m", low=0.0, open_low=True, search=(0.7, 2.8), of="half_track")
     """Half-track that the driver uses to turn omega into wheel rates [m]: half of (separation x multiplier). The thesis:
     c."""
-    command_radius: float = parameter(0.1651, unit="m", low=0.0, open_low=True, search=(0.14, 0.19))
+    command_radius: float = parameter(0.1651, unit="m", low=0.0, open_low=True, search=(0.85, 1.15), of="wheel_radius")
     """Wheel radius that the driver uses to turn v into wheel rates [m]."""
     acceleration_v: float = parameter(math.inf, unit="m/s2", low=0.0, open_low=True, search=(0.3, 60.0), scale="log")
     """Greatest rate of change of the linear velocity that the driver asks of its wheels [m/s2]; off (infinite) by default.
@@ -77,7 +83,9 @@ class Drive:
     command_ramp: float = parameter(0.0, unit="s", low=0.0, high=10.0)
     """Time in which the driver goes from one command that it reads to the next, in a straight line [s]; at most `hold`; 0:
     at once. Steps of the reference reach the contacts as blows."""
-    torque_limit: float = parameter(7.0, unit="N m", low=0.0, open_low=True, search=(2.0, 100.0), scale="log")
+    torque_limit: float = parameter(
+        7.0, unit="N m", low=0.0, open_low=True, search=(0.28, 14.0), scale="log", of="torque_limit"
+    )
     """Greatest torque of one wheel [N m]; a side has twice that. Tab. 3.8, whose value only works per wheel
     (docs/errata.md)."""
     no_load_rate: float = parameter(math.inf, unit="rad/s", low=0.0, open_low=True)

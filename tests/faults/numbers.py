@@ -87,7 +87,7 @@ def run(name: str, rng: random.Random, folder: Path) -> tuple[Outcome, Sequence[
             table[rng.randrange(len(table)), rng.randrange(3)] = rng.choice(EXTREMES)
         return call(f"{which} {table.tolist()}", partial(_arrays()[which], table)), STATUSES
     if what == "terrain":
-        from validation.robots.terrain import parse_terrain
+        from validation.simulator.terrain import parse_terrain
 
         text = "".join(rng.choice(TERRAIN_WORDS) for _ in range(rng.randint(1, 7)))
         return call(visible(f"terrain {text!r}"), partial(parse_terrain, text)), STATUSES

@@ -78,7 +78,7 @@ def main(options: CompareOptions) -> None:
     """
     from validation.compare.run import CompareSettings, prepare
     from validation.plants.table import PLANTS
-    from validation.robots.terrain import parse_terrain
+    from validation.simulator.terrain import parse_terrain
 
     log, environment, output = options.recording, options.environment, options.output
     with cli.mistakes_are_users():

@@ -12,9 +12,10 @@ from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, IndexArray, Trajectory
-from validation.robots.health import Health
-from validation.robots.terrain import FLAT, Terrain
-from validation.robots.wheel_loads import WheelLoads
+from validation.simulator.description import Robot, load_robot
+from validation.simulator.health import Health
+from validation.simulator.terrain import FLAT, Terrain
+from validation.simulator.wheel_loads import WheelLoads
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,3 +80,5 @@ class ComparisonData:
     scoring: Mapping[float, tuple[tuple[IndexArray, IndexArray], ...]] = field(default_factory=dict)
     """Starts and ends of the scoring windows that follow one another, by horizon [s] and piece; none spans a jump of the
     localiser. Empty where the reference is a plant."""
+    robot: Robot = field(default_factory=load_robot)
+    """The robot that the profile is of."""

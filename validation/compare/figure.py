@@ -36,7 +36,6 @@ from validation.compare.time_panels import (
     is_impulsive,
     whole_span,
 )
-from validation.robots.terrain import FLAT
 from validation.show.drawing import (
     WIDTH_IN,
     HorizonMarks,
@@ -65,6 +64,7 @@ from validation.show.drawing import (
     yaw_interval,
 )
 from validation.show.tables import length_unit, shortened
+from validation.simulator.terrain import FLAT
 
 LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by then."""

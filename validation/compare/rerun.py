@@ -24,9 +24,6 @@ import numpy as np
 from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 from validation.compare.data import ComparisonData
-from validation.robots.husky import WHEELS
-from validation.robots.terrain import FLAT
-from validation.robots.wheel_loads import QUASI_STATIC
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import encode, rr, write_about
 from validation.show.rerun_layout import Series, blueprint, eye, follower, overviews, plot_view, rrb, view, write_series
@@ -48,6 +45,9 @@ from validation.show.rerun_robots import (
     write_signpost,
 )
 from validation.show.robot_mesh import robot_mesh
+from validation.simulator.description import WHEELS
+from validation.simulator.terrain import FLAT
+from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.store import write_atomic
 
 LINEUP_GAP = np.array([1.75, 1.25, 0.0])
@@ -114,14 +114,17 @@ def _tracks(comparison: ComparisonData) -> list[Track]:
     plants = comparison.plants
     known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say
     ground = comparison.terrain
-    reference = Track(comparison.reference_name, comparison.reference, None, known.localiser, ground)
+    reference = Track(comparison.reference_name, comparison.reference, None, known.localiser, ground, comparison.robot)
     others = [result for result in plants.values() if result.name != reference.name]
-    return [reference, *(Track(result.name, result.pieces, reference, result.localiser, ground) for result in others)]
+    return [
+        reference,
+        *(Track(result.name, result.pieces, reference, result.localiser, ground, comparison.robot) for result in others),
+    ]
 
 
 def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None:
     """Log ground, robots, paths and labels, of the world and of the line-up."""
-    robot, extent, close = robot_mesh(), Extent(tracks), _stays_close(tracks)
+    robot, extent, close = robot_mesh(tracks[0].robot), Extent(tracks), _stays_close(tracks)
     margin = 0.5 * extent.reach + 5.0
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     write_ground(recording, "world/ground", tracks[0].terrain, extent.middle - margin, extent.middle + margin)

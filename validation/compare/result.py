@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation.compare.data import ComparisonData, PlantResult
 from validation.compare.table import alike_plants, comparison_grids, comparison_notes
-from validation.robots.husky import WHEELS
 from validation.show.result import Result
 from validation.show.tables import Grid
+from validation.simulator.description import WHEELS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -25,10 +25,10 @@ from validation.motion.driving import drive, horizons_of, scoring_windows, stand
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
 from validation.progress import Progress, Report, silent
-from validation.robots.health import Health, examine, run_health
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import FLAT, Terrain
-from validation.robots.wheel_loads import resting_loads, summarise, with_quasi_static
+from validation.simulator.health import Health, examine, run_health
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, Terrain
+from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
 
 WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
 """Commands driven once before the clock runs, so that wall times do not hold compilation."""
@@ -125,6 +125,7 @@ class PreparedComparison:
         return Comparison(
             source.name, self.profile.name, self.reference, truth, commands, results, settings.seed,
             settings.as_dict(), store.versions(), settings.terrain, (*source.warnings, *standing), scoring,
+            self.profile.robot,
         )  # fmt: skip
 
     def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:

@@ -11,9 +11,6 @@ from typing import Any
 from ssmr.metrics.declared import METRICS, Metric
 from ssmr.metrics.poses import HorizonErrors
 from validation.compare.data import ComparisonData
-from validation.robots.health import Health
-from validation.robots.husky import WHEELS
-from validation.robots.terrain import FLAT
 from validation.show.tables import (
     DEGREES,
     METRES,
@@ -34,6 +31,9 @@ from validation.show.tables import (
     option_text,
     units_of,
 )
+from validation.simulator.description import WHEELS
+from validation.simulator.health import Health
+from validation.simulator.terrain import FLAT
 
 HEADLINE_HORIZON = 6.0
 """The horizon whose errors stand for a plant where only one has room [s]; else the one closest to it."""

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 
 from ssmr.types import FloatArray, Trajectory
 from validation.compare.data import ComparisonData
-from validation.robots.husky import WHEELS
-from validation.robots.wheel_loads import QUASI_STATIC
 from validation.show.drawing import ALARM, BROAD, NARROW, QUIET, Dashes, Span, at_least, corner_note, ink_of, joined
+from validation.simulator.description import WHEELS
+from validation.simulator.wheel_loads import QUASI_STATIC
 
 _LONGEST_SHOWN = 60.0
 """Runs longer than this show velocities over a stretch only [s]: more would be a smear."""

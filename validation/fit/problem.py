@@ -51,7 +51,8 @@ class FitProblem:
         return {
             "model": self.model,
             "parameters or bounds": self.space.limits(),
-            "profile": asdict(self.base),
+            "profile": self.base.numbers(),
+            "robot": self.base.robot.as_document(),
             "objective": asdict(self.cost),
             "sources": data.hexdigest(),
         }

@@ -65,4 +65,5 @@ def as_comparison(result: FitData) -> ComparisonData:
         result.seed,
         {k: option_text(v) for k, v in result.options.items() if v is not None},
         result.versions,
+        robot=result.profile.robot,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -100,7 +101,7 @@ def fit(
     base = profile if isinstance(profile, Profile) else load_profile(profile or PROFILES[occasion])
     begun = with_values(model, base.plants[model], list(parameters.fix), parameters.fix.values())
     free = usual if parameters.free is None else parameters.free
-    space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds)
+    space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds, begun.robot)
     start = _first_points(space, model, begun, parameters.start)
     settings = search.settings(*(_SIMULATED_SIZE if model in SIMULATED else _SIZE))
     targets, held_out = open_targets(names, base, sources)
@@ -115,7 +116,7 @@ def fit(
         found = search_for(problem, settings, search, start, progress, evaluate)
     total = settings.generations + 1
     progress(Progress(total, total, "standard errors and scores"))
-    point = found.jde.best
+    point, before = found.jde.best, [find(model, name, begun.robot).read(begun) for name in space.names]
     uncertainty, scores, troubles = _judged(problem, point, held_out, None if found.interrupted else search.threads)
     result = FitResult(
         model=model,
@@ -124,7 +125,7 @@ def fit(
         source=",".join(names),
         seed=search.seed,
         cost_name=str(problem.cost.objective),
-        parameters=found_parameters(space, point, [find(model, n).read(begun) for n in space.names], uncertainty),
+        parameters=found_parameters(space, point, before, uncertainty),
         correlation=None if uncertainty is None else uncertainty.correlation,
         uncertainty_method="" if uncertainty is None else uncertainty.method,
         remarks=(*_warnings([*targets, *held_out]), *sentences(model, space, point, uncertainty), *troubles),
@@ -169,10 +170,11 @@ def _first_points(
     if start is None:
         return None
     for name in start:
-        find(model, name)
+        find(model, name, base.robot)
         if name not in space.names:
             raise ValueError(f"start names {name}, which is not free")
-    values = [start.get(name, find(model, name).read(base)) for name in space.names]
+    values = [start.get(name, find(model, name, base.robot).read(base)) for name in space.names]
+    values = [p.upper if value == math.inf else value for p, value in zip(space.parameters, values, strict=True)]  # no limit
     return space.points(np.array(values)[None])
 
 

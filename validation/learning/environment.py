@@ -1,6 +1,6 @@
-"""The Husky for learning code: a dm_control entity, and trajectory tracking as a `dm_env` environment.
+"""A robot for learning code: a dm_control entity, and trajectory tracking as a `dm_env` environment.
 
-The robot is that of all other programs: husky.xml, calibrated by a profile, behind the profile's drive. An action is the
+The robot is that of all other programs: its file, calibrated by a profile, behind the profile's drive. An action is the
 command that a robot reads every 50 ms, and the errors are those that the controllers see.
 """
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from dm_control import composer, mjcf
+from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_env import specs
 
@@ -24,17 +24,11 @@ from ssmr.robot.drive import Driver, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
 from validation.plants.profile import PlantProfile, Profile, load_profile, make_plant
-from validation.robots.husky import (
-    SIDES,
-    WHEELS,
-    HuskyCalibration,
-    add_integral_parts,
-    calibrate,
-    controls,
-    set_motors,
-    xml_path,
-)
-from validation.robots.plant import MujocoPlant
+from validation.simulator.calibration import Calibration
+from validation.simulator.composing import add_integral_parts, compose_robot
+from validation.simulator.description import WHEELS, Robot
+from validation.simulator.model import calibrate, controls, set_motors
+from validation.simulator.plant import MujocoPlant
 from validation.track.waypoint_files import open_reference
 from validation.words import shortened
 
@@ -45,14 +39,14 @@ LARGEST_ACTION = 100.0
 """Greatest size of an action [m/s, rad/s]. The drive limits what is beyond its own limits; more than this is a mistake."""
 
 
-class Husky(composer.Entity):
-    """The robot of husky.xml, without its free joint: `Arena.add_free_entity` gives it one."""
+class RobotEntity(composer.Entity):
+    """A robot without its free joint: `Arena.add_free_entity` gives it one."""
 
-    def _build(self, name: str = "husky", integral: bool = False) -> None:
-        self._model = mjcf.from_path(str(xml_path()))
+    def _build(self, robot: Robot, integral: bool = False) -> None:
+        self._robot, self._model = robot, compose_robot(robot)
         if integral:
-            add_integral_parts(self._model)
-        self._model.model = name
+            add_integral_parts(self._model, robot)
+        self._model.model = robot.name
         self._model.find("joint", "root").remove()
 
     @property
@@ -72,10 +66,10 @@ class Husky(composer.Entity):
 
     @property
     def motors(self) -> list[Any]:
-        """Velocity servos of the left and the right side [rad/s]."""
-        return [self._model.find("actuator", f"{side}_motor") for side in SIDES]
+        """Velocity servos [rad/s]: of the left and the right side, or of every wheel."""
+        return [self._model.find("actuator", f"{motor}_motor") for motor in self._robot.motors]
 
-    def calibrate(self, physics: Any, calibration: HuskyCalibration, drive: Drive) -> None:
+    def calibrate(self, physics: Any, calibration: Calibration, drive: Drive) -> None:
         """Set a calibration and the motors of a drive on compiled physics.
 
         Raises:
@@ -85,13 +79,13 @@ class Husky(composer.Entity):
         set_motors(physics.model.ptr, calibration, drive, self.prefix)
 
 
-def ground() -> composer.Arena:
-    """Return a plane under a lamp, with the solver's settings of husky.xml: an attached robot does not bring its own."""
+def ground(robot: Robot) -> composer.Arena:
+    """Return a plane under a lamp, with the solver's settings of the robot: an attached robot does not bring its own."""
     arena = composer.Arena(name="ground")
-    robot, root = mjcf.from_path(str(xml_path())), arena.mjcf_model
+    made, root = compose_robot(robot), arena.mjcf_model
     for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
-        setattr(root.option, name, getattr(robot.option, name))
-    root.option.flag.multiccd = robot.option.flag.multiccd
+        setattr(root.option, name, getattr(made.option, name))
+    root.option.flag.multiccd = made.option.flag.multiccd
     root.compiler.angle = "radian"
     root.worldbody.add("geom", name="plane", type="plane", size=[0, 0, 0.05], condim=3)
     root.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
@@ -109,11 +103,11 @@ class Tracking(composer.Task):
         """Compose robot and ground.
 
         Args:
-            profiles: one or more calibrated robots, of one time step.
+            profiles: one or more calibrations of one robot, of one time step.
             waypoints: what is followed.
 
         Raises:
-            ValueError: no profile, several time steps, or tyres of another shape than husky.xml's.
+            ValueError: no profile, several robots or time steps, or tyres that are no ellipsoids.
         """
         self._plants: list[PlantProfile] = [p.plants["mujoco"] for p in profiles]
         steps = {p.parameters.timestep for p in self._plants}
@@ -121,6 +115,10 @@ class Tracking(composer.Task):
             raise ValueError(
                 f"the profiles must have one time step, they have {', '.join(map(str, sorted(steps))) or 'none'}"
             )
+        robots = {p.robot for p in self._plants}
+        if len(robots) != 1:
+            raise ValueError(f"the profiles must be of one robot, they are of {', '.join(sorted(r.name for r in robots))}")
+        robot = robots.pop()
         if any(p.parameters.wheel_shape != "ellipsoid" or p.parameters.friction_ratio != 1.0 for p in self._plants):
             raise ValueError("a tracking task has ellipsoid tyres and isotropic friction")
         parts = {p.drive.integral_gain > 0.0 for p in self._plants}
@@ -133,8 +131,8 @@ class Tracking(composer.Task):
             nq = plant.model.nq
             self._resting.append(plant.placed(waypoints.start)[1 : 1 + nq])
         self._waypoints, self._course = waypoints, waypoints.course()
-        self._arena, self.husky = ground(), Husky(integral=parts.pop())
-        self._frame = self._arena.add_free_entity(self.husky)
+        self._arena, self.robot = ground(robot), RobotEntity(robot, integral=parts.pop())
+        self._frame = self._arena.add_free_entity(self.robot)
         self.set_timesteps(control_timestep=VELOCITY_PERIOD, physics_timestep=steps.pop())
         self._observables = {
             name: observable.Generic(getattr(self, f"_see_{name}")) for name in ("errors", "twist", "wheels", "target")
@@ -162,12 +160,12 @@ class Tracking(composer.Task):
         """Draw a profile, and put its robot on the first waypoint, at rest on its tyres."""
         self._drawn = int(random_state.randint(len(self._plants)))
         plant = self._plants[self._drawn]
-        self.husky.calibrate(physics, plant.parameters, plant.drive)
+        self.robot.calibrate(physics, plant.parameters, plant.drive)
         with physics.reset_context():
             rest, lever = self._resting[self._drawn], np.zeros(3)
-            mujoco.mju_rotVecQuat(lever, np.array(physics.model.body(f"{self.husky.prefix}base").pos), rest[3:7])
+            mujoco.mju_rotVecQuat(lever, np.array(physics.model.body(f"{self.robot.prefix}base").pos), rest[3:7])
             physics.data.qpos[:] = rest
-            physics.data.qpos[:3] -= lever  # the free joint's frame is the origin of husky.xml, not the base
+            physics.data.qpos[:3] -= lever  # the free joint's frame is the MJCF's origin, not the base
             physics.data.qvel[:] = 0.0
         self._driver, self._references = Driver(plant.drive, self.physics_timestep, State()), np.zeros((1, 2))
         self._segment, self._start = 0, float(physics.data.time)
@@ -197,7 +195,7 @@ class Tracking(composer.Task):
 
     def _state(self, physics: Any) -> tuple[float, float, float, FloatArray]:
         """Return x, y, yaw and twist of the base, which stands above the free joint's frame and sways with it."""
-        qpos, qvel, base = physics.data.qpos, physics.data.qvel, physics.model.body(f"{self.husky.prefix}base")
+        qpos, qvel, base = physics.data.qpos, physics.data.qvel, physics.model.body(f"{self.robot.prefix}base")
         lever, velocity = np.zeros(3), np.zeros(3)
         mujoco.mju_rotVecQuat(lever, np.array(base.pos), np.array(qpos[3:7]))
         mujoco.mju_rotVecQuat(velocity, np.cross(qvel[3:6], base.pos), np.array(qpos[3:7]))
@@ -223,7 +221,7 @@ class Tracking(composer.Task):
         return self._state(physics)[3]
 
     def _see_wheels(self, physics: Any) -> FloatArray:
-        rates = np.array(physics.bind(self.husky.wheels).qvel)
+        rates = np.array(physics.bind(self.robot.wheels).qvel)
         return np.array([rates[[0, 2]].mean(), rates[[1, 3]].mean()])
 
     def _see_target(self, physics: Any) -> FloatArray:

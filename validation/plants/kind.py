@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, Protocol
 
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State
-from validation.robots.physics import PhysicsSettings
-from validation.robots.terrain import Terrain
+from validation.simulator.description import Robot
+from validation.simulator.physics import PhysicsSettings
+from validation.simulator.terrain import Terrain
 
 Occasion = Literal["scenario", "recording"]
 """Occasion of a fit: to a plant's motion in a scenario, or to a recording of a real robot."""
+
+PARTS = ("parameters", "vehicle", "drive", "localiser")
+"""The parts of a plant's profile that hold numbers."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +31,16 @@ class PlantProfile:
     """Mass and geometry; a plant with a body of its own has them in `parameters`."""
     drive: Drive
     """Saturation, delays and conversions between command and wheels."""
+    robot: Robot
+    """The robot that these numbers are of."""
     localiser: Localiser = Localiser()
     """Frame on the body whose motion is compared, and how late a log tells it."""
+
+    def numbers(self) -> dict[str, dict[str, Any]]:
+        """Return the numbers of each part by name; the robot, which has a file of its own, is left out."""
+        owners = {part: getattr(self, part) for part in PARTS}
+        names = {part: [f.name for f in fields(owner) if f.name != "robot"] for part, owner in owners.items()}
+        return {part: {name: getattr(owners[part], name) for name in names[part]} for part in PARTS}
 
 
 class Stretch(Protocol):
@@ -75,6 +87,8 @@ class PlantKind:
     """Name in commands, tables and files."""
     parameters: type
     """Frozen dataclass of the plant's own parameters, declared with `ssmr.parameters.parameter`."""
+    defaults: Callable[[Robot], Any]
+    """Function that returns the parameters of a robot that nothing was fitted to."""
     build: Callable[[PlantProfile, Terrain, PhysicsSettings], Plant]
     """Function that builds the plant from its numbers, its ground and its physics settings."""
     population: Callable[[Sequence[PlantProfile | None], int], Population]

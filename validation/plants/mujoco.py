@@ -1,4 +1,4 @@
-"""The MuJoCo Husky as a plant. Another simulation engine is a folder beside this file with a declaration like this one."""
+"""The MuJoCo robot as a plant. Another simulation engine is a folder beside this file with a declaration like this one."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from functools import partial
 
 from validation.plants.kind import PlantKind, PlantProfile
 from validation.plants.one_by_one import OneByOne
-from validation.robots.calibration import HuskyCalibration
-from validation.robots.physics import SHIPPED, PhysicsSettings
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import FLAT, Terrain
+from validation.simulator.calibration import Calibration
+from validation.simulator.physics import SHIPPED, PhysicsSettings
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, Terrain
 
 _DRIVEN = ("delay", "acceleration_v", "acceleration_w")
 
@@ -20,7 +20,8 @@ def _build(section: PlantProfile, terrain: Terrain = FLAT, settings: PhysicsSett
 
 KIND = PlantKind(
     "mujoco",
-    HuskyCalibration,
+    Calibration,
+    Calibration.of,
     _build,
     partial(OneByOne, _build),
     free={

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numba
 import numpy as np
@@ -11,12 +14,13 @@ from ssmr._jit import config
 from ssmr.geometry import shift_reference
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
-from ssmr.robot.vehicle import Drive
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant, run_population
 from ssmr.types import FloatArray
 from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
-from validation.robots.physics import PhysicsSettings
-from validation.robots.terrain import Terrain
+from validation.simulator.description import Robot
+from validation.simulator.physics import PhysicsSettings
+from validation.simulator.terrain import Terrain
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
 """Numbers that the thesis read off response curves or took for given, and a fit to a scenario has to find."""
@@ -40,6 +44,19 @@ def model_of(section: PlantProfile) -> PlanarModel:
     return PlanarModel(section.parameters, section.vehicle, section.drive)
 
 
+def defaults(kind: type, robot: Robot) -> Any:
+    """Return the thesis' parameters of a planar model, scaled to a robot's size; friction and shares stay as they are.
+
+    Of robots of one shape that do all things in the same time, mass times radius squared decides the gain between wheel rate
+    and torque, and mass times radius that between speed and torque.
+    """
+    thesis, own, numbers = Vehicle(), robot.vehicle, kind()
+    mass, radius = own.mass / thesis.mass, own.wheel_radius / thesis.wheel_radius
+    ratios = {"gain": mass * radius**2, "gain_over_radius": mass * radius, "half_track": own.half_track / thesis.half_track}
+    scaled = {n: getattr(numbers, n) * ratios[d.of] for n, d in described(kind).items() if d.of in ratios}
+    return replace(numbers, **scaled)
+
+
 def declare(name: str) -> PlantKind:
     """Return the declaration of a planar model.
 
@@ -51,7 +68,8 @@ def declare(name: str) -> PlantKind:
     free: Mapping[Occasion, tuple[str, ...]] = {"scenario": (*own, *_READ_OFF), "recording": (*own, *_RECORDED)}
     drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.obeys)
     chosen = _KINEMATIC if law.obeys else free
-    return PlantKind(name, law.parameters, _build, PlanarPopulation, chosen, law.colour, law.vehicle, drive)
+    usual = partial(defaults, law.parameters)
+    return PlantKind(name, law.parameters, usual, _build, PlanarPopulation, chosen, law.colour, law.vehicle, drive)
 
 
 def _build(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> PlanarPlant:

@@ -1,8 +1,9 @@
 """Calibrated parameter sets: TOML files with provenance, shipped or the user's own.
 
-A profile has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they
-differ from the common ones its own `vehicle` and `drive`, and `localiser`: the frame in the plant's body that is compared,
-and its delays. What a profile does not say has the default of its field: for the thesis' models, the published value.
+A profile names its robot (`robot = "husky"`, which is also meant where none is named) or has its whole file as `[robot]`. It
+has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they differ from the
+common ones its own `vehicle` and `drive`, and `localiser`: the frame in the plant's body that is compared, and its delays.
+What a profile does not say is as in the robot's file; planar models have the thesis' published values, scaled to the robot.
 Profiles before 1.2 have `tracked_point` (x, y) [m] in the place of `localiser`; they are read too.
 """
 
@@ -12,7 +13,7 @@ import math
 import os
 import reprlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -21,13 +22,13 @@ from typing import Any, TypeVar
 import tomli_w
 
 from ssmr.robot.localiser import Localiser
-from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Plant
 from validation import reading, store
 from validation.plants.kind import PlantProfile
 from validation.plants.table import PLANTS, plant_kind
-from validation.robots.physics import SHIPPED, PhysicsSettings
-from validation.robots.terrain import FLAT, Terrain
+from validation.simulator.description import Robot, load_robot, parse_robot
+from validation.simulator.physics import SHIPPED, PhysicsSettings
+from validation.simulator.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
 
@@ -51,23 +52,27 @@ class Profile:
     provenance: Mapping[str, Any]
     """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has them."""
 
+    @property
+    def robot(self) -> Robot:
+        """The robot that the profile is of."""
+        return next(iter(self.plants.values())).robot
+
     def as_dict(self) -> dict[str, Any]:
         """Return all numbers, for a result to record."""
-        return {name: _finite(asdict(plant)) for name, plant in self.plants.items()}
+        return {name: _finite(plant.numbers()) for name, plant in self.plants.items()}
 
     def save(self, path: str | Path) -> Path:
-        """Write a TOML file without the numbers that have their default; return its path. `load_profile` reads it back."""
+        """Write a TOML file without the numbers that the robot has anyway; return its path. `load_profile` reads it back."""
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
-            own = plant_kind(name).parameters()
-            parts = (("parameters", own), ("vehicle", Vehicle()), ("drive", Drive()), ("localiser", Localiser()))
+            usual = _usual(name, plant.robot).numbers()
             changed = {
-                part: {k: v for k, v in asdict(getattr(plant, part)).items() if v != getattr(default, k)}
-                for part, default in parts
+                part: {k: v for k, v in numbers.items() if v != usual[part][k]} for part, numbers in plant.numbers().items()
             }
             if section := {part: values for part, values in changed.items() if values}:
                 plants[name] = section
-        document = {"schema": SCHEMA, "name": self.name, "description": self.description, "plants": plants}
+        robot = self.robot.name if self.robot.shipped else self.robot.as_document()
+        document = {"schema": SCHEMA, "name": self.name, "description": self.description, "robot": robot, "plants": plants}
         text = tomli_w.dumps(store.encodable({**document, "provenance": dict(self.provenance)}))
         store.write_text(Path(path), text)
         return Path(path)
@@ -80,6 +85,49 @@ def shipped() -> list[str]:
         for p in resources.files("validation.plants").joinpath("profiles").iterdir()
         if p.name.endswith(".toml")
     )
+
+
+def _usual(name: str, robot: Robot) -> PlantProfile:
+    """Return the numbers of a plant of a robot that nothing was fitted to."""
+    return PlantProfile(plant_kind(name).defaults(robot), robot.vehicle, robot.drive, robot)
+
+
+def bare_profile(robot: Robot) -> Profile:
+    """Return the profile of a robot that nothing was fitted to: the numbers of its file for every plant.
+
+    Raises:
+        ProfileError: numbers that do not go together.
+    """
+    try:
+        plants = {name: _usual(name, robot) for name in PLANTS}
+    except ValueError as error:
+        raise ProfileError(f"robot {robot.name}: {error}") from error
+    words = f"{robot.title or robot.name} as its file has it; nothing was fitted"
+    return Profile(robot.name, words, MappingProxyType(plants), MappingProxyType({}))
+
+
+def choose_profile(profile: str | Path | Profile | None, robot: str | Path | Robot | None, usual: str) -> Profile:
+    """Return the profile that a user means.
+
+    Args:
+        profile: name, path or profile; None for the one that is usual.
+        robot: name, path or robot; None for the profile's.
+        usual: name of the profile that is meant without either. A robot that this one is not of has its bare profile.
+
+    Raises:
+        ProfileError: the profile or the robot cannot be had, or the profile is of another robot.
+    """
+    if isinstance(profile, str | Path):
+        profile = load_profile(profile)
+    if robot is None:
+        return profile or load_profile(usual)
+    chosen = robot if isinstance(robot, Robot) else load_robot(robot)
+    if profile is None:
+        common = load_profile(usual)
+        return common if common.robot == chosen else bare_profile(chosen)
+    if profile.robot != chosen:
+        raise ProfileError(f"profile {profile.name} is of the robot {profile.robot.name}, not of {chosen.name}")
+    return profile
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
@@ -111,10 +159,11 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     if document.get("schema") != SCHEMA:
         raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
     reading.require_known(
-        document, {"schema", "name", "description", "vehicle", "drive", "plants", "provenance"}, "the top level"
+        document, {"schema", "name", "description", "robot", "vehicle", "drive", "plants", "provenance"}, "the top level"
     )
-    vehicle = _fill(Vehicle(), document.get("vehicle", {}), "vehicle")
-    drive = _fill(Drive(), document.get("drive", {}), "drive")
+    robot = _robot(document.get("robot", "husky"))
+    vehicle = _fill(robot.vehicle, document.get("vehicle", {}), "vehicle")
+    drive = _fill(robot.drive, document.get("drive", {}), "drive")
     sections = document.get("plants", {})
     reading.require_known(sections, set(PLANTS), "plants")
     plants = {}
@@ -126,9 +175,10 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         if not (isinstance(point, list) and len(point) == 2 and all(_is_number(p) and math.isfinite(p) for p in point)):
             raise ValueError(f"{where}.tracked_point is {reprlib.repr(point)}, wanted two numbers [m]")
         plants[name] = PlantProfile(
-            _fill(plant_kind(name).parameters(), section.get("parameters", {}), f"{where}.parameters"),
+            _fill(plant_kind(name).defaults(robot), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
+            robot,
             _fill(Localiser(float(point[0]), float(point[1])), section.get("localiser", {}), f"{where}.localiser"),
         )
     name, description = document.get("name", "unnamed"), document.get("description", "")
@@ -139,9 +189,21 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     return Profile(name, description, MappingProxyType(plants), MappingProxyType(provenance))
 
 
+def _robot(said: Any) -> Robot:
+    """Return the robot that a profile names, or has inside."""
+    if isinstance(said, dict):
+        try:
+            return parse_robot(said)
+        except ValueError as error:
+            raise ValueError(f"[robot] {error}") from error
+    if not isinstance(said, str):
+        raise ValueError(f"robot is {reprlib.repr(said)}, wanted a name or a table")
+    return load_robot(said)
+
+
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
-    types = {f.name: type(getattr(default, f.name)) for f in fields(default)}  # type: ignore[arg-type]
+    types = {f.name: type(getattr(default, f.name)) for f in fields(default) if f.name != "robot"}  # type: ignore[arg-type]
     reading.require_known(values, set(types), where)
     given = {}
     for key, value in values.items():

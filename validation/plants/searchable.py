@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.search.space import Parameter, ParameterSpace
-from validation.plants.kind import PlantProfile
+from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.table import plant_kind
+from validation.simulator.description import Robot
 
 
 @dataclass(frozen=True)
@@ -32,52 +34,53 @@ _EVERY_PLANT = (Searchable("delay", "s", *_DELAY, least=0.0, places=("drive.dela
 """A number that is no single field: one delay for both commands."""
 
 
-def _declared(section: str, kind: type, allowed: Container[str]) -> tuple[Searchable, ...]:
+def _declared(section: str, kind: type, allowed: Container[str], robot: Robot) -> tuple[Searchable, ...]:
+    bounds = {name: (d, d.bounds(robot.sizes)) for name, d in described(kind).items() if name in allowed}
     return tuple(
-        Searchable(name, d.unit, *d.search, d.scale, d.low, d.high, (f"{section}.{name}",))
-        for name, d in described(kind).items()
-        if d.search is not None and name in allowed
+        Searchable(name, d.unit, ends[0], ends[1], d.scale, d.low, d.high, (f"{section}.{name}",))
+        for name, (d, ends) in bounds.items()
+        if ends is not None and all(map(math.isfinite, ends))
     )
 
 
-@cache
-def searchable(plant: str) -> tuple[Searchable, ...]:
-    """Return every number of a plant that a fit may move.
+@lru_cache(maxsize=64)
+def searchable(plant: str, robot: Robot) -> tuple[Searchable, ...]:
+    """Return every number of a plant that a fit may move; default bounds scale with the robot.
 
     Raises:
         ValueError: there is no such plant.
     """
     kind = plant_kind(plant)
     return (
-        *_declared("parameters", kind.parameters, described(kind.parameters)),
-        *_declared("vehicle", Vehicle, kind.vehicle),
-        *_declared("drive", Drive, kind.drive),
+        *_declared("parameters", kind.parameters, described(kind.parameters), robot),
+        *_declared("vehicle", Vehicle, kind.vehicle, robot),
+        *_declared("drive", Drive, kind.drive, robot),
         *_EVERY_PLANT,
-        *_declared("localiser", Localiser, described(Localiser)),
+        *_declared("localiser", Localiser, described(Localiser), robot),
     )
 
 
-def find(plant: str, name: str) -> Searchable:
+def find(plant: str, name: str, robot: Robot) -> Searchable:
     """Return a plant's searchable number by name.
 
     Raises:
         ValueError: there is no such plant or number; the message lists those there are.
     """
-    numbers = {s.name: s for s in searchable(plant)}
+    numbers = {s.name: s for s in searchable(plant, robot)}
     if name not in numbers:
         raise ValueError(f"{plant} has no parameter '{name}' to fit; there are: {', '.join(numbers)}")
     return numbers[name]
 
 
-def make_space(plant: str, names: Iterable[str], bounds: Mapping[str, tuple[float, float]]) -> ParameterSpace:
+def make_space(plant: str, names: Iterable[str], bounds: Mapping[str, tuple[float, float]], robot: Robot) -> ParameterSpace:
     """Return the space that `names` span, with default bounds or those given.
 
     Raises:
         ValueError: an unknown name, bounds for what is not free, one number under two names, or bounds that make no sense.
     """
-    chosen = [find(plant, name) for name in names]
+    chosen = [find(plant, name, robot) for name in names]
     for name in bounds:
-        find(plant, name)
+        find(plant, name, robot)
         if name not in [s.name for s in chosen]:
             raise ValueError(f"bounds are given for {name}, which is not free")
     taken: dict[str, str] = {}
@@ -96,9 +99,9 @@ def with_values(name: str, plant: PlantProfile, names: Sequence[str], values: It
     Raises:
         ValueError: an unknown name, or numbers that the plant cannot have.
     """
-    sections: dict[str, dict[str, float]] = {"parameters": {}, "vehicle": {}, "drive": {}, "localiser": {}}
+    sections: dict[str, dict[str, float]] = {part: {} for part in PARTS}
     for number, value in zip(names, values, strict=True):
-        for place in find(name, number).places:
+        for place in find(name, number, plant.robot).places:
             section, _, field = place.partition(".")
             sections[section][field] = float(value)
     changed = {section: replace(getattr(plant, section), **given) for section, given in sections.items() if given}

@@ -27,9 +27,9 @@ from validation.fit.checkpoint import CheckpointError
 from validation.fit.data import SearchData
 from validation.fit.targets import MOST_TIME
 from validation.progress import Report, silent
-from validation.robots.husky import xml_path
 from validation.show.drawing import save_figure
 from validation.show.tables import Grid
+from validation.simulator.description import models_folder
 from validation.thesis.verdicts import Pair
 
 _R = TypeVar("_R", bound=SearchData)
@@ -233,7 +233,8 @@ def code_digest() -> str:
     """Return a digest of all files that decide numbers: sources, models, profiles, gains, references, printed tables."""
     package = Path(__file__).resolve().parents[1]
     kinds = ("*.py", "*.toml", "*.csv", "*.html")
-    files = [*(package.parent / "ssmr").rglob("*.py"), *(p for kind in kinds for p in package.rglob(kind)), xml_path()]
+    files = [*(package.parent / "ssmr").rglob("*.py"), *(p for kind in kinds for p in package.rglob(kind))]
+    files += models_folder().glob("husky.*")
     digest = hashlib.sha256()
     for path in sorted(files):
         name = path.relative_to(package).as_posix() if path.is_relative_to(package) else path.name

@@ -12,8 +12,8 @@ from ssmr.estimation.sensing import SensorErrors, SensorModel, sense
 from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
 from ssmr.types import FloatArray, State
-from validation.robots.plant import MujocoPlant
 from validation.ros.commands import STAND_STILL, Twist
+from validation.simulator.plant import MujocoPlant
 
 SENSOR_RATE = 50.0
 """Rate of encoders, IMU and filter [Hz]; Tab. 3.5, husky_control."""

@@ -10,7 +10,6 @@ from typing import cast
 from ssmr.types import State
 from validation import store
 from validation.plants.profile import Profile, make_plant
-from validation.robots.plant import MujocoPlant
 from validation.ros.commands import STAND_STILL, CommandGate
 from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
 from validation.ros.pilot import MasterLostError, Pilot, StoppedError
@@ -18,6 +17,7 @@ from validation.ros.port import Port
 from validation.ros.result import DriveResult, DriveStatus
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.sim import SIM_TIME_PARAMETER, SimNode, SimReport, connect_simulation
+from validation.simulator.plant import MujocoPlant
 from validation.track.data import TrackedRobot, reference_of, track_metrics
 from validation.track.gains import GainSet
 

@@ -6,7 +6,7 @@ import hashlib
 import math
 import uuid
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 from ssmr.geometry import quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.robots.husky import WHEELS
-from validation.robots.terrain import FLAT, Terrain
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import TIMELINE, rr
 from validation.show.robot_mesh import RobotMesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.simulator.description import WHEELS, Robot, load_robot
+from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
 
 POSE_PERIOD = 0.02
@@ -58,6 +58,8 @@ class Track:
     """The frame in the body whose poses these are."""
     terrain: Terrain = FLAT
     """Ground under the robot."""
+    robot: Robot = field(default_factory=load_robot)
+    """What the robot looks like, and where its wheels are."""
 
     @property
     def colour(self) -> Rgb:
@@ -88,7 +90,9 @@ class Track:
     def raised(self) -> FloatArray:
         """(M, 3) height [m], roll and pitch [rad]: as simulated, or as four wheels lie on the ground."""
         height, tilt = self.channel("height_m"), self.channel("roll_pitch_rad")
-        return self.terrain.lie(self.body) if height is None or tilt is None else np.column_stack([height, tilt])
+        if height is not None and tilt is not None:
+            return np.column_stack([height, tilt])
+        return self.terrain.lie(self.body, self.robot.geometry.wheelbase, self.robot.geometry.track)
 
     @cached_property
     def turns(self) -> FloatArray:

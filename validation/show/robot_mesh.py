@@ -1,4 +1,4 @@
-"""The looks of the robot as triangles: one flat-shaded mesh for each body of husky.xml, and how its wheels turn."""
+"""The looks of a robot as triangles: one flat-shaded mesh for each body of its MJCF, and how its wheels turn."""
 # pyright: reportAttributeAccessIssue=false
 # (mujoco's compiled modules have no type stubs)
 
@@ -7,19 +7,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssmr.types import FloatArray
-from validation.robots.failures import mujoco_failures
-from validation.robots.husky import WHEELS, xml_path
 from validation.show.palette import Rgb
+from validation.simulator.composing import VISUAL_GROUP, compose_robot
+from validation.simulator.description import WHEELS, Robot
+from validation.simulator.failures import mujoco_failures
 
-VISUAL_GROUP = 2
-"""Geoms of this group are looks; husky.xml says so."""
 SEGMENTS = 36
 """Flat faces around whatever is round."""
 RINGS = 6
@@ -56,14 +55,16 @@ class RobotMesh:
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 
+@lru_cache(maxsize=8)
 @mujoco_failures()
-def robot_mesh() -> RobotMesh:
-    """Return the robot of husky.xml.
+def robot_mesh(robot: Robot) -> RobotMesh:
+    """Return the looks of a robot.
 
     Raises:
         MemoryError: there is not enough memory for its model.
+        ValueError: its hand-made MJCF cannot be read, or has looks that are not drawn here.
     """
-    model = mujoco.MjModel.from_xml_path(str(xml_path()))
+    model = mujoco.MjModel.from_xml_string(compose_robot(robot).to_xml_string())
     base = -np.array(model.site("reference").pos)
     places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}
     return RobotMesh({name: body_mesh(model, name) for name in places}, places)

@@ -1,7 +1,7 @@
 from .data import TrackedRobot as TrackedRobot
 from .gains import GainSet as GainSet
 from .gains import load_gains as load_gains
-from .loops import Robot as Robot
+from .loops import ClosedLoopRobot as ClosedLoopRobot
 from .loops import make_controller as make_controller
 from .loops import make_robot as make_robot
 from .loops import run_robots as run_robots
@@ -11,8 +11,8 @@ from .run import track as track
 from .waypoint_files import open_reference as open_reference
 
 __all__ = [
+    "ClosedLoopRobot",
     "GainSet",
-    "Robot",
     "TrackResult",
     "TrackSettings",
     "TrackedRobot",

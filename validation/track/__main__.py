@@ -11,7 +11,7 @@ import tyro
 from ssmr.control.laws import CONTROLLERS
 from ssmr.control.loop import Feedback
 from validation import cli
-from validation.robots.terrain import parse_terrain
+from validation.simulator.terrain import parse_terrain
 from validation.track.run import TrackSettings, prepare_tracking
 from validation.words import file_name
 

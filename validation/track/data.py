@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -15,7 +15,8 @@ from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
 from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
 from ssmr.types import Trajectory
-from validation.robots.terrain import FLAT, Terrain
+from validation.simulator.description import Robot, load_robot
+from validation.simulator.terrain import FLAT, Terrain
 
 AT_LIMIT = 0.999
 """From this share of a limit on, a torque or a command counts as saturated."""
@@ -84,6 +85,8 @@ class TrackedRobot:
     """Versions of this project, Python and the packages that decide numbers."""
     terrain: Terrain = FLAT
     """Ground of a MuJoCo robot."""
+    body: Robot = field(default_factory=load_robot)
+    """The robot that the profile is of."""
 
     @property
     def real_time_factor(self) -> float:

@@ -15,7 +15,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ssmr.control.waypoints import ALPHA_SWITCH
-from validation.robots.terrain import FLAT
 from validation.show.drawing import (
     ALARM,
     NARROW,
@@ -42,6 +41,7 @@ from validation.show.drawing import (
     text_row,
 )
 from validation.show.tables import DEGREES, Unit, length_unit, shortened, units_of
+from validation.simulator.terrain import FLAT
 from validation.track.data import TrackedRobot
 from validation.track.table import SHOWN_METRICS, gains_text, headline, lost_text, require_comparable
 

@@ -21,15 +21,15 @@ from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
-from validation.robots.loops import HuskyLoop, run_husky_loops
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import FLAT, Terrain
+from validation.simulator.loops import HuskyLoop, run_husky_loops
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import track_metrics
 from validation.track.gains import GainSet
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class ClosedLoopRobot:
     """A plant that is built and can be driven in closed loops any number of times."""
 
     name: str
@@ -57,7 +57,7 @@ class Robot:
         }
 
 
-def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> Robot:
+def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedLoopRobot:
     """Return the plant of that name with the profile's numbers; a terrain is for the MuJoCo robot only.
 
     Raises:
@@ -66,10 +66,10 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> Robot:
     made = make_plant(profile, plant, terrain)
     p: PlantProfile = profile.plants[plant]
     if isinstance(made, MujocoPlant):
-        return Robot(plant, made)
+        return ClosedLoopRobot(plant, made)
     if plant not in PLANAR_MODELS:
         raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it")
-    return Robot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
+    return ClosedLoopRobot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
 
 
 def make_controller(profile: Profile, gains: GainSet) -> Controller:
@@ -93,7 +93,7 @@ def odometry_of(drive: Drive) -> EkfSettings:
 
 
 def run_robots(
-    robots: Sequence[Robot],
+    robots: Sequence[ClosedLoopRobot],
     controllers: Sequence[Controller],
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
@@ -124,7 +124,7 @@ def run_robots(
     return run_loops(planar, waypoints, seeds)
 
 
-def rate(run: ClosedRun, waypoints: Waypoints, robot: Robot) -> Metrics:
+def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metrics:
     """Return how well a run followed its reference; a run that was lost is compared with the whole reference."""
     return track_metrics(run, waypoints, robot.limits)
 

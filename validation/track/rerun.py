@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
-from validation.robots.terrain import FLAT
 from validation.show.palette import Rgb, mix
 from validation.show.rerun_file import TIMELINE, encode, rr, write_about
 from validation.show.rerun_layout import Series, blueprint, follower, overviews, plot_view, rrb, write_series
@@ -39,6 +38,7 @@ from validation.show.rerun_robots import (
     write_signpost,
 )
 from validation.show.robot_mesh import robot_mesh
+from validation.simulator.terrain import FLAT
 from validation.store import write_atomic
 from validation.track.data import TrackedRobot
 from validation.track.table import gains_text, headline, require_comparable, track_markdown
@@ -67,8 +67,9 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     require_comparable(results)
     first = results[0]
     ground = next((r.terrain for r in results if r.terrain != FLAT), FLAT)  # planar models stand on none
-    reference = Track("reference", (max(results, key=lambda r: len(r.target)).target,), None, terrain=ground)
-    robots = [Track(r.plant, (r.run.motion,), None, terrain=ground) for r in results]
+    longest = max(results, key=lambda r: len(r.target)).target
+    reference = Track("reference", (longest,), None, terrain=ground, robot=first.body)
+    robots = [Track(r.plant, (r.run.motion,), None, terrain=ground, robot=first.body) for r in results]
 
     about = {
         "controller": first.controller,
@@ -99,7 +100,7 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
 
 def _write_scene(recording: rr.RecordingStream, reference: Track, robots: Sequence[Track]) -> None:
     """Log ground, reference, target, robots and their trails."""
-    robot, extent, solid = robot_mesh(), Extent([reference, *robots]), robots[0]
+    robot, extent, solid = robot_mesh(reference.robot), Extent([reference, *robots]), robots[0]
     margin = 0.5 * extent.reach + 5.0
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     write_ground(recording, "world/ground", reference.terrain, extent.middle - margin, extent.middle + margin)

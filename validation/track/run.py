@@ -13,10 +13,18 @@ from ssmr.control.waypoints import Waypoints
 from validation import store
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress, Report, silent
-from validation.robots.terrain import FLAT, Terrain
+from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import TrackedRobot, reference_of
 from validation.track.gains import GainSet, load_gains
-from validation.track.loops import Robot, make_controller, make_robot, odometry_of, rate, require_practicable, run_robots
+from validation.track.loops import (
+    ClosedLoopRobot,
+    make_controller,
+    make_robot,
+    odometry_of,
+    rate,
+    require_practicable,
+    run_robots,
+)
 from validation.track.result import TrackResult
 from validation.track.waypoint_files import open_reference
 
@@ -59,7 +67,7 @@ class PreparedTracking:
     label: str
     waypoints: Waypoints
     profile: Profile
-    robots: tuple[Robot, ...]
+    robots: tuple[ClosedLoopRobot, ...]
     settings: TrackSettings
 
     def run(self, workers: int | None = None, progress: Report = silent) -> TrackResult:
@@ -78,7 +86,7 @@ class PreparedTracking:
             found.append(self._drive(robot, workers))
         return TrackResult(tuple(found))
 
-    def _drive(self, robot: Robot, workers: int | None) -> TrackedRobot:
+    def _drive(self, robot: ClosedLoopRobot, workers: int | None) -> TrackedRobot:
         s, odometry = self.settings, odometry_of(robot.drive)
         around = LoopSettings(s.feedback, filter=odometry, disturbance=s.disturbance, lookahead=s.lookahead)
         began = time.perf_counter()
@@ -110,6 +118,7 @@ class PreparedTracking:
             options,
             store.versions(),
             robot.terrain,
+            self.profile.robot,
         )
 
 

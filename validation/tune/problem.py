@@ -14,9 +14,9 @@ from ssmr.parameters import described
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
-from validation.robots.plant import MujocoPlant
+from validation.simulator.plant import MujocoPlant
 from validation.track.gains import GainSet
-from validation.track.loops import Robot, make_controller, rate, run_robots
+from validation.track.loops import ClosedLoopRobot, make_controller, rate, run_robots
 from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
 from validation.tune.data import TunedRun
 
@@ -57,7 +57,7 @@ class TuneCase:
     """The reference as the user named it."""
     waypoints: Waypoints
     """The reference itself."""
-    robot: Robot
+    robot: ClosedLoopRobot
     """The plant."""
     settings: LoopSettings
     """Feedback, noise, disturbance and periods of the loop."""
@@ -68,7 +68,7 @@ class TuneCase:
         return self.waypoints.trajectory(self.settings.position_period)
 
 
-def delayed(robot: Robot, more: float) -> Robot:
+def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
     """Return the same robot, on the same ground and with the same physics, that acts on its commands `more` later [s]."""
     late = replace(robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more)
     body = robot.body
@@ -136,7 +136,7 @@ class TuneProblem:
         case, target, late = self.cases[k], self._targets[k], self._late[k]
         found = np.zeros(len(laws))
 
-        def runs(robot: Robot, some: Sequence[Controller], seeds: Sequence[int]) -> list[ClosedRun]:
+        def runs(robot: ClosedLoopRobot, some: Sequence[Controller], seeds: Sequence[int]) -> list[ClosedRun]:
             n = len(some)
             return run_robots([robot] * n, some, [case.settings] * n, case.waypoints, seeds, workers)
 
@@ -176,7 +176,7 @@ class TuneProblem:
             "controller": self.base.controller,
             "gains that are held": sorted((k, v) for k, v in self.base.values.items() if k not in self.space.names),
             "parameters or bounds": self.space.limits(),
-            "profile": [(name, asdict(plant)) for name, plant in sorted(self.profile.plants.items())],
+            "profile": [(name, plant.numbers()) for name, plant in sorted(self.profile.plants.items())],
             "references or plants": [
                 (c.reference, c.robot.name, repr(c.robot.terrain), c.waypoints.t.tobytes(), c.waypoints.xy.tobytes())
                 for c in self.cases

@@ -18,7 +18,7 @@ from validation.plants.profile import Profile, load_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
 from validation.track.gains import DEFAULT, GainSet, load_gains, names
-from validation.track.loops import Robot, make_controller, make_robot, odometry_of, require_practicable
+from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, odometry_of, require_practicable
 from validation.track.waypoint_files import open_reference
 from validation.tune.cost import TuneCost
 from validation.tune.options import TuneParameters, TuneTask
@@ -132,7 +132,9 @@ def _references(wanted: Sequence[str], speed: float) -> list[tuple[str, float]]:
     return out
 
 
-def _cases(wanted: Sequence[tuple[str, float]], robots: Sequence[Robot], settings: LoopSettings) -> tuple[TuneCase, ...]:
+def _cases(
+    wanted: Sequence[tuple[str, float]], robots: Sequence[ClosedLoopRobot], settings: LoopSettings
+) -> tuple[TuneCase, ...]:
     """Return every robot on every reference."""
     out = []
     for name, speed in wanted:

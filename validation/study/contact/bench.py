@@ -16,40 +16,25 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ssmr.errors import DivergedError, SsmrError
+from ssmr.errors import SsmrError
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows
-from ssmr.robot.skid_turn import turn_on_the_spot
-from ssmr.types import Commands, State, Trajectory
+from ssmr.types import State, Trajectory
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
-from validation.robots.failures import mujoco_failures
-from validation.robots.health import LIFT_SHARE
-from validation.robots.husky import GRAVITY, WHEELS, HuskyCalibration, controls
-from validation.robots.plant import MujocoPlant
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.model import controls
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.turning import SAMPLE, STRAIGHT_SPEED, creep, measure_spin, rolling_radius, spin
 from validation.study.contact.variants import PhysicsVariant
 
-HALF_WIDTH: Mapping[str, float] = MappingProxyType(
-    {"ellipsoid": 0.0, "capsule": HuskyCalibration.capsule_half_width, "cylinder": 0.05715}
-)
-"""Half the distance between a wheel's outermost contact points [m], by shape; a profile may have other capsules."""
 SCENARIOS = ("traj1", "traj2", "traj3", "traj4")
 PUBLISHED_MODELS = ("improved", "coulomb", "linear")
 """Published models of the lab's robot."""
 HORIZON = 6.0
 """Length of the windows over which errors against a recording are taken [s]."""
 
-_WHEEL_MASS = 2.637
-"""Mass of a wheel in models/husky.xml [kg]."""
-SAMPLE = 0.01
-"""Period of samples [s]."""
-_SPIN_RATE, _SPIN_TIME, SPIN_LEAD = 0.6, 38.0, 2.0
-"""Turn on the spot: commanded yaw rate [rad/s], duration [s], and start of the measurement [s]; about three turns."""
-_STRAIGHT_SPEED, _STRAIGHT_TIME, _STRAIGHT_LEAD, _STRAIGHT_YAW = 0.5, 8.0, 3.0, 0.4
-"""Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading [rad] between the axes."""
-_SLOPE, _SLOPE_TIME, _SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
-"""Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
 TURNED = 0.25 * math.pi
 """Angle by which the ground is turned under trajectory 3, which should change nothing [rad]."""
 _SURGE_LEAD = 3.0
@@ -167,112 +152,6 @@ def make_variant(variant: PhysicsVariant, section: PlantProfile) -> MujocoPlant:
     return MujocoPlant(variant.calibration(section.parameters), section.drive, settings=variant.settings)
 
 
-def _twist(v: float, w: float, seconds: float) -> Commands:
-    return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)))
-
-
-def rolling_radius(plant: MujocoPlant) -> tuple[float, float]:
-    """Drive straight ahead.
-
-    Returns:
-        Rolling radius of the tyres [m], and deviation to the left over the length [1].
-
-    Raises:
-        DivergedError: the simulator gave up.
-    """
-    motion = plant.run(_twist(_STRAIGHT_SPEED, 0.0, _STRAIGHT_TIME), State(yaw=_STRAIGHT_YAW), SAMPLE)
-    tail = motion.t >= _STRAIGHT_LEAD
-    along = np.array([math.cos(_STRAIGHT_YAW), math.sin(_STRAIGHT_YAW)])
-    first, last = motion.xy[tail][0], motion.xy[-1]
-    ahead = float(along @ (last - first))
-    aside = float(along[0] * (last - first)[1] - along[1] * (last - first)[0])
-    turned = float(motion.wheels[tail].mean()) * float(motion.t[-1] - motion.t[tail][0])
-    if not (ahead > 0.0 and turned > 0.0):
-        raise DivergedError("a drive straight ahead went nowhere")
-    return ahead / turned, aside / ahead
-
-
-def creep(plant: MujocoPlant) -> float:
-    """Return the speed at which a robot at rest slides down a side slope [m/s].
-
-    Raises:
-        DivergedError: the simulator gave up.
-    """
-    level = np.array(plant.model.opt.gravity)
-    plant.model.opt.gravity[:] = 0.0, GRAVITY * math.sin(_SLOPE), -GRAVITY * math.cos(_SLOPE)
-    try:
-        motion = plant.run(_twist(0.0, 0.0, _SLOPE_TIME), State(), SAMPLE)
-    finally:
-        plant.model.opt.gravity[:] = level
-    tail = motion.t >= _SLOPE_LEAD
-    first, last = motion.xy[tail][0], motion.xy[-1]
-    return float(np.hypot(*(last - first)) / (motion.t[-1] - motion.t[tail][0]))
-
-
-@dataclass(frozen=True, eq=False)
-class Spin:
-    """A turn on the spot."""
-
-    motion: Trajectory
-    """Whole motion, sampled every `SAMPLE`."""
-    turns: float
-    """Number of turns from `SPIN_LEAD` on [1]."""
-
-
-def spin(plant: MujocoPlant, seconds: float = _SPIN_TIME) -> Spin:
-    """Turn on the spot.
-
-    Raises:
-        DivergedError: the simulator gave up.
-    """
-    motion = plant.run(_twist(0.0, _SPIN_RATE, seconds), State(), SAMPLE)
-    start = int(np.searchsorted(motion.t, SPIN_LEAD - 1e-9))
-    return Spin(motion, float(motion.yaw[-1] - motion.yaw[start]) / (2.0 * math.pi))
-
-
-def closed_form(calibration: HuskyCalibration, ratio: float | None = None) -> float:
-    """Return the multiplier of a robot with this centre of mass and these wheels by mechanics [1].
-
-    Args:
-        calibration: parameters of the robot.
-        ratio: lateral over longitudinal friction [1]; the calibration's if not given.
-    """
-    share = (calibration.mass - len(WHEELS) * _WHEEL_MASS) / calibration.mass
-    capsule = calibration.wheel_shape == "capsule"
-    return turn_on_the_spot(
-        share * calibration.com_x,
-        share * calibration.com_y,
-        calibration.friction_ratio if ratio is None else ratio,
-        calibration.capsule_half_width if capsule else HALF_WIDTH[calibration.wheel_shape],
-        2.0 * calibration.half_track,
-    ).multiplier
-
-
-def measure_spin(found: Spin, calibration: HuskyCalibration, tangent_ratio: float | None = None) -> dict[str, float]:
-    """Return the measures of a turn on the spot, by fields of `Measures`; those of whole turns only if there was one."""
-    motion, expected = found.motion, closed_form(calibration, tangent_ratio)
-    tail = motion.t >= SPIN_LEAD - 1e-9
-    loads, rate = motion.channels["wheel_load_N"][tail], motion.twist[tail, 2]
-    wheels = motion.wheels[tail, 1] - motion.wheels[tail, 0]
-    xy, yaw = motion.xy[tail], motion.yaw[tail]
-    out = {
-        "multiplier_expected": expected,
-        "lifted_share": float((loads < LIFT_SHARE * loads.mean(axis=0)).any(axis=1).mean()),
-        "glide": float(np.hypot(*motion.twist[tail, :2].T).max() / (0.5 * calibration.wheel_radius * wheels.mean())),
-        "wander_m": float(np.hypot(*(xy - xy[0]).T).max()),
-    }
-    whole = math.floor(found.turns + 1e-9)
-    if whole >= 1:
-        end = int(np.argmax(yaw - yaw[0] >= 2.0 * math.pi * whole))
-        span = slice(0, max(end, 1))
-        out["multiplier"] = float(
-            calibration.wheel_radius * wheels[span].mean() / (2.0 * calibration.half_track * rate[span].mean())
-        )
-        out["ripple"] = float(np.ptp(rate[span]) / rate[span].mean())
-        out["drift_m"] = float(np.hypot(*(xy[end] - xy[0]))) / whole
-    return out
-
-
 @dataclass(frozen=True, eq=False)
 class TriedVariant:
     """A variant, and its measures."""
@@ -325,7 +204,7 @@ class _Trial:
         lab, scenarios = self.bench.lab, self.bench.scenarios
         motions = {name: drive(self.plant, piece, lab.localiser, SAMPLE) for name, piece in scenarios.items()}
         turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=TURNED)), lab.localiser, SAMPLE)
-        rim = _STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
+        rim = STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
         ahead = [motion.twist[motion.t >= _SURGE_LEAD, 0].max() for motion in (motions["traj3"], turned)]
         apart = {
             model: {name: compare_paths(motions[name], reference)["d_rms_m"] for name, reference in paths.items()}

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from validation.robots.husky import HuskyCalibration
-from validation.robots.physics import SHIPPED, PhysicsSettings
+from validation.simulator.calibration import Calibration
+from validation.simulator.physics import SHIPPED, PhysicsSettings
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class PhysicsVariant:
     settings: PhysicsSettings = SHIPPED
     """Settings of the physics engine."""
     changes: Mapping[str, float | str] = field(default_factory=dict)
-    """Fields of `HuskyCalibration` that change too."""
+    """Fields of `Calibration` that change too."""
 
-    def calibration(self, base: HuskyCalibration) -> HuskyCalibration:
+    def calibration(self, base: Calibration) -> Calibration:
         """Return a robot's parameters with the changes.
 
         Raises:

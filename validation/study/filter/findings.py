@@ -17,9 +17,9 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.parameters import require_in_range, require_within
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
-from validation.robots.plant import MujocoPlant
+from validation.simulator.plant import MujocoPlant
 from validation.study.result import require_seeds
-from validation.track.loops import Robot, odometry_of
+from validation.track.loops import ClosedLoopRobot, odometry_of
 
 DRIFT_STRETCH = 3.0
 """Length of a stretch over which relative errors are taken [m]: 12 s at 0.25 m/s."""
@@ -66,11 +66,11 @@ class FilterGround:
     friction: float
     """Friction of tyre on ground [1], instead of the profile's."""
 
-    def robot(self, timestep: float) -> Robot:
+    def robot(self, timestep: float) -> ClosedLoopRobot:
         """Return the MuJoCo robot on this ground, with a physics step [s]."""
         section = self.profile.plants["mujoco"]
         parameters = replace(section.parameters, friction=self.friction, timestep=timestep)
-        return Robot("mujoco", MujocoPlant(parameters, section.drive))
+        return ClosedLoopRobot("mujoco", MujocoPlant(parameters, section.drive))
 
     def filter_settings(self, variant: FilterVariant) -> EkfSettings:
         """Return the assumptions of a filter there: the driver's half-track, and its wheel radius or the true one."""

@@ -30,10 +30,10 @@ from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive
 from validation.plants.profile import Profile
-from validation.robots.plant import MujocoPlant
+from validation.simulator.plant import MujocoPlant
 from validation.study.result import MOST_RUNS, require_seeds
 from validation.track.gains import GainSet
-from validation.track.loops import Robot, odometry_of
+from validation.track.loops import ClosedLoopRobot, odometry_of
 
 _COARSE_PERIOD = 0.01
 """Period of the position loop where the physics step does not divide the usual one [s]."""
@@ -206,7 +206,7 @@ class RobustnessOptions:
         return LoopSettings(self.feedback, noise, sensors, odometry, disturbance=self.disturbance, position_period=period)
 
 
-def mismatched(profile: Profile, mismatch: Mismatch, timestep: float, torque: float) -> Robot:
+def mismatched(profile: Profile, mismatch: Mismatch, timestep: float, torque: float) -> ClosedLoopRobot:
     """Return a MuJoCo Husky that differs from its profile.
 
     Args:
@@ -229,4 +229,4 @@ def mismatched(profile: Profile, mismatch: Mismatch, timestep: float, torque: fl
         delay_w=max(0.0, drive.delay_w + m.delay),
         torque_limit=m.torque * torque if m.torque < 1.0 else drive.torque_limit,
     )
-    return Robot("mujoco", MujocoPlant(calibration, changed))
+    return ClosedLoopRobot("mujoco", MujocoPlant(calibration, changed))

@@ -14,10 +14,10 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.types import Commands, Trajectory
-from validation.robots.health import Health, check_health
-from validation.robots.plant import MujocoPlant
+from validation.simulator.health import Health, check_health
+from validation.simulator.plant import MujocoPlant
 from validation.track.gains import GainSet
-from validation.track.loops import Robot, rate
+from validation.track.loops import ClosedLoopRobot, rate
 
 CVAR_LEVEL = 0.5
 """The conditional value at risk is the mean of what is worse than this quantile."""
@@ -39,7 +39,7 @@ class RunErrors:
         return self.lost_at_s is not None or max(self.d_rms_m, self.e_rho_rms_m) > bound
 
 
-def errors_of(run: ClosedRun, waypoints: Waypoints, robot: Robot, ticks: int) -> RunErrors:
+def errors_of(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot, ticks: int) -> RunErrors:
     """Return the errors of a run that would have lasted `ticks` periods of the position loop."""
     if not run.lost:
         metrics = rate(run, waypoints, robot)
@@ -100,7 +100,7 @@ class ControllerRuns:
     """Wheel loads of the first nominal run."""
 
 
-def torque_needed(robot: Robot, waypoints: Waypoints) -> float:
+def torque_needed(robot: ClosedLoopRobot, waypoints: Waypoints) -> float:
     """Return a robot's greatest torque of a wheel [N m] when it is driven at the reference's velocities without feedback."""
     assert isinstance(robot.body, MujocoPlant)
     hold = robot.drive.hold
@@ -108,7 +108,7 @@ def torque_needed(robot: Robot, waypoints: Waypoints) -> float:
     return 0.5 * float(np.abs(motion.channels["torque_N_m"]).max())
 
 
-def health_of(run: ClosedRun, waypoints: Waypoints, robot: Robot, settings: LoopSettings, seed: int) -> Health:
+def health_of(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot, settings: LoopSettings, seed: int) -> Health:
     """Return the health of a run's wheel loads; the worst there is for a run in which the simulator gave up."""
     try:
         return check_health(driven_again(run, waypoints, robot, settings, seed).channels["wheel_load_N"])
@@ -116,7 +116,9 @@ def health_of(run: ClosedRun, waypoints: Waypoints, robot: Robot, settings: Loop
         return Health(0.0, 1.0)
 
 
-def driven_again(run: ClosedRun, waypoints: Waypoints, robot: Robot, settings: LoopSettings, seed: int) -> Trajectory:
+def driven_again(
+    run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot, settings: LoopSettings, seed: int
+) -> Trajectory:
     """Drive the commands of a run again without feedback, and return the motion with its wheel loads.
 
     The disturbance is that of the run, so the motion is equal to the bit. It ends with the last whole period of the

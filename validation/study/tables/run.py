@@ -13,7 +13,7 @@ from validation.study.result import keeping, profile_of
 from validation.study.tables.result import TABLE_METRICS, ControlTables, TableEntry, TablesOptions
 from validation.thesis import published
 from validation.track.gains import GainSet, load_gains
-from validation.track.loops import Robot, make_controller, make_robot, rate, run_robots
+from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import open_reference
 
 _REAL_SEEDS = 1000
@@ -59,7 +59,7 @@ def study_tables(
     return ControlTables(profile.name, o.seeds, tuple(entries), status=course.status)
 
 
-def _entry(number: str, seeds: int, robots: Mapping[str, Robot], drive: _Drive) -> TableEntry:
+def _entry(number: str, seeds: int, robots: Mapping[str, ClosedLoopRobot], drive: _Drive) -> TableEntry:
     """Return the row of one table."""
     content = published.table(number)
     controller, reference, speed = content["controller"], content["trajectory"], float(content["speed_m_s"])

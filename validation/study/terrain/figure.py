@@ -12,8 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from validation.robots.husky import WHEELS
-from validation.robots.wheel_loads import MEASURED, QUASI_STATIC
 from validation.show.drawing import (
     QUIET,
     Row,
@@ -27,6 +25,8 @@ from validation.show.drawing import (
     side_by_side,
     text_row,
 )
+from validation.simulator.description import WHEELS
+from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC
 from validation.study.terrain.findings import AXES, BASE, PLANAR, AxisName, LoadRun
 from validation.study.terrain.result import TerrainStudy
 

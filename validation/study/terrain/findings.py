@@ -12,8 +12,8 @@ import numpy as np
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import PLANTS, Profile
 from validation.plants.table import SIMULATED
-from validation.robots.terrain import FLAT, Terrain
-from validation.robots.wheel_loads import MEASURED, QUASI_STATIC
+from validation.simulator.terrain import FLAT, Terrain
+from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC
 from validation.study.result import require_seeds
 
 PLANAR = tuple(name for name in PLANTS if name not in SIMULATED)

@@ -27,9 +27,9 @@ from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.plants.profile import Profile, make_plant
 from validation.progress import Progress, Report, silent
-from validation.robots.plant import MujocoPlant
-from validation.robots.terrain import FLAT, Terrain
-from validation.robots.wheel_loads import with_quasi_static
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, Terrain
+from validation.simulator.wheel_loads import with_quasi_static
 from validation.study.result import keeping, profile_of
 from validation.study.terrain.findings import (
     AXES,
@@ -44,7 +44,7 @@ from validation.study.terrain.findings import (
 )
 from validation.study.terrain.result import TerrainStudy
 from validation.track.gains import load_gains
-from validation.track.loops import Robot, make_controller, make_robot, odometry_of, rate, run_robots
+from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, odometry_of, rate, run_robots
 from validation.track.waypoint_files import open_reference
 
 
@@ -112,7 +112,7 @@ def _drive_planar(profile: Profile, speed: float) -> dict[str, list[Trajectory]]
     return {name: [p.run(c, State(), SAMPLE_DT) for c in _commands_at(speed)] for name, p in made.items()}
 
 
-def _drive_husky(profile: Profile, terrain: Terrain, speed: float) -> tuple[Robot, list[Trajectory | None]]:
+def _drive_husky(profile: Profile, terrain: Terrain, speed: float) -> tuple[ClosedLoopRobot, list[Trajectory | None]]:
     """Return a MuJoCo Husky and its motions on trajectories 1-4.
 
     A motion is None where the robot fell over or the simulator gave up.
@@ -161,7 +161,12 @@ def model_errors(
 
 
 def _track(
-    profile: Profile, axis: AxisName, value: float, robots: Sequence[Robot], options: TerrainOptions, workers: int | None
+    profile: Profile,
+    axis: AxisName,
+    value: float,
+    robots: Sequence[ClosedLoopRobot],
+    options: TerrainOptions,
+    workers: int | None,
 ) -> Iterable[TrackerErrors]:
     """Yield the errors of tuned trackers on the generic reference, with the lab's noise.
 

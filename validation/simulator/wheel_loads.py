@@ -10,10 +10,11 @@ import numpy as np
 from ssmr.robot.loads import LoadModel
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, State, Trajectory
-from validation.robots.failures import mujoco_failures
-from validation.robots.health import LIFT_SHARE
-from validation.robots.husky import GRAVITY, WHEELS
-from validation.robots.plant import MujocoPlant
+from validation.simulator.description import WHEELS
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.health import LIFT_SHARE
+from validation.simulator.model import GRAVITY
+from validation.simulator.plant import MujocoPlant
 
 MEASURED, QUASI_STATIC = "wheel_load_N", "quasi_static_load_N"
 """Channels of a motion, (M, 4) each [N]: as simulated, and by the formula from that same motion."""

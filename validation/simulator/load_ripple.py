@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from validation.robots.contact_law import ContactLaw
-from validation.robots.husky import GRAVITY
+from validation.simulator.contact_law import ContactLaw
+from validation.simulator.model import GRAVITY
 
 PHASE_SHARE = 0.5
 """Share of the lift that the four wheels have in common [1]: a tyre slips only partly along its wheel, and slip grows on one

@@ -1,4 +1,4 @@
-"""The MuJoCo Husky as a `Plant`."""
+"""A MuJoCo robot as a `Plant`."""
 
 from __future__ import annotations
 
@@ -16,20 +16,13 @@ from ssmr.robot.drive import Driver, wheel_references, whole_steps
 from ssmr.robot.motor import motor_numbers
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
-from validation.robots.failures import mujoco_failures
-from validation.robots.health import check_health
-from validation.robots.husky import (
-    FREE_DRIVE,
-    PRESSED_IN,
-    SIDES,
-    WHEELS,
-    HuskyCalibration,
-    controls,
-    husky_model,
-    wheel_geoms,
-)
-from validation.robots.physics import SHIPPED, PhysicsSettings
-from validation.robots.terrain import FLAT, Terrain
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import SIDES, WHEELS
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.health import check_health
+from validation.simulator.model import FREE_DRIVE, controls, pressed_in, robot_model, wheel_geoms
+from validation.simulator.physics import SHIPPED, PhysicsSettings
+from validation.simulator.terrain import FLAT, Terrain
 
 PRESCRIBED_ARMATURE = 100.0
 """Armature of wheels whose rates are given [kg m2]: so heavy that the ground cannot change them (MuJoCo does not pass an
@@ -42,7 +35,7 @@ SETTLE_TIME = 1.0
 
 
 class MujocoPlant:
-    """A calibrated Husky on its ground."""
+    """A calibrated robot on its ground."""
 
     name = "mujoco"
     drive: Drive
@@ -55,7 +48,7 @@ class MujocoPlant:
     @mujoco_failures()
     def __init__(
         self,
-        calibration: HuskyCalibration,
+        calibration: Calibration,
         drive: Drive,
         *,
         terrain: Terrain = FLAT,
@@ -78,21 +71,22 @@ class MujocoPlant:
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration, self.terrain, self._strict, self._settings = calibration, terrain, strict, settings
         self.drive = drive
-        self.model = husky_model(calibration, terrain, settings, drive)
+        self.model = robot_model(calibration, terrain, settings, drive)
         self._data = mujoco.MjData(self.model)
         self.wheel_dofs = tuple(
             [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS if wheel.endswith(side)] for side in SIDES
         )
         self._wheel_bodies = [int(self.model.body(wheel).id) for wheel in WHEELS]
         self._tires = wheel_geoms(self.model)
-        radius, wheel = float(self.model.geom_size[self._tires[0], 0]), self.model.body_pos[self._wheel_bodies[0]]
-        self._level_height = radius - PRESSED_IN[calibration.wheel_shape] - float(wheel[2])  # of the base, on level ground
+        radii = self.model.geom_size[self._tires, 0] - pressed_in(self.model, calibration)
+        self._level_height = float(radii.mean()) - calibration.robot.geometry.axle_height  # of the base, on level ground
         self._load_columns = [int(self.model.sensor(f"load_{wheel}").adr[0]) for wheel in WHEELS]
         self._torque_columns = [int(self.model.sensor(f"torque_{wheel}").adr[0]) for wheel in WHEELS]
         self._acceleration_column = int(self.model.sensor("angular_acceleration").adr[0]) + 2
         self._imu_columns = [int(self.model.sensor(f"imu_{what}").adr[0]) for what in ("gyro", "accelerometer")]
         parts = drive.integral_gain > 0.0
-        self._shaft_dofs = [int(self.model.joint(f"{side}_shaft").dofadr[0]) for side in SIDES] if parts else []
+        motors = calibration.robot.motors if parts else ()
+        self._shaft_dofs = [int(self.model.joint(f"{motor}_shaft").dofadr[0]) for motor in motors]
         self._resting = self._settle(State())
         self._rest_on_rough: tuple[State, FloatArray] | None = None
         mass_matrix = np.zeros((self.model.nv, self.model.nv))
@@ -116,7 +110,7 @@ class MujocoPlant:
         gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
         heavy = replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0)
         same_parts = replace(FREE_DRIVE, integral_gain=min(self.drive.integral_gain, _NO_INTEGRAL))
-        return husky_model(heavy, self.terrain, self._settings, same_parts)
+        return robot_model(heavy, self.terrain, self._settings, same_parts)
 
     @property
     def dt(self) -> float:
@@ -171,7 +165,7 @@ class MujocoPlant:
         data.qvel[5] = state.yaw_rate
         for dofs, rate in zip(self.wheel_dofs, (state.wheel_left, state.wheel_right), strict=True):
             data.qvel[dofs] = rate
-        data.qvel[self._shaft_dofs] = (state.wheel_left, state.wheel_right)[: len(self._shaft_dofs)]
+        data.qvel[self._shaft_dofs] = np.resize((state.wheel_left, state.wheel_right), len(self._shaft_dofs))
         self._turns = round((state.yaw - float(quat_wxyz_to_yaw(data.qpos[3:7]))) / (2.0 * math.pi))
 
     def placed(self, state: State) -> FloatArray:

@@ -12,11 +12,12 @@ import numpy as np
 
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, Trajectory
-from validation.robots.calibration import HuskyCalibration
-from validation.robots.contact_law import ContactLaw, contact_law
-from validation.robots.failures import mujoco_failures
-from validation.robots.husky import GRAVITY, SIDES, WHEELS, wheel_geoms
-from validation.robots.load_ripple import RippleLaw
+from validation.simulator.calibration import Calibration
+from validation.simulator.contact_law import ContactLaw, contact_law
+from validation.simulator.description import SIDES, WHEELS
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.load_ripple import RippleLaw
+from validation.simulator.model import GRAVITY, wheel_geoms
 
 LIFT_SHARE = 0.02
 """A wheel whose load falls below this share of its mean has left the ground."""
@@ -168,7 +169,7 @@ class Examined:
 
 
 @mujoco_failures()
-def examine(model: mujoco.MjModel, calibration: HuskyCalibration, drive: Drive) -> Examined:
+def examine(model: mujoco.MjModel, calibration: Calibration, drive: Drive) -> Examined:
     """Return what a calibrated model says about itself on level ground.
 
     Args:

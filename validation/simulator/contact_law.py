@@ -17,9 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
-
-BISECTIONS = 60
-"""Halvings of the contact's depth: down to rounding."""
+from scipy.optimize import brentq
 
 
 @dataclass(frozen=True)
@@ -68,15 +66,17 @@ class ContactLaw:
 
     def depth(self, slip: float) -> float:
         """Return how deep a tyre of steady slip speed `slip` [m/s] is pressed in [m]; 0 where it leaves the ground."""
-        sliding = 1.0 + self.cone**2 if slip > 0.0 else 1.0
-        low, high = 0.0, self.solimp[2]
-        while sliding * self._give(high) > self.stiffness * self.impedance(high) * high + self._push(slip):
-            low, high = high, 2.0 * high
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            up = self.stiffness * self.impedance(middle) * middle + self._push(slip)
-            low, high = (middle, high) if sliding * self._give(middle) > up else (low, middle)
-        return low
+        sliding, push = 1.0 + self.cone**2 if slip > 0.0 else 1.0, self._push(slip)
+
+        def excess(depth: float) -> float:
+            return self.stiffness * self.impedance(depth) * depth + push - sliding * self._give(depth)
+
+        if excess(0.0) >= 0.0:
+            return 0.0
+        high = self.solimp[2]
+        while excess(high) < 0.0:
+            high *= 2.0
+        return float(brentq(excess, 0.0, high, xtol=1e-12 * high, rtol=1e-14))
 
     def _push(self, slip: float) -> float:
         return self.friction * self.slip_damping * slip
@@ -104,6 +104,22 @@ class ContactLaw:
         step = 1e-4 * rest
         held = [self.stiffness * self.impedance(d) * d - self._give(d) for d in (rest - step, rest + step)]
         return (held[1] - held[0]) / (2.0 * step)
+
+
+def soft_contact(
+    load: float, inverse_mass: float, solref: tuple[float, float], solimp: tuple[float, float, float, float, float]
+) -> ContactLaw:
+    """Return the law of a contact without friction, whose depth at rest is that of any friction.
+
+    Args:
+        load: load of the contact point [N].
+        inverse_mass: inverse mass behind the contact [1/kg]: `body_invweight0` of the wheel.
+        solref: time constant [s] and damping ratio [1], as MuJoCo has them.
+        solimp: impedance, as MuJoCo has it.
+    """
+    greatest, (time, ratio) = solimp[1], solref
+    stiffness, damping = 1.0 / (greatest * time * ratio) ** 2, 2.0 / (greatest * time)
+    return ContactLaw(load, inverse_mass, 0.0, solimp, stiffness, damping, damping, 0.0)
 
 
 def contact_law(model: mujoco.MjModel, data: mujoco.MjData, tires: Sequence[int]) -> ContactLaw:

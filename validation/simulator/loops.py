@@ -25,9 +25,9 @@ from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Sides, drive_numbers, rolling
 from ssmr.robot.motor import motor_numbers
 from ssmr.types import FloatArray, State
-from validation.robots.failures import mujoco_failures
-from validation.robots.husky import controls
-from validation.robots.plant import MujocoPlant
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.model import controls
+from validation.simulator.plant import MujocoPlant
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Settings of contacts, solver and integrator that override those of models/husky.xml.
 
-These are not calibrated: they say how the physics is computed, not which robot is meant. `husky_model` applies
+These are not calibrated: they say how the physics is computed, not which robot is meant. `robot_model` applies
 them once, after the calibration, so what a fit moves and what a study of settings moves never meet.
 """
 
@@ -44,7 +44,7 @@ class PhysicsSettings:
     """Integrator -> opt.integrator."""
     tangent_ratio: float | None = None
     """Friction along MuJoCo's first tangent over that along its second [1] -> pair_friction. On every shape but the capsule
-    the tangents are the world's axes, which no tyre knows of; a robot's own is `HuskyCalibration.friction_ratio`."""
+    the tangents are the world's axes, which no tyre knows of; a robot's own is `Calibration.friction_ratio`."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that MuJoCo has no meaning for."""

@@ -1,4 +1,4 @@
-"""The ground that the MuJoCo Husky stands on: level, a ramp, rough, or of two frictions. The planar models know none of it.
+"""The ground that a simulated robot stands on: level, a ramp, rough, or of two frictions. The planar models know none of it.
 
 On the command line a terrain is `KIND`, `KIND:NUMBER` or `KIND:KEY=NUMBER,...`: `ramp:5`, `rough:height_mm=5,seed=3`. Units
 are in the keys there; in here they are SI.
@@ -27,10 +27,6 @@ Kind = Literal["flat", "ramp", "rough", "split"]
 
 PERIOD = 40.0
 """Rough ground repeats itself after so much in x and y [m]: farther than most runs go."""
-WHEEL_RADIUS = 0.1651
-"""Wheel radius for the check that wheels touch rough ground in one place [m]."""
-HALF_WHEELBASE, HALF_TRACK = 0.256, 0.2854
-"""Half distances of the axles and of the sides in husky.xml [m]."""
 CELLS_A_LENGTH = 5.0
 """Heights over one correlation length; a spline through them keeps all but a ten-thousandth of the ground's power."""
 
@@ -65,11 +61,6 @@ class Terrain:
         require_in_range(self, "slope", 0.0, math.radians(45.0))
         require_in_range(self, "height", 0.0, 0.2)
         require_in_range(self, "length", 0.1, 10.0)
-        if 3.0 * self.curvature * WHEEL_RADIUS > 1.0:
-            raise ValueError(
-                f"{self.words} is curved as tightly as a wheel, which would touch it in two places at once; "
-                "ask for less height or a longer correlation length"
-            )
         require_in_range(self, "friction_ratio", 0.0, 10.0, open_low=True)
         for name in ("toward", "edge_heading", "edge_offset"):
             require_in_range(self, name, -1e3, 1e3)
@@ -84,6 +75,18 @@ class Terrain:
     def curvature(self) -> float:
         """Root mean square curvature of rough ground along a line [1/m]: that of its autocorrelation's fourth derivative."""
         return math.sqrt(12.0) * self.height / self.length**2
+
+    def require_room(self, wheel_radius: float) -> None:
+        """Refuse ground that is curved so tightly that a wheel of this radius [m] would touch it in two places.
+
+        Raises:
+            ValueError: it is.
+        """
+        if self.kind == "rough" and 3.0 * self.curvature * wheel_radius > 1.0:
+            raise ValueError(
+                f"{self.words} is curved as tightly as a wheel of {1e3 * wheel_radius:.0f} mm, which would touch it in two "
+                "places at once; ask for less height or a longer correlation length"
+            )
 
     def gravity(self, g: float) -> FloatArray:
         """Return (3,) gravity [m/s2] along the axes of the ground."""
@@ -114,18 +117,24 @@ class Terrain:
         """Return the (M,) height [m] of the ground at (M, 2) positions [m]."""
         return self.surface.at(xy)[:, 0] if self.kind == "rough" else np.zeros(len(xy))
 
-    def lie(self, pose: FloatArray) -> FloatArray:
-        """Return (M, 3) height [m], roll and pitch [rad] of the plane nearest to the wheels' ground at (M, 3) poses."""
+    def lie(self, pose: FloatArray, wheelbase: float, track: float) -> FloatArray:
+        """Return (M, 3) height [m], roll and pitch [rad] of the plane nearest to the ground under a robot's wheels.
+
+        Args:
+            pose: (M, 3) poses of the middle between the axles.
+            wheelbase: distance of the axles [m].
+            track: distance of the sides [m].
+        """
         if self.kind != "rough":
             return np.zeros_like(pose)
         front_left, front_right, rear_left, rear_right = (
             self.height_at(shift_reference(pose, (x, y))[:, :2])
-            for x in (HALF_WHEELBASE, -HALF_WHEELBASE)
-            for y in (HALF_TRACK, -HALF_TRACK)
+            for x in (0.5 * wheelbase, -0.5 * wheelbase)
+            for y in (0.5 * track, -0.5 * track)
         )
         height = 0.25 * (front_left + front_right + rear_left + rear_right)
-        ahead = 0.25 * (front_left + front_right - rear_left - rear_right) / HALF_WHEELBASE
-        aside = 0.25 * (front_left - front_right + rear_left - rear_right) / HALF_TRACK
+        ahead = 0.5 * (front_left + front_right - rear_left - rear_right) / wheelbase
+        aside = 0.5 * (front_left - front_right + rear_left - rear_right) / track
         return np.column_stack([height, np.arctan(aside), -np.arctan(ahead)])
 
     @property

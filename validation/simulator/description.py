@@ -1,0 +1,412 @@
+"""What a robot is: one short TOML file of geometry, masses, drive and sources, from which everything else is built.
+
+A robot that comes with the package is `models/NAME.toml`; a user's own is any such file. Nothing outside a robot's file
+knows its numbers. A profile adds what was fitted to one robot on one ground.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import reprlib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+from ssmr.parameters import check_parameters, described, parameter
+from ssmr.robot.vehicle import Drive, Vehicle
+from validation import reading
+from validation.words import one_line
+
+SCHEMA = "ssmr.robot/1"
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+SIDES = ("left", "right")
+Link = Literal["belt", "none"]
+WheelShape = Literal["ellipsoid", "cylinder", "capsule"]
+GRADES = ("measured", "datasheet", "published", "fitted", "assumed")
+"""Where a number can come from, best first."""
+_MOST_WORDS = 2000
+"""Greatest length of a text in a robot's file [characters]."""
+
+SERVO_TIME = 0.0136
+"""Time constant of a side's speed loop where a file says no gain [s]: apparent inertia of a side over K_P, as on the thesis'
+robot."""
+ROTOR_SHARE = 0.15
+"""Rotor inertia of a wheel over mass times wheel radius squared where a file does not say it [1], as for the Husky."""
+WHEEL_FILL = 0.6
+"""Moments of inertia of a wheel over those of a solid cylinder where a file does not say them [1]: a Husky's wheel about its
+diameter; about its axle it has 1.2 times more."""
+
+
+class RobotError(ValueError):
+    """A robot that cannot be found, read or built."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Lengths, in the base frame: x forward, y left, z up, its origin midway between the axles and the sides."""
+
+    wheelbase: float = parameter(unit="m", low=0.01, high=20.0)
+    """Distance of the axles [m]."""
+    track: float = parameter(unit="m", low=0.01, high=20.0)
+    """Distance of the middles of the left and right tyres [m]."""
+    wheel_radius: float = parameter(unit="m", low=0.005, high=5.0)
+    """Rolling radius of the wheels [m]."""
+    wheel_width: float = parameter(unit="m", low=0.001, high=5.0)
+    """Width of the tyres [m]."""
+    axle_height: float = parameter(0.0, unit="m", low=-5.0, high=5.0)
+    """Height of the axles above the base frame's origin [m]."""
+    body_size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Length, width and height of the hull [m]; what is 0 is estimated so that the hull fits between the tyres."""
+    body_centre: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    """Middle of the hull in the base frame [m]; above the axles if not given."""
+    imu: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    """Place of the IMU in the base frame [m]; the middle of the hull if not given."""
+    link: Link = "belt"
+    """Link between the wheels of a side: `belt`, they turn together and have one motor; `none`, each wheel has a motor."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges, and fill in the hull."""
+        check_parameters(self)
+        if self.link not in get_args(Link):
+            raise ValueError(f"link is {reprlib.repr(self.link)}, must be one of: {', '.join(get_args(Link))}")
+        usual = (self.wheelbase + self.wheel_radius, 0.9 * max(self.track - self.wheel_width, 0.01), 1.2 * self.wheel_radius)
+        size = tuple(given if given > 0.0 else u for given, u in zip(self.body_size, usual, strict=True))
+        above = (0.0, 0.0, self.axle_height + 0.25 * size[2])
+        centre = tuple(u if math.isnan(c) else c for c, u in zip(self.body_centre, above, strict=True))
+        imu = tuple(u if math.isnan(c) else c for c, u in zip(self.imu, centre, strict=True))
+        for name, value in (("body_size", size), ("body_centre", centre), ("imu", imu)):
+            if not all(math.isfinite(v) and abs(v) <= 20.0 for v in value):
+                raise ValueError(f"{name} is {value}, must be three numbers of at most 20 m")
+            object.__setattr__(self, name, value)
+
+    @property
+    def base_height(self) -> float:
+        """Height of the base frame's origin above level ground [m]."""
+        return self.wheel_radius - self.axle_height
+
+
+@dataclass(frozen=True)
+class Masses:
+    """Masses and inertia."""
+
+    total: float = parameter(unit="kg", low=0.1, high=1e5)
+    """Mass of the whole robot, with battery [kg]."""
+    wheel: float = parameter(0.0, unit="kg", low=0.0, high=1e4)
+    """Mass of one wheel [kg]; 0: 3.6 % of the whole, which is a Husky's share."""
+    wheel_inertia: tuple[float, float] = (0.0, 0.0)
+    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]; 0: estimated from its size and mass."""
+    com: tuple[float, float, float] = (0.0, 0.0, math.nan)
+    """Centre of mass of the base without wheels, in the base frame [m]; z is at half of the hull's height if not given."""
+    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Moments of inertia of the base without wheels about its centre of mass [kg m2]; 0: those of a box like the hull."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_parameters(self)
+        least = {"wheel_inertia": 0.0, "inertia": 0.0, "com": -20.0}
+        for name, low in least.items():
+            if not all(math.isnan(v) or low <= v <= 1e6 for v in getattr(self, name)):
+                raise ValueError(f"{name} is {getattr(self, name)}, must be numbers of at least {low:g}")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What the simulated robot has besides: tyres and motors. What is not said follows from the robot's size."""
+
+    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True)
+    """Sliding friction of tyre on ground [1]."""
+    gain: float = parameter(0.0, unit="N m s/rad", low=0.0, high=1e7)
+    """K_P of a side's speed loop [N m s/rad]; 0: such that the loop has the time constant `SERVO_TIME`."""
+    armature: float = parameter(0.0, unit="kg m2", low=0.0, high=1e4)
+    """Rotor inertia of a wheel through its gear [kg m2]; 0: `ROTOR_SHARE` of mass times wheel radius squared."""
+    wheel_shape: WheelShape = "ellipsoid"
+    """Contact shape of the tyres."""
+    timestep: float = parameter(0.002, unit="s", low=1e-5, high=0.01)
+    """Physics step [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_parameters(self)
+        if self.wheel_shape not in get_args(WheelShape):
+            raise ValueError(f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}")
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A four-wheel skid-steering robot, as its file describes it."""
+
+    name: str
+    """Name in results."""
+    geometry: Geometry
+    """Lengths."""
+    masses: Masses
+    """Masses and inertia; what the file left out is filled in."""
+    simulation: Simulation
+    """Tyres and motors; what the file left out is filled in."""
+    drive: Drive
+    """What the robot does to a command, as its maker ships it."""
+    vehicle: Vehicle
+    """Mass and geometry for the planar models."""
+    title: str = ""
+    """Name for people, with the maker's."""
+    description: str = ""
+    """One sentence that says which robot is meant."""
+    sources: tuple[tuple[str, str], ...] = ()
+    """Section or `section.key`, and its grade and source."""
+    mjcf: str = ""
+    """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is absolute; empty where the model
+    is composed from the numbers."""
+    said: tuple[str, ...] = field(default=(), compare=False)
+    """The numbers that the file says, as `section.key`; the others were estimated."""
+
+    @property
+    def shipped(self) -> bool:
+        """Whether this is one of the robots that come with the package, which are known by their names."""
+        return _loaded.get(self.name) == self
+
+    @property
+    def mjcf_path(self) -> Path | None:
+        """Path of the hand-made MJCF, if there is one."""
+        return models_folder() / self.mjcf if self.mjcf else None
+
+    def as_document(self) -> dict[str, Any]:
+        """Return what the robot's file says, as `parse_robot` reads it."""
+        texts = {key: getattr(self, key) for key in _TEXTS if getattr(self, key)}
+        document: dict[str, Any] = {"schema": SCHEMA, **texts}
+        parts = {"geometry": self.geometry, "mass": self.masses, "simulation": self.simulation}
+        parts |= {"drive": self.drive, "vehicle": self.vehicle}
+        for key in self.said:
+            section, _, name = key.partition(".")
+            value = getattr(parts[section], name)
+            document.setdefault(section, {})[name] = list(value) if isinstance(value, tuple) else value
+        return {**document, "sources": dict(self.sources)} if self.sources else document
+
+    @property
+    def base_mass(self) -> float:
+        """Mass of the base without wheels [kg]."""
+        return self.masses.total - len(WHEELS) * self.masses.wheel
+
+    @property
+    def yaw_inertia(self) -> float:
+        """Moment of inertia of the whole robot about the vertical through the middle, the centre of mass being there."""
+        half = 0.25 * (self.geometry.wheelbase**2 + self.geometry.track**2)
+        wheels = self.masses.wheel_inertia[0] + self.masses.wheel * half
+        return self.masses.inertia[2] + len(WHEELS) * wheels
+
+    @property
+    def motors(self) -> Mapping[str, tuple[str, ...]]:
+        """The wheels that each motor turns, by the motor's name."""
+        if self.geometry.link == "none":
+            return MappingProxyType({wheel: (wheel,) for wheel in WHEELS})
+        return MappingProxyType({side: (f"front_{side}", f"rear_{side}") for side in SIDES})
+
+    @cached_property
+    def sizes(self) -> Mapping[str, float]:
+        """The sizes that default bounds of fits are multiples of (`ssmr.parameters.Declaration.of`), SI units."""
+        g, s = self.geometry, self.simulation
+        return MappingProxyType(
+            {
+                "mass": self.masses.total,
+                "yaw_inertia": self.yaw_inertia,
+                "wheel_radius": g.wheel_radius,
+                "half_track": 0.5 * g.track,
+                "half_wheelbase": 0.5 * g.wheelbase,
+                "gain": s.gain,
+                "gain_over_radius": s.gain / g.wheel_radius,
+                "rotor_inertia": s.armature,
+                "torque_limit": self.drive.torque_limit,
+            }
+        )
+
+    def source(self, key: str) -> tuple[str, str]:
+        """Return the grade and the source of a number, `section.key`; one that the file does not say is assumed."""
+        sources = dict(self.sources)
+        if key not in self.said:
+            return "assumed", "estimated from the other numbers"
+        grade, _, where = sources.get(key, sources.get(key.partition(".")[0], "assumed: no source is given")).partition(":")
+        return grade.strip(), where.strip()
+
+
+_SECTIONS: Mapping[str, type] = MappingProxyType(
+    {"geometry": Geometry, "mass": Masses, "simulation": Simulation, "drive": Drive, "vehicle": Vehicle}
+)
+_TEXTS = ("name", "title", "description", "mjcf")
+
+
+def models_folder() -> Path:
+    """Return the folder of the robots' files: inside an installed package, or in a source tree.
+
+    Raises:
+        FileNotFoundError: in neither place.
+    """
+    packaged = Path(str(resources.files("validation"))) / "_models"
+    source = Path(__file__).resolve().parents[2] / "models"
+    for path in (packaged, source):
+        if (path / "husky.xml").is_file():
+            return path
+    raise FileNotFoundError(f"robots' files are neither in {packaged} nor in {source}: the installation is incomplete")
+
+
+def shipped_robots() -> list[str]:
+    """Return the names of the robots that come with the package."""
+    return sorted(path.stem for path in models_folder().glob("*.toml"))
+
+
+_loaded: dict[str, Robot] = {}
+
+
+def load_robot(name_or_path: str | Path = "husky") -> Robot:
+    """Return a shipped robot by name, or the robot of a TOML file by path.
+
+    Raises:
+        RobotError: there is none, or its file says something that cannot be; the message names file, section and key.
+    """
+    name = str(name_or_path)
+    if name in _loaded:
+        return _loaded[name]
+    known = name in shipped_robots()
+    path = models_folder() / f"{name}.toml" if known else Path(name)
+    if not known and not os.path.exists(name):
+        raise RobotError(
+            f"no robot '{one_line(name)}'; there are: {', '.join(shipped_robots())}; or give the path of a robot's TOML file"
+        )
+    try:
+        robot = parse_robot(reading.read_toml(path), path.parent)
+    except RobotError:
+        raise
+    except ValueError as error:
+        raise RobotError(f"robot {name}: {error}") from error
+    if known:
+        _loaded[name] = robot
+    return robot
+
+
+def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
+    """Return the robot that a document describes.
+
+    Args:
+        document: what the TOML file holds.
+        folder: where the file lies; the path of a hand-made MJCF starts there.
+
+    Raises:
+        ValueError: it says something that cannot be; the message names section and key.
+    """
+    if document.get("schema") != SCHEMA:
+        raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
+    reading.require_known(document, {"schema", *_TEXTS, *_SECTIONS, "sources"}, "the top level")
+    texts = {key: _text(document, key) for key in _TEXTS}
+    if not texts["name"] or not texts["name"].replace("-", "").replace("_", "").isalnum():
+        raise ValueError(f"name is '{texts['name']}', wanted letters, digits, '-' and '_'")
+    given = {name: _section(document, name, kind) for name, kind in _SECTIONS.items()}
+    geometry = Geometry(**given["geometry"])
+    masses = _complete_masses(Masses(**given["mass"]), geometry)
+    simulation = _complete_simulation(Simulation(**given["simulation"]), masses.total, geometry)
+    half_track, radius = 0.5 * geometry.track, geometry.wheel_radius
+    usual = {"delay_v": 0.0, "delay_w": 0.0, "command_half_track": half_track, "command_radius": radius}
+    drive = Drive(**{**usual, "torque_limit": math.inf, "v_max": math.inf, "w_max": math.inf, **given["drive"]})
+    sources = _sources(document.get("sources", {}))
+    said = tuple(f"{section}.{key}" for section, numbers in given.items() for key in numbers)
+    mjcf = texts.pop("mjcf")
+    if mjcf and folder != models_folder():
+        mjcf = str((folder / mjcf).resolve())
+    robot = Robot(
+        geometry=geometry, masses=masses, simulation=simulation, drive=drive, vehicle=Vehicle(),
+        sources=sources, mjcf=mjcf, said=said, **texts,
+    )  # fmt: skip
+    half = 0.5 * geometry.wheelbase
+    planar = {"mass": masses.total, "yaw_inertia": robot.yaw_inertia, "wheel_radius": radius, "a": half, "b": half}
+    planar |= {"half_track": half_track, "effective_half_track": half_track}
+    return replace(robot, vehicle=Vehicle(**{**planar, **given["vehicle"]}))
+
+
+def _complete_masses(masses: Masses, geometry: Geometry) -> Masses:
+    """Return the masses with estimates for what is not given."""
+    wheel = masses.wheel or 0.036 * masses.total
+    if len(WHEELS) * wheel >= masses.total:
+        raise ValueError(f"[mass] four wheels of {wheel:g} kg leave nothing of {masses.total:g} kg for the base")
+    base, (length, width, height) = masses.total - len(WHEELS) * wheel, geometry.body_size
+    radius2 = geometry.wheel_radius**2
+    across = WHEEL_FILL * wheel * (radius2 / 4.0 + geometry.wheel_width**2 / 12.0)
+    spin = 1.2 * WHEEL_FILL * wheel * radius2 / 2.0
+    box = tuple(base * (p * p + q * q) / 12.0 for p, q in ((width, height), (length, height), (length, width)))
+    z = geometry.body_centre[2]
+    return Masses(
+        masses.total, wheel,
+        (masses.wheel_inertia[0] or across, masses.wheel_inertia[1] or spin),
+        (masses.com[0], masses.com[1], z if math.isnan(masses.com[2]) else masses.com[2]),
+        tuple(given or estimated for given, estimated in zip(masses.inertia, box, strict=True)),  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def _complete_simulation(simulation: Simulation, mass: float, geometry: Geometry) -> Simulation:
+    """Return tyres and motors with what follows from the robot's size for what is not given."""
+    radius2 = geometry.wheel_radius**2
+    armature = simulation.armature or ROTOR_SHARE * mass * radius2
+    inertia = 0.5 * mass * radius2 + 2.0 * armature  # of a side
+    gain = simulation.gain or inertia / SERVO_TIME
+    return Simulation(simulation.friction, gain, armature, simulation.wheel_shape, simulation.timestep)
+
+
+def _text(document: Mapping[str, Any], key: str) -> str:
+    value = document.get(key, "")
+    if not isinstance(value, str) or len(value) > _MOST_WORDS:
+        raise ValueError(f"{key} is {reprlib.repr(value)}, wanted a text of at most {_MOST_WORDS} characters")
+    return one_line(value)
+
+
+def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, Any]:
+    """Return the numbers of one section, each of the type that its field has."""
+    section = document.get(name, {})
+    reading.require_known(section, {f.name for f in fields(kind)}, name)
+    given: dict[str, Any] = {}
+    for f in fields(kind):
+        if f.name not in section:
+            if f.default is MISSING:
+                raise ValueError(f"{name}.{f.name} is missing; wanted {_wanted(kind, f.name)}")
+            continue
+        value = section[f.name]
+        if isinstance(f.default, str):
+            fits = isinstance(value, str)
+        elif isinstance(f.default, tuple):
+            fits = isinstance(value, list) and len(value) == len(f.default) and all(_is_number(v) for v in value)
+        else:
+            fits = _is_number(value) and not math.isnan(value)
+        if not fits:
+            raise ValueError(f"{name}.{f.name} is {reprlib.repr(value)}, wanted {_wanted(kind, f.name)}")
+        given[f.name] = (
+            value if isinstance(f.default, str) else tuple(map(float, value)) if isinstance(value, list) else float(value)
+        )
+    try:
+        kind(**given)
+    except ValueError as error:
+        raise ValueError(f"[{name}] {error}") from error
+    return given
+
+
+def _wanted(kind: type, name: str) -> str:
+    default = next(f.default for f in fields(kind) if f.name == name)
+    if isinstance(default, str):
+        return "a text"
+    return f"{len(default)} numbers" if isinstance(default, tuple) else f"a number [{described(kind)[name].unit}]"
+
+
+def _sources(section: Any) -> tuple[tuple[str, str], ...]:
+    allowed = {*_SECTIONS, *(f"{name}.{f.name}" for name, kind in _SECTIONS.items() for f in fields(kind))}
+    reading.require_known(section, allowed, "sources")
+    found = []
+    for key, value in section.items():
+        if not isinstance(value, str) or value.partition(":")[0].strip() not in GRADES or len(value) > _MOST_WORDS:
+            grades = ", ".join(GRADES)
+            raise ValueError(f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', with GRADE of {grades}")
+        found.append((key, one_line(value)))
+    return tuple(found)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

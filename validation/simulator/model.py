@@ -1,0 +1,302 @@
+"""A robot, its ground and a calibration -> MjModel.
+
+`_compose` builds what has structure (robot, ground, wheel shape); `calibrate` and `set_motors` set the numbers on a compiled
+model and are the only places that do, so a fit that edits one model in place and a profile that is loaded from disk mean the
+same robot.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ssmr.robot.motor import motor_numbers
+from ssmr.robot.skid_turn import FRONT, LEFT
+from ssmr.robot.vehicle import Drive
+from ssmr.types import FloatArray
+from validation.simulator.calibration import Calibration
+from validation.simulator.composing import add_integral_parts, compose_robot
+from validation.simulator.contact_law import soft_contact
+from validation.simulator.description import SIDES, WHEELS, Robot, WheelShape
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
+from validation.simulator.terrain import FLAT, Terrain
+
+GRAVITY = 9.81
+"""[m/s2]; list of symbols of the thesis, and MuJoCo's default."""
+
+CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
+"""Points in which each shape of tyre touches level ground."""
+IMPEDANCE = (0.1, 0.95)
+"""Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding wheels hop, and the
+robot would turn at a rate that depends on the time step (docs/physics.md)."""
+CONTACT_DEPTH = 0.030285
+"""Depth at which the contact reaches its full impedance, over the radius of the wheel [1]; 5 mm for a Husky."""
+CONTACT_TIME = 0.15417
+"""Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that grow as the radius and
+times that grow as its root, robots of one shape move alike whatever their size (Froude's similarity)."""
+LEAST_SHARE = 0.02
+"""Least load that a tyre's depth is computed for, over a quarter of the weight [1]: a wheel that carries nothing sinks
+nowhere."""
+
+
+def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, float, float, float, float]]:
+    """Return `solref` and `solimp` of the contact of a robot's tyres with the ground, which follow from the wheels' size."""
+    radius = robot.geometry.wheel_radius
+    return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
+
+
+def _compose(robot: Robot, shape: WheelShape, anisotropic: bool, integral: bool, terrain: Terrain) -> str:
+    """Return robot and ground as MJCF text, without looks: recordings have them from `compose_robot`; here they cost time.
+
+    `anisotropic` adds contact pairs, whose two tangential frictions may differ; `integral` the motors' integral parts.
+    """
+    arena = compose_robot(robot)
+    if integral:
+        add_integral_parts(arena, robot)
+    for geom in arena.find_all("geom"):
+        if not (geom.name or "").endswith("_tire"):
+            geom.remove()
+    ground = _lay_ground(arena, terrain)
+    radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
+    for wheel in WHEELS:
+        tire = arena.find("geom", f"{wheel}_tire")
+        if shape == "ellipsoid":
+            tire.set_attributes(type="ellipsoid", size=[radius, half, radius])
+        else:
+            tire.set_attributes(type=shape, size=[radius, half], zaxis=[0, 1, 0])
+        if terrain.kind == "rough":
+            patch = arena.worldbody.add("body", name=f"{wheel}_ground", mocap=True)
+            ground = patch.add("geom", type="plane", size=[2 * radius, 2 * radius, 0.05], contype=0, conaffinity=0)
+        if anisotropic or terrain.kind == "rough":
+            arena.contact.add("pair", geom1=ground, geom2=tire, condim=3)
+    return arena.to_xml_string()
+
+
+def _lay_ground(arena: Any, terrain: Terrain) -> Any:
+    """Add the ground; return the geom that is named so, if there is one."""
+    whole: dict[str, Any] = {"name": "ground", "condim": 3}
+    if terrain.kind == "rough":
+        return None  # each wheel has a plane of its own, which `MujocoPlant` lays under it
+    if terrain.kind == "split":
+        # Two slabs side by side: planes have no edge. Of two geoms that touch, the one of higher priority says friction and
+        # softness: the slippery slab's above the tyre's, the tyre's above the other slab's.
+        half = 0.5 * SLAB_SIZE
+        slab = {"type": "box", "size": [half, half, 0.5 * GROUND_DEPTH], "euler": [0, 0, terrain.edge_heading]}
+        left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
+        down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
+        right = {**whole, **slab, "priority": 2, "name": _OTHER_GROUND}
+        arena.worldbody.add("geom", pos=left * (terrain.edge_offset - half) + down, **right)
+        return arena.worldbody.add("geom", pos=left * (terrain.edge_offset + half) + down, **slab, **whole)
+    return arena.worldbody.add("geom", type="plane", size=[0, 0, 0.05], **whole)
+
+
+_OTHER_GROUND = "other_ground"
+"""The part of a two-friction floor that lies right of its edge."""
+GROUND_DEPTH = 0.5
+"""Depth of a two-friction floor's slabs [m]: far deeper than any tyre sinks."""
+SLAB_SIZE = 200.0
+"""Size of each half of a two-friction floor [m]: farther than any run goes."""
+
+
+def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
+    """Return the (..., nu) inputs of all actuators for (..., 2) wheel-rate references [rad/s] of the left and right side.
+
+    The servos of the motors and, with integral parts, of their shafts have the reference; the springs have no input.
+    """
+    motors = model.nu if model.nu in (len(SIDES), len(WHEELS)) else model.nu // 3
+    wanted = references if motors == len(SIDES) else np.concatenate([references, references], axis=-1)
+    if model.nu == motors:
+        return wanted
+    return np.concatenate([wanted, wanted, np.zeros_like(wanted)], axis=-1)
+
+
+_models: dict[tuple[Robot, WheelShape, bool, bool, Terrain], mujoco.MjModel] = {}
+_MOST_MODELS = 64
+"""Compiled models that are kept; a study of many robots forgets them all when it has made so many."""
+
+
+FREE_DRIVE = Drive(torque_limit=math.inf)
+"""Motors of the thesis without a limit: what a model has that is driven without a `Drive`."""
+
+
+@mujoco_failures()
+def robot_model(
+    calibration: Calibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED, drive: Drive = FREE_DRIVE
+) -> mujoco.MjModel:
+    """Return a compiled and calibrated model, which belongs to the caller; its motors are those of `drive`.
+
+    Raises:
+        ValueError: a calibration whose inertia no body can have, tyres that the terrain cannot have, or a hand-made MJCF
+            that cannot be read or lacks a part.
+    """
+    if calibration.friction_ratio != 1.0 and terrain.kind == "split":
+        raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
+    terrain.require_room(calibration.wheel_radius)
+    anisotropic = calibration.friction_ratio != 1.0 or settings.tangent_ratio is not None
+    key = (calibration.robot, calibration.wheel_shape, anisotropic, drive.integral_gain > 0.0, terrain)
+    if key not in _models:
+        if len(_models) >= _MOST_MODELS:
+            _models.clear()
+        _models[key] = mujoco.MjModel.from_xml_string(_compose(*key))
+    model = mujoco.MjModel.__copy__(_models[key])
+    model.opt.gravity = terrain.gravity(GRAVITY)
+    calibrate(model, calibration)
+    if terrain.kind == "split":
+        other = model.geom(_OTHER_GROUND).id
+        model.geom_friction[other, 0] = calibration.friction * terrain.friction_ratio
+        model.geom_solref[other], model.geom_solimp[other] = contact_settings(calibration.robot)
+    set_motors(model, calibration, drive)
+    apply_settings(model, settings, wheel_geoms(model))
+    return model
+
+
+def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
+    """Return the ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `calibrate`."""
+    return [model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS]
+
+
+def base_inertia(calibration: Calibration) -> FloatArray:
+    """Return the (3,) moments of inertia of the base about its centre of mass [kg m2].
+
+    Roll and pitch inertia scale with the base's mass; the yaw inertia is the whole robot's less that of the wheels.
+
+    Raises:
+        ValueError: an inertia that is not positive, or that no rigid body has (each is at most the sum of the others).
+    """
+    robot, half_track = calibration.robot, calibration.half_track
+    masses = robot.masses
+    lever = (0.5 * robot.geometry.wheelbase) ** 2 + half_track**2
+    from_wheels = len(WHEELS) * (masses.wheel_inertia[0] + masses.wheel * lever)
+    scale = (calibration.mass - len(WHEELS) * masses.wheel) / robot.base_mass
+    inertia = np.array([masses.inertia[0] * scale, masses.inertia[1] * scale, calibration.yaw_inertia - from_wheels])
+    if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum() * (1.0 + 1e-9):
+        low, high = abs(inertia[0] - inertia[1]) + from_wheels, inertia[0] + inertia[1] + from_wheels
+        raise ValueError(
+            f"yaw_inertia {calibration.yaw_inertia:g} kg m2 leaves the base {inertia.round(3)}, which no rigid body has; "
+            f"with mass {calibration.mass:g} kg it must lie between {low:.3f} and {high:.3f}"
+        )
+    return inertia
+
+
+def static_shares(calibration: Calibration) -> FloatArray:
+    """Return the (4,) wheel loads over the weight [1] on four equal springs that hardly give, on level ground."""
+    share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass  # wheels balance one another
+    x = share * calibration.com_x / (0.5 * calibration.robot.geometry.wheelbase)
+    y = share * calibration.com_y / calibration.half_track
+    return np.asarray(0.25 * (1.0 + x * FRONT + y * LEFT))
+
+
+def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> FloatArray:
+    """Return the (4,) depths to which the tyres sink into the soft contact at rest on level ground [m].
+
+    The contact point lies halfway, so the rolling radius is half of it less than the geom's.
+    """
+    solref, solimp = contact_settings(calibration.robot)
+    loads = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE) * calibration.mass * GRAVITY
+    points = CONTACT_POINTS[calibration.wheel_shape]
+    weights = [float(model.body_invweight0[model.body(f"{prefix}{wheel}").id, 0]) for wheel in WHEELS]
+    laws = [soft_contact(load / points, weight, solref, solimp) for load, weight in zip(loads, weights, strict=True)]
+    return np.array([law.depth(0.0) for law in laws])
+
+
+def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> None:
+    """Set every number of `calibration` on a compiled model, in place, but for those of the motors (`set_motors`).
+
+    `prefix` stands in front of the robot's names in a larger model.
+
+    Raises:
+        ValueError: an inertia that no rigid body has; the model is untouched then.
+    """
+    robot, geometry = calibration.robot, calibration.robot.geometry
+    inertia = base_inertia(calibration)
+    base = model.body(f"{prefix}base").id
+    model.body_mass[base] = calibration.mass - len(WHEELS) * robot.masses.wheel
+    model.body_inertia[base] = inertia
+    model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
+    for wheel, ahead, left in zip(WHEELS, FRONT, LEFT, strict=True):
+        body = model.body(f"{prefix}{wheel}").id
+        model.body_pos[body] = 0.5 * ahead * geometry.wheelbase, left * calibration.half_track, geometry.axle_height
+        across, spin = robot.masses.wheel_inertia
+        model.body_mass[body], model.body_inertia[body] = robot.masses.wheel, (across, spin, across)
+        model.dof_armature[model.joint(f"{prefix}{wheel}_wheel").dofadr[0]] = calibration.armature
+    model.opt.timestep = calibration.timestep
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    half = {"ellipsoid": 0.5 * geometry.wheel_width, "cylinder": 0.5 * geometry.wheel_width}.get(
+        calibration.wheel_shape, calibration.capsule_half_width
+    )
+    tires, solref, solimp = wheel_geoms(model, prefix), *contact_settings(robot)
+    for wheel, geom, left, depth in zip(WHEELS, tires, LEFT, pressed_in(model, calibration, prefix), strict=True):
+        radius = calibration.wheel_radius + 0.5 * left * calibration.radius_difference + 0.5 * depth
+        size = (radius, half, radius) if calibration.wheel_shape == "ellipsoid" else (radius, half, 0.0)
+        bound = max(radius, half) if calibration.wheel_shape == "ellipsoid" else radius + half
+        model.geom_size[geom], model.geom_rbound[geom] = size, bound
+        model.geom_aabb[geom, 3:] = bound
+        model.geom_friction[geom, 0] = calibration.friction
+        model.geom_solref[geom], model.geom_solimp[geom] = solref, solimp
+        model.site_size[model.site(f"{prefix}{wheel}_load").id] = 1.2 * math.hypot(radius, 0.5 * geometry.wheel_width)
+    if model.npair:
+        # A capsule's contact frame on a plane: first tangent across the rolling direction, second along it.
+        model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio
+        model.pair_friction[:, 1] = calibration.friction
+        model.pair_solref[:], model.pair_solimp[:] = solref, solimp
+
+
+def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = "") -> None:
+    """Set the motors of `drive` (`ssmr.robot.motor`), with the calibration's gain, on a calibrated model, in place.
+
+    An integral part K_I, leaking to a stiffness K_dc, is a shaft of inertia J behind a servo of gain D and a spring of
+    stiffness k. The spring has a damper q of up to half the gain K_P, which the direct servo has less: without it the shaft
+    would swing on its spring once its servo has reached its limit. Without J the side's torque is exactly that of the motor,
+
+        tau = (K_P' - q) e + k s + q ds/dt,  D (e - ds/dt) = k s + q ds/dt,  e = wanted rate - wheel rate,  s = torsion,
+
+    with K_P = K_P' - q^2 / (D + q), K_I = k D^2 / (D + q)^2 and K_dc = D^2 / (D + q). J makes the shaft late by half a step.
+    A motor that turns one wheel of two has half of all this.
+
+    Raises:
+        ValueError: the drive has an integral part and the model has none, or the other way round.
+    """
+    motor, dt, motors = motor_numbers(drive), calibration.timestep, calibration.robot.motors
+    if (motor.integral_gain > 0.0) != (model.nu > len(motors)):
+        raise ValueError("the model and the drive must both have an integral part in the speed loop, or neither")
+    weight = calibration.mass * GRAVITY
+    lost = calibration.rolling_resistance * 0.5 * weight * calibration.wheel_radius + motor.gear_loss
+    limited = math.isfinite(motor.limit)
+    for wheel in WHEELS:
+        joint = model.joint(f"{prefix}{wheel}_wheel").id
+        model.dof_damping[model.jnt_dofadr[joint]] = 0.5 * motor.braking
+        model.jnt_actfrclimited[joint] = limited and motor.integral_gain > 0.0  # of the servo's and the spring's sum
+        model.jnt_actfrcrange[joint] = (-0.5 * motor.limit, 0.5 * motor.limit) if limited else 0.0
+    for name, wheels in motors.items():
+        share = 0.5 * len(wheels)  # of a side
+        direct, limit = calibration.gain, motor.limit
+        if motor.integral_gain > 0.0:
+            stiffness, shaft = drive.dc_stiffness, model.joint(f"{prefix}{name}_shaft").id
+            inertia = 0.5 * stiffness * dt
+            damper = min(0.5 * calibration.gain, 2.0 * math.sqrt(motor.integral_gain * inertia))
+            servo = 0.5 * (stiffness + math.sqrt(stiffness * (stiffness + 4.0 * damper)))
+            spring = motor.integral_gain * ((servo + damper) / servo) ** 2
+            direct += damper * damper / (servo + damper) - damper
+            model.dof_armature[model.jnt_dofadr[shaft]] = share * inertia
+            _set_actuator(model, f"{prefix}{name}_spring", 0.0, -share * spring, -share * damper)
+            _set_actuator(model, f"{prefix}{name}_shaft", share * servo, 0.0, -share * servo, share * motor.limit)
+            limit = math.inf  # the joints limit the sum
+        by_rate = motor.braking - direct
+        _set_actuator(model, f"{prefix}{name}_motor", share * direct, 0.0, share * by_rate, share * limit)
+        model.tendon_frictionloss[model.tendon(f"{prefix}{name}").id] = share * lost
+
+
+def _set_actuator(
+    model: mujoco.MjModel, name: str, gain: float, by_length: float, by_rate: float, limit: float = math.inf
+) -> None:
+    """Set the gain of an actuator, the affine terms of its force, and its greatest force."""
+    number = int(model.actuator(name).id)
+    model.actuator_gainprm[number, 0] = gain
+    model.actuator_biasprm[number, :3] = 0.0, by_length, by_rate
+    model.actuator_forcelimited[number] = math.isfinite(limit)
+    if math.isfinite(limit):
+        model.actuator_forcerange[number] = -limit, limit

@@ -1,0 +1,139 @@
+"""Drives that show how a robot rolls, turns on the spot and stands on a slope, and the closed forms beside them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ssmr.errors import DivergedError
+from ssmr.robot.skid_turn import SkidTurn, turn_on_the_spot
+from ssmr.types import Commands, State, Trajectory
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import WHEELS
+from validation.simulator.health import LIFT_SHARE
+from validation.simulator.model import GRAVITY
+from validation.simulator.plant import MujocoPlant
+
+SAMPLE = 0.01
+"""Period of samples [s]."""
+SPIN_RATE, SPIN_TIME, SPIN_LEAD = 0.6, 38.0, 2.0
+"""Turn on the spot: commanded yaw rate [rad/s], duration [s], and start of the measurement [s]; about three turns."""
+STRAIGHT_SPEED, STRAIGHT_TIME, _STRAIGHT_LEAD, _STRAIGHT_YAW = 0.5, 8.0, 3.0, 0.4
+"""Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading [rad] between the axes."""
+_SLOPE, _SLOPE_TIME, _SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
+"""Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
+
+
+def _twist(v: float, w: float, seconds: float) -> Commands:
+    return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)))
+
+
+def rolling_radius(plant: MujocoPlant, speed: float = STRAIGHT_SPEED) -> tuple[float, float]:
+    """Drive straight ahead at a commanded speed [m/s].
+
+    Returns:
+        Rolling radius of the tyres [m], and deviation to the left over the length [1].
+
+    Raises:
+        DivergedError: the simulator gave up.
+    """
+    motion = plant.run(_twist(speed, 0.0, STRAIGHT_TIME), State(yaw=_STRAIGHT_YAW), SAMPLE)
+    tail = motion.t >= _STRAIGHT_LEAD
+    along = np.array([math.cos(_STRAIGHT_YAW), math.sin(_STRAIGHT_YAW)])
+    first, last = motion.xy[tail][0], motion.xy[-1]
+    ahead = float(along @ (last - first))
+    aside = float(along[0] * (last - first)[1] - along[1] * (last - first)[0])
+    turned = float(motion.wheels[tail].mean()) * float(motion.t[-1] - motion.t[tail][0])
+    if not (ahead > 0.0 and turned > 0.0):
+        raise DivergedError("a drive straight ahead went nowhere")
+    return ahead / turned, aside / ahead
+
+
+def creep(plant: MujocoPlant) -> float:
+    """Return the speed at which a robot at rest slides down a side slope [m/s].
+
+    Raises:
+        DivergedError: the simulator gave up.
+    """
+    level = np.array(plant.model.opt.gravity)
+    plant.model.opt.gravity[:] = 0.0, GRAVITY * math.sin(_SLOPE), -GRAVITY * math.cos(_SLOPE)
+    try:
+        motion = plant.run(_twist(0.0, 0.0, _SLOPE_TIME), State(), SAMPLE)
+    finally:
+        plant.model.opt.gravity[:] = level
+    tail = motion.t >= _SLOPE_LEAD
+    first, last = motion.xy[tail][0], motion.xy[-1]
+    return float(np.hypot(*(last - first)) / (motion.t[-1] - motion.t[tail][0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Spin:
+    """A turn on the spot."""
+
+    motion: Trajectory
+    """Whole motion, sampled every `SAMPLE`."""
+    turns: float
+    """Number of turns from `SPIN_LEAD` on [1]."""
+
+
+def spin(plant: MujocoPlant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> Spin:
+    """Turn on the spot at a commanded yaw rate [rad/s].
+
+    Raises:
+        DivergedError: the simulator gave up.
+    """
+    motion = plant.run(_twist(0.0, rate, seconds), State(), SAMPLE)
+    start = int(np.searchsorted(motion.t, SPIN_LEAD - 1e-9))
+    return Spin(motion, float(motion.yaw[-1] - motion.yaw[start]) / (2.0 * math.pi))
+
+
+def contact_half_width(calibration: Calibration) -> float:
+    """Return half the distance between a wheel's outermost contact points [m]; 0 for tyres that touch in one point."""
+    return {"ellipsoid": 0.0, "capsule": calibration.capsule_half_width}.get(
+        calibration.wheel_shape, 0.5 * calibration.robot.geometry.wheel_width
+    )
+
+
+def closed_form(calibration: Calibration, ratio: float | None = None) -> SkidTurn:
+    """Return the turn on the spot of a robot with this centre of mass and these wheels by mechanics.
+
+    Args:
+        calibration: parameters of the robot.
+        ratio: lateral over longitudinal friction [1]; the calibration's if not given.
+    """
+    share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
+    return turn_on_the_spot(
+        calibration.robot.geometry.wheelbase,
+        2.0 * calibration.half_track,
+        share * calibration.com_x,
+        share * calibration.com_y,
+        calibration.friction_ratio if ratio is None else ratio,
+        contact_half_width(calibration),
+    )
+
+
+def measure_spin(found: Spin, calibration: Calibration, tangent_ratio: float | None = None) -> dict[str, float]:
+    """Return the measures of a turn on the spot, by name; those of whole turns only if there was one."""
+    motion, expected = found.motion, closed_form(calibration, tangent_ratio).multiplier
+    tail = motion.t >= SPIN_LEAD - 1e-9
+    loads, rate = motion.channels["wheel_load_N"][tail], motion.twist[tail, 2]
+    wheels = motion.wheels[tail, 1] - motion.wheels[tail, 0]
+    xy, yaw = motion.xy[tail], motion.yaw[tail]
+    out = {
+        "multiplier_expected": expected,
+        "lifted_share": float((loads < LIFT_SHARE * loads.mean(axis=0)).any(axis=1).mean()),
+        "glide": float(np.hypot(*motion.twist[tail, :2].T).max() / (0.5 * calibration.wheel_radius * wheels.mean())),
+        "wander_m": float(np.hypot(*(xy - xy[0]).T).max()),
+    }
+    whole = math.floor(found.turns + 1e-9)
+    if whole >= 1:
+        end = int(np.argmax(yaw - yaw[0] >= 2.0 * math.pi * whole))
+        span = slice(0, max(end, 1))
+        out["multiplier"] = float(
+            calibration.wheel_radius * wheels[span].mean() / (2.0 * calibration.half_track * rate[span].mean())
+        )
+        out["ripple"] = float(np.ptp(rate[span]) / rate[span].mean())
+        out["drift_m"] = float(np.hypot(*(xy[end] - xy[0]))) / whole
+    return out

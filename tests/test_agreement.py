@@ -13,6 +13,7 @@ import pytest
 
 from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import data_folder
+from tests.robots import HUSKY
 from validation.compare import CompareSettings, PlantResult, compare
 from validation.fit.objective import FitCost
 from validation.fit.problem import FitProblem
@@ -63,12 +64,14 @@ def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, t
 def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     """The thesis' experiment: a model fitted to trajectory 4 as MuJoCo drives it, and its d_rms on all four."""
     lab, model = load_profile("thesis-lab"), request.param
-    space = make_space(model, plant_kind(model).free["scenario"], {})
+    space = make_space(model, plant_kind(model).free["scenario"], {}, HUSKY)
     targets, _ = open_targets(("traj4@mujoco",), lab, FitSources())
     problem = FitProblem(model, lab.plants[model], space, targets, FitCost("path"))
-    search = Search(Jde(len(space), JdeSettings(50, 300, patience=40), 1), {})
-    search.run(lambda points, limits, _: problem.costs(points, limits, 2))
-    found = with_values(model, lab.plants[model], list(space.names), space.values(search.jde.best))
+    searches = [Search(Jde(len(space), JdeSettings(50, 300, patience=40), seed), {}) for seed in (1, 2)]
+    for search in searches:  # one of five ends in a valley with a fifth more cost, whatever the bounds
+        search.run(lambda points, limits, _: problem.costs(points, limits, 2))
+    best = min((search.jde for search in searches), key=lambda jde: jde.best_cost).best
+    found = with_values(model, lab.plants[model], list(space.names), space.values(best))
     fitted = Profile(lab.name, "", {**lab.plants, model: found}, {})
     return model, {t: driven(fitted, t, "mujoco", model).metrics["d_rms_m"] for t in TRAJECTORIES}
 

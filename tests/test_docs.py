@@ -28,6 +28,7 @@ from ssmr.scenarios import SineScenario
 from tests.robots import HUSKY
 from tests.test_architecture import room_imports
 from validation.recordings.simulated_log import LogSettings
+from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,6 +38,7 @@ DOCUMENTED = (
     Vehicle,
     Drive,
     *(planar_law(name).parameters for name in PLANAR_MODELS),
+    Calibration,
     SineScenario,
     SensorNoise,
     EkfSettings,

@@ -17,6 +17,7 @@ import pytest
 
 from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import EXACT
+from tests.robots import HUSKY
 from tests.test_objective import recorded, scenario
 from validation.fit import __main__ as fit
 from validation.fit.objective import FitCost
@@ -140,7 +141,7 @@ def test_the_search_is_the_same_with_and_without_abandoning(lab: Profile) -> Non
     """Limits save work; they change no cost that is kept."""
     from tests.test_objective import log_target
 
-    space = make_space("linear", ("k_u", "k_y", "gain", "delay"), {})
+    space = make_space("linear", ("k_u", "k_y", "gain", "delay"), {}, HUSKY)
     problem = FitProblem("linear", lab.plants["linear"], space, [log_target(lab)], FitCost("horizon"))
     searches = []
     for abandon in (True, False):
@@ -161,7 +162,7 @@ def test_standard_errors_follow_the_data(lab: Profile) -> None:
     from validation.fit.objective import FitTarget
 
     base = scenario(lab, "traj4@linear")
-    space = make_space("linear", ("effective_half_track", "wheel_radius"), {})
+    space = make_space("linear", ("effective_half_track", "wheel_radius"), {}, HUSKY)
     errors, claims = [], []
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -266,7 +267,7 @@ def test_a_checkpoint_of_another_fit_is_refused(lab: Profile, tmp_path: Path, ca
 
 
 def test_a_checkpoint_holds_the_whole_search(lab: Profile, tmp_path: Path) -> None:
-    space = make_space("coulomb", ("u_x", "mu_c"), {})
+    space = make_space("coulomb", ("u_x", "mu_c"), {}, HUSKY)
     problem = FitProblem("coulomb", lab.plants["coulomb"], space, [scenario(lab)], FitCost())
     settings, kept = JdeSettings(10, 6), tmp_path / "c.npz"
     search = search_for(problem, settings, SearchOptions(checkpoint=kept))
@@ -296,7 +297,10 @@ def test_resuming_from_nothing_begins_anew(tmp_path: Path, caplog: pytest.LogCap
         (["coulomb", "--to", "traj4", "--bounds", "gain=90:20"], "bounds of gain are 90 and 20"),
         (["coulomb", "--to", "traj4", "--bounds", "gain=1:inf"], "must be finite"),
         (["coulomb", "--to", "traj4", "--bounds", "gain=1"], "NAME=LOW:HIGH"),
-        (["coulomb", "--to", "traj4", "--start", "gain=900"], "gain = 900 N m s/rad lies outside its bounds, 10 to 500"),
+        (
+            ["coulomb", "--to", "traj4", "--start", "gain=900"],
+            "gain = 900 N m s/rad lies outside its bounds, 10.0334 to 495.768",
+        ),
         (["coulomb", "--to", "traj4", "--start", "wheel_lag=0.1"], "wheel_lag, which is not free"),
         (["coulomb", "--to", "traj4", "--fix", "gain"], "NAME=NUMBER"),
         (["coulomb", "--to", "traj4", "--fix", "gain=-3"], "gain = -3.0 lies outside"),

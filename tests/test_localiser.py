@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ssmr.geometry import compose
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, State
+from tests.robots import HUSKY
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile, make_plant
 from validation.plants.searchable import find, searchable
@@ -81,6 +82,6 @@ def test_a_number_that_no_localiser_has_is_refused(field: str) -> None:
 def test_every_number_can_be_fitted(lab: Profile) -> None:
     names = {"tracked_x", "tracked_y", "tracked_yaw", "position_late", "yaw_late"}
     for plant in lab.plants:
-        assert names <= {number.name for number in searchable(plant)}
+        assert names <= {number.name for number in searchable(plant, HUSKY)}
     section: PlantProfile = replace(lab.plants["mujoco"], localiser=Localiser(yaw_late=0.07))
-    assert find("mujoco", "yaw_late").read(section) == 0.07
+    assert find("mujoco", "yaw_late", HUSKY).read(section) == 0.07

@@ -11,6 +11,7 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.robot.localiser import Localiser
 from ssmr.types import State, Trajectory
 from tests.conftest import EXACT, ROUNDOFF
+from tests.robots import HUSKY
 from validation.fit.objective import FitCost, FitTarget, make_raters, windows
 from validation.fit.problem import FitProblem
 from validation.fit.uncertainty import estimate
@@ -58,7 +59,7 @@ FREE = {
 
 
 def problem(lab: Profile, target: FitTarget, cost: FitCost, model: str = "improved") -> FitProblem:
-    return FitProblem(model, lab.plants[model], make_space(model, FREE[model], {}), [target], cost)
+    return FitProblem(model, lab.plants[model], make_space(model, FREE[model], {}, HUSKY), [target], cost)
 
 
 def points(n: int, size: int, seed: int = 0) -> np.ndarray:
@@ -68,10 +69,10 @@ def points(n: int, size: int, seed: int = 0) -> np.ndarray:
 def test_the_true_parameters_cost_nothing(lab: Profile) -> None:
     for cost in (FitCost("path"), FitCost("sync")):
         p = problem(lab, scenario(lab), cost)
-        truth = p.space.points([find("improved", n).read(p.base) for n in p.space.names])
+        truth = p.space.points([find("improved", n, HUSKY).read(p.base) for n in p.space.names])
         assert p.costs(truth[None])[0] < 1e-9
     p = problem(lab, log_target(lab), FitCost("horizon", horizons=(2.0,)))
-    truth = p.space.points([find("improved", n).read(p.base) for n in p.space.names])
+    truth = p.space.points([find("improved", n, HUSKY).read(p.base) for n in p.space.names])
     assert p.costs(truth[None])[0] < 0.003  # the start's twist is estimated, and inputs are held between samples
 
 
@@ -117,7 +118,7 @@ def test_without_weight_of_position_only_the_heading_counts(lab: Profile, object
     costs, errors = [], []
     for truth in (target.truth, jumpy):
         cost = FitCost(objective, position_weight=0.0, horizons=(2.0,))  # type: ignore[arg-type]
-        space = make_space("improved", ("effective_half_track", "tracked_x"), {})
+        space = make_space("improved", ("effective_half_track", "tracked_x"), {}, HUSKY)
         p = FitProblem("improved", lab.plants["improved"], space, [replace(target, truth=truth)], cost)
         x = np.array([0.3, 0.5])
         costs.append(p.costs(x[None])[0])
@@ -156,7 +157,7 @@ def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
     """A cost within its limit is exact; one beyond is a lower bound that exceeds the limit."""
     target = log_target(lab, kind)
     p = FitProblem(
-        "linear", lab.plants["linear"], make_space("linear", plant_kind("linear").free["recording"], {}), [target],
+        "linear", lab.plants["linear"], make_space("linear", plant_kind("linear").free["recording"], {}, HUSKY), [target],
         FitCost("horizon"),
     )  # fmt: skip
     x = points(len(p.space), 24)
@@ -208,7 +209,7 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
 
 def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
     for model in PLANTS:
-        for number in searchable(model):
+        for number in searchable(model, HUSKY):
             value = 0.5 * (number.lower + number.upper)
             names, values = [number.name], [value]
             if number.name == "mu_d":
@@ -216,12 +217,12 @@ def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
             assert number.read(with_values(model, lab.plants[model], names, values)) == value
         for occasion in ("scenario", "recording"):
             names = plant_kind(model).free[occasion]
-            assert len(make_space(model, names, {})) == len(names)
+            assert len(make_space(model, names, {}, HUSKY)) == len(names)
 
 
 def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
     p = FitProblem(
-        "improved", lab.plants["improved"], make_space("improved", ("mu_s", "mu_d"), {}), [scenario(lab)], FitCost()
+        "improved", lab.plants["improved"], make_space("improved", ("mu_s", "mu_d"), {}, HUSKY), [scenario(lab)], FitCost()
     )
     assert p.candidate(np.array([0.1, 0.9])) is None
     assert p.costs(np.array([[0.1, 0.9], [0.9, 0.1]])).tolist()[0] == np.inf
@@ -230,10 +231,10 @@ def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
 @pytest.mark.parametrize(
     ("make", "what"),
     [
-        (lambda: make_space("coulomb", ("mu_s",), {}), "coulomb has no parameter 'mu_s' to fit; there are: u_x"),
-        (lambda: make_space("coulomb", ("gain",), {"gain": (5.0, 1.0)}), "bounds of gain are 5 and 1"),
-        (lambda: make_space("coulomb", ("gain",), {"u_x": (0.0, 1.0)}), "u_x, which is not free"),
-        (lambda: make_space("coulomb", ("delay", "delay_v"), {}), "delay and delay_v move the same number"),
+        (lambda: make_space("coulomb", ("mu_s",), {}, HUSKY), "coulomb has no parameter 'mu_s' to fit; there are: u_x"),
+        (lambda: make_space("coulomb", ("gain",), {"gain": (5.0, 1.0)}, HUSKY), "bounds of gain are 5 and 1"),
+        (lambda: make_space("coulomb", ("gain",), {"u_x": (0.0, 1.0)}, HUSKY), "u_x, which is not free"),
+        (lambda: make_space("coulomb", ("delay", "delay_v"), {}, HUSKY), "delay and delay_v move the same number"),
         (lambda: FitCost("nice"), "unknown objective 'nice'"),  # type: ignore[arg-type]
         (lambda: FitCost(yaw_weight=float("nan")), "yaw_weight"),
         (lambda: FitCost(position_weight=-1.0), "position_weight"),

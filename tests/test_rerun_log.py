@@ -219,7 +219,7 @@ def test_the_body_stands_on_its_wheels(shown: tuple[Comparison, Path, Read]) -> 
         _, places = read.track(f"world/linear/robot/{wheel}", "Transform3D:translation")
         assert np.abs(places - (model.body("base").pos + model.body(wheel).pos)).max() <= SINGLE
     tread = 0.004  # what the treads stand out of the tyre, and so below the ground [m]
-    assert -tread < robot_mesh().box[0, 2] <= 0.0
+    assert -tread < robot_mesh(HUSKY).box[0, 2] <= 0.0
 
 
 @pytest.mark.parametrize(("speed", "direction"), [(0.5, -1.0), (-0.5, 1.0)])

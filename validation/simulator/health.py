@@ -29,8 +29,8 @@ what lifts the body, and a robot that drives on level ground has no cause to ris
 START_TIME = 2.5
 """Time at the start of a run in which the loads' sum is not judged [s]: the robot sets off and its body comes to rest. Of a
 run shorter than twice that, the second half is judged."""
-PUSH = 20.0
-"""Thrust for measuring the apparent mass [N]: a few hundredths of the weight, far below what makes a tyre slide."""
+PUSH_SHARE = 0.028
+"""Thrust for measuring the apparent mass, over the weight [1]: far below what makes a tyre slide."""
 SETTLE_TIME, PUSH_TIME = 1.0, 2.0
 """Time in which the robot comes to rest, and time for which it is pushed [s]; the second half gives the acceleration."""
 
@@ -205,12 +205,13 @@ def examine(model: mujoco.MjModel, calibration: Calibration, drive: Drive) -> Ex
 
 def _pushed(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> float:
     """Push the base of a resting, undriven robot ahead, and return thrust over acceleration [kg]."""
-    data.xfrc_applied[base, 0] = PUSH
+    thrust = PUSH_SHARE * float(model.body_subtreemass[base]) * GRAVITY
+    data.xfrc_applied[base, 0] = thrust
     half = round(0.5 * PUSH_TIME / model.opt.timestep)
     mujoco.mj_step(model, data, nstep=half)
     before = float(data.qvel[0])
     mujoco.mj_step(model, data, nstep=half)
-    return PUSH * half * model.opt.timestep / (float(data.qvel[0]) - before)
+    return thrust * half * model.opt.timestep / (float(data.qvel[0]) - before)
 
 
 def run_health(examined: Examined, motions: Sequence[Trajectory], *, given_rates: bool = False) -> Health:

@@ -24,9 +24,9 @@ from validation.simulator.model import FREE_DRIVE, controls, pressed_in, robot_m
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
 
-PRESCRIBED_ARMATURE = 100.0
-"""Armature of wheels whose rates are given [kg m2]: so heavy that the ground cannot change them (MuJoCo does not pass an
-armature's reaction on to the body)."""
+PRESCRIBED_SHARE = 50.0
+"""Armature of wheels whose rates are given, over mass times wheel radius squared [1]: so heavy that the ground cannot change
+them (MuJoCo does not pass an armature's reaction on to the body)."""
 _NO_INTEGRAL = 1e-6  # integral gain of those wheels [N m/rad]: next to nothing, but with the same parts in the model
 PRESCRIBED_LAG = 2.5
 """Time constant with which given wheel rates are followed, in time steps."""
@@ -107,8 +107,10 @@ class MujocoPlant:
     @cached_property
     def _prescribed(self) -> mujoco.MjModel:
         """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
-        gain = 2.0 * PRESCRIBED_ARMATURE / (PRESCRIBED_LAG * self.dt)
-        heavy = replace(self.calibration, armature=PRESCRIBED_ARMATURE, gain=gain, rolling_resistance=0.0)
+        robot = self.calibration.robot
+        armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
+        gain = 2.0 * armature / (PRESCRIBED_LAG * self.dt)
+        heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         same_parts = replace(FREE_DRIVE, integral_gain=min(self.drive.integral_gain, _NO_INTEGRAL))
         return robot_model(heavy, self.terrain, self._settings, same_parts)
 

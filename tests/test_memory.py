@@ -40,7 +40,8 @@ from validation.simulator.wheel_loads import load_model, resting_loads
 from validation.show.robot_mesh import robot_mesh
 lab = load_profile("thesis-lab")
 plant = make_plant(lab, "mujoco")
-kept = [plant, load_model(plant), resting_loads(plant), robot_mesh(lab.robot), examine(plant.model, plant.calibration, plant.drive)]
+kept = [plant, load_model(plant), resting_loads(plant), robot_mesh(lab.robot)]
+kept.append(examine(plant.model, plant.calibration, plant.drive))
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 60_000_000, -1))
 try:

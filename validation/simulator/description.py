@@ -262,7 +262,7 @@ _loaded: dict[str, Robot] = {}
 
 
 def load_robot(name_or_path: str | Path = "husky") -> Robot:
-    """Return a shipped robot by name, or the robot of a TOML file by path.
+    """Return a shipped robot by name, or the robot of a file by path: TOML, or MJCF with the names of models/husky.xml.
 
     Raises:
         RobotError: there is none, or its file says something that cannot be; the message names file, section and key.
@@ -274,10 +274,10 @@ def load_robot(name_or_path: str | Path = "husky") -> Robot:
     path = models_folder() / f"{name}.toml" if known else Path(name)
     if not known and not os.path.exists(name):
         raise RobotError(
-            f"no robot '{one_line(name)}'; there are: {', '.join(shipped_robots())}; or give the path of a robot's TOML file"
+            f"no robot '{one_line(name)}'; there are: {', '.join(shipped_robots())}; or give the path of a robot's file"
         )
     try:
-        robot = parse_robot(reading.read_toml(path), path.parent)
+        robot = parse_robot(_document(path), path.parent)
     except RobotError:
         raise
     except ValueError as error:
@@ -285,6 +285,15 @@ def load_robot(name_or_path: str | Path = "husky") -> Robot:
     if known:
         _loaded[name] = robot
     return robot
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """Return what a robot's file says."""
+    if path.suffix.lower() != ".xml":
+        return reading.read_toml(path)
+    from validation.simulator.mjcf_numbers import read_mjcf  # mujoco is slow to import; only a hand-made MJCF needs it here
+
+    return read_mjcf(path, WHEELS)
 
 
 def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:

@@ -1,8 +1,10 @@
-"""Robots that tests drive: the Husky of the thesis, with any of its numbers changed."""
+"""Robots that tests drive: the Husky of the thesis with any of its numbers changed, and robots that hypothesis draws."""
 
 from __future__ import annotations
 
 from typing import Any
+
+from hypothesis import strategies as st
 
 from validation import load_robot
 from validation.simulator.calibration import Calibration
@@ -14,3 +16,58 @@ WHEELBASE, TRACK = HUSKY.geometry.wheelbase, HUSKY.geometry.track
 def husky(**changes: Any) -> Calibration:
     """Return the Husky's numbers with some changed."""
     return Calibration.of(HUSKY, **changes)
+
+
+def scaled(document: dict[str, Any], length: float, mass: float) -> dict[str, Any]:
+    """Return what the file of a geometrically similar robot says: lengths and masses times these factors."""
+
+    def times(section: dict[str, Any], factors: dict[str, float], usual: float) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key, value in section.items():
+            factor = factors.get(key, usual)
+            many = isinstance(value, list)
+            out[key] = [factor * v for v in value] if many else value if isinstance(value, str) else factor * value
+        return out
+
+    inertia = mass * length**2
+    masses = {"com": length, "inertia": inertia, "wheel_inertia": inertia}
+    return {
+        **document,
+        "geometry": times(document["geometry"], {}, length),
+        "mass": times(document["mass"], masses, mass),
+    }
+
+
+@st.composite
+def documents(draw: st.DrawFn, off_the_middle: float = 0.25) -> dict[str, Any]:
+    """Draw what the file of a robot says: 8 to 800 kg, wheels of 0.05 to 0.35 m, any shape of tyre, belts or four motors.
+
+    Args:
+        draw: hypothesis' own.
+        off_the_middle: how far the centre of mass may lie off the middle, over half the wheelbase and half the track [1].
+    """
+
+    def between(low: float, high: float) -> float:
+        return low + (high - low) * draw(st.floats(0.0, 1.0, width=16))
+
+    radius, total = 0.05 * 7.0 ** between(0.0, 1.0), 8.0 * 100.0 ** between(0.0, 1.0)
+    wheelbase = radius * between(2.1, 4.5)
+    track = wheelbase / between(0.5, 1.6)
+    width, wheel = min(radius * between(0.2, 1.0), 0.5 * track), total * between(0.008, 0.06)
+    size = [wheelbase + radius * between(0.2, 2.0), track - width, track * between(0.2, 0.8)]
+    # A box of the size of the hull, whose mass lies nearer to its middle or farther out along each axis.
+    x, y, z = ((total - 4.0 * wheel) * s * s / 12.0 * between(0.5, 2.0) for s in size)
+    height = max(0.6 * radius, track * between(0.15, 0.6))
+    com = [between(-0.5, 0.5) * off_the_middle * length for length in (wheelbase, track)]
+    return {
+        "schema": "ssmr.robot/1",
+        "name": "drawn",
+        "geometry": {
+            "wheelbase": wheelbase, "track": track, "wheel_radius": radius, "wheel_width": width, "body_size": size,
+            "link": draw(st.sampled_from(["belt", "none"])),
+        },
+        "mass": {"total": total, "wheel": wheel, "com": [*com, height - radius], "inertia": [y + z, x + z, x + y]},
+        "simulation": {
+            "friction": between(0.2, 1.0), "wheel_shape": draw(st.sampled_from(["ellipsoid", "cylinder", "capsule"])),
+        },
+    }  # fmt: skip

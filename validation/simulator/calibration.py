@@ -33,10 +33,10 @@ class Calibration:
     """Centre of mass of the base to the left of the middle [m] -> body_ipos."""
     com_z: float = parameter(unit="m", low=-10.0, high=10.0, search=(0.0, 1.82), of="wheel_radius")
     """Centre of mass of the base above its frame's origin [m] -> body_ipos."""
-    gain: float = parameter(unit="N m s/rad", low=0.0, high=1e7, open_low=True, search=(0.25, 25.0), scale="log", of="gain")
+    gain: float = parameter(unit="N m s/rad", low=0.0, high=1e10, open_low=True, search=(0.25, 25.0), scale="log", of="gain")
     """K_P of a side's velocity servo [N m s/rad] -> actuator_gainprm."""
     armature: float = parameter(
-        unit="kg m2", low=0.0, high=1e4, open_low=True, search=(0.17, 6.7), scale="log", of="rotor_inertia"
+        unit="kg m2", low=0.0, high=1e7, open_low=True, search=(0.17, 6.7), scale="log", of="rotor_inertia"
     )
     """Rotor inertia of a wheel through the gearbox [kg m2] -> dof_armature. Light wheels behind a stiff servo make the
     answer depend on the time step; heavy ones add armature / wheel_radius^2 of apparent mass each."""

@@ -12,8 +12,9 @@ VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
 SPOKES, TREADS = 3, 12
 """Spokes and tread blocks drawn on a wheel: one sees it turn."""
-SHAFT_MASS = 1e-6
-"""Mass [kg] and inertia [kg m2] of the body that carries a virtual shaft: next to nothing."""
+SHAFT_SHARE = 1e-8
+"""Mass of the body that carries a virtual shaft over the robot's, and its inertia over mass times wheel radius squared [1]:
+next to nothing."""
 _HULL, _DARK, _RUBBER, _TREAD, _METAL = (
     [0.98, 0.76, 0.05, 1.0], [0.13, 0.13, 0.14, 1.0], [0.11, 0.11, 0.12, 1.0], [0.2, 0.2, 0.21, 1.0], [0.6, 0.61, 0.63, 1.0],
 )  # fmt: skip
@@ -155,10 +156,11 @@ def add_integral_parts(root: Any, robot: Robot) -> None:
     The integral is the torsion of a spring between the mean angle of a motor's wheels and a virtual shaft, which a servo of
     limited torque turns at the wanted rate: the lasting torque of the spring slows the shaft down, so the integral leaks.
     """
-    base = root.find("body", "base")
+    base, mass = root.find("body", "base"), SHAFT_SHARE * robot.masses.total
+    inertia = mass * robot.geometry.wheel_radius**2
     for motor in robot.motors:
         shaft = base.add("body", name=f"{motor}_shaft")
-        shaft.add("inertial", pos=[0, 0, 0], mass=SHAFT_MASS, diaginertia=[SHAFT_MASS] * 3)
+        shaft.add("inertial", pos=[0, 0, 0], mass=mass, diaginertia=[inertia] * 3)
         joint = shaft.add("joint", name=f"{motor}_shaft", type="hinge", axis=[0, 1, 0], armature=1.0)
         root.actuator.add("velocity", name=f"{motor}_shaft", joint=joint, kv=1.0)
     for motor, wheels in robot.motors.items():

@@ -20,13 +20,10 @@ from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot
 from validation.simulator.contact_law import soft_contact
-from validation.simulator.description import SIDES, WHEELS, Robot, WheelShape
+from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
 from validation.simulator.terrain import FLAT, Terrain
-
-GRAVITY = 9.81
-"""[m/s2]; list of symbols of the thesis, and MuJoCo's default."""
 
 CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
 """Points in which each shape of tyre touches level ground."""
@@ -38,6 +35,8 @@ CONTACT_DEPTH = 0.030285
 CONTACT_TIME = 0.15417
 """Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that grow as the radius and
 times that grow as its root, robots of one shape move alike whatever their size (Froude's similarity)."""
+BELT_TIME = 0.030834
+"""Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a Husky."""
 LEAST_SHARE = 0.02
 """Least load that a tyre's depth is computed for, over a quarter of the weight [1]: a wheel that carries nothing sinks
 nowhere."""
@@ -64,6 +63,7 @@ def _compose(robot: Robot, shape: WheelShape, anisotropic: bool, integral: bool,
     radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
         tire = arena.find("geom", f"{wheel}_tire")
+        tire.set_attributes(contype=1, conaffinity=0)  # it touches ground, and no tyre: capsules reach far beyond the tyre
         if shape == "ellipsoid":
             tire.set_attributes(type="ellipsoid", size=[radius, half, radius])
         else:
@@ -238,6 +238,12 @@ def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "")
         model.geom_friction[geom, 0] = calibration.friction
         model.geom_solref[geom], model.geom_solimp[geom] = solref, solimp
         model.site_size[model.site(f"{prefix}{wheel}_load").id] = 1.2 * math.hypot(radius, 0.5 * geometry.wheel_width)
+    for motor in robot.motors:
+        model.tendon_solref_fri[model.tendon(f"{prefix}{motor}").id] = solref  # of its dry friction
+    for side in SIDES:
+        belt = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_EQUALITY, f"{prefix}belt_{side}")
+        if belt >= 0:
+            model.eq_solref[belt] = BELT_TIME * math.sqrt(geometry.wheel_radius / GRAVITY), 1.0
     if model.npair:
         # A capsule's contact frame on a plane: first tangent across the rolling direction, second along it.
         model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio

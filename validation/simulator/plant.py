@@ -20,7 +20,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.health import check_health
-from validation.simulator.model import FREE_DRIVE, controls, pressed_in, robot_model, wheel_geoms
+from validation.simulator.model import FREE_DRIVE, contact_settings, controls, pressed_in, robot_model, wheel_geoms
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -30,8 +30,8 @@ them (MuJoCo does not pass an armature's reaction on to the body)."""
 _NO_INTEGRAL = 1e-6  # integral gain of those wheels [N m/rad]: next to nothing, but with the same parts in the model
 PRESCRIBED_LAG = 2.5
 """Time constant with which given wheel rates are followed, in time steps."""
-SETTLE_TIME = 1.0
-"""Time for which the robot stands before its resting height is taken [s]: fifty time constants of the contact."""
+SETTLE_CONSTANTS = 50.0
+"""Time for which the robot stands before its resting height is taken, in time constants of the contact; 1 s for a Husky."""
 
 
 class MujocoPlant:
@@ -125,7 +125,8 @@ class MujocoPlant:
         mujoco.mj_resetData(self.model, data)
         data.qpos[:2] = state.x, state.y
         mujoco.mju_mulQuat(data.qpos[3:7], yaw_to_quat_wxyz(state.yaw), self.model.qpos0[3:7])
-        for _ in range(round(SETTLE_TIME / self.dt)):
+        (constant, _), _ = contact_settings(self.calibration.robot)
+        for _ in range(round(SETTLE_CONSTANTS * constant / self.dt)):
             self.lay_ground(data)
             mujoco.mj_step(self.model, data)
         rest = np.array(data.qpos)

@@ -10,7 +10,7 @@ import tyro
 
 from validation import cli
 from validation.fit.objective import FitCost, Objective
-from validation.fit.run import FitParameters, FitSearch, fit
+from validation.fit.run import FitParameters, FitSearch, Method, fit
 from validation.fit.search import CHECKPOINT
 from validation.fit.targets import FitSources
 from validation.logs.limits import USUAL
@@ -62,8 +62,11 @@ class _Cost(FitCost):
 class _Search(FitSearch):
     """Options for the search."""
 
-    population: Annotated[cli.Count, cli.option(default="50, and 32 for mujoco")] = None
-    generations: Annotated[cli.Count, cli.option(default="300, and 60 for mujoco")] = None
+    method: Annotated[Method, cli.option("search")] = "jde"
+    """jde: differential evolution alone, as in the thesis. hybrid: a short one, then bounded least squares from its best and
+    from others far from it. lsq: least squares alone, from --start, which is the profile's numbers if it is not given."""
+    population: Annotated[cli.Count, cli.option(default="50, and 32 for mujoco; hybrid 50 and 20")] = None
+    generations: Annotated[cli.Count, cli.option(default="300, and 60 for mujoco; hybrid 40 and 4")] = None
     target: Annotated[cli.Number, cli.option(metavar="COST", default="none")] = None
     seed: cli.Seed = 0
     workers: cli.Workers = None
@@ -101,7 +104,7 @@ class Options:
 
 
 def main(options: Options) -> None:
-    """Fit a plant's parameters to motions by differential evolution (jDE).
+    """Fit a plant's parameters to motions by differential evolution (jDE), least squares, or one after the other.
 
     Prints tables; writes fit.json, profile.toml, fit.png and checkpoint.npz.
 

@@ -89,6 +89,8 @@ class SearchData:
     """Name of the cost: `path`, `sync` or `horizon` of a fit, `path` or `time` of a tuning."""
     evaluations: int
     """Number of candidates that were rated."""
+    evaluations_by_stage: Mapping[str, int] = field(default_factory=dict)
+    """Number of candidates that each stage of the search rated."""
     generations: int
     """Number of generations after the initial population."""
     wall_s: float
@@ -177,6 +179,8 @@ class FitData(SearchData):
             "model": self.model,
             "source": self.source,
             **self.shared_dict(),
+            "search": self.options.get("search", "jde"),
+            "evaluations_by_stage": dict(self.evaluations_by_stage),
             "correlation": None if correlation is None else {"names": names, "matrix": correlation.tolist()},
             "standard_errors_by": self.uncertainty_method,
             "train": _scores(self.train_metrics, self.train_horizons, self.train_windows),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -132,9 +133,55 @@ class SyncRater:
         weight = np.full(len(t), self._weight / len(t))
         return SignedErrors(position, yaw, weight, self._block + np.floor((t - t[0]) / _SCENARIO_BLOCK_S))
 
+    def residuals(self, poses: FloatArray) -> FloatArray:
+        """Return (S, K) weighted errors at equal times, whose squares add up to the squares of the cost's two terms."""
+        return _weighted(self.errors(poses), self._cost)
+
+
+def _weighted(errors: SignedErrors, cost: FitCost) -> FloatArray:
+    """Return (S, K) position and yaw errors in metres, each times the root of its weight."""
+    root = np.sqrt(errors.weight)
+    position = cost.position_weight * errors.position * root[:, None]
+    return np.concatenate([position[..., 0], position[..., 1], cost.yaw_weight * errors.yaw * root], axis=1)
+
+
+@jit_parallel
+def path_offsets(poses, truth, every):
+    """Return (S, N, 2) vectors [m] from every `every`-th of (M, 3) true positions to the nearest of (S, L, 3) paths."""
+    count = (len(truth) + every - 1) // every
+    out = np.empty((len(poses), count, 2))
+    for i in numba.prange(len(poses)):
+        path = poses[i]
+        for k in range(count):
+            x, y = truth[k * every, 0], truth[k * every, 1]
+            best = math.inf
+            out[i, k] = math.nan
+            for j in range(len(path) - 1):
+                ax, ay = path[j, 0] - x, path[j, 1] - y
+                bx, by = path[j + 1, 0] - path[j, 0], path[j + 1, 1] - path[j, 1]
+                length = bx * bx + by * by
+                share = min(max(-(ax * bx + ay * by) / length, 0.0), 1.0) if length > 0.0 else 0.0
+                dx, dy = ax + share * bx, ay + share * by
+                if dx * dx + dy * dy < best:
+                    best = dx * dx + dy * dy
+                    out[i, k, 0], out[i, k, 1] = dx, dy
+    return out
+
 
 class PathRater(SyncRater):
     """The path objective, Eq. 3.1. Distances between curves have no sign, so its signed errors are those at equal times."""
+
+    def residuals(self, poses: FloatArray) -> FloatArray:
+        """Return (S, K) errors: offsets from the true path to the candidate's, and the error of the length.
+
+        Their squares add up to (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no derivative.
+        """
+        s, root = self._cost, math.sqrt(self._weight)
+        offsets = path_offsets(np.ascontiguousarray(poses), self._truth.pose, self._every)
+        share = s.k_rms / math.sqrt(offsets.shape[1])
+        lengths = [np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, self._truth.pose[None])]
+        ratio = s.k_ratio * (1.0 - lengths[0] / lengths[1])
+        return root * np.concatenate([share * offsets.reshape(len(poses), -1), ratio[:, None]], axis=1)
 
     def cost(self, poses: FloatArray) -> FloatArray:
         """Return K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| of each candidate."""
@@ -171,6 +218,10 @@ class HorizonRater:
         """Return the errors of the relative pose."""
         position, yaw = self._errors(poses)
         return SignedErrors(position, yaw, self._weight, self._block)
+
+    def residuals(self, poses: FloatArray) -> FloatArray:
+        """Return (S, K) weighted errors of the relative pose; by their size, they add up to the cost."""
+        return _weighted(self.errors(poses), self._cost)
 
 
 Rater = SyncRater | HorizonRater

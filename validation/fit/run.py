@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,7 +32,14 @@ from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress, Report, silent
 
-_SIZE, _SIMULATED_SIZE = (50, 300), (32, 60)  # usual population and generations; Tab. 3.7, and for simulated bodies
+Method = Literal["jde", "hybrid", "lsq"]
+"""How a fit searches: differential evolution; a short one, then least squares; or least squares from one start."""
+_SIZES: Mapping[Method, tuple[tuple[int, int], tuple[int, int]]] = {
+    "jde": ((50, 300), (32, 60)),
+    "hybrid": ((50, 40), (20, 4)),
+    "lsq": ((5, 1), (5, 1)),
+}
+"""Usual population and generations: of planar models (Tab. 3.7 of the thesis for `jde`), and of simulated bodies."""
 PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
 """The profile that a fit begins with unless another is given."""
 _TOLD = ("input", "from", "until", "objective", "position_weight")  # options that the provenance of a fitted profile repeats
@@ -51,8 +58,16 @@ class FitParameters(FreeParameters):
 class FitSearch(SearchOptions):
     """Options of a fit's search. A scheduler of None uses this computer's threads."""
 
+    method: Method = "jde"
+    """jde: differential evolution alone, as in the thesis. hybrid: a short one, then bounded least squares from its best and
+    from others far from it. lsq: least squares alone, from `start`, which is the profile's numbers if it is not given."""
+
     scheduler: str | None = None
-    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates."""
+    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates of `jde`."""
+
+    def record(self, settings: JdeSettings) -> dict[str, Any]:
+        """Return what a result file holds of the search's settings."""
+        return {"search": self.method, **super().record(settings)}
 
 
 def fit(
@@ -67,7 +82,7 @@ def fit(
     progress: Report = silent,
     **options: Any,
 ) -> FitResult:
-    """Fit a plant's parameters to motions by self-adaptive differential evolution (jDE).
+    """Fit a plant's parameters to motions, by self-adaptive differential evolution (jDE), least squares or both.
 
     Every field of the four groups of options can be given by its own name too: `fit("linear", "traj4@mujoco",
     generations=5, held_out=("traj1",))`. Ctrl-C ends the search; the result then holds the best found so far.
@@ -102,8 +117,9 @@ def fit(
     begun = with_values(model, base.plants[model], list(parameters.fix), parameters.fix.values())
     free = usual if parameters.free is None else parameters.free
     space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds, begun.robot)
-    start = _first_points(space, model, begun, parameters.start)
-    settings = search.settings(*(_SIMULATED_SIZE if model in SIMULATED else _SIZE))
+    method = search.method
+    start = _first_points(space, model, begun, {} if parameters.start is None and method == "lsq" else parameters.start)
+    settings = search.settings(*_SIZES[method][model in SIMULATED])
     targets, held_out = open_targets(names, base, sources)
     problem = FitProblem(model, begun, space, targets, cost)
     _require_possible(problem)
@@ -113,10 +129,13 @@ def fit(
             from validation.fit.cluster import Cluster
 
             evaluate = stack.enter_context(Cluster(search.scheduler, problem))
-        found = search_for(problem, settings, search, start, progress, evaluate)
+        most = 0 if method == "lsq" else None
+        found = search_for(problem, settings, search, start, progress, evaluate, most)
+        if method != "jde" and not found.interrupted:
+            found.refine(problem, search.threads, occasion == "recording", method == "lsq", search.checkpoint, progress)
     total = settings.generations + 1
     progress(Progress(total, total, "standard errors and scores"))
-    point, before = found.jde.best, [find(model, name, begun.robot).read(begun) for name in space.names]
+    point, before = found.best, [find(model, name, begun.robot).read(begun) for name in space.names]
     uncertainty, scores, troubles = _judged(problem, point, held_out, None if found.interrupted else search.threads)
     result = FitResult(
         model=model,
@@ -133,7 +152,9 @@ def fit(
         options=_record(problem, settings, sources, parameters, search),
         **found.outcome(),
     )
-    return replace(result, profile=_fitted_profile(result, base, problem.candidate(point), settings))
+    words = {"jde": "", "hybrid": ", then least squares", "lsq": "least squares"}[method]
+    evolution = "" if method == "lsq" else f"jDE {settings.strategy} {settings.crossover}, population {settings.population}"
+    return replace(result, profile=_fitted_profile(result, base, problem.candidate(point), evolution + words))
 
 
 def _warnings(targets: Sequence[FitTarget]) -> list[str]:
@@ -248,13 +269,13 @@ def _scores(problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget
     }
 
 
-def _fitted_profile(result: FitResult, base: Profile, plant: PlantProfile | None, settings: JdeSettings) -> Profile:
+def _fitted_profile(result: FitResult, base: Profile, plant: PlantProfile | None, method: str) -> Profile:
     """Return the profile that the fit began with, its plant's numbers replaced, and their provenance."""
     assert plant is not None
     provenance = {
         "source": result.source,
         **{k: v for k, v in result.options.items() if v is not None and k in _TOLD},
-        "method": f"jDE {settings.strategy} {settings.crossover}, population {settings.population}",
+        "method": method,
         "seed": result.seed,
         "status": result.status,
         "cost": result.cost,

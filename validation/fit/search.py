@@ -25,6 +25,7 @@ from ssmr.types import FloatArray
 from validation import reading, store
 from validation.fit.checkpoint import CheckpointError, damaged, read_arrays, write_arrays
 from validation.fit.data import SearchTrace
+from validation.fit.refine import Driven, Residuals, choose_starts, descend
 from validation.progress import Progress, Report, silent
 
 CHECKPOINT = "checkpoint.npz"
@@ -38,6 +39,16 @@ _SHOWN_VALUES = 4
 
 Evaluate = Callable[[FloatArray, FloatArray, Callable[[float], object] | None], FloatArray]
 """A function that rates a generation, here or on a cluster: points, limits and `on_share`, see `SearchProblem.costs`."""
+
+
+class RefinableProblem(Residuals, Protocol):
+    """A problem with residuals and costs."""
+
+    def costs(
+        self, points: FloatArray, limits: FloatArray | None, workers: int, on_share: Callable[[float], object] | None
+    ) -> FloatArray:
+        """Return the (S,) costs, see `SearchProblem.costs`."""
+        ...
 
 
 class SearchProblem(Protocol):
@@ -169,9 +180,25 @@ class Search:
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""
     interrupted: bool = False
+    driven: Driven = field(default_factory=Driven)
+    """What least squares have driven after the optimiser."""
+    refined: tuple[FloatArray, float] | None = None
+    """The best point that least squares found, and its cost; None where they found none that is better."""
 
-    def run(self, evaluate: Evaluate, checkpoint: Path | None = None, progress: Report = silent) -> None:
-        """Search until a stop rule holds or Ctrl-C is pressed; either way what was found stays.
+    @property
+    def best(self) -> FloatArray:
+        """(n,) the best point of the unit cube so far."""
+        return self.jde.best if self.refined is None else self.refined[0]
+
+    @property
+    def best_cost_of_all(self) -> float:
+        """Its cost."""
+        return self.jde.best_cost if self.refined is None else self.refined[1]
+
+    def run(
+        self, evaluate: Evaluate, checkpoint: Path | None = None, progress: Report = silent, most: int | None = None
+    ) -> None:
+        """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed; what was found stays.
 
         The checkpoint is written, and `progress` called with the best candidate, after every generation.
         """
@@ -183,7 +210,7 @@ class Search:
             progress(Progress(len(self.best_cost) + share, total, f"{self._best_text()}, {rate:.1f} candidates/s"))
 
         try:
-            while not self.jde.finished:
+            while not self.jde.finished and (most is None or len(self.best_cost) <= most):
                 costs = evaluate(self.jde.ask(), self.jde.costs, tell)
                 self.jde.tell(costs)
                 self.remember()
@@ -191,6 +218,38 @@ class Search:
                 if checkpoint is not None:
                     self.save(checkpoint)
                 tell(0.0)
+        except KeyboardInterrupt:
+            self.interrupted = True
+        self.wall_s = before + time.perf_counter() - began
+
+    def refine(
+        self,
+        problem: RefinableProblem,
+        threads: int,
+        robust: bool,
+        alone: bool,
+        checkpoint: Path | None = None,
+        progress: Report = silent,
+    ) -> None:
+        """Go on by least squares, from the first candidate (`alone`) or from the best and others far from it."""
+        began, before = time.perf_counter(), self.wall_s
+        population, costs = self.jde.population, self.jde.costs
+        starts = population[:1] if alone and np.isfinite(costs[0]) else choose_starts(population, costs)
+        done = 0
+
+        def step() -> None:
+            self.wall_s = before + time.perf_counter() - began
+            if checkpoint is not None:
+                self.save(checkpoint)
+            where = f"least squares, start {done + 1} of {len(starts)}"
+            progress(Progress(done, len(starts), f"{where}: cost {self.best_cost_of_all:.5g}, {len(self.driven)} motions"))
+
+        try:
+            for done, start in enumerate(starts):  # noqa: B007  (`step` tells it)
+                end = descend(problem, start, self.driven, threads, robust, step)
+                cost = float(problem.costs(end[None], None, threads, None)[0])
+                if cost < self.best_cost_of_all:
+                    self.refined = end, cost
         except KeyboardInterrupt:
             self.interrupted = True
         self.wall_s = before + time.perf_counter() - began
@@ -217,6 +276,8 @@ class Search:
             "fit_median_cost": np.array(self.median_cost),
             "fit_wall_s": np.array(self.wall_s),
         }
+        if len(self.driven):
+            own |= {"lsq_points": np.array(self.driven.points), "lsq_errors": np.array(self.driven.errors)}
         write_arrays(path, {**own, **{f"jde_{k}": v for k, v in self.jde.state().items()}})
 
     @classmethod
@@ -233,6 +294,7 @@ class Search:
             best_cost, median_cost = (_column(data[name], len(jde.history)) for name in ("fit_best_cost", "fit_median_cost"))
             if best_cost != list(jde.history):
                 raise ValueError("the course of the cost is another")
+            driven = _driven(data, jde.n)
             wall_s = float(data["fit_wall_s"])
             if not 0.0 <= wall_s < math.inf:
                 raise ValueError("its time is no time")
@@ -244,21 +306,37 @@ class Search:
                 f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
                 "ask for the same search again, or begin anew without resume"
             )
-        return cls(jde, identity, None, best_cost, median_cost, wall_s), versions
+        return cls(jde, identity, None, best_cost, median_cost, wall_s, driven=driven), versions
 
     def outcome(self) -> dict[str, Any]:
         """Return the fields of a `SearchData` that only the search decides."""
         jde = self.jde
         return {
             "status": "interrupted" if self.interrupted else "finished",
-            "stopped_by": jde.finished or "interrupt",
-            "cost": float(jde.best_cost),
-            "evaluations": jde.evaluations,
+            "stopped_by": "interrupt" if self.interrupted else jde.finished or "least squares",
+            "cost": float(self.best_cost_of_all),
+            "evaluations": jde.evaluations + len(self.driven),
+            "evaluations_by_stage": {"jde": jde.evaluations, "lsq": len(self.driven)},
             "generations": jde.generation,
             "wall_s": self.wall_s,
             "trace": SearchTrace(np.array(self.best_cost), np.array(self.median_cost), jde.population, jde.costs),
             "versions": store.versions(),
         }
+
+
+def _driven(data: Mapping[str, NDArray[Any]], n: int) -> Driven:
+    """Return what a checkpoint holds of least squares; nothing for one that was written before they began.
+
+    Raises:
+        ValueError: it holds something else.
+    """
+    if "lsq_points" not in data:
+        return Driven()
+    points, errors = data["lsq_points"], data["lsq_errors"]
+    fit = points.ndim == errors.ndim == 2 and points.shape[1] == n and len(points) == len(errors)
+    if not fit or points.dtype != np.float64 or errors.dtype != np.float64:
+        raise ValueError("what least squares have driven has another shape")
+    return Driven(list(points), list(errors))
 
 
 def _texts(document: str) -> dict[str, str]:
@@ -291,8 +369,9 @@ def search_for(
     start: FloatArray | None = None,
     progress: Report = silent,
     evaluate: Evaluate | None = None,
+    most: int | None = None,
 ) -> Search:
-    """Search from the beginning, or from a checkpoint, until a stop rule holds or Ctrl-C is pressed.
+    """Search from the beginning, or from a checkpoint, until a stop rule holds, or `most` generations, or Ctrl-C.
 
     The (k, n) `start` are candidates for the first population; `evaluate`, such as a cluster, rates generations in the place
     of `problem.costs`. The search that is returned has at least one candidate of finite cost.
@@ -318,7 +397,7 @@ def search_for(
         store.make_folder(options.checkpoint.parent)
     here: Evaluate = lambda points, limits, on_share: problem.costs(points, limits, options.threads, on_share)  # noqa: E731
     try:
-        search.run(evaluate or here, options.checkpoint, progress)
+        search.run(evaluate or here, options.checkpoint, progress, most)
     except SsmrError as error:
         if options.checkpoint is None or not search.best_cost:
             raise

@@ -1,0 +1,189 @@
+"""Least squares after, or in the place of, differential evolution."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssmr.types import FloatArray
+from tests.robots import HUSKY
+from tests.test_objective import log_target, scenario
+from validation.fit import fit
+from validation.fit.objective import FitCost, PathRater, path_offsets
+from validation.fit.problem import FitProblem
+from validation.fit.refine import APART, Driven, choose_starts, descend
+from validation.fit.run import FitSearch
+from validation.plants.profile import Profile
+from validation.plants.searchable import find, make_space
+
+FREE = ("u_x", "gain", "effective_half_track", "delay")
+RECOVERED = 1e-3
+"""Of the width of the bounds: noise-free motions leave least squares only their own tolerance."""
+
+
+def quick(**more: Any) -> dict[str, Any]:
+    return {"population": 12, "generations": 4, "free": FREE, "seed": 3, **more}
+
+
+def truth(lab: Profile, names: tuple[str, ...]) -> FloatArray:
+    return np.array([find("improved", name, HUSKY).read(lab.plants["improved"]) for name in names])
+
+
+@pytest.mark.parametrize("objective", ["sync", "path"])
+def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(lab: Profile, objective: Any) -> None:
+    """Twelve candidates over four generations are nowhere near; least squares go on to the truth.
+
+    A path does not tell when the robot was where, so its delay stays open.
+    """
+    free = FREE if objective == "sync" else FREE[:-1]
+    options = {**quick(free=free), "objective": objective}
+    short = fit("improved", "traj4@improved", lab, **options)
+    whole = fit("improved", "traj4@improved", lab, method="hybrid", **options)
+    assert whole.evaluations_by_stage["jde"] == short.evaluations
+    assert whole.evaluations == sum(whole.evaluations_by_stage.values())
+    assert whole.cost < 0.05 * short.cost
+    for parameter, wanted in zip(whole.parameters, truth(lab, free), strict=True):
+        assert abs(parameter.share(parameter.value) - parameter.share(wanted)) < RECOVERED, parameter.name
+
+
+def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
+    found = fit("improved", "traj4@improved", lab, free=FREE, objective="sync", method="lsq")
+    assert found.cost < 1e-6  # these are the profile's own numbers
+    assert found.generations == 0
+    away = fit(
+        "improved", "traj4@improved", lab, free=FREE, objective="sync", method="lsq", start={"delay": 0.3, "gain": 60.0}
+    )
+    assert away.cost < 1e-4
+    assert away.stopped_by == "least squares"
+
+
+def test_the_result_does_not_depend_on_workers(lab: Profile) -> None:
+    one, two = (fit("linear", "traj2@mujoco", lab, method="hybrid", population=8, generations=2, workers=w) for w in (1, 2))
+    assert one.cost == two.cost
+    assert one.as_dict()["parameters"] == two.as_dict()["parameters"]
+
+
+def test_it_is_never_worse_than_its_first_stage(lab: Profile) -> None:
+    for seed in range(3):
+        one, both = (
+            fit("coulomb", "traj1@mujoco", lab, method=m, population=8, generations=3, seed=seed) for m in ("jde", "hybrid")
+        )
+        assert both.cost <= one.cost
+
+
+def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: Path, monkeypatch: Any) -> None:
+    whole = fit("improved", "traj4@improved", lab, method="hybrid", **quick(objective="sync"))
+    checkpoint, real, calls = tmp_path / "checkpoint.npz", FitProblem.residuals, []
+
+    def cut(self: FitProblem, points: FloatArray, workers: int = 1) -> FloatArray:
+        calls.append(len(points))
+        if len(calls) == 6:
+            raise KeyboardInterrupt
+        return real(self, points, workers)
+
+    monkeypatch.setattr(FitProblem, "residuals", cut)
+    options = {"method": "hybrid", "checkpoint": checkpoint, **quick(objective="sync")}
+    part = fit("improved", "traj4@improved", lab, **options)
+    assert part.status == "interrupted"
+    assert math.isfinite(part.cost)
+    monkeypatch.setattr(FitProblem, "residuals", real)
+    rest = fit(
+        "improved", "traj4@improved", lab, method="hybrid", checkpoint=checkpoint, resume=True, **quick(objective="sync")
+    )
+    assert rest.cost == whole.cost
+    assert rest.evaluations == whole.evaluations
+    assert [p.value for p in rest.parameters] == [p.value for p in whole.parameters]
+
+
+def test_the_file_says_how_it_was_searched(lab: Profile, tmp_path: Path) -> None:
+    fit("linear", "traj2@linear", lab, method="hybrid", population=8, generations=2).save(tmp_path)
+    found = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
+    assert found["search"] == "hybrid"
+    assert found["evaluations_by_stage"]["jde"] == 24
+    assert found["evaluations_by_stage"]["lsq"] > 0
+    assert "then least squares" in (tmp_path / "profile.toml").read_text(encoding="utf-8")
+    assert FitSearch().method == "jde"
+
+
+# ------------------------------------------------------------------------------------------------------- parts
+
+
+def test_starts_are_the_best_and_others_far_away() -> None:
+    rng = np.random.default_rng(0)
+    points, costs = rng.random((30, 3)), rng.random(30)
+    costs[4] = np.inf
+    found = choose_starts(points, costs)
+    assert np.array_equal(found[0], points[np.argmin(costs)])
+    assert all(np.abs(a - b).max() >= APART for i, a in enumerate(found) for b in found[:i])
+    assert len(choose_starts(points[:1], costs[:1])) == 1
+
+
+class Line:
+    """A straight line through points of which some lie far off."""
+
+    def __init__(self, outliers: int) -> None:
+        rng = np.random.default_rng(1)
+        self.x = np.linspace(-1.0, 1.0, 60)
+        self.y = 0.3 + 0.4 * self.x + rng.normal(0.0, 0.01, 60)
+        self.y[:outliers] += 1.0
+        self.asked = 0
+
+    def residuals(self, points: FloatArray, workers: int) -> FloatArray:
+        """Return errors of (S, 2) lines."""
+        self.asked += len(points)
+        return points[:, :1] + points[:, 1:] * self.x - self.y
+
+
+def test_errors_of_a_log_count_by_their_size() -> None:
+    errors = {}
+    for robust in (True, False):
+        end = descend(Line(9), np.array([0.9, 0.9]), Driven(), 1, robust, lambda: None)
+        errors[robust] = float(np.abs(end - [0.3, 0.4]).max())
+    assert errors[True] < 0.03
+    assert errors[False] > 0.1
+
+
+def test_what_was_driven_is_not_driven_again() -> None:
+    line, driven = Line(0), Driven()
+    one = descend(line, np.array([0.9, 0.1]), driven, 1, False, lambda: None)
+    asked = line.asked
+    assert asked == len(driven)
+    again = descend(line, np.array([0.9, 0.1]), driven, 1, False, lambda: None)
+    assert line.asked == asked
+    assert np.array_equal(one, again)
+
+
+def test_offsets_of_a_path_are_perpendicular_to_it() -> None:
+    """A path one decimetre to the left, with samples elsewhere: the offsets are (0, 0.1) whatever the samples."""
+    truth = np.column_stack([np.linspace(0.0, 5.0, 101), np.zeros(101), np.zeros(101)])
+    path = np.column_stack([np.linspace(-0.37, 5.4, 77), np.full(77, 0.1), np.zeros(77)])
+    offsets = path_offsets(path[None], truth, 10)
+    assert offsets.shape == (1, 11, 2)
+    assert np.abs(offsets - [0.0, 0.1]).max() < 1e-12
+
+
+def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
+    target = scenario(lab)
+    space = make_space("improved", FREE, {}, HUSKY)
+    points = np.random.default_rng(5).random((3, len(FREE)))
+    for cost in (FitCost("sync", yaw_weight=0.3), FitCost("path")):
+        problem = FitProblem("improved", lab.plants["improved"], space, [target], cost)
+        squares = (problem.residuals(points) ** 2).sum(axis=1)
+        errors = problem.errors(points)
+        if cost.objective == "sync":
+            position = (errors.weight[:, None] * errors.position**2).sum(axis=(1, 2))
+            wanted = position + 0.09 * (errors.weight * errors.yaw**2).sum(axis=1)
+            assert np.allclose(squares, wanted, rtol=1e-12)
+        else:
+            assert isinstance(problem._raters[0][0], PathRater)
+            assert np.all(np.sqrt(squares) <= problem.costs(points))
+    problem = FitProblem(
+        "linear", lab.plants["linear"], make_space("linear", ("gain",), {}, HUSKY), [log_target(lab)], FitCost("horizon")
+    )
+    middle = np.array([[0.5]])
+    assert problem.residuals(middle).shape[1] == 3 * len(problem.errors(middle).weight)

@@ -16,7 +16,7 @@ from tests.test_objective import log_target, scenario
 from validation.fit import fit
 from validation.fit.objective import FitCost, PathRater, path_offsets
 from validation.fit.problem import FitProblem
-from validation.fit.refine import APART, Driven, choose_starts, descend
+from validation.fit.refine import APART, Remembered, choose_starts, descend
 from validation.fit.run import FitSearch
 from validation.plants.profile import Profile
 from validation.plants.searchable import find, make_space
@@ -142,14 +142,14 @@ class Line:
 def test_errors_of_a_log_count_by_their_size() -> None:
     errors = {}
     for robust in (True, False):
-        end = descend(Line(9), np.array([0.9, 0.9]), Driven(), 1, robust, lambda: None)
+        end = descend(Line(9), np.array([0.9, 0.9]), Remembered(), 1, robust, lambda: None)
         errors[robust] = float(np.abs(end - [0.3, 0.4]).max())
     assert errors[True] < 0.03
     assert errors[False] > 0.1
 
 
 def test_what_was_driven_is_not_driven_again() -> None:
-    line, driven = Line(0), Driven()
+    line, driven = Line(0), Remembered()
     one = descend(line, np.array([0.9, 0.1]), driven, 1, False, lambda: None)
     asked = line.asked
     assert asked == len(driven)

@@ -27,7 +27,7 @@ INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
 TOLERANCE = 1e-4
 """Relative change of the sum of squares, or of the point, at which least squares end."""
-MOST_STEPS = 25
+MOST_DESCENT = 25
 """Greatest number of steps from one start, with one scale."""
 MOST_SCALES, SAME_SCALE = 5, 0.8
 """Robust least squares begin anew with the errors' median size as the scale, at most so often, and while it shrinks so much
@@ -43,7 +43,7 @@ class Residuals(Protocol):
 
 
 @dataclass
-class Driven:
+class Remembered:
     """Everything that least squares have driven: points of the unit cube, and their errors."""
 
     points: list[FloatArray] = field(default_factory=list)
@@ -82,7 +82,7 @@ def choose_starts(points: FloatArray, costs: FloatArray) -> FloatArray:
 def descend(
     problem: Residuals,
     start: FloatArray,
-    driven: Driven,
+    driven: Remembered,
     workers: int,
     robust: bool,
     on_step: Callable[[], object],
@@ -125,7 +125,7 @@ def descend(
     for _ in range(MOST_SCALES if robust else 1):
         end = least_squares(
             errors, begin, jac=jacobian, bounds=box, method="trf", loss="soft_l1" if robust else "linear", f_scale=scale,
-            xtol=TOLERANCE, ftol=TOLERANCE, gtol=None, max_nfev=MOST_STEPS,
+            xtol=TOLERANCE, ftol=TOLERANCE, gtol=None, max_nfev=MOST_DESCENT,
         )  # fmt: skip
         begin, before, scale = np.clip(end.x, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE), scale, _size(errors(end.x))
         if scale > SAME_SCALE * before:

@@ -22,7 +22,7 @@ from validation.fit.data import Scored
 from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
-from validation.fit.search import Evaluate, FreeParameters, SearchOptions, put_options, search_for
+from validation.fit.search import Evaluate, FreeParameters, Search, SearchOptions, put_options, search_for
 from validation.fit.targets import FitSources, is_scenario, open_targets
 from validation.fit.uncertainty import Uncertainty, estimate, found_parameters, sentences
 from validation.motion.driving import drive, horizons_of, standing_sentences, window_errors_of
@@ -123,16 +123,7 @@ def fit(
     targets, held_out = open_targets(names, base, sources)
     problem = FitProblem(model, begun, space, targets, cost)
     _require_possible(problem)
-    with contextlib.ExitStack() as stack:
-        evaluate: Evaluate | None = None
-        if search.scheduler is not None:
-            from validation.fit.cluster import Cluster
-
-            evaluate = stack.enter_context(Cluster(search.scheduler, problem))
-        most = 0 if method == "lsq" else None
-        found = search_for(problem, settings, search, start, progress, evaluate, most)
-        if method != "jde" and not found.interrupted:
-            found.refine(problem, search.threads, occasion == "recording", method == "lsq", search.checkpoint, progress)
+    found = _searched(problem, settings, search, start, occasion, progress)
     total = settings.generations + 1
     progress(Progress(total, total, "standard errors and scores"))
     point, before = found.best, [find(model, name, begun.robot).read(begun) for name in space.names]
@@ -152,9 +143,37 @@ def fit(
         options=_record(problem, settings, sources, parameters, search),
         **found.outcome(),
     )
-    words = {"jde": "", "hybrid": ", then least squares", "lsq": "least squares"}[method]
-    evolution = "" if method == "lsq" else f"jDE {settings.strategy} {settings.crossover}, population {settings.population}"
-    return replace(result, profile=_fitted_profile(result, base, problem.candidate(point), evolution + words))
+    return replace(result, profile=_fitted_profile(result, base, problem.candidate(point), _in_words(method, settings)))
+
+
+def _searched(
+    problem: FitProblem,
+    settings: JdeSettings,
+    search: FitSearch,
+    start: FloatArray | None,
+    occasion: Occasion,
+    progress: Report,
+) -> Search:
+    """Return the search after all its stages, or where it was interrupted."""
+    with contextlib.ExitStack() as stack:
+        evaluate: Evaluate | None = None
+        if search.scheduler is not None:
+            from validation.fit.cluster import Cluster
+
+            evaluate = stack.enter_context(Cluster(search.scheduler, problem))
+        alone = search.method == "lsq"
+        found = search_for(problem, settings, search, start, progress, evaluate, 0 if alone else None)
+    if search.method != "jde" and not found.interrupted:
+        found.refine(problem, search.threads, occasion == "recording", alone, search.checkpoint, progress)
+    return found
+
+
+def _in_words(method: Method, settings: JdeSettings) -> str:
+    """Return how a fit searched, as the provenance of a profile says it."""
+    if method == "lsq":
+        return "least squares"
+    then = ", then least squares" if method == "hybrid" else ""
+    return f"jDE {settings.strategy} {settings.crossover}, population {settings.population}{then}"
 
 
 def _warnings(targets: Sequence[FitTarget]) -> list[str]:

@@ -25,7 +25,7 @@ from ssmr.types import FloatArray
 from validation import reading, store
 from validation.fit.checkpoint import CheckpointError, damaged, read_arrays, write_arrays
 from validation.fit.data import SearchTrace
-from validation.fit.refine import Driven, Residuals, choose_starts, descend
+from validation.fit.refine import Remembered, Residuals, choose_starts, descend
 from validation.progress import Progress, Report, silent
 
 CHECKPOINT = "checkpoint.npz"
@@ -180,7 +180,7 @@ class Search:
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""
     interrupted: bool = False
-    driven: Driven = field(default_factory=Driven)
+    driven: Remembered = field(default_factory=Remembered)
     """What least squares have driven after the optimiser."""
     refined: tuple[FloatArray, float] | None = None
     """The best point that least squares found, and its cost; None where they found none that is better."""
@@ -324,19 +324,19 @@ class Search:
         }
 
 
-def _driven(data: Mapping[str, NDArray[Any]], n: int) -> Driven:
+def _driven(data: Mapping[str, NDArray[Any]], n: int) -> Remembered:
     """Return what a checkpoint holds of least squares; nothing for one that was written before they began.
 
     Raises:
         ValueError: it holds something else.
     """
     if "lsq_points" not in data:
-        return Driven()
+        return Remembered()
     points, errors = data["lsq_points"], data["lsq_errors"]
     fit = points.ndim == errors.ndim == 2 and points.shape[1] == n and len(points) == len(errors)
     if not fit or points.dtype != np.float64 or errors.dtype != np.float64:
         raise ValueError("what least squares have driven has another shape")
-    return Driven(list(points), list(errors))
+    return Remembered(list(points), list(errors))
 
 
 def _texts(document: str) -> dict[str, str]:

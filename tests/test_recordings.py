@@ -351,6 +351,18 @@ def test_measured_wheel_rates_go_on_between_samples() -> None:
     np.testing.assert_allclose(c.values, np.outer(middle, [3.0, -2.0]), atol=1e-12)
 
 
+def test_sides_that_are_refreshed_in_turn_are_interpolated_one_by_one() -> None:
+    """A side is not measured anew when the other one is: Warthogs log each side four times a second, 0.1 s apart."""
+    t = np.arange(101) * 0.05
+    refreshed_at = [np.maximum(np.floor((np.arange(101) - k) / 5) * 5 + k, 0) * 0.05 for k in (0, 2)]
+    rates = {"enc_left": list(3.0 * refreshed_at[0]), "enc_right": list(1.0 - 2.0 * refreshed_at[1])}
+    c = timed(list(t), **rates).segments()[0].commands("wheels", 0.01)
+    middle = (np.arange(c.n) + 0.5) * 0.01
+    ends = (middle > 0.1) & (middle < 4.8)  # until the last sample that is new to a side
+    truth = np.column_stack([3.0 * middle, 1.0 - 2.0 * middle])
+    np.testing.assert_allclose(c.values[ends], truth[ends], atol=1e-12)
+
+
 def test_a_wheel_that_held_its_rate_did_not_creep() -> None:
     """A constant stretch stays constant until one refresh before the jump that ends it."""
     t = np.arange(61) * 0.05

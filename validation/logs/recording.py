@@ -227,8 +227,8 @@ class Segment:
 
         Commands are held until the next sample (zero-order hold): each grid time takes the last sample at or before it,
         where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are measurements of something that goes on
-        between samples: they are interpolated linearly from one fresh sample to the next and taken in the middle of each
-        period. Holding them would make the wheels late by half a sample.
+        between samples: they are interpolated linearly from one fresh sample of a side to its next and taken in the middle of
+        each period. Holding them would make the wheels late by half a sample. The sides may be refreshed in turn.
 
         There are ceil(duration / dt) commands, so that only the last may end after the last sample.
 
@@ -248,9 +248,10 @@ class Segment:
         t = self.t - self.t[0]
         n = max(1, math.ceil((float(t[-1]) - TIME_ROUNDOFF) / dt))
         if kind == "wheels":
-            known = refreshed(t, values)
             middle = (np.arange(n) + 0.5) * dt
-            return Commands(dt, np.column_stack([np.interp(middle, t[known], c) for c in values[known].T]), kind)
+            known = [refreshed(t, side[:, None]) for side in values.T]
+            sides = [np.interp(middle, t[new], side[new]) for new, side in zip(known, values.T, strict=True)]
+            return Commands(dt, np.column_stack(sides), kind)
         held = np.searchsorted(t, np.arange(n) * dt + TIME_ROUNDOFF, side="right") - 1
         return Commands(dt, values[held], kind)
 

@@ -13,7 +13,7 @@ HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 
 
 def test_the_profiles_are_shipped() -> None:
-    assert set(shipped()) >= {"thesis-lab", "thesis-printed", "husky-tile", "husky-wet-grass"}
+    assert set(shipped()) >= {"thesis-lab", "thesis-printed", "husky-tile", "husky-wet-grass", "warthog-grass"}
 
 
 @pytest.mark.parametrize("name", shipped())

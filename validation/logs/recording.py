@@ -227,8 +227,8 @@ class Segment:
 
         Commands are held until the next sample (zero-order hold): each grid time takes the last sample at or before it,
         where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are measurements of something that goes on
-        between samples: they are interpolated linearly from one fresh sample of a side to its next and taken in the middle of
-        each period. Holding them would make the wheels late by half a sample. The sides may be refreshed in turn.
+        between samples: each side is interpolated linearly from one fresh sample of its own to the next and taken in the
+        middle of each period. Holding them would make the wheels late by half a sample.
 
         There are ceil(duration / dt) commands, so that only the last may end after the last sample.
 

@@ -1,0 +1,98 @@
+"""A real Warthog on grass: what docs/warthog.md says of it, and of the profile warthog-grass."""
+
+from __future__ import annotations
+
+import runpy
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ssmr.metrics.windows import WindowErrors
+from tests.conftest import data_folder
+from validation.motion.sources import Source, open_source
+from validation.plants.profile import PLANTS, Profile, load_profile
+
+page = SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_warthog_figure.py")))
+"""The script that prints the page's numbers."""
+LOG = data_folder() / "warthog_grass" / "warthog_grass_train.csv"
+PROFILE = load_profile(page.PROFILE)
+
+
+@cache
+def part(held_out: bool) -> Source:
+    if not LOG.is_file():
+        pytest.skip(f"no recording of a Warthog in {data_folder()}")
+    return open_source(str(LOG), "wheels", *((page.SPLIT, None) if held_out else (None, page.SPLIT)))
+
+
+def errors(plant: str, held_out: bool, profile: Profile = PROFILE) -> WindowErrors:
+    return page.window_errors(part(held_out), profile, plant)
+
+
+@pytest.mark.parametrize(("plant", "position", "yaw"), [("mujoco", 0.09, 0.03), ("kinematic", 0.105, 0.036)])
+def test_the_held_out_part_is_predicted_as_the_page_says(plant: str, position: float, yaw: float) -> None:
+    found = errors(plant, held_out=True)
+    assert len(found.position) == 25
+    assert np.median(found.position) < position
+    assert np.median(found.yaw) < yaw
+    kept = PROFILE.provenance[plant]["held_out"]["warthog_grass_train.csv (wheels)"]
+    assert np.median(found.position) == pytest.approx(kept["position_median_6s_m"], abs=0.002)
+    assert np.median(found.yaw) == pytest.approx(kept["yaw_median_6s_rad"], abs=0.001)
+
+
+def test_mujoco_predicts_positions_better_because_it_drifts() -> None:
+    mujoco, kinematic = errors("mujoco", held_out=False), errors("kinematic", held_out=False)
+    assert mujoco.differs_from(kinematic)[0]
+    assert mujoco.position.mean() < 0.85 * kinematic.position.mean()
+    section = PROFILE.plants["mujoco"]
+    gripping = replace(section, parameters=replace(section.parameters, friction=2.0))
+    firm = replace(PROFILE, plants=MappingProxyType({**PROFILE.plants, "mujoco": gripping}))
+    assert errors("mujoco", False, firm).position.mean() > 1.15 * mujoco.position.mean()
+
+
+def test_kinematics_that_drift_fit_better_and_find_the_same_drift_in_both_parts() -> None:
+    firm, loose = (page.Drift(part(False), (6.0, 15.0)) for _ in range(2))
+    without, with_drift = firm.fit(drifts=False), loose.fit(drifts=True)
+    assert without[-1] == 0.0
+    assert loose.cost(with_drift) < 0.82 * firm.cost(without)
+    assert with_drift[-1] == pytest.approx(0.15, abs=0.01)
+    assert page.Drift(part(True), (6.0,)).fit(drifts=True)[-1] == pytest.approx(with_drift[-1], abs=0.03)
+
+
+def test_the_sides_are_refreshed_in_turn() -> None:
+    part(False)
+    table = np.genfromtxt(LOG, delimiter=",", names=True)
+    new = [np.flatnonzero(np.diff(table[side]) != 0.0) for side in ("enc_left", "enc_right")]
+    assert not set(new[0]) & set(new[1])
+    for at in new:
+        steps = np.diff(table["t"][at])
+        assert np.median(steps) == pytest.approx(0.25, abs=0.002)
+
+
+def test_a_speed_loop_with_an_integral_part_turns_the_wheels_as_slowly_as_the_robot_does() -> None:
+    part(True)
+    off = {}
+    for plant in ("mujoco", "coulomb", "linear", "kinematic"):
+        found = [page.wheel_rates(str(LOG), span, PROFILE, plant) for span in page.COMMANDED[1]]
+        off[plant] = np.mean([np.abs(motion.wheels - measured).mean() for _, measured, motion in found])
+    assert max(off["mujoco"], off["coulomb"], off["linear"]) < 0.85 * off["kinematic"]
+    assert off["mujoco"] == pytest.approx(0.262, abs=0.01)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_position_and_heading_come_from_one_localiser(plant: str) -> None:
+    localiser = PROFILE.plants[plant].localiser
+    assert localiser.position_late == localiser.yaw_late
+    assert 0.23 < localiser.position_late < 0.27
+
+
+def test_the_profile_is_of_a_warthog_with_payload() -> None:
+    assert PROFILE.robot.name == "warthog"
+    for plant in ("mujoco", "improved"):
+        section = PROFILE.plants[plant]
+        mass = section.parameters.mass if plant == "mujoco" else section.vehicle.mass
+        assert mass == 497.0 > PROFILE.robot.masses.total

@@ -205,9 +205,17 @@ View = Annotated[Flag, option(help="Open the recording in the rerun viewer after
 NoRerun = Annotated[Flag, option(help="Do not write the rerun recording (.rrd).", default="off")]
 
 
-def profile_option(default: str | None = None) -> object:
-    """Return the annotation of `--profile`; `default` says in words which profile is taken without it."""
-    return option(metavar="PROFILE", default=default, help="Name of a shipped profile, or path of a profile (.toml).")
+Robot = Annotated[
+    str | None,
+    option(metavar="ROBOT", default="the profile's", help="Name of a shipped robot, or path of a robot's file (.toml)."),
+]
+"""The robot, by name or path; None for that of the profile."""
+
+
+def profile_option(default: str) -> object:
+    """Return the annotation of `--profile`; `default` says in words which profile is taken without it and `--robot`."""
+    hint = f"{default}; for another --robot the numbers of its file"
+    return option(metavar="PROFILE", default=hint, help="Name of a shipped profile, or path of a profile (.toml).")
 
 
 def out_option(default: str) -> object:

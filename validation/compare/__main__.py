@@ -37,7 +37,7 @@ class Environment:
     disturbance: cli.Flag = False
     """Push all plants with the same random yaw acceleration."""
     terrain: Annotated[str, cli.option(metavar="GROUND")] = "flat"
-    """Ground under the MuJoCo Husky: flat, ramp:DEG, rough:MM or split:RATIO; see docs/terrain.md for more keys."""
+    """Ground under the MuJoCo robot: flat, ramp:DEG, rough:MM or split:RATIO; see docs/terrain.md for more keys."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class CompareOptions:
 
     source: Annotated[str, tyro.conf.Positional, cli.option(metavar="SOURCE")]
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, or the path of a recording."""
+    robot: cli.Robot = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="all")] = ()
     """Plants to drive, separated by commas, such as mujoco,improved. A wrong name lists all."""
@@ -87,7 +88,9 @@ def main(options: CompareOptions) -> None:
             log.input, log.horizons, log.start, log.until, environment.noise, environment.disturbance,
             options.run.seed, parse_terrain(environment.terrain), log.limits,
         )  # fmt: skip
-        prepared = prepare(options.source, options.profile, options.plants or PLANTS, options.reference, settings)
+        prepared = prepare(
+            options.source, options.profile, options.plants or PLANTS, options.reference, settings, robot=options.robot
+        )
     with cli.shown("comparing") as progress:
         comparison = prepared.run(options.run.workers, progress)
     folder = cli.output_folder(options.folder())

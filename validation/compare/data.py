@@ -12,6 +12,7 @@ from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, IndexArray, Trajectory
+from validation.show.tables import with_robot
 from validation.simulator.description import Robot, load_robot
 from validation.simulator.health import Health
 from validation.simulator.terrain import FLAT, Terrain
@@ -35,11 +36,11 @@ class PlantResult:
     real_time_factor: float
     """Simulated over wall time [1]."""
     health: Health | None = None
-    """The verdict on the wheel loads; only the MuJoCo Husky has one, and only on even ground."""
+    """The verdict on the wheel loads; only a MuJoCo robot has one, and only on even ground."""
     localiser: Localiser = Localiser()
     """The frame in the plant's body whose motion `pieces` is."""
     loads: WheelLoads | None = None
-    """The loads that its wheels carried; only the MuJoCo Husky knows them."""
+    """The loads that its wheels carried; only a MuJoCo robot knows them."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """All numbers that define the plant, as plain values."""
     windows: Mapping[float, WindowErrors] = field(default_factory=dict)
@@ -74,7 +75,7 @@ class ComparisonData:
     versions: Mapping[str, str]
     """Versions of this project, Python and the packages that decide numbers."""
     terrain: Terrain = FLAT
-    """The ground that the MuJoCo Husky stood on."""
+    """The ground that the MuJoCo robot stood on."""
     warnings: tuple[str, ...] = ()
     """Sentences about what is wrong with the recording."""
     scoring: Mapping[float, tuple[tuple[IndexArray, IndexArray], ...]] = field(default_factory=dict)
@@ -82,3 +83,8 @@ class ComparisonData:
     localiser. Empty where the reference is a plant."""
     robot: Robot = field(default_factory=load_robot)
     """The robot that the profile is of."""
+
+    @property
+    def profile_label(self) -> str:
+        """Name of the profile, and of the robot where the first does not tell the second."""
+        return with_robot(self.profile, self.robot.name)

@@ -255,7 +255,7 @@ def _footer(comparison: ComparisonData) -> str:
     """Return in one line how the picture was made."""
     parts = [
         f"source {shortened(Path(comparison.source).name, 32)}",
-        f"profile {shortened(comparison.profile, 20)}",
+        f"profile {shortened(comparison.profile_label, 32)}",
         f"reference {comparison.reference_name}",
         f"seed {comparison.seed}",
         *([] if comparison.terrain == FLAT else [f"terrain {comparison.terrain.spec}"]),

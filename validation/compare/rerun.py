@@ -94,17 +94,18 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
             plots.update(_plots_of(track))
         gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)])
         recording.send_blueprint(_layout(tracks, plots, histories), make_active=False, make_default=True)
-        about = {"source": c.source, "profile": c.profile, "reference": c.reference_name, "seed": c.seed}
+        about: dict[str, object] = {"source": c.source, "profile": c.profile, "robot": c.robot.name}
+        about |= {"reference": c.reference_name, "seed": c.seed}
         options = {name: str(value) for name, value in c.options.items()}
         properties: dict[str, Mapping[str, object]] = {"comparison": about, "options": options, "versions": c.versions}
-        write_about(recording, f"{c.source}, profile {c.profile}", properties, report_markdown)
+        write_about(recording, f"{c.source}, profile {c.profile_label}", properties, report_markdown)
         _write_scene(recording, tracks)
         for entity, series in plots.items():
             write_series(recording, f"plots/{entity}", series, gaps)
         for history in histories:
             _write_history(recording, history)
 
-    identity = identify((c.source, c.profile, c.reference_name, c.seed, sorted(c.options.items())), tracks)
+    identity = identify((c.source, c.profile, c.robot.name, c.reference_name, c.seed, sorted(c.options.items())), tracks)
     data = encode(identity, fill)
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 

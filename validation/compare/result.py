@@ -53,6 +53,7 @@ class Comparison(ComparisonData, Result):
             "schema": _SCHEMA,
             "source": self.source,
             "profile": self.profile,
+            "robot": self.robot.name,
             "reference": self.reference_name,
             "seed": self.seed,
             "options": dict(self.options),

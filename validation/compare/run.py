@@ -23,8 +23,9 @@ from validation.compare.table import headline_horizon
 from validation.logs.limits import USUAL, LogLimits
 from validation.motion.driving import drive, horizons_of, scoring_windows, standing_sentences, window_errors_of
 from validation.motion.sources import RECORDING, Source, open_source
-from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
+from validation.plants.profile import PLANTS, Profile, choose_profile, make_plant
 from validation.progress import Progress, Report, silent
+from validation.simulator.description import Robot
 from validation.simulator.health import Health, examine, run_health
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
@@ -57,7 +58,7 @@ class CompareSettings:
     seed: int = 0
     """Seed of noise and disturbance."""
     terrain: Terrain = FLAT
-    """Ground of the MuJoCo Husky; the planar models know only level ground of one friction."""
+    """Ground of the MuJoCo robot; the planar models know only level ground of one friction."""
     limits: LogLimits = USUAL
     """Greatest sizes and numbers of a recording."""
 
@@ -180,18 +181,21 @@ def compare(
     settings: CompareSettings | None = None,
     workers: int | None = None,
     progress: Report = silent,
+    *,
+    robot: str | Path | Robot | None = None,
 ) -> Comparison:
     """Drive every plant with the same commands and compare each with the reference.
 
     Args:
         source: `traj1` ... `traj4`, one of them with `@PLANT`, the path of a recording, or an opened source.
         profile: the plants' parameters: a profile, its name or its path; None for `thesis-lab` on a scenario and
-            `husky-tile` on a recording.
+            `husky-tile` on a recording, or the robot's own numbers if they are of another robot than `robot`.
         plants: names of the plants to drive.
         reference: name of the plant to compare with, added to `plants` if need be; None for the source's own reference.
         settings: horizons, noise, disturbance, seed, terrain.
         workers: threads, None for all processors; the result does not depend on it.
         progress: told how far the work is.
+        robot: the robot, its name or its path; None for that of the profile.
 
     Returns:
         The comparison, which prints (`table()`), draws (`figure()`) and saves (`save(folder)`) itself.
@@ -200,7 +204,7 @@ def compare(
         SsmrError: a plant diverged.
         ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
     """
-    return prepare(source, profile, plants, reference, settings).run(workers, progress)
+    return prepare(source, profile, plants, reference, settings, robot=robot).run(workers, progress)
 
 
 def prepare(
@@ -209,6 +213,8 @@ def prepare(
     plants: Sequence[str] = PLANTS,
     reference: str | None = None,
     settings: CompareSettings | None = None,
+    *,
+    robot: str | Path | Robot | None = None,
 ) -> PreparedComparison:
     """Check everything that a comparison is asked for, and build its plants; the arguments are those of `compare`.
 
@@ -222,8 +228,7 @@ def prepare(
     elif settings.start is not None or settings.until is not None:
         raise ValueError("settings.start and settings.until cut a recording that is given by its path; cut yours before")
     reference = reference or source.reference
-    if not isinstance(profile, Profile):
-        profile = load_profile(str(profile or ("husky-tile" if source.reference == RECORDING else "thesis-lab")))
+    profile = choose_profile(profile, robot, "husky-tile" if source.reference == RECORDING else "thesis-lab")
     asked = {*plants, reference} - ({RECORDING} if source.reference == RECORDING else set())
     if unknown := sorted(asked - set(PLANTS)):
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(PLANTS)}")

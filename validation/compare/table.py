@@ -91,7 +91,7 @@ def _plant_grid(comparison: ComparisonData) -> Grid:
     for name in plants:
         label = f"{name} (ref)" if name == comparison.reference_name else name
         rows.append((Cell(label), *(column[name] for column in columns)))
-    title = f"{one_line(comparison.source)} · profile {one_line(comparison.profile)}"
+    title = f"{one_line(comparison.source)} · profile {one_line(comparison.profile_label)}"
     if comparison.terrain != FLAT:
         title += f" · mujoco on {comparison.terrain.words}"
     caption = f"compared with {comparison.reference_name} · seed {comparison.seed} · emphasised: the best"
@@ -267,6 +267,7 @@ def comparison_markdown(comparison: ComparisonData) -> str:
         "",
         f"- source: {code_span(comparison.source)}",
         f"- profile: {code_span(comparison.profile)}",
+        f"- robot: {code_span(comparison.robot.name)}",
         f"- reference: {code_span(comparison.reference_name)}",
         f"- seed: {comparison.seed}",
         f"- options: {code_span(options) if options else 'none'}",

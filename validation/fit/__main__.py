@@ -95,6 +95,7 @@ class Options:
     """Plant to fit."""
     to: Annotated[str, cli.option(metavar="SOURCE,...")]
     """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
+    robot: cli.Robot = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     sources: Annotated[_Sources, tyro.conf.OmitArgPrefixes] = _Sources()
     parameters: Annotated[_Parameters, tyro.conf.OmitArgPrefixes] = _Parameters()
@@ -121,6 +122,7 @@ def main(options: Options) -> None:
                 options.model,
                 sources,
                 options.profile,
+                robot=options.robot,
                 sources=options.sources,
                 parameters=options.parameters,
                 cost=options.cost,

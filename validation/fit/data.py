@@ -14,6 +14,8 @@ from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import WindowErrors
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
+from validation.show.tables import with_robot
+from validation.simulator.description import USUAL_ROBOT
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ class SearchData:
 
     begun_with: str
     """Name of the profile that the search began with."""
+    robot: str = USUAL_ROBOT
+    """Name of the robot that the profile is of."""
     seed: int
     """Seed of the search."""
     status: str
@@ -106,11 +110,17 @@ class SearchData:
     versions: Mapping[str, str]
     """Versions of this project, Python and the packages that decide numbers."""
 
+    @property
+    def profile_label(self) -> str:
+        """Name of the profile, and of the robot where the first does not tell the second."""
+        return with_robot(self.begun_with, self.robot)
+
     def shared_dict(self) -> dict[str, Any]:
         """Return what the JSON files of fits and tunings have in common."""
         plain = ("seed", "status", "stopped_by", "cost", "cost_name", "evaluations", "generations", "wall_s")
         return {
             "profile": self.begun_with,
+            "robot": self.robot,
             **{name: getattr(self, name) for name in plain},
             "parameters": {p.name: p.as_dict() for p in self.parameters},
             "notes": list(self.remarks),

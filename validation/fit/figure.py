@@ -52,7 +52,7 @@ def _draw_header(result: FitData, ax: Axes) -> None:
     """Draw the title, how the search ended, and the legend of all motions."""
     names = [Path(part.strip()).name for part in result.source.split(",")]
     more = f" and {len(names) - 1} more" * (len(names) > 1)
-    about = f"begun with profile {shortened(result.begun_with, 32)}"
+    about = f"begun with profile {shortened(result.profile_label, 40)}"
     draw_title(result, f"{result.model} fitted to ", f"{shortened(names[0], 80)}{more}", about, ax)
     handles, labels = [], []
     for key, name in {_truth_key(result, s): s.reference_name for s in (*result.train, *result.held_out)}.items():

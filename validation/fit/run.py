@@ -27,10 +27,11 @@ from validation.fit.targets import FitSources, is_scenario, open_targets
 from validation.fit.uncertainty import Uncertainty, estimate, found_parameters, sentences
 from validation.motion.driving import drive, horizons_of, standing_sentences, window_errors_of
 from validation.plants.kind import Occasion, PlantProfile
-from validation.plants.profile import Profile, load_profile, make_plant
+from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress, Report, silent
+from validation.simulator.description import Robot
 
 Method = Literal["jde", "hybrid", "lsq"]
 """How a fit searches: differential evolution; a short one, then least squares; or least squares from one start."""
@@ -70,11 +71,12 @@ class FitSearch(SearchOptions):
         return {"search": self.method, **super().record(settings)}
 
 
-def fit(
+def fit(  # noqa: PLR0913 - what a notebook names
     model: str,
     to: str | Path | Sequence[str | Path],
-    profile: Profile | str | None = None,
+    profile: Profile | str | Path | None = None,
     *,
+    robot: Robot | str | Path | None = None,
     sources: FitSources | None = None,
     parameters: FitParameters | None = None,
     cost: FitCost | None = None,
@@ -92,7 +94,8 @@ def fit(
         to: the source to fit it to, or several: `traj4@mujoco` (the scenario as that plant drives it), or the path of a
             recording.
         profile: the numbers to begin with, or the name or path of a profile; thesis-lab for scenarios and husky-tile for
-            recordings if it is None.
+            recordings if it is None, or the robot's own numbers if these are of another robot than `robot`.
+        robot: the robot, or its name or path; None for that of the profile.
         sources: inputs and time span of recordings, and sources that are held out.
         parameters: the parameters to search, with their bounds.
         cost: the distance that is made small.
@@ -113,7 +116,7 @@ def fit(
     names = [str(to)] if isinstance(to, str | Path) else [str(name) for name in to]
     occasion: Occasion = "scenario" if all(map(is_scenario, names)) else "recording"
     usual = plant_kind(model).free[occasion]
-    base = profile if isinstance(profile, Profile) else load_profile(profile or PROFILES[occasion])
+    base = choose_profile(profile, robot, PROFILES[occasion])
     begun = with_values(model, base.plants[model], list(parameters.fix), parameters.fix.values())
     free = usual if parameters.free is None else parameters.free
     space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds, begun.robot)
@@ -131,6 +134,7 @@ def fit(
     result = FitResult(
         model=model,
         begun_with=base.name,
+        robot=base.robot.name,
         profile=base,
         source=",".join(names),
         seed=search.seed,

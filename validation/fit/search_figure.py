@@ -192,7 +192,7 @@ def _search_rows(looks: SearchLooks) -> list[Row]:
 def search_page(header: Panel, looks: SearchLooks, details: Sequence[Row], notes: Sequence[str]) -> Figure:
     """Put a search's picture together: header, course and values of the search, further rows, notes and footer."""
     result = looks.result
-    parts = [f"profile {shortened(result.begun_with, 24)}", f"seed {result.seed}"]
+    parts = [f"profile {shortened(result.profile_label, 32)}", f"seed {result.seed}"]
     shown = [k for k in ("objective", "strategy", "population") if k in result.options]
     parts += [f"{k} {option_text(result.options[k])}" for k in shown]
     parts += [f"{k} {result.versions[k]}" for k in result.versions if k in ("ssmr-testbed", "mujoco", "numpy")]

@@ -161,7 +161,7 @@ def _overlapping_grids(result: FitData) -> list[Grid]:
 
 def fit_grids(result: FitData) -> list[Grid]:
     """Return the parameters, the scores on each source, and median errors by horizon where there are recordings."""
-    title = f"{result.model} fitted to {one_line(result.source)} · begun with profile {one_line(result.begun_with)}"
+    title = f"{result.model} fitted to {one_line(result.source)} · begun with profile {one_line(result.profile_label)}"
     parameters = parameter_grid(result.parameters, "parameter", "before")
     caption = f"{effort(result)}\n{ending(result)}\n"
     parameters = replace(parameters, title=title, caption=caption)
@@ -189,6 +189,7 @@ def fit_markdown(result: FitData) -> str:
         f"- plant: {tables.code_span(result.model)}",
         f"- source: {tables.code_span(result.source)}",
         f"- begun with profile: {tables.code_span(result.begun_with)}",
+        f"- robot: {tables.code_span(result.robot)}",
         f"- {effort(result)}",
         f"- status: {ending(result)}",
         f"- options: {tables.code_span(options) if options else 'none'}",

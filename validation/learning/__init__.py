@@ -1,4 +1,4 @@
-"""Reinforcement learning: the MuJoCo Husky as a dm_control entity, and trajectory tracking as a `dm_env` environment."""
+"""Reinforcement learning: a MuJoCo robot as a dm_control entity, and trajectory tracking as a `dm_env` environment."""
 
 import lazy_loader as lazy
 

@@ -7,6 +7,7 @@ command that a robot reads every 50 ms, and the errors are those that the contro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -23,7 +24,7 @@ from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import Driver, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
-from validation.plants.profile import PlantProfile, Profile, load_profile, make_plant
+from validation.plants.profile import PlantProfile, Profile, choose_profile, make_plant
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot
 from validation.simulator.description import WHEELS, Robot
@@ -266,20 +267,28 @@ def _checked(action: Any) -> tuple[float, float]:
 
 
 def tracking(
-    profiles: str = "thesis-lab", reference: str = "circle", speed: float | None = 0.25, seed: int | None = None
+    profiles: str | None = None,
+    reference: str = "circle",
+    speed: float | None = 0.25,
+    seed: int | None = None,
+    *,
+    robot: str | Path | Robot | None = None,
 ) -> composer.Environment:
     """Return trajectory tracking as a `dm_env` environment.
 
     Args:
-        profiles: names of profiles or paths, comma-separated; each episode takes one at random.
+        profiles: names of profiles or paths, comma-separated; each episode takes one at random. None for `thesis-lab`, or
+            the robot's own numbers if that is of another robot than `robot`.
         reference: line, circle, sine, generic, or a file of waypoints.
         speed: mean speed of the reference [m/s].
         seed: seed of the draws.
+        robot: the robot, its name or its path; None for that of the profiles.
 
     Raises:
         ValueError: profiles or waypoints that cannot be read, or do not go together.
     """
-    chosen = [load_profile(name.strip()) for name in profiles.split(",") if name.strip()]
+    named = [None] if profiles is None else [name.strip() for name in profiles.split(",") if name.strip()]
+    chosen = [choose_profile(name, robot, "thesis-lab") for name in named]
     _, waypoints = open_reference(reference, speed)
     return composer.Environment(
         Tracking(chosen, waypoints),

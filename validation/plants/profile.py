@@ -26,7 +26,7 @@ from ssmr.types import Plant
 from validation import reading, store
 from validation.plants.kind import PlantProfile
 from validation.plants.table import PLANTS, plant_kind
-from validation.simulator.description import Robot, load_robot, parse_robot
+from validation.simulator.description import USUAL_ROBOT, Robot, load_robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -161,7 +161,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     reading.require_known(
         document, {"schema", "name", "description", "robot", "vehicle", "drive", "plants", "provenance"}, "the top level"
     )
-    robot = _robot(document.get("robot", "husky"))
+    robot = _robot(document.get("robot", USUAL_ROBOT))
     vehicle = _fill(robot.vehicle, document.get("vehicle", {}), "vehicle")
     drive = _fill(robot.drive, document.get("drive", {}), "drive")
     sections = document.get("plants", {})

@@ -54,7 +54,8 @@ class LogOptions:
 class SimulationOptions:
     """Options that matter only where SOURCE is a drive to be simulated."""
 
-    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    robot: cli.Robot = None
+    profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     seed: cli.Seed = 0
 
 
@@ -125,7 +126,7 @@ def _info(options: InfoOptions) -> None:
     with cli.mistakes_are_users():
         if options.json is not None:
             check_apart(options.json, options.source)
-        found = info(options.source, bag.reading(), simulation.profile, simulation.seed)
+        found = info(options.source, bag.reading(), simulation.profile, simulation.seed, robot=simulation.robot)
     for fault in found.log.faults:
         cli.warn(fault)
     if options.json is not None:
@@ -147,7 +148,9 @@ def _convert(options: ConvertOptions) -> None:
     target = options.out or Path("runs") / "recordings" / f"{file_name(Path(options.source).stem)}.csv"
     with cli.mistakes_are_users():
         settings = ConvertSettings(*astuple(changes))
-        converted = convert(options.source, settings, bag.reading(), simulation.profile, simulation.seed, target)
+        converted = convert(
+            options.source, settings, bag.reading(), simulation.profile, simulation.seed, target, robot=simulation.robot
+        )
         try:
             converted.save(target)
         except OSError as error:

@@ -14,9 +14,10 @@ from validation.logs.log import Log, ReadOptions
 from validation.logs.offsets import estimate_offsets, synchronised
 from validation.logs.recording import Recording, RecordingError
 from validation.logs.rest import find_rest, unbiased
-from validation.plants.profile import Profile, load_profile
+from validation.plants.profile import Profile, choose_profile
 from validation.recordings.result import ConvertedLog, LogInfo
 from validation.recordings.simulated_log import is_simulated, simulated_log
+from validation.simulator.description import Robot
 
 
 @dataclass(frozen=True)
@@ -53,15 +54,22 @@ class ConvertSettings:
 
 
 def open_log(
-    source: str | Path, options: ReadOptions | None = None, profile: str | Profile = "thesis-lab", seed: int = 0
+    source: str | Path,
+    options: ReadOptions | None = None,
+    profile: str | Path | Profile | None = None,
+    seed: int = 0,
+    *,
+    robot: str | Path | Robot | None = None,
 ) -> Log:
     """Read a log, or drive a plant and log it.
 
     Args:
         source: path of a log, or a drive to be simulated, such as traj4@mujoco.
         options: choices for logs with topics; all guessed if not given.
-        profile: profile of the plant that is driven.
+        profile: profile of the plant that is driven; None for `thesis-lab`, or the robot's own numbers if that is of another
+            robot than `robot`.
         seed: seed of its sensors' noise.
+        robot: the robot that is driven, its name or its path; None for that of the profile.
 
     Raises:
         ValueError: the log cannot be opened, or the seed is negative.
@@ -70,13 +78,17 @@ def open_log(
     if seed < 0:
         raise ValueError(f"seed {seed} must not be negative")
     if is_simulated(str(source)):
-        chosen = load_profile(profile) if isinstance(profile, str) else profile
-        return Log(Path(source), simulated_log(str(source), chosen, seed))
+        return Log(Path(source), simulated_log(str(source), choose_profile(profile, robot, "thesis-lab"), seed))
     return read_log(source, options)
 
 
 def info(
-    source: str | Path, options: ReadOptions | None = None, profile: str | Profile = "thesis-lab", seed: int = 0
+    source: str | Path,
+    options: ReadOptions | None = None,
+    profile: str | Path | Profile | None = None,
+    seed: int = 0,
+    *,
+    robot: str | Path | Robot | None = None,
 ) -> LogInfo:
     """Say what a log holds: topics or columns, rates, gaps, faults, offsets of time, the gyro's bias, dead reckoning.
 
@@ -86,7 +98,7 @@ def info(
         ValueError: the log cannot be opened.
         SsmrError: the plant diverged.
     """
-    log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed)
+    log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed, robot=robot)
     groups = log.groups
     return LogInfo(log, tuple(estimate_offsets(groups)), find_rest(groups), reckon(groups), find_faults(groups))
 
@@ -95,9 +107,11 @@ def convert(
     source: str | Path,
     settings: ConvertSettings | None = None,
     options: ReadOptions | None = None,
-    profile: str | Profile = "thesis-lab",
+    profile: str | Path | Profile | None = None,
     seed: int = 0,
     target: str | Path | None = None,
+    *,
+    robot: str | Path | Robot | None = None,
 ) -> ConvertedLog:
     """Bring a log onto one clock, and change it as asked; `ConvertedLog.save(path)` writes it in the format of `path`.
 
@@ -112,7 +126,7 @@ def convert(
     wanted = settings or ConvertSettings()
     if target is not None:
         check_target(target, source)
-    log = open_log(source, options, profile, seed)
+    log = open_log(source, options, profile, seed, robot=robot)
     offsets = tuple(estimate_offsets(log.groups))
     groups = synchronised(log.groups, offsets) if wanted.sync else log.groups
     if wanted.unbias:

@@ -17,7 +17,7 @@ import tyro
 from ssmr.control.laws import CONTROLLERS
 from ssmr.types import State
 from validation import cli
-from validation.plants.profile import load_profile
+from validation.plants.profile import choose_profile
 from validation.ros.control import START_PATIENCE, RobotTopics
 from validation.ros.pilot import Pilot, PilotSettings, StoppedError
 from validation.ros.port import NoGraphError
@@ -36,7 +36,8 @@ stopped, and the drive saved, which takes three seconds and, on a busy machine, 
 class SimOptions:
     """The options of `sim`."""
 
-    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    robot: cli.Robot = None
+    profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     start: Annotated[tuple[float, float, float], cli.option(metavar="X Y YAW", default="the origin")] = (0.0, 0.0, 0.0)
     """Pose of the robot in the tracking system's frame [m, m, rad]."""
     duration: Annotated[float, cli.option(metavar="SECONDS", default="until Ctrl-C")] = math.inf
@@ -91,7 +92,8 @@ class ControlOptions:
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
     """Mean speed between waypoints; it replaces the times of a file."""
-    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    robot: cli.Robot = None
+    profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     gains: Annotated[
         str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any, else tuned")
     ] = None
@@ -102,7 +104,7 @@ class ControlOptions:
 
 
 def sim(options: SimOptions) -> None:
-    """Put the MuJoCo Husky on a ROS 1 graph, in real time, until Ctrl-C.
+    """Put a MuJoCo robot on a ROS 1 graph, in real time, until Ctrl-C.
 
     Its topics are those of a Husky; docs/ros.md lists them.
     """
@@ -110,7 +112,7 @@ def sim(options: SimOptions) -> None:
     with cli.mistakes_are_users():
         if not o.duration > 0.0 or not all(map(math.isfinite, o.start)):
             raise cli.UserError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
-        chosen = load_profile(o.profile)
+        chosen = choose_profile(o.profile, o.robot, "thesis-lab")
         sensors = SensorSettings(noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
     with _on_a_graph():
         simulate_robot(chosen, State(*o.start), o.duration, sensors, wall_time=o.wall_time)
@@ -132,7 +134,7 @@ def control(options: ControlOptions) -> None:
     """
     o, drive = options, options.drive
     with cli.mistakes_are_users():
-        chosen, wanted = load_profile(o.profile), load_gains(o.controller, o.gains)
+        chosen, wanted = choose_profile(o.profile, o.robot, "thesis-lab"), load_gains(o.controller, o.gains)
         label, waypoints = open_reference(o.reference, o.speed)
         settings = PilotSettings(
             v_limit=drive.v_limit, w_limit=drive.w_limit, lookahead=drive.lookahead, absolute=drive.absolute
@@ -143,7 +145,7 @@ def control(options: ControlOptions) -> None:
         topics = RobotTopics(o.topics.odometry, o.topics.pose, o.topics.command, o.topics.feedback == "pose")
         folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{o.controller}-{Path(o.reference).stem}"))
     with _on_a_graph() as interrupt:
-        result = control_robot(pilot, wanted, chosen.name, label, topics, drive.patience)
+        result = control_robot(pilot, wanted, chosen, label, topics, drive.patience)
         interrupt.wait_a_while()
     cli.report_result(result, result.save(folder, recording=False))
     if result.status is DriveStatus.INTERRUPTED:

@@ -70,14 +70,14 @@ def simulate_robot(
 
 
 def control_robot(
-    pilot: Pilot, gains: GainSet, profile: str, reference: str, topics: RobotTopics, patience: float = START_PATIENCE
+    pilot: Pilot, gains: GainSet, profile: Profile, reference: str, topics: RobotTopics, patience: float = START_PATIENCE
 ) -> DriveResult:
     """Drive a robot on the graph along the pilot's reference, and stop it at the end, in doubt, and on any error.
 
     Args:
         pilot: the tracker.
         gains: gains of its controller, for the result.
-        profile: name of the profile that the controller was designed on, for the result.
+        profile: the profile that the controller was designed on, for the result.
         reference: name of the reference, for the result.
         topics: topics of the robot and of a tracking system.
         patience: time for which a robot is waited for [s].
@@ -119,8 +119,8 @@ def control_robot(
         "velocity_period_s": s.period,
     }
     robot = TrackedRobot(
-        gains.controller, gains.name, dict(gains.values), reference, waypoints.speed, "ros", profile, 0, run,
+        gains.controller, gains.name, dict(gains.values), reference, waypoints.speed, "ros", profile.name, 0, run,
         reference_of(run, waypoints), track_metrics(run, waypoints, options), node.drove, options,
-        store.versions(),
+        store.versions(), body=profile.robot,
     )  # fmt: skip
     return DriveResult((robot,), status, why)

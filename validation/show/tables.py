@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from validation.simulator.description import USUAL_ROBOT
 from validation.words import code_span as code_span
 from validation.words import each_line as each_line
 from validation.words import markdown as markdown
@@ -52,6 +53,11 @@ class Unit:
             scaled = float(f"{scaled:.{self.significant}g}")
         text = f"{scaled:.{self.decimals}f}"
         return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def with_robot(profile: str, robot: str) -> str:
+    """Return the name of a profile, followed by that of its robot where the first does not tell the second."""
+    return profile if robot == USUAL_ROBOT or robot in profile else f"{profile} of {robot}"
 
 
 METRES = Unit("m", 1.0, 3)

@@ -50,6 +50,10 @@ WHEEL_FILL = 1.2
 times more about its diameter and 1.23 times more about its axle, as its mass is mostly in the tyre."""
 
 
+USUAL_ROBOT = "husky"
+"""Name of the robot that is meant where none is named."""
+
+
 class RobotError(ValueError):
     """A robot that cannot be found, read or built."""
 
@@ -268,7 +272,7 @@ def shipped_robots() -> list[str]:
 _loaded: dict[str, Robot] = {}
 
 
-def load_robot(name_or_path: str | Path = "husky") -> Robot:
+def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     """Return a shipped robot by name, or the robot of a file by path: TOML, or MJCF with the names of models/husky.xml.
 
     Raises:

@@ -39,7 +39,7 @@ class Study:
 STUDIES = (
     Study("robustness", "How well do trackers keep a robot on its path that is not the robot they were given?"),
     Study("terrain", "Up to which speed, slope, roughness and loss of grip do planar models and trackers hold?"),
-    Study("contact", "What does each physics setting of MuJoCo do to the simulated Husky?"),
+    Study("contact", "What does each physics setting of MuJoCo do to the simulated robot?"),
     Study("tables", "How do the thesis' tables of tracked references (Tab. 4.5-4.36) compare with this project's robots?"),
     Study("gains", "Which of the shipped sets of gains follows which reference best, on which plant?"),
     Study("filter", "How fast does the pose drift that the state filter estimates from wheels and gyro?"),

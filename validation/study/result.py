@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ssmr.parameters import MOST_SEED, require_within
 from validation import store
-from validation.plants.profile import Profile, load_profile
+from validation.plants.profile import Profile, choose_profile
 from validation.show.result import Result
-from validation.show.tables import Grid, markdown, markdown_table
+from validation.show.tables import Grid, markdown, markdown_table, with_robot
+from validation.simulator.description import USUAL_ROBOT, Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,6 +62,8 @@ class StudyResult(Result):
     """Name of the study, as on the command line."""
     title: ClassVar[str]
     """Heading of the report."""
+    robot: str = USUAL_ROBOT
+    """Name of the robot that was studied."""
     versions: Mapping[str, str] = field(default_factory=store.versions)
     """Versions of this project, Python and the packages that decide numbers."""
     status: str = FINISHED
@@ -73,6 +76,10 @@ class StudyResult(Result):
     @abstractmethod
     def findings(self) -> dict[str, Any]:
         """Return what study.json holds besides its schema, the study's name and the versions."""
+
+    def of_profile(self, profile: str) -> str:
+        """Return in words which profile was studied, and which robot where the profile's name does not tell it."""
+        return f"profile {with_robot(profile, self.robot)}"
 
     def figure(self) -> Figure:
         """Return its picture: what `draw_NAME` of the module `figure` in the study's package makes of it."""
@@ -89,7 +96,7 @@ class StudyResult(Result):
 
     def as_dict(self) -> dict[str, Any]:
         """Return what study.json holds: plain values, no NaN."""
-        own = {"schema": self.schema, "study": self.study, "status": self.status}
+        own = {"schema": self.schema, "study": self.study, "status": self.status, "robot": self.robot}
         whole = {**own, **self.findings(), "versions": dict(self.versions)}
         return dict(store.plain(whole))
 
@@ -106,13 +113,15 @@ class StudyResult(Result):
         return [*lines, ", ".join(f"{name} {self.versions[name]}" for name in _REPORTED if name in self.versions) + ".", ""]
 
 
-def profile_of(profile: Profile | str) -> Profile:
+def profile_of(profile: Profile | str | None, robot: Robot | str | None = None, usual: str = "thesis-lab") -> Profile:
     """Return a profile: itself, a shipped one by name, or one from the path of a TOML file.
 
+    Without a profile it is the usual one, or the robot's own numbers if that is of another robot than `robot`.
+
     Raises:
-        ProfileError: there is none of that name, or its numbers are wrong.
+        ValueError: there is none of that name, its numbers are wrong, or it is of another robot.
     """
-    return profile if isinstance(profile, Profile) else load_profile(profile)
+    return choose_profile(profile, robot, usual)
 
 
 MOST_RUNS = 100_000

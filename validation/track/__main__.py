@@ -40,7 +40,7 @@ class World:
     no_disturbance: cli.Flag = False
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
     terrain: Annotated[str, cli.option(metavar="GROUND")] = "flat"
-    """Ground that the MuJoCo Husky stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM or split:FRICTION_RATIO, with more keys
+    """Ground that the MuJoCo robot stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM or split:FRICTION_RATIO, with more keys
     as in validation.compare."""
 
 
@@ -67,7 +67,8 @@ class TrackOptions:
     plant: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = ("improved",)
     """Plant that is the robot. Several, separated by commas, are driven one beside the other; the first one is the one that
     track.json reports."""
-    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    robot: cli.Robot = None
+    profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     control: LawOptions = LawOptions()
     environment: World = World()
     run: cli.Run = field(default_factory=cli.Run)
@@ -91,7 +92,13 @@ def main(options: TrackOptions) -> None:
             options.run.seed,
         )
         asked = prepare_tracking(
-            options.controller, options.reference, options.plant, options.profile, control.gains, settings
+            options.controller,
+            options.reference,
+            options.plant,
+            options.profile,
+            control.gains,
+            settings,
+            robot=options.robot,
         )
     with cli.shown("tracking") as progress:
         tracked = asked.run(options.run.workers, progress)

@@ -15,6 +15,7 @@ from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
 from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
 from ssmr.types import Trajectory
+from validation.show.tables import with_robot
 from validation.simulator.description import Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -87,6 +88,11 @@ class TrackedRobot:
     """Ground of a MuJoCo robot."""
     body: Robot = field(default_factory=load_robot)
     """The robot that the profile is of."""
+
+    @property
+    def profile_label(self) -> str:
+        """Name of the profile, and of the robot where the first does not tell the second."""
+        return with_robot(self.profile, self.body.name)
 
     @property
     def real_time_factor(self) -> float:

@@ -73,7 +73,7 @@ def _draw_title(results: Sequence[TrackedRobot], ax: Axes) -> None:
         word = f"{lost[0].plant} LOST{lost_text(lost[0].run).removeprefix('lost')}"
     else:
         word = f"LOST: {', '.join(f'{r.plant} at {r.run.t[-1]:.2f} s' for r in lost)}"
-    word = word if lost else f"profile {shortened(first.profile, 24)} · seed {first.seed}"
+    word = word if lost else f"profile {shortened(first.profile_label, 32)} · seed {first.seed}"
     ax.text(1.0, 1.0, word, transform=ax.transAxes, ha="right", va="top", fontsize=10.5,
             fontweight="bold" if lost else "normal", color=ALARM if lost else QUIET)  # fmt: skip
 
@@ -130,7 +130,7 @@ def _draw_legend(results: Sequence[TrackedRobot], ax: Axes) -> None:
 
 
 def _footer_text(result: TrackedRobot) -> str:
-    parts = [f"profile {shortened(result.profile, 24)}", f"seed {result.seed}"]
+    parts = [f"profile {shortened(result.profile_label, 32)}", f"seed {result.seed}"]
     options = (("feedback", "feedback {}"), ("lookahead_m", "look-ahead {:g} m"))
     parts += [text.format(result.options[k]) for k, text in options if k in result.options]
     parts += [] if result.terrain == FLAT else [f"terrain {result.terrain.spec}"]

@@ -77,6 +77,7 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
         "reference": first.reference,
         "speed_m_s": first.speed,
         "profile": first.profile,
+        "robot": first.body.name,
         "seed": first.seed,
     }
 
@@ -85,12 +86,18 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
         recording.send_blueprint(_layout([reference, *robots], plots), make_active=False, make_default=True)
         options = {name: str(value) for name, value in first.options.items()}
         properties: dict[str, Mapping[str, object]] = {"tracking": about, "options": options, "versions": first.versions}
-        write_about(recording, f"{headline(first)}, profile {first.profile}", properties, track_markdown(results))
+        write_about(
+            recording,
+            f"{headline(first)}, profile {first.profile_label}",
+            properties,
+            track_markdown(results),
+        )
         _write_scene(recording, reference, robots)
         for entity, series in plots.items():
             write_series(recording, f"plots/{entity}", series, np.empty(0))
 
-    asked = (first.controller, sorted(first.gains.items()), first.reference, first.speed, first.profile, first.seed)
+    whose = first.profile, first.body.name, first.seed
+    asked = (first.controller, sorted(first.gains.items()), first.reference, first.speed, *whose)
     data = encode(identify((*asked, sorted(map(repr, first.options.items()))), [reference, *robots]), fill)
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 

@@ -85,6 +85,7 @@ class TrackResult(Result):
             "speed_m_s": first.speed,
             "plant": first.plant,
             "profile": first.profile,
+            "robot": first.body.name,
             "gains_name": first.gains_name,
             "gains": dict(first.gains),
             "seed": first.seed,

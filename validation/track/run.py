@@ -11,8 +11,9 @@ from ssmr.control.laws import Controller
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from validation import store
-from validation.plants.profile import Profile, load_profile
+from validation.plants.profile import Profile, choose_profile
 from validation.progress import Progress, Report, silent
+from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import TrackedRobot, reference_of
 from validation.track.gains import GainSet, load_gains
@@ -122,15 +123,17 @@ class PreparedTracking:
         )
 
 
-def track(
+def track(  # noqa: PLR0913 - what a notebook names
     controller: str,
     reference: Waypoints | str | Path,
     plant: str | Sequence[str] = "improved",
-    profile: Profile | str | Path = "thesis-lab",
+    profile: Profile | str | Path | None = None,
     gains: GainSet | str | Path | None = None,
     settings: TrackSettings | None = None,
     workers: int | None = None,
     progress: Report = silent,
+    *,
+    robot: Robot | str | Path | None = None,
 ) -> TrackResult:
     """Let one robot or several follow a reference under a controller.
 
@@ -139,12 +142,14 @@ def track(
         reference: waypoints, such as `ssmr.circle(speed=0.5)`; or `line`, `circle`, `sine` or `generic`; or the path of a
             file of waypoints.
         plant: name of the plant that is the robot, or names of several, which are driven one beside the other.
-        profile: parameters of the plants: a profile, its name or its path.
+        profile: parameters of the plants: a profile, its name or its path; None for `thesis-lab`, or the robot's own
+            numbers if that is of another robot than `robot`.
         gains: a set of gains, its name (`published`, `manual`, `tuned`) or its path; None for the published ones where the
             thesis has any, else the tuned ones.
         settings: speed, feedback, disturbance, look-ahead, terrain and seed.
         workers: threads, None for all processors; the result does not depend on it.
         progress: told how far the work is.
+        robot: the robot, its name or its path; None for that of the profile.
 
     Returns:
         The result, which prints (`table()`), draws (`figure()`) and saves (`save(folder)`) itself. `metrics["d_rms_m"]` is
@@ -155,16 +160,18 @@ def track(
         ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
             that do not go together.
     """
-    return prepare_tracking(controller, reference, plant, profile, gains, settings).run(workers, progress)
+    return prepare_tracking(controller, reference, plant, profile, gains, settings, robot=robot).run(workers, progress)
 
 
 def prepare_tracking(
     controller: str,
     reference: Waypoints | str | Path,
     plant: str | Sequence[str] = "improved",
-    profile: Profile | str | Path = "thesis-lab",
+    profile: Profile | str | Path | None = None,
     gains: GainSet | str | Path | None = None,
     settings: TrackSettings | None = None,
+    *,
+    robot: Robot | str | Path | None = None,
 ) -> PreparedTracking:
     """Check everything that tracking is asked for, and build its robots; the arguments are those of `track`.
 
@@ -175,7 +182,7 @@ def prepare_tracking(
     plants = (plant,) if isinstance(plant, str) else tuple(plant)
     if not plants or len(set(plants)) < len(plants):
         raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
-    chosen = profile if isinstance(profile, Profile) else load_profile(str(profile))
+    chosen = choose_profile(profile, robot, "thesis-lab")
     wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None)
     if wanted.controller != controller:
         raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
@@ -189,6 +196,6 @@ def prepare_tracking(
         raise ValueError(f"terrain {settings.terrain.spec} needs the plant mujoco: the planar models know only level ground")
     law = make_controller(chosen, wanted)
     robots = tuple(make_robot(chosen, name, settings.terrain) for name in plants)
-    for robot in robots:
-        require_practicable(waypoints, robot.drive, label)
+    for made in robots:
+        require_practicable(waypoints, made.drive, label)
     return PreparedTracking(law, wanted, label, waypoints, chosen, robots, settings)

@@ -88,7 +88,7 @@ def track_grids(robots: Sequence[TrackedRobot]) -> list[Grid]:
         return Grid(header, (tuple(zip(labels, *(cells for _, cells in which), strict=True)),), 1, title, caption)
 
     first = robots[0]
-    title = f"{headline(first)} · profile {one_line(first.profile)}"
+    title = f"{headline(first)} · profile {one_line(first.profile_label)}"
     caption = f"gains {one_line(first.gains_name)} · seed {first.seed}"
     feedback = first.options.get("feedback")
     if feedback is not None:
@@ -133,6 +133,7 @@ def track_markdown(results: Sequence[TrackedRobot]) -> str:
         f"- gains: {code_span(first.gains_name)}, {code_span(gains_text(first.gains))}",
         f"- reference: {code_span(first.reference)} at {first.speed:.3g} m/s",
         f"- profile: {code_span(first.profile)}",
+        f"- robot: {code_span(first.body.name)}",
         f"- seed: {first.seed}",
         f"- options: {code_span(options) if options else 'none'}",
         f"- versions: {code_span(versions) if versions else 'unknown'}",

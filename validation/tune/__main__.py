@@ -87,7 +87,8 @@ class Options:
     """Controller to tune."""
     reference: Annotated[cli.Names, cli.option(metavar="REF,...")] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, circle@0.5 with its speed, or waypoint files."""
-    profile: Annotated[str, cli.profile_option()] = "thesis-lab"
+    robot: cli.Robot = None
+    profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     task: Annotated[_Task, tyro.conf.OmitArgPrefixes] = _Task()
     parameters: Annotated[_Parameters, tyro.conf.OmitArgPrefixes] = _Parameters()
     cost: Annotated[_Cost, tyro.conf.OmitArgPrefixes] = _Cost()
@@ -112,6 +113,7 @@ def main(options: Options) -> None:
                 options.controller,
                 options.reference,
                 options.profile,
+                robot=options.robot,
                 task=options.task,
                 parameters=options.parameters,
                 cost=replace(options.cost, seeds=range(seed, seed + (options.cost.noise_seeds or 1))),

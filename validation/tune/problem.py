@@ -176,6 +176,7 @@ class TuneProblem:
             "controller": self.base.controller,
             "gains that are held": sorted((k, v) for k, v in self.base.values.items() if k not in self.space.names),
             "parameters or bounds": self.space.limits(),
+            "robot": self.profile.robot.as_document(),
             "profile": [(name, plant.numbers()) for name, plant in sorted(self.profile.plants.items())],
             "references or plants": [
                 (c.reference, c.robot.name, repr(c.robot.terrain), c.waypoints.t.tobytes(), c.waypoints.xy.tobytes())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from ssmr.control.loop import LoopSettings
 from ssmr.types import FloatArray
 from validation.fit.search import SearchOptions, put_options, search_for
 from validation.fit.uncertainty import bound_sentences, found_parameters
-from validation.plants.profile import Profile, load_profile
+from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
+from validation.simulator.description import Robot
 from validation.track.gains import DEFAULT, GainSet, load_gains, names
 from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, odometry_of, require_practicable
 from validation.track.waypoint_files import open_reference
@@ -30,11 +32,12 @@ HELD_OUT = tuple(f"{name}@{speed}" for name in ("line", "circle", "sine", "gener
 """References that a tuning is judged on unless others are named, except those it is tuned on."""
 
 
-def tune(
+def tune(  # noqa: PLR0913 - what a notebook names
     controller: str,
     references: str | Sequence[str] = "generic",
-    profile: Profile | str = "thesis-lab",
+    profile: Profile | str | Path | None = None,
     *,
+    robot: Robot | str | Path | None = None,
     task: TuneTask | None = None,
     parameters: TuneParameters | None = None,
     cost: TuneCost | None = None,
@@ -50,7 +53,9 @@ def tune(
     Args:
         controller: name of the controller.
         references: the reference it must follow, or several: `generic`, `circle@0.5` with its speed [m/s], or a file's path.
-        profile: the plants' parameters, or the name or path of a profile.
+        profile: the plants' parameters, or the name or path of a profile; None for `thesis-lab`, or the robot's own numbers
+            if that is of another robot than `robot`.
+        robot: the robot, or its name or path; None for that of the profile.
         task: plants, held-out references, and noise.
         parameters: the gains to search, with their bounds.
         cost: what is made small.
@@ -70,7 +75,7 @@ def tune(
     )
     if controller not in LAWS:
         raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(LAWS)}")
-    chosen = profile if isinstance(profile, Profile) else load_profile(profile)
+    chosen = choose_profile(profile, robot, "thesis-lab")
     base = _base_gains(controller, parameters)
     make_controller(chosen, base)
     space = make_tuning_space(controller, parameters.free, parameters.all, parameters.bounds, parameters.fix)
@@ -95,6 +100,7 @@ def tune(
     result = TuneResult(
         controller=controller,
         begun_with=chosen.name,
+        robot=chosen.robot.name,
         gain_set=tuned,
         seed=search.seed,
         cost_name=cost.cost,
@@ -181,6 +187,7 @@ def _with_provenance(result: TuneResult) -> GainSet:
         "searched": searched,
         "by_hand": [n for n in result.gains if n not in searched],
         "profile": result.begun_with,
+        "robot": result.robot,
         "cost_name": result.cost_name,
         "cost": result.cost,
         "baseline": result.baseline_name,

@@ -80,7 +80,7 @@ def tune_grids(result: TuneData) -> list[Grid]:
     caption = f"{effort(result)}\ncompared with {against(result)}\n{ending(result)}\n"
     if result.held_gains:
         caption = f"held: {gains_text(result.held_gains)}\n{caption}"
-    title = f"{result.controller} tuned on {one_line(result.source)} · profile {one_line(result.begun_with)}"
+    title = f"{result.controller} tuned on {one_line(result.source)} · profile {one_line(result.profile_label)}"
     return [
         replace(parameter_grid(result.parameters, "gain", "baseline"), title=title, caption=caption),
         replace(_score_grid(result), title=f"Tuned gains compared with {one_line(result.baseline_name)}"),

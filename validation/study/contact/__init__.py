@@ -1,4 +1,4 @@
-"""Contact: MuJoCo's physics settings, one at a time and together, and their effect on the simulated Husky.
+"""Contact: MuJoCo's physics settings, one at a time and together, and their effect on the simulated robot.
 
 `from validation.study.contact import ContactOptions, study_contact`
 """

@@ -105,13 +105,13 @@ class Bench:
     profile: str
     """Name of the lab robot's profile."""
     lab: PlantProfile
-    """MuJoCo Husky that stands for the lab's robot."""
+    """MuJoCo robot that stands for the lab's robot."""
     scenarios: Mapping[str, Piece]
     """Trajectories 1-4."""
     models: Mapping[str, Mapping[str, Trajectory]]
     """Motions of the published models, by model and scenario."""
     recorded: PlantProfile | None = None
-    """MuJoCo Husky that stands for the recorded robot."""
+    """MuJoCo robot that stands for the recorded robot."""
     recording_profile: str | None = None
     """Name of the recorded robot's profile."""
     recording: Source | None = None

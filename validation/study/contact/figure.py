@@ -86,7 +86,7 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
 
 def _draw_header(study: ContactStudy, ax: Axes) -> None:
     ax.set_axis_off()
-    ax.text(0.0, 1.0, "What physics settings do to the simulated Husky", transform=ax.transAxes, fontsize=14.0,
+    ax.text(0.0, 1.0, "What physics settings do to a simulated robot", transform=ax.transAxes, fontsize=14.0,
             fontweight="bold", va="top")  # fmt: skip
     ax.text(0.0, 0.5, f"{study.heading()} · shipped settings (framed), then one change at a time, then several", va="top",
             transform=ax.transAxes, color="0.25")  # fmt: skip
@@ -99,7 +99,7 @@ def draw_contact(study: ContactStudy) -> Figure:
     below = _heights(study)[-1][0] + 0.5 * _ROW_IN
     versions = study.versions
     footer = (
-        f"profile {study.profile} · mujoco {versions.get('mujoco', '?')} · "
+        f"{study.of_profile(study.profile)} · mujoco {versions.get('mujoco', '?')} · "
         f"ssmr-testbed {versions.get('ssmr-testbed', '?')} · python -m validation.study contact"
     )
     rows = [

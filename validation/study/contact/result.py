@@ -85,7 +85,7 @@ MEASURE_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class ContactStudy(StudyResult):
-    """The effect of physics settings on the simulated Husky."""
+    """The effect of physics settings on the simulated robot."""
 
     schema = "ssmr.study.contact/1"
     study = "contact"
@@ -112,7 +112,7 @@ class ContactStudy(StudyResult):
 
     def heading(self) -> str:
         """Return what was studied, in one line."""
-        text = f"{len(self.tried)} settings, profile {self.profile}"
+        text = f"{len(self.tried)} settings, {self.of_profile(self.profile)}"
         return text if self.recording is None else f"{text}; recording with profile {self.recording_profile}"
 
     def notes(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Try physics settings on the MuJoCo Husky."""
+"""Try physics settings on a MuJoCo robot."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from validation.fit.targets import MOST_TIME
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile
 from validation.progress import Progress, Report, silent
+from validation.simulator.description import Robot
 from validation.study.contact.bench import (
     UNDRIVEABLE,
     Bench,
@@ -38,12 +39,14 @@ class ContactOptions:
 
     only: tuple[str, ...] = ()
     """Groups to try besides what is shipped (cone, impratio, "time step", ...); all if none is named."""
-    profile: str | Profile = "thesis-lab"
+    profile: str | Profile | None = None
     """Robot of the lab: name of a shipped profile, or path of a TOML file."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
     recording: str | None = None
     """Path of a real robot's recording (.csv, or a bag) with wheel rates; it adds columns."""
-    recording_profile: str | Profile = "husky-tile"
-    """Robot of the recording: name of a shipped profile, or path of a TOML file."""
+    recording_profile: str | Profile | None = None
+    """Robot of the recording: name of a shipped profile, or path of a TOML file; if none is named, husky-tile."""
     start: float | None = None
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
@@ -60,7 +63,7 @@ class ContactOptions:
 def study_contact(
     options: ContactOptions | None = None, *, workers: int | None = None, progress: Report = silent
 ) -> ContactStudy:
-    """Measure what physics settings do to the MuJoCo Husky, one at a time and together.
+    """Measure what physics settings do to the MuJoCo robot, one at a time and together.
 
     Args:
         options: groups of settings, profile and recording; the defaults if not given.
@@ -74,12 +77,12 @@ def study_contact(
     o = options or ContactOptions()
     recorded, source = None, None
     if o.recording is not None:
-        recorded, source = profile_of(o.recording_profile), open_source(o.recording, "wheels", o.start, o.until)
+        recorded = profile_of(o.recording_profile, o.robot, "husky-tile")
+        source = open_source(o.recording, "wheels", o.start, o.until)
         if source.reference != "recording":
             raise ValueError(f"recording '{o.recording}' is a scenario; wanted the path of a recording")
-    return try_variants(
-        make_bench(profile_of(o.profile), recorded, source), chosen_variants(o.only), workers=workers, progress=progress
-    )
+    bench = make_bench(profile_of(o.profile, o.robot), recorded, source)
+    return try_variants(bench, chosen_variants(o.only), workers=workers, progress=progress)
 
 
 def try_variants(
@@ -119,4 +122,5 @@ def try_variants(
             for k, taken in times.items():
                 tried[k] = replace(tried[k], measures=replace(tried[k].measures, cost_s=float(np.median(taken))))
     recording = None if bench.recording is None else bench.recording.name
-    return ContactStudy(bench.profile, recording, bench.recording_profile, tuple(tried), status=course.status)
+    made = bench.profile, recording, bench.recording_profile, tuple(tried)
+    return ContactStudy(*made, robot=bench.lab.robot.name, status=course.status)

@@ -17,6 +17,7 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.parameters import require_in_range, require_within
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
+from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 from validation.study.result import require_seeds
 from validation.track.loops import ClosedLoopRobot, odometry_of
@@ -101,8 +102,11 @@ class FilterOptions:
     """References to drive: line, circle, sine, generic, or paths of waypoint files."""
     speed: float = 0.25
     """Speed of the references [m/s]."""
-    profiles: tuple[str, ...] = ("thesis-lab", "husky-tile")
-    """Robots: names of shipped profiles or paths of TOML files."""
+    profiles: tuple[str, ...] = ()
+    """Robots on their grounds: names of shipped profiles or paths of TOML files; if none is named, thesis-lab and
+    husky-tile, or the robot's own numbers if these are of another robot than `robot`."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profiles' if none is named."""
     frictions: tuple[float, ...] = (0.3, 0.6, 0.9)
     """Further frictions for the last profile's robot [1]."""
     bias: float = REAL_BIAS
@@ -118,11 +122,11 @@ class FilterOptions:
         """Check the ranges.
 
         Raises:
-            ValueError: no references, profiles or seeds, a name that stands twice, a bias that is no number, or a step that
+            ValueError: no references or seeds, a name that stands twice, a bias that is no number, or a step that
                 the simulation cannot have.
         """
         for what, names in (("references", self.references), ("profiles", self.profiles)):
-            if not names or len(set(names)) < len(names):
+            if len(set(names)) < len(names) or not (names or what == "profiles"):
                 raise ValueError(f"{what} {','.join(names)} must name at least one, and none twice")
         require_seeds(self)
         require_within(self, ("bias",), -100.0, 100.0)

@@ -87,6 +87,7 @@ class FilterStudy(StudyResult):
         grounds = {
             ground.name: {
                 "profile": ground.profile.name,
+                "robot": ground.profile.robot.name,
                 "friction": ground.friction,
                 "filter": asdict(ground.filter_settings(FilterVariant("wheels + gyro"))),
                 "parameters": ground.profile.as_dict()["mujoco"],

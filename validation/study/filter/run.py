@@ -18,7 +18,6 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.sensing import SensorModel, simulate_sensors
 from ssmr.types import State, Trajectory
-from validation.plants.profile import load_profile
 from validation.progress import Progress, Report, silent
 from validation.study.filter.findings import (
     CURVE,
@@ -33,11 +32,13 @@ from validation.study.filter.findings import (
     travelled,
 )
 from validation.study.filter.result import TRACKER, FilterStudy
-from validation.study.result import keeping
+from validation.study.result import keeping, profile_of
 from validation.track.gains import DEFAULT, load_gains
 from validation.track.loops import make_controller, require_practicable, run_robots
 from validation.track.waypoint_files import open_reference
 
+USUAL_PROFILES = ("thesis-lab", "husky-tile")
+"""Profiles whose grounds are driven if none is named."""
 _TICK = 0.01
 """Period of the tracker, and of the truth's samples [s]: two of them are the filter's 20 ms."""
 
@@ -57,7 +58,9 @@ def study_filter(
         ValueError: a profile or a reference cannot be read, or numbers do not go together.
     """
     o = options or FilterOptions()
-    grounds = grounds_of([load_profile(name) for name in o.profiles], o.frictions)
+    usual = [profile_of(None, o.robot, name) for name in USUAL_PROFILES] if not o.profiles else []
+    chosen = {profile.name: profile for profile in (*(profile_of(name, o.robot) for name in o.profiles), *usual)}
+    grounds = grounds_of(list(chosen.values()), o.frictions)
     missions = dict(open_reference(name, o.speed) for name in o.references)
     return drive_missions(grounds, missions, o, workers=workers, progress=progress)
 
@@ -91,7 +94,8 @@ def drive_missions(
                 progress(Progress(len(drives), len(grounds) * len(missions), f"{name}, {ground.name}"))
     speed = next(iter(missions.values())).speed
     references = tuple(dict.fromkeys(drive.reference for drive in drives))
-    return FilterStudy(tuple(grounds), references, speed, options, tuple(drives), status=course.status)
+    studied = ", ".join(dict.fromkeys(ground.profile.robot.name for ground in grounds))
+    return FilterStudy(tuple(grounds), references, speed, options, tuple(drives), robot=studied, status=course.status)
 
 
 def _estimate(ground: FilterGround, reference: str, truth: Trajectory, options: FilterOptions) -> GroundDrive:

@@ -50,5 +50,5 @@ def draw_gains(study: GainStudy) -> Figure:
         handles, labels = drawn.axes[0].get_legend_handles_labels()
         line_legend(ax, handles, labels)
 
-    foot = f"means over {study.options.seeds} seeds of noise that no tuning has used · profile {study.profile}"
+    foot = f"means over {study.options.seeds} seeds of noise that no tuning has used · {study.of_profile(study.profile)}"
     return put_together([side_by_side(3.8, panels), text_row(0.45, legend), text_row(0.3, lambda ax: draw_footer(foot, ax))])

@@ -9,6 +9,7 @@ import numpy as np
 
 from validation.plants.profile import Profile
 from validation.show.tables import NOTHING, Cell, Grid
+from validation.simulator.description import Robot
 from validation.study.result import StudyResult, require_seeds
 
 
@@ -16,8 +17,10 @@ from validation.study.result import StudyResult, require_seeds
 class GainsOptions:
     """Options of the study of gains."""
 
-    profile: str | Profile = "thesis-lab"
+    profile: str | Profile | None = None
     """Robot: name of a shipped profile, or path of a TOML file."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
     plants: tuple[str, ...] = ("improved", "mujoco")
     """Plants to drive."""
     seeds: int = 3
@@ -92,7 +95,7 @@ class GainStudy(StudyResult):
     def heading(self) -> str:
         """Return what was studied, in one line."""
         first, last = self.options.seed, self.options.seed + self.options.seeds - 1
-        return f"profile {self.profile}, means over the seeds {first} to {last}"
+        return f"{self.of_profile(self.profile)}, means over the seeds {first} to {last}"
 
     def grids(self) -> list[Grid]:
         """Return cost and d_rms of every set by reference, for each plant."""

@@ -32,7 +32,7 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
         ValueError: profile or plant do not exist.
     """
     o = options or GainsOptions()
-    profile, seeds = profile_of(o.profile), range(o.seed, o.seed + o.seeds)
+    profile, seeds = profile_of(o.profile, o.robot), range(o.seed, o.seed + o.seeds)
     unknown = [plant for plant in o.plants if plant not in PLANTS]
     if unknown:
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(PLANTS)}")
@@ -57,4 +57,4 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
                 d_rms, e_rho = (float(np.mean([r[m] for r in rated])) if rated else None for m in ("d_rms_m", "e_rho_rms_m"))
                 place.append(GainScore(g.name, plant, reference, speed, cost, d_rms, e_rho, lost))
             scores += place
-    return GainStudy(profile.name, o, tuple(scores), status=course.status)
+    return GainStudy(profile.name, o, tuple(scores), robot=profile.robot.name, status=course.status)

@@ -30,6 +30,7 @@ from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive
 from validation.plants.profile import Profile
+from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 from validation.study.result import MOST_RUNS, require_seeds
 from validation.track.gains import GainSet
@@ -152,8 +153,10 @@ class RobustnessOptions:
     """Path to follow: line, circle, sine, generic, or a waypoint file."""
     speed: float = 0.25
     """Speed along the reference [m/s]."""
-    profile: str | Profile = "thesis-lab"
+    profile: str | Profile | None = None
     """Robot that the controllers are designed for: name of a shipped profile, or path of a TOML file."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
     runs: int = 200
     """Runs of each controller: single mismatches first, then a random sample of all combinations."""
     seeds: int = 4
@@ -207,7 +210,7 @@ class RobustnessOptions:
 
 
 def mismatched(profile: Profile, mismatch: Mismatch, timestep: float, torque: float) -> ClosedLoopRobot:
-    """Return a MuJoCo Husky that differs from its profile.
+    """Return a MuJoCo robot that differs from its profile.
 
     Args:
         profile: parameters of the nominal robot.

@@ -136,7 +136,7 @@ def draw_robustness(study: Robustness) -> Figure:
         rows += [text_row(_SECTION_IN, partial(draw_section, title)), _alone_row(study, name, value)]
     o, versions = study.options, study.versions
     footer = (
-        f"profile {study.profile} · step {o.timestep:g} s · {o.feedback} feedback · seed {o.seed} · "
+        f"{study.of_profile(study.profile)} · step {o.timestep:g} s · {o.feedback} feedback · seed {o.seed} · "
         f"mujoco {versions.get('mujoco', '?')} · ssmr-testbed {versions.get('ssmr-testbed', '?')}"
     )
     rows += note_rows(study.notes())

@@ -32,7 +32,7 @@ class Robustness(StudyResult):
     profile: str
     """Name of the profile."""
     parameters: Mapping[str, Any]
-    """Parameters of the profile's MuJoCo Husky."""
+    """Parameters of the profile's MuJoCo robot."""
     reference: str
     """Name of the reference."""
     speed: float
@@ -67,8 +67,9 @@ class Robustness(StudyResult):
     def heading(self) -> str:
         """Return what was studied, in one line."""
         return (
-            f"profile {self.profile}, {self.reference} at {self.speed:.3g} m/s: {len(self.cases)} runs of each controller, "
-            f"{self.combined} of them drawn from {len(full_grid())} combinations; seed {self.options.seed}"
+            f"{self.of_profile(self.profile)}, {self.reference} at {self.speed:.3g} m/s: "
+            f"{len(self.cases)} runs of each controller, {self.combined} of them drawn from {len(full_grid())} combinations; "
+            f"seed {self.options.seed}"
         )
 
     def notes(self) -> list[str]:

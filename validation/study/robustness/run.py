@@ -25,7 +25,7 @@ _BATCH = 64
 def study_robustness(
     options: RobustnessOptions | None = None, *, workers: int | None = None, progress: Report = silent
 ) -> Robustness:
-    """Drive MuJoCo Huskies that differ from the robot of their profile, with every controller.
+    """Drive MuJoCo robots that differ from the robot of their profile, with every controller.
 
     Args:
         options: controllers, reference, profile and number of runs; the defaults if not given.
@@ -37,7 +37,7 @@ def study_robustness(
         ValueError: gains, profile, step or reference do not exist or do not fit together.
     """
     o = options or RobustnessOptions()
-    profile = profile_of(o.profile)
+    profile = profile_of(o.profile, o.robot)
     name, waypoints = open_reference(o.reference, o.speed) if isinstance(o.reference, str) else ("waypoints", o.reference)
     sets, remarks = _chosen_gains(o.controllers, o.gains) if isinstance(o.gains, str) else (dict(o.gains), [])
     laws = {controller: make_controller(profile, gains) for controller, gains in sets.items()}
@@ -65,8 +65,9 @@ def study_robustness(
             found[controller] = ControllerRuns(sets[controller], tuple(errors), health)
     parameters, by_name = profile.as_dict()["mujoco"], MappingProxyType(found)
     speed, duration = waypoints.speed, waypoints.duration
-    made = tuple(cases), by_name, tuple(remarks)
-    return Robustness(profile.name, parameters, name, speed, duration, torque, o, *made, status=course.status)
+    made, ended = (tuple(cases), by_name, tuple(remarks)), course.status
+    whose = profile.robot.name
+    return Robustness(profile.name, parameters, name, speed, duration, torque, o, *made, robot=whose, status=ended)
 
 
 def _chosen_gains(controllers: tuple[str, ...], name_or_path: str) -> tuple[Mapping[str, GainSet], list[str]]:

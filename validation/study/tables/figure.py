@@ -36,6 +36,6 @@ def draw_tables(study: ControlTables) -> Figure:
         panels.append(lambda ax, some=some, title=title: _draw(some, title, ax))
     foot = (
         f"bar: printed · dot: ours, mean and standard deviation of {study.seeds} seeds · green: agrees · red: differs · "
-        f"grey: print lost or suspect, or a geometry that the thesis does not give · profile {study.profile}"
+        f"grey: print lost or suspect, or a geometry that the thesis does not give · {study.of_profile(study.profile)}"
     )
     return put_together([side_by_side(5.2, panels), text_row(0.3, lambda ax: draw_footer(foot, ax))])

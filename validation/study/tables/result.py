@@ -1,7 +1,7 @@
 """The result of a tables study: each table of tracked references, with the printed and our numbers.
 
 Reference against simulated: the improved model with noise and disturbance, as in the thesis' simulations. Simulated against
-real: the MuJoCo Husky takes the place of the real robot, with the lab's noise and, as in the lab, without disturbance.
+real: the MuJoCo robot takes the place of the real robot, with the lab's noise and, as in the lab, without disturbance.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, Literal
 from ssmr.parameters import require_within
 from validation.plants.profile import Profile
 from validation.show.tables import NOTHING, Cell, Grid
+from validation.simulator.description import Robot
 from validation.study.result import MOST_RUNS, StudyResult
 from validation.thesis.verdicts import FACTOR
 
@@ -30,8 +31,10 @@ TableComparison = Literal["reference_vs_simulated", "simulated_vs_real"]
 class TablesOptions:
     """Options of the study of tables."""
 
-    profile: str | Profile = "thesis-lab"
+    profile: str | Profile | None = None
     """Robot of both plants: name of a shipped profile, or path of a TOML file."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
     seeds: int = 10
     """Number of draws of noise and disturbance for each row."""
     numbers: tuple[str, ...] = CONTROL_TABLES
@@ -74,7 +77,7 @@ class TableEntry:
     n: int
     """Number of seeds."""
     mujoco: Mapping[str, float]
-    """Reference against simulated: means by metric of the MuJoCo Husky, without disturbance; else empty."""
+    """Reference against simulated: means by metric of the MuJoCo robot, without disturbance; else empty."""
 
     @property
     def verdict(self) -> str:
@@ -93,7 +96,7 @@ class TableEntry:
 
 TABLE_CAPTIONS: Mapping[TableComparison, str] = {
     "reference_vs_simulated": "Reference against simulated: the improved model, with noise and disturbance",
-    "simulated_vs_real": "Simulated against real: the improved model against the MuJoCo Husky",
+    "simulated_vs_real": "Simulated against real: the improved model against the MuJoCo robot",
 }
 """Titles by comparison."""
 
@@ -113,7 +116,7 @@ class ControlTables(StudyResult):
 
     def heading(self) -> str:
         """Return what was studied, in one line."""
-        return f"profile {self.profile}, {self.seeds} seeds for each row"
+        return f"{self.of_profile(self.profile)}, {self.seeds} seeds for each row"
 
     def grids(self) -> list[Grid]:
         """Return printed and own numbers by table, for both comparisons."""
@@ -121,7 +124,7 @@ class ControlTables(StudyResult):
 
     def notes(self) -> list[str]:
         """Return what the numbers are means of."""
-        return [f"Means over {self.seeds} seeds, profile {self.profile}; ± is the standard deviation over seeds."]
+        return [f"Means over {self.seeds} seeds, {self.of_profile(self.profile)}; ± is the standard deviation over seeds."]
 
     def findings(self) -> dict[str, Any]:
         """Return printed and own numbers of each table, with verdicts."""

@@ -1,4 +1,4 @@
-"""Make the thesis' tables of tracked references (Tab. 4.5-4.36) with the improved model and the MuJoCo Husky."""
+"""Make the thesis' tables of tracked references (Tab. 4.5-4.36) with the improved model and the MuJoCo robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from validation.track.loops import ClosedLoopRobot, make_controller, make_robot,
 from validation.track.waypoint_files import open_reference
 
 _REAL_SEEDS = 1000
-"""First seed of the MuJoCo Husky's noise, since the real robot's noise was not the simulation's."""
+"""First seed of the MuJoCo robot's noise, since the real robot's noise was not the simulation's."""
 
 _Drive = Callable[[GainSet, str, float, str], list[ClosedRun]]
 """Function that returns the runs with some gains along a reference at a speed [m/s] with a plant."""
@@ -37,7 +37,7 @@ def study_tables(
         ValueError: the profile does not exist, or its numbers do not fit together.
     """
     o = options or TablesOptions()
-    profile = profile_of(o.profile)
+    profile = profile_of(o.profile, o.robot)
     robots = {plant: make_robot(profile, plant) for plant in ("improved", "mujoco")}
     known: dict[tuple[str, str, float, str], list[ClosedRun]] = {}
 
@@ -56,7 +56,7 @@ def study_tables(
         for done, number in enumerate(o.numbers):
             progress(Progress(done, len(o.numbers), f"Tab. {number}"))
             entries.append(_entry(number, o.seeds, robots, drive))
-    return ControlTables(profile.name, o.seeds, tuple(entries), status=course.status)
+    return ControlTables(profile.name, o.seeds, tuple(entries), robot=profile.robot.name, status=course.status)
 
 
 def _entry(number: str, seeds: int, robots: Mapping[str, ClosedLoopRobot], drive: _Drive) -> TableEntry:
@@ -66,10 +66,10 @@ def _entry(number: str, seeds: int, robots: Mapping[str, ClosedLoopRobot], drive
     gains = load_gains(controller, content.get("gains", "published"))
     _, waypoints = open_reference(reference, speed)
     simulated, real = (drive(gains, reference, speed, plant) for plant in ("improved", "mujoco"))
-    husky: list[Metrics] = []
+    simulated_robot: list[Metrics] = []
     if content["comparison"] == "reference_vs_simulated":
         found = [rate(run, waypoints, robots["improved"]) for run in simulated if not run.lost]
-        husky = [rate(run, waypoints, robots["mujoco"]) for run in real if not run.lost]
+        simulated_robot = [rate(run, waypoints, robots["mujoco"]) for run in real if not run.lost]
     else:
         both = zip(simulated, real, strict=True)
         found = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
@@ -91,5 +91,5 @@ def _entry(number: str, seeds: int, robots: Mapping[str, ClosedLoopRobot], drive
         dict(zip(TABLE_METRICS, map(float, table.std(axis=0)), strict=True)) if len(table) else {},
         seeds - len(table),
         seeds,
-        {name: float(np.mean([m[name] for m in husky])) for name in TABLE_METRICS} if husky else {},
+        {name: float(np.mean([m[name] for m in simulated_robot])) for name in TABLE_METRICS} if simulated_robot else {},
     )

@@ -96,7 +96,7 @@ def _legend_row(lines: Sequence[dict[str, Any]], labels: Sequence[str]) -> Row:
 def draw_terrain(study: TerrainStudy) -> Figure:
     """Draw errors without feedback, errors of trackers, and wheel loads, 1600 px wide."""
     top = (
-        f"Planar models against the MuJoCo Husky: median position error after {study.options.horizon:g} s "
+        f"Planar models against the MuJoCo robot: median position error after {study.options.horizon:g} s "
         "(dashed line: as in the thesis)"
     )
     below = "Trackers that know nothing of the ground: distance of the path from the reference (cross: lost on a ground)"

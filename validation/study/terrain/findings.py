@@ -12,6 +12,7 @@ import numpy as np
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import PLANTS, Profile
 from validation.plants.table import SIMULATED
+from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC
 from validation.study.result import require_seeds
@@ -69,8 +70,10 @@ _ALL_AXES = TerrainAxes()
 class TerrainOptions:
     """Options of the study of terrain."""
 
-    profile: str | Profile = "thesis-lab"
+    profile: str | Profile | None = None
     """Robot: name of a shipped profile, or path of a TOML file."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
     horizon: float = 6.0
     """Time after which relative poses are compared [s]."""
     seeds: int = 3
@@ -114,12 +117,12 @@ class ModelErrors:
     d_rms_m: float | None
     """Mean d_rms over whole runs [m]; None where every MuJoCo run failed."""
     failed: int
-    """Number of runs in which the MuJoCo Husky fell over or the simulator gave up."""
+    """Number of runs in which the MuJoCo robot fell over or the simulator gave up."""
 
 
 @dataclass(frozen=True)
 class TrackerErrors:
-    """The errors of one tracker on the MuJoCo Husky at one value of one axis."""
+    """The errors of one tracker on the MuJoCo robot at one value of one axis."""
 
     axis: AxisName
     """Quantity that grows."""
@@ -140,7 +143,7 @@ class LoadRun:
     terrain: Terrain
     """Ground of the manoeuvre."""
     motion: Trajectory
-    """Motion of the MuJoCo Husky, with its simulated and its quasi-static loads as channels."""
+    """Motion of the MuJoCo robot, with its simulated and its quasi-static loads as channels."""
 
     def errors(self, static: FloatArray) -> tuple[float, float, float]:
         """Return root mean squares [N] of the simulated loads about their mean, and from static and quasi-static loads."""

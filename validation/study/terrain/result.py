@@ -64,7 +64,7 @@ class TerrainStudy(StudyResult):
     def heading(self) -> str:
         """Return what was driven, in one line."""
         return (
-            f"profile {self.profile}; trajectories 1-4 without feedback, windows of {self.options.horizon:g} s; "
+            f"{self.of_profile(self.profile)}; trajectories 1-4 without feedback, windows of {self.options.horizon:g} s; "
             f"reference {TRACKED} tracked"
         )
 
@@ -106,7 +106,7 @@ class TerrainStudy(StudyResult):
             rows.append(tuple(map(Cell, texts)))
         title = f"Errors by {name}"
         if axis == next(iter(AXES)):
-            title += f", profile {self.profile}"
+            title += f", {self.of_profile(self.profile)}"
         return Grid(tuple(header), (tuple(rows),), 1, title)
 
     def _doubled_grid(self) -> Grid:

@@ -1,4 +1,4 @@
-"""Drive planar models, the MuJoCo Husky and trackers as speed, slope, roughness and loss of grip grow.
+"""Drive planar models, the MuJoCo robot and trackers as speed, slope, roughness and loss of grip grow.
 
 Without feedback, all plants get the commands of trajectories 1-4. With feedback, trackers follow a reference and know
 nothing of the ground. Besides, the loads of the four wheels are compared with formulas through one manoeuvre.
@@ -21,7 +21,6 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.robot.loads import static_loads
 from ssmr.robot.localiser import Localiser
-from ssmr.robot.vehicle import Vehicle
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State, Trajectory
@@ -62,12 +61,12 @@ def study_terrain(
         ValueError: the profile does not exist, or its numbers do not fit together.
     """
     o = options or TerrainOptions()
-    profile = profile_of(o.profile)
+    profile = profile_of(o.profile, o.robot)
     planar = {v: _drive_planar(profile, v) for v in dict.fromkeys((BASE["speed"], *o.axes.speeds))}
     found = list[tuple[list[ModelErrors], list[TrackerErrors]]]()
     with keeping(found) as course, ThreadPoolExecutor(workers or os.cpu_count()) as pool:
         jobs = [
-            (axis, value, speed, [pool.submit(_drive_husky, profile, ground, speed) for ground in o.grounds(axis, value)])
+            (axis, value, speed, [pool.submit(_driven, profile, ground, speed) for ground in o.grounds(axis, value)])
             for axis in AXES
             for value in o.axes.values(axis)
             for speed in [value if axis == "speed" else BASE["speed"]]
@@ -83,12 +82,13 @@ def study_terrain(
             raise
     loads = []
     for terrain in (FLAT, Terrain("ramp", slope=math.radians(10.0))):
-        husky = make_plant(profile, "mujoco", terrain)
-        assert isinstance(husky, MujocoPlant)
-        loads.append(LoadRun(terrain, with_quasi_static(husky.run(manoeuvre(), State(), SAMPLE_DT), husky, Localiser())))
-    static = static_loads(Vehicle(mass=profile.plants["mujoco"].parameters.mass))
+        robot = make_plant(profile, "mujoco", terrain)
+        assert isinstance(robot, MujocoPlant)
+        loads.append(LoadRun(terrain, with_quasi_static(robot.run(manoeuvre(), State(), SAMPLE_DT), robot, Localiser())))
+    static = static_loads(replace(profile.robot.vehicle, mass=profile.plants["mujoco"].parameters.mass))
     models, trackers = (tuple(itertools.chain(*parts)) for parts in zip(*found, strict=True))
-    return TerrainStudy(profile.name, o, models, trackers, tuple(loads), static, status=course.status)
+    made = models, trackers, tuple(loads), static
+    return TerrainStudy(profile.name, o, *made, robot=profile.robot.name, status=course.status)
 
 
 def manoeuvre() -> Commands:
@@ -112,8 +112,8 @@ def _drive_planar(profile: Profile, speed: float) -> dict[str, list[Trajectory]]
     return {name: [p.run(c, State(), SAMPLE_DT) for c in _commands_at(speed)] for name, p in made.items()}
 
 
-def _drive_husky(profile: Profile, terrain: Terrain, speed: float) -> tuple[ClosedLoopRobot, list[Trajectory | None]]:
-    """Return a MuJoCo Husky and its motions on trajectories 1-4.
+def _driven(profile: Profile, terrain: Terrain, speed: float) -> tuple[ClosedLoopRobot, list[Trajectory | None]]:
+    """Return a MuJoCo robot and its motions on trajectories 1-4.
 
     A motion is None where the robot fell over or the simulator gave up.
     """
@@ -135,12 +135,12 @@ def model_errors(
     planar: Mapping[str, Sequence[Trajectory]],
     horizon: float,
 ) -> Iterable[ModelErrors]:
-    """Yield the errors of each planar model against all runs of the MuJoCo Husky at one value.
+    """Yield the errors of each planar model against all runs of the MuJoCo robot at one value.
 
     Args:
         axis: quantity that grows.
         value: its value [SI].
-        truths: the MuJoCo Husky's motions, ground by ground, trajectory by trajectory; None for one that failed.
+        truths: the MuJoCo robot's motions, ground by ground, trajectory by trajectory; None for one that failed.
         planar: the models' motions by name, one for each trajectory.
         horizon: time after which relative poses are compared [s].
     """

@@ -68,7 +68,7 @@ class Robustness(StudyResult):
         """Return what was studied, in one line."""
         return (
             f"{self.of_profile(self.profile)}, {self.reference} at {self.speed:.3g} m/s: "
-            f"{len(self.cases)} runs of each controller, {self.combined} of them drawn from {len(full_grid())} combinations; "
+            f"{len(self.cases)} runs of each controller, {self.combined} of them from {len(full_grid())} combinations; "
             f"seed {self.options.seed}"
         )
 

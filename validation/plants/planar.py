@@ -48,11 +48,15 @@ def defaults(kind: type, robot: Robot) -> Any:
     """Return the thesis' parameters of a planar model, scaled to a robot's size; friction and shares stay as they are.
 
     Of robots of one shape that do all things in the same time, mass times radius squared decides the gain between wheel rate
-    and torque, and mass times radius that between speed and torque.
+    and torque, and mass times radius that between speed and torque. Centres of rotation lie at the effective half-track.
     """
     thesis, own, numbers = Vehicle(), robot.vehicle, kind()
     mass, radius = own.mass / thesis.mass, own.wheel_radius / thesis.wheel_radius
-    ratios = {"gain": mass * radius**2, "gain_over_radius": mass * radius, "half_track": own.half_track / thesis.half_track}
+    ratios = {
+        "gain": mass * radius**2,
+        "gain_over_radius": mass * radius,
+        "half_track": own.effective_half_track / thesis.effective_half_track,
+    }
     scaled = {n: getattr(numbers, n) * ratios[d.of] for n, d in described(kind).items() if d.of in ratios}
     return replace(numbers, **scaled)
 

@@ -163,7 +163,8 @@ class Robot:
     drive: Drive
     """What the robot does to a command, as its maker ships it."""
     vehicle: Vehicle
-    """Mass and geometry for the planar models."""
+    """Mass and geometry for the planar models. Where the file does not say it, the effective half-track is that of sliding
+    tyres, whose friction has no moment at half-track (1 + (wheelbase / track)^2) (`ssmr.robot.skid_turn`)."""
     title: str = ""
     """Name for people, with the maker's."""
     description: str = ""
@@ -341,7 +342,7 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     )  # fmt: skip
     half = 0.5 * geometry.wheelbase
     planar = {"mass": masses.total, "yaw_inertia": robot.yaw_inertia, "wheel_radius": radius, "a": half, "b": half}
-    planar |= {"half_track": half_track, "effective_half_track": half_track}
+    planar |= {"half_track": half_track, "effective_half_track": half_track * (1.0 + (half / half_track) ** 2)}
     return replace(robot, vehicle=Vehicle(**{**planar, **given["vehicle"]}))
 
 

@@ -47,15 +47,16 @@ class Declaration:
     """Default bounds of a search; None if no search may move the number."""
     scale: Scale
     """Spacing of the search between its bounds."""
-    of: str
-    """The size of the robot of which `search` has multiples; empty where `search` is in the number's own unit."""
+    of: tuple[str, str]
+    """The sizes of the robot of which `search` has multiples, of the lower and of the upper bound; empty where these are in
+    the number's own unit."""
 
     def bounds(self, sizes: Mapping[str, float]) -> tuple[float, float] | None:
         """Return the default bounds of a search for a robot of these sizes, in the number's unit; None for no search."""
         if self.search is None:
             return None
-        size = sizes[self.of] if self.of else 1.0
-        return self.search[0] * size, self.search[1] * size
+        low, high = (sizes[name] if name else 1.0 for name in self.of)
+        return self.search[0] * low, self.search[1] * high
 
 
 def parameter(
@@ -67,10 +68,11 @@ def parameter(
     open_low: bool = False,
     search: tuple[float, float] | None = None,
     scale: Scale = "linear",
-    of: str = "",
+    of: str | tuple[str, str] = "",
 ) -> Any:
     """Return a dataclass field that holds a number; see `Declaration` for the arguments."""
-    about = {_KEY: Declaration("", default, unit, low, high, open_low, search, scale, of)}
+    both = (of, of) if isinstance(of, str) else of
+    about = {_KEY: Declaration("", default, unit, low, high, open_low, search, scale, both)}
     return field(metadata=about) if default is None else field(default=default, metadata=about)
 
 

@@ -26,9 +26,13 @@ class KinematicParameters:
     """Share of the right wheels' speed that moves the robot [1]."""
     x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.98, 0.98), of="half_wheelbase")
     """Longitudinal coordinate of the centres of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)."""
-    y_l: float = parameter(0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.7, 3.15), of="half_track")
+    y_l: float = parameter(
+        0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.7, 1.7456), of=("half_track", "turning_half_track")
+    )
     """Lateral coordinate of the left side's centre of rotation [m], positive to the left."""
-    y_r: float = parameter(-0.275, unit="m", low=-50.0, high=0.0, search=(-3.15, -0.7), of="half_track")
+    y_r: float = parameter(
+        -0.275, unit="m", low=-50.0, high=0.0, search=(-1.7456, -0.7), of=("turning_half_track", "half_track")
+    )
     """Lateral coordinate of the right side's centre of rotation [m], negative."""
 
     def __post_init__(self) -> None:

@@ -30,7 +30,7 @@ class Vehicle:
     half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True)
     """c, lever of the longitudinal wheel forces [m]; half of the 0.55 m of Tab. 3.1 (the maker has 0.2854)."""
     effective_half_track: float = parameter(
-        0.275, unit="m", low=0.0, high=1e6, open_low=True, search=(0.7, 2.8), of="half_track"
+        0.275, unit="m", low=0.0, high=1e6, open_low=True, search=(0.7, 1.5516), of=("half_track", "turning_half_track")
     )
     """Half-track that links yaw rate to wheel rates [m]: wheels of a skidding robot slip, so v_R - v_L = 2 c_eff omega
     with c_eff larger than c. The thesis sets both to c (Eq. 2.9)."""
@@ -67,7 +67,9 @@ class Drive:
     """Dead time of the yaw-rate command [s]; Tab. 3.8."""
     hold: float = parameter(0.05, unit="s", low=0.0, open_low=True)
     """The robot reads its command every `hold` seconds and keeps it [s]; Tab. 3.5, 20 Hz."""
-    command_half_track: float = parameter(0.275, unit="m", low=0.0, open_low=True, search=(0.7, 2.8), of="half_track")
+    command_half_track: float = parameter(
+        0.275, unit="m", low=0.0, open_low=True, search=(0.7, 1.5516), of=("half_track", "turning_half_track")
+    )
     """Half-track that the driver uses to turn omega into wheel rates [m]: half of (separation x multiplier). The thesis:
     c."""
     command_radius: float = parameter(0.1651, unit="m", low=0.0, open_low=True, search=(0.85, 1.15), of="wheel_radius")

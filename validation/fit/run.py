@@ -312,9 +312,15 @@ def _fitted_profile(result: FitResult, base: Profile, plant: PlantProfile | None
         "held_out": _summary(result.held_out),
     }
     kept = {k: v for k, v in provenance.items() if v not in ({}, "")}
+    said = base.description
+    if not base.provenance:
+        said = (
+            f"{base.robot.title or base.robot.name}, with what was fitted to {result.source}; the rest is as its file has it"
+        )
     return replace(
         base,
         name=f"{base.name}-fitted",
+        description=said,
         plants={**base.plants, result.model: plant},
         provenance={**base.provenance, result.model: kept},
     )

@@ -57,7 +57,8 @@ def defaults(kind: type, robot: Robot) -> Any:
         "gain_over_radius": mass * radius,
         "half_track": own.effective_half_track / thesis.effective_half_track,
     }
-    scaled = {n: getattr(numbers, n) * ratios[d.of] for n, d in described(kind).items() if d.of in ratios}
+    sizes = {n: next((size for size in d.of if size in ratios), None) for n, d in described(kind).items()}
+    scaled = {n: getattr(numbers, n) * ratios[size] for n, size in sizes.items() if size is not None}
     return replace(numbers, **scaled)
 
 

@@ -97,6 +97,15 @@ class Geometry:
             object.__setattr__(self, name, value)
 
     @property
+    def turning_half_track(self) -> float:
+        """Half the difference of the rims' speeds over the yaw rate in a turn on the spot with dry friction [m].
+
+        With the centre of mass in the middle and one contact point a tyre, `ssmr.robot.skid_turn` has this closed form:
+        half-track (1 + (wheelbase / track)^2).
+        """
+        return 0.5 * self.track * (1.0 + (self.wheelbase / self.track) ** 2)
+
+    @property
     def base_height(self) -> float:
         """Height of the base frame's origin above level ground [m]."""
         return self.wheel_radius - self.axle_height
@@ -163,8 +172,8 @@ class Robot:
     drive: Drive
     """What the robot does to a command, as its maker ships it."""
     vehicle: Vehicle
-    """Mass and geometry for the planar models. Where the file does not say it, the effective half-track is that of sliding
-    tyres, whose friction has no moment at half-track (1 + (wheelbase / track)^2) (`ssmr.robot.skid_turn`)."""
+    """Mass and geometry for the planar models. Where the file does not say it, the effective half-track is
+    `Geometry.turning_half_track`."""
     title: str = ""
     """Name for people, with the maker's."""
     description: str = ""
@@ -228,6 +237,7 @@ class Robot:
                 "yaw_inertia": self.yaw_inertia,
                 "wheel_radius": g.wheel_radius,
                 "half_track": 0.5 * g.track,
+                "turning_half_track": g.turning_half_track,
                 "half_wheelbase": 0.5 * g.wheelbase,
                 "gain": s.gain,
                 "gain_over_radius": s.gain / g.wheel_radius,
@@ -342,7 +352,7 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     )  # fmt: skip
     half = 0.5 * geometry.wheelbase
     planar = {"mass": masses.total, "yaw_inertia": robot.yaw_inertia, "wheel_radius": radius, "a": half, "b": half}
-    planar |= {"half_track": half_track, "effective_half_track": half_track * (1.0 + (half / half_track) ** 2)}
+    planar |= {"half_track": half_track, "effective_half_track": geometry.turning_half_track}
     return replace(robot, vehicle=Vehicle(**{**planar, **given["vehicle"]}))
 
 

@@ -23,7 +23,7 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import creep
 from validation.study.drivetrain.evidence import sensor_of
 from validation.study.drivetrain.friction import COULOMB_SCALE
-from validation.study.drivetrain.logs import CHASSIS, drive_log
+from validation.study.drivetrain.logs import chassis_of, drive_log
 from validation.study.drivetrain.samples import window_means
 
 _ROBOT = load_robot("husky")
@@ -38,7 +38,7 @@ CHECKED = 0.5
 """`impratio` at which the other step and the other speed are tried."""
 CURVE = np.array([[2.5, 1.25], [3.0, 1.5]])
 """Wheel rates of one curve at two speeds [rad/s]."""
-HUSKY = CHASSIS["husky"]
+HUSKY = chassis_of("husky")
 
 
 def mujoco_shares(rates: FloatArray, impratio: float, timestep: float = 0.002) -> tuple[FloatArray, float]:

@@ -11,8 +11,9 @@ from ssmr.robot.set_points import SetPointLaw, rim_speeds
 from ssmr.robot.slip import quasi_static_twist, side_forces
 from ssmr.types import FloatArray
 from validation.logs.recording import Recording
-from validation.study.drivetrain.logs import CHASSIS, Chassis
+from validation.study.drivetrain.logs import Chassis, chassis_of
 
+HUSKY, WARTHOG = chassis_of("husky"), chassis_of("warthog", mass=470.0)
 LAW = SetPointLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
 FRICTION, LOSSES, SLIP, RHO, INERTIA = 11.0, (2.0, 2.8), 0.09, 0.15, 0.2
 """Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A s^2/rad]."""
@@ -47,7 +48,7 @@ def bridge_log(
     name: str, motion: Motion, current: FloatArray, ripple: float, seed: int, yaw: FloatArray | None
 ) -> Recording:
     """Return the log of a Husky: set points in steps, and |I| while the bridge drives, both from messages."""
-    rng, chassis = np.random.default_rng(seed), CHASSIS["husky"]
+    rng, chassis = np.random.default_rng(seed), HUSKY
     step = 0.01 / chassis.command_radius
     sent = np.arange(0.0, motion.t[-1], _MESSAGES) + rng.uniform(0.0, 0.02)
     at = np.searchsorted(motion.t, sent) - 1
@@ -73,7 +74,7 @@ def bridge_log(
 
 def in_the_air(seed: int = 1, commands: int = 30, name: str = "up") -> Recording:
     """Return a log of a Husky whose wheels are in the air."""
-    motion = random_drive(seed, commands, CHASSIS["husky"])
+    motion = random_drive(seed, commands, HUSKY)
     slope = np.gradient(motion.rates, _FINE, axis=1)
     current = np.array(AIR_LOSSES)[:, None] * np.sign(motion.rates) + INERTIA * slope
     return bridge_log(name, motion, current, 0.05, seed, None)
@@ -81,7 +82,7 @@ def in_the_air(seed: int = 1, commands: int = 30, name: str = "up") -> Recording
 
 def on_grass(seed: int = 2, commands: int = 40, name: str = "grass", slip: float = SLIP) -> Recording:
     """Return a log of a Husky on grass that does not accelerate."""
-    chassis = CHASSIS["husky"]
+    chassis = HUSKY
     motion = random_drive(seed, commands, chassis, most=0.5)
     effort, yaw = _effort(motion.rates, chassis, slip)
     current = FRICTION * effort + np.array(LOSSES)[:, None] * np.sign(motion.rates)
@@ -90,7 +91,7 @@ def on_grass(seed: int = 2, commands: int = 40, name: str = "grass", slip: float
 
 def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -> Recording:
     """Return a log of a Warthog: measured rates, a gyro, and currents of the battery once a second."""
-    rng, chassis = np.random.default_rng(seed), CHASSIS["warthog"]
+    rng, chassis = np.random.default_rng(seed), WARTHOG
     motion = random_drive(seed, commands, chassis, LAW._replace(yaw_rate_limit=3.0, half_track=0.55), most=1.2)
     effort, yaw = _effort(motion.rates, chassis, SLIP)
     torque = TORQUE * effort + np.array(LOSS_TORQUES)[:, None] * np.sign(motion.rates)

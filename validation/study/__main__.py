@@ -26,17 +26,21 @@ _SPECIAL: Mapping[str, Any] = {
     "profile": Annotated[str | None, cli.profile_option("thesis-lab")],
     "recording_profile": Annotated[str | None, cli.profile_option("husky-tile")],
     "profiles": Annotated[cli.Names, cli.option(metavar="PROFILE,...", default="thesis-lab and husky-tile")],
+    "drivetrain.robot": Annotated[str | None, cli.option(metavar="ROBOT", default="the battery's voltage tells")],
+    "drivetrain.profile": Annotated[str | None, cli.profile_option("husky-tile")],
+    "mass": Annotated[cli.Number, cli.option(metavar="KG", default="the profile's")],
     "torque_constant": Annotated[cli.Number, cli.option(metavar="K", default="unknown")],
     "start": Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")],
     "until": Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")],
 }
-"""Options, by the name of their field, that the command line does not read by their type alone."""
+"""Options, by the name of their field or of study and field, that the command line does not read by their type alone."""
 
 
-def _readable(name: str, kind: Any) -> Any:
+def _readable(study: str, name: str, kind: Any) -> Any:
     """Return the type of an option as the command line reads it: lists by comma, objects that have a name by name."""
-    if name in _SPECIAL:
-        return _SPECIAL[name]
+    special = _SPECIAL.get(f"{study}.{name}", _SPECIAL.get(name))
+    if special is not None:
+        return special
     if is_dataclass(kind):
         return Annotated[kind, tyro.conf.Suppress, tyro.conf.Fixed]
     if get_origin(kind) is tuple:
@@ -62,7 +66,7 @@ def _command(study: Study) -> Callable[[Any], None]:
     folder = Path("runs/study") / study.name
     hints = get_type_hints(study.options)
     names = [f.name for f in fields(study.options)]
-    read = [(f.name, _readable(f.name, hints[f.name]), field(default=f.default)) for f in fields(study.options)]
+    read = [(f.name, _readable(study.name, f.name, hints[f.name]), field(default=f.default)) for f in fields(study.options)]
     own = [
         ("workers", cli.Workers, field(default=None)),
         ("out", Annotated[Path, cli.out_option(str(folder))], field(default=folder)),

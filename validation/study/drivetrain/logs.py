@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,8 @@ from ssmr.robot.slip import SkidGeometry
 from ssmr.types import FloatArray
 from validation.logs.formats import read_recording
 from validation.logs.recording import Recording
+from validation.plants.profile import Profile, choose_profile
+from validation.simulator.description import Robot
 
 MOST_SECONDS = 36_000.0
 """Longest log that is studied [s]: the driver is computed a hundred times a second."""
@@ -31,14 +32,12 @@ class Chassis:
     """Wheel radius with which the robot's driver turns speeds into wheel rates [m]."""
     speed_limit: float
     """Greatest speed of a rim that the driver allows [m/s]."""
+    profile: str
+    """Profile that mass and rolling radius are of."""
 
 
-CHASSIS: Mapping[str, Chassis] = MappingProxyType({
-    "husky": Chassis("husky", SkidGeometry(0.155, 0.2854, 0.256), 73.3, 0.1651, 1.0),
-    "warthog": Chassis("warthog", SkidGeometry(0.300, 0.5685, 0.457), 470.0, 0.300, 5.0),
-})  # fmt: skip
-"""Robots whose numbers are known: the makers' robot descriptions, the Husky's loaded radius, and the Warthog's mass by its
-data's description."""
+USUAL_PROFILE = "husky-tile"
+"""Profile of a Husky that says how large its loaded tyres roll."""
 _HUSKY_BATTERY = 35.0
 """A battery with more than this is no Husky's, whose has 24 V [V]."""
 
@@ -143,17 +142,29 @@ def drive_log(source: str | Recording) -> DriveLog:
     )
 
 
-def chassis_of(name: str | None, log: DriveLog) -> Chassis:
-    """Return a robot by its name, or the one whose battery a log shows.
+def guessed_robot(log: DriveLog) -> tuple[str, str]:
+    """Return the name of the robot whose battery a log shows, and a sentence that says so."""
+    robot = "warthog" if log.battery > _HUSKY_BATTERY else "husky"
+    return robot, f"No robot was named: by its battery of {log.battery:.0f} V {log.name} is taken for a log of a {robot}."
+
+
+def chassis_of(robot: str | Robot | None = None, profile: str | Profile | None = None, mass: float | None = None) -> Chassis:
+    """Return the nominal numbers of a robot.
+
+    Args:
+        robot: the robot, its name or its path; None for that of the profile.
+        profile: profile whose MuJoCo robot has its mass and its rolling radius; None for husky-tile, or the robot's own
+            numbers if that is of another robot.
+        mass: total mass [kg] in the place of the profile's.
 
     Raises:
-        ValueError: no robot has that name.
+        ValueError: there is no such robot or profile, or the two do not belong together.
     """
-    if name is None:
-        name = "warthog" if log.battery > _HUSKY_BATTERY else "husky"
-    if name not in CHASSIS:
-        raise ValueError(f"unknown robot '{name}'; there are: {', '.join(CHASSIS)}")
-    return CHASSIS[name]
+    chosen = choose_profile(profile, robot, USUAL_PROFILE)
+    body, nominal, drive = chosen.plants["mujoco"].parameters, chosen.robot.geometry, chosen.robot.drive
+    geometry = SkidGeometry(body.wheel_radius, body.half_track, 0.5 * nominal.wheelbase)
+    total = body.mass if mass is None else mass
+    return Chassis(chosen.robot.name, geometry, total, drive.command_radius, drive.v_max, chosen.name)
 
 
 class Resampling(NamedTuple):

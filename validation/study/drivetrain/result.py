@@ -9,7 +9,9 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from ssmr.parameters import MOST_SEED, require_within
 from validation.logs.recording import Recording
+from validation.plants.profile import Profile
 from validation.show.tables import Cell, Grid
+from validation.simulator.description import Robot
 from validation.study.drivetrain.evidence import RateEvidence
 from validation.study.drivetrain.friction import CurrentKind
 from validation.study.drivetrain.inertia import InertiaFit
@@ -35,8 +37,14 @@ class DriveTrainOptions:
     held_out: tuple[str | Recording, ...] = ()
     """Paths of recordings that only judge: those with a heading or a gyro the currents, others the wheel rates. Without
     any, the last third of each log judges what is fitted to the rest."""
-    robot: str | None = None
-    """Robot whose nominal geometry and mass are taken: husky or warthog."""
+    robot: str | Robot | None = None
+    """Robot whose nominal geometry and mass are taken: its name or the path of its file. If neither it nor a profile is
+    named, the voltage of the battery tells a Warthog from a Husky."""
+    profile: str | Profile | None = None
+    """Profile of the robot, which knows its mass and how large its tyres roll: a name, or the path of a TOML file. If none is
+    named, it is husky-tile for a Husky, and the numbers of its file for another robot."""
+    mass: float | None = None
+    """Total mass with payload, where it is not the profile's [kg]."""
     torque_constant: float | None = None
     """Torque of one side's wheels per ampere of its motor [N m/A], where it is known."""
     resamples: int = 60
@@ -46,7 +54,7 @@ class DriveTrainOptions:
 
     def __post_init__(self) -> None:
         """Raise a ValueError for numbers out of range."""
-        require_within(self, ("torque_constant",), 1e-6, 1e6)
+        require_within(self, ("torque_constant", "mass"), 1e-6, 1e6)
         require_within(self, ("resamples",), 2, MOST_RUNS, whole=True)
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
 
@@ -82,6 +90,8 @@ class DriveTrainStudy(StudyResult):
     """What each log says of its wheel rates."""
     parts: tuple[Found, ...]
     """What was found: driver, friction, inertia, as far as the logs tell them."""
+    guess: str = ""
+    """Sentence that says why the logs are taken for those of this robot; empty where it was named."""
 
     @property
     def driver(self) -> RateFit | None:
@@ -180,7 +190,8 @@ class DriveTrainStudy(StudyResult):
 
     def notes(self) -> list[str]:
         """Return the evidence, and what stays unknown."""
-        return [*(e.sentence() for e in self.evidence), *self._current_evidence(), *self.unknown()]
+        guess = [self.guess] if self.guess else []
+        return [*guess, *(e.sentence() for e in self.evidence), *self._current_evidence(), *self.unknown()]
 
     def _current_evidence(self) -> list[str]:
         says = []

@@ -11,7 +11,7 @@ from validation.progress import Progress, Report, silent
 from validation.study.drivetrain.evidence import held_commands, rate_evidence, sensor_of
 from validation.study.drivetrain.friction import fitting_rules
 from validation.study.drivetrain.inertia import fit_inertia
-from validation.study.drivetrain.logs import DriveLog, Resampling, chassis_of, drive_log
+from validation.study.drivetrain.logs import DriveLog, Resampling, chassis_of, drive_log, guessed_robot
 from validation.study.drivetrain.obedience import LEAST_COMMANDS, identify_driver
 from validation.study.drivetrain.result import DriveTrainOptions, DriveTrainStudy, Found
 from validation.study.drivetrain.selection import identify_friction, require_currents
@@ -34,7 +34,7 @@ def study_drivetrain(
         progress: called after each fit.
 
     Raises:
-        ValueError: there is no log, one cannot be read, or one lacks what is needed.
+        ValueError: there is no log or no such robot, a log cannot be read, or one lacks what is needed.
     """
     o = options or DriveTrainOptions()
     recording, ground = (None if source is None else drive_log(source) for source in (o.recording, o.ground))
@@ -44,7 +44,9 @@ def study_drivetrain(
         raise ValueError("the drive train needs a log: recording (wheels in the air), ground, or both")
     if ground is not None:
         require_currents(ground)
-    chassis = chassis_of(o.robot, named[-1])
+    named_robot = o.robot is not None or o.profile is not None
+    robot, guess = (o.robot, "") if named_robot else guessed_robot(named[-1])
+    chassis = chassis_of(robot, o.profile, o.mass)
     commanded = recording
     if recording is None and len(held_commands(named[0])) >= 2 * LEAST_COMMANDS:
         commanded = ground
@@ -77,7 +79,7 @@ def study_drivetrain(
             parts += [] if found is None else [found]
         tick("inertia")
     evidence = tuple(rate_evidence(log) for log in (*named, *held_out))
-    return DriveTrainStudy(o, chassis, evidence, tuple(parts), status=course.status)
+    return DriveTrainStudy(o, chassis, evidence, tuple(parts), guess, robot=chassis.name, status=course.status)
 
 
 def _require_used(held_out: Sequence[DriveLog], used: Sequence[DriveLog]) -> None:

@@ -41,8 +41,8 @@ class DriveTrainOptions:
     """Robot whose nominal geometry and mass are taken: its name or the path of its file. If neither it nor a profile is
     named, the voltage of the battery tells a Warthog from a Husky."""
     profile: str | Profile | None = None
-    """Profile of the robot, which knows its mass and how large its tyres roll: a name, or the path of a TOML file. If none is
-    named, it is husky-tile for a Husky, and the numbers of its file for another robot."""
+    """Profile of the robot, which knows its mass and how large its tyres roll: a name, or the path of a TOML file. If none
+    is named, it is husky-tile for a Husky, and the numbers of its file for another robot."""
     mass: float | None = None
     """Total mass with payload, where it is not the profile's [kg]."""
     torque_constant: float | None = None

@@ -21,7 +21,7 @@ from validation.cli.options import Names as Names
 from validation.cli.options import Number as Number
 from validation.cli.options import Numbers as Numbers
 from validation.cli.options import Output as Output
-from validation.cli.options import Robot as Robot
+from validation.cli.options import RobotName as RobotName
 from validation.cli.options import Run as Run
 from validation.cli.options import Seed as Seed
 from validation.cli.options import UserError as UserError

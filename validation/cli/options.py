@@ -205,7 +205,7 @@ View = Annotated[Flag, option(help="Open the recording in the rerun viewer after
 NoRerun = Annotated[Flag, option(help="Do not write the rerun recording (.rrd).", default="off")]
 
 
-Robot = Annotated[
+RobotName = Annotated[
     str | None,
     option(metavar="ROBOT", default="the profile's", help="Name of a shipped robot, or path of a robot's file (.toml)."),
 ]

@@ -53,7 +53,7 @@ class CompareOptions:
 
     source: Annotated[str, tyro.conf.Positional, cli.option(metavar="SOURCE")]
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, or the path of a recording."""
-    robot: cli.Robot = None
+    robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="all")] = ()
     """Plants to drive, separated by commas, such as mujoco,improved. A wrong name lists all."""

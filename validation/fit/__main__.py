@@ -43,6 +43,7 @@ class _Parameters(FitParameters):
     """Values to hold, such as friction=0.4,com_y=0; these parameters are not searched."""
     bounds: Annotated[cli.Bounds, cli.option(default="the parameters' usual ones")] = field(default_factory=dict)
     """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5."""
+    robot: tyro.conf.Suppress[str | None] = None
     start: Annotated[
         dict[str, float] | None, cli.parsed(_start, "profile|NAME=X,..."), cli.option(default="all are drawn at random")
     ] = None
@@ -95,7 +96,7 @@ class Options:
     """Plant to fit."""
     to: Annotated[str, cli.option(metavar="SOURCE,...")]
     """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
-    robot: cli.Robot = None
+    robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     sources: Annotated[_Sources, tyro.conf.OmitArgPrefixes] = _Sources()
     parameters: Annotated[_Parameters, tyro.conf.OmitArgPrefixes] = _Parameters()
@@ -122,9 +123,8 @@ def main(options: Options) -> None:
                 options.model,
                 sources,
                 options.profile,
-                robot=options.robot,
                 sources=options.sources,
-                parameters=options.parameters,
+                parameters=replace(options.parameters, robot=options.robot),
                 cost=options.cost,
                 search=search,
                 progress=progress,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -51,6 +51,8 @@ _SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)  # horizons of the relative pose errors
 class FitParameters(FreeParameters):
     """The parameters that are fitted, and the start of the search."""
 
+    robot: Robot | str | Path | None = None
+    """Robot whose numbers they are: itself, its name or its path; None for that of the profile."""
     start: Mapping[str, float] | None = None
     """Values of one candidate of the first population; what is not named is the profile's. None draws all at random."""
 
@@ -71,12 +73,11 @@ class FitSearch(SearchOptions):
         return {"search": self.method, **super().record(settings)}
 
 
-def fit(  # noqa: PLR0913 - what a notebook names
+def fit(
     model: str,
     to: str | Path | Sequence[str | Path],
     profile: Profile | str | Path | None = None,
     *,
-    robot: Robot | str | Path | None = None,
     sources: FitSources | None = None,
     parameters: FitParameters | None = None,
     cost: FitCost | None = None,
@@ -95,7 +96,6 @@ def fit(  # noqa: PLR0913 - what a notebook names
             recording.
         profile: the numbers to begin with, or the name or path of a profile; thesis-lab for scenarios and husky-tile for
             recordings if it is None, or the robot's own numbers if these are of another robot than `robot`.
-        robot: the robot, or its name or path; None for that of the profile.
         sources: inputs and time span of recordings, and sources that are held out.
         parameters: the parameters to search, with their bounds.
         cost: the distance that is made small.
@@ -116,7 +116,7 @@ def fit(  # noqa: PLR0913 - what a notebook names
     names = [str(to)] if isinstance(to, str | Path) else [str(name) for name in to]
     occasion: Occasion = "scenario" if all(map(is_scenario, names)) else "recording"
     usual = plant_kind(model).free[occasion]
-    base = choose_profile(profile, robot, PROFILES[occasion])
+    base = choose_profile(profile, parameters.robot, PROFILES[occasion])
     begun = with_values(model, base.plants[model], list(parameters.fix), parameters.fix.values())
     free = usual if parameters.free is None else parameters.free
     space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds, begun.robot)
@@ -125,7 +125,7 @@ def fit(  # noqa: PLR0913 - what a notebook names
     settings = search.settings(*_SIZES[method][model in SIMULATED])
     targets, held_out = open_targets(names, base, sources)
     problem = FitProblem(model, begun, space, targets, cost)
-    _require_possible(problem)
+    _require_possible(problem, parameters.bounds)
     found = _searched(problem, settings, search, start, occasion, progress)
     total = settings.generations + 1
     progress(Progress(total, total, "standard errors and scores"))
@@ -222,9 +222,13 @@ def _first_points(
     return space.points(np.array(values)[None])
 
 
-def _require_possible(problem: FitProblem) -> None:
-    """Refuse numbers that no candidate can have: the profile's own, and bounds of the inertia that no body has."""
-    bodies = [p for p in problem.space.parameters if p.name in ("yaw_inertia", "mass") and problem.model in SIMULATED]
+def _require_possible(problem: FitProblem, given: Container[str]) -> None:
+    """Refuse numbers that no candidate can have: the profile's own, and given bounds of the inertia that no body has.
+
+    Where default bounds reach farther than a robot's other numbers allow, candidates beyond are rated as impossible.
+    """
+    heavy = ("yaw_inertia", "mass") if problem.model in SIMULATED else ()
+    bodies = [p for p in problem.space.parameters if p.name in heavy and p.name in given]
     ends = [{p.name: end} for p in bodies for end in (p.lower, p.upper)]
     for end in ({}, *ends):
         plant = with_values(problem.model, problem.base, list(end), end.values())

@@ -54,7 +54,7 @@ class LogOptions:
 class SimulationOptions:
     """Options that matter only where SOURCE is a drive to be simulated."""
 
-    robot: cli.Robot = None
+    robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     seed: cli.Seed = 0
 

@@ -36,7 +36,7 @@ stopped, and the drive saved, which takes three seconds and, on a busy machine, 
 class SimOptions:
     """The options of `sim`."""
 
-    robot: cli.Robot = None
+    robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     start: Annotated[tuple[float, float, float], cli.option(metavar="X Y YAW", default="the origin")] = (0.0, 0.0, 0.0)
     """Pose of the robot in the tracking system's frame [m, m, rad]."""
@@ -92,7 +92,7 @@ class ControlOptions:
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
     """Mean speed between waypoints; it replaces the times of a file."""
-    robot: cli.Robot = None
+    robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     gains: Annotated[
         str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any, else tuned")

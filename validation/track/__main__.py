@@ -67,7 +67,7 @@ class TrackOptions:
     plant: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = ("improved",)
     """Plant that is the robot. Several, separated by commas, are driven one beside the other; the first one is the one that
     track.json reports."""
-    robot: cli.Robot = None
+    robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     control: LawOptions = LawOptions()
     environment: World = World()
@@ -90,15 +90,10 @@ def main(options: TrackOptions) -> None:
             control.lookahead,
             parse_terrain(world.terrain),
             options.run.seed,
+            options.robot,
         )
         asked = prepare_tracking(
-            options.controller,
-            options.reference,
-            options.plant,
-            options.profile,
-            control.gains,
-            settings,
-            robot=options.robot,
+            options.controller, options.reference, options.plant, options.profile, control.gains, settings
         )
     with cli.shown("tracking") as progress:
         tracked = asked.run(options.run.workers, progress)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ssmr.control.laws import Controller
 from ssmr.control.loop import Feedback, LoopSettings
@@ -47,6 +48,8 @@ class TrackSettings:
     """Ground of the MuJoCo robot."""
     seed: int = 0
     """Seed of noise and disturbance."""
+    robot: Robot | str | Path | None = None
+    """The robot: itself, its name or its path; None for that of the profile."""
 
     def __post_init__(self) -> None:
         """Check the values.
@@ -123,7 +126,7 @@ class PreparedTracking:
         )
 
 
-def track(  # noqa: PLR0913 - what a notebook names
+def track(
     controller: str,
     reference: Waypoints | str | Path,
     plant: str | Sequence[str] = "improved",
@@ -132,10 +135,11 @@ def track(  # noqa: PLR0913 - what a notebook names
     settings: TrackSettings | None = None,
     workers: int | None = None,
     progress: Report = silent,
-    *,
-    robot: Robot | str | Path | None = None,
+    **options: Any,
 ) -> TrackResult:
     """Let one robot or several follow a reference under a controller.
+
+    Every field of the settings can be given by its own name too: `track("pid", "circle", robot="jackal", speed=0.5)`.
 
     Args:
         controller: `pid`, `lqr`, `lqr-scheduled` or `smc`.
@@ -146,10 +150,10 @@ def track(  # noqa: PLR0913 - what a notebook names
             numbers if that is of another robot than `robot`.
         gains: a set of gains, its name (`published`, `manual`, `tuned`) or its path; None for the published ones where the
             thesis has any, else the tuned ones.
-        settings: speed, feedback, disturbance, look-ahead, terrain and seed.
+        settings: speed, feedback, disturbance, look-ahead, terrain, seed and robot.
         workers: threads, None for all processors; the result does not depend on it.
         progress: told how far the work is.
-        robot: the robot, its name or its path; None for that of the profile.
+        options: fields of the settings by name.
 
     Returns:
         The result, which prints (`table()`), draws (`figure()`) and saves (`save(folder)`) itself. `metrics["d_rms_m"]` is
@@ -160,7 +164,8 @@ def track(  # noqa: PLR0913 - what a notebook names
         ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
             that do not go together.
     """
-    return prepare_tracking(controller, reference, plant, profile, gains, settings, robot=robot).run(workers, progress)
+    changed = replace(settings or TrackSettings(), **options)
+    return prepare_tracking(controller, reference, plant, profile, gains, changed).run(workers, progress)
 
 
 def prepare_tracking(
@@ -170,8 +175,6 @@ def prepare_tracking(
     profile: Profile | str | Path | None = None,
     gains: GainSet | str | Path | None = None,
     settings: TrackSettings | None = None,
-    *,
-    robot: Robot | str | Path | None = None,
 ) -> PreparedTracking:
     """Check everything that tracking is asked for, and build its robots; the arguments are those of `track`.
 
@@ -182,7 +185,7 @@ def prepare_tracking(
     plants = (plant,) if isinstance(plant, str) else tuple(plant)
     if not plants or len(set(plants)) < len(plants):
         raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
-    chosen = choose_profile(profile, robot, "thesis-lab")
+    chosen = choose_profile(profile, settings.robot, "thesis-lab")
     wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None)
     if wanted.controller != controller:
         raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")

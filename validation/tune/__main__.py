@@ -22,6 +22,7 @@ class _Task(TuneTask):
 
     plants: Annotated[cli.Names, cli.option("plant", metavar="PLANT,...", default="improved")] = ("improved",)
     """Plants that the controller must drive, separated by commas; the cost is the mean over all."""
+    robot: tyro.conf.Suppress[str | None] = None
     held_out: Annotated[
         cli.Names | None,
         cli.option(metavar="REF,...", default="line, circle, sine and generic at 0.25 and 0.5 m/s that are not tuned on"),
@@ -87,7 +88,7 @@ class Options:
     """Controller to tune."""
     reference: Annotated[cli.Names, cli.option(metavar="REF,...")] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, circle@0.5 with its speed, or waypoint files."""
-    robot: cli.Robot = None
+    robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     task: Annotated[_Task, tyro.conf.OmitArgPrefixes] = _Task()
     parameters: Annotated[_Parameters, tyro.conf.OmitArgPrefixes] = _Parameters()
@@ -113,8 +114,7 @@ def main(options: Options) -> None:
                 options.controller,
                 options.reference,
                 options.profile,
-                robot=options.robot,
-                task=options.task,
+                task=replace(options.task, robot=options.robot),
                 parameters=options.parameters,
                 cost=replace(options.cost, seeds=range(seed, seed + (options.cost.noise_seeds or 1))),
                 search=replace(options.search, checkpoint=folder / CHECKPOINT),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.parameters import require_within
 from validation.fit.search import FreeParameters
+from validation.simulator.description import Robot
 
 
 @dataclass(frozen=True)
@@ -15,6 +17,8 @@ class TuneTask:
 
     plants: tuple[str, ...] = ("improved",)
     """Plants that the controller must drive; the cost is the mean over all."""
+    robot: Robot | str | Path | None = None
+    """The robot: itself, its name or its path; None for that of the profile."""
     speed: float = 0.25
     """Speed of references that name none [m/s]."""
     held_out: tuple[str, ...] | None = None

@@ -18,7 +18,6 @@ from validation.fit.uncertainty import bound_sentences, found_parameters
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
-from validation.simulator.description import Robot
 from validation.track.gains import DEFAULT, GainSet, load_gains, names
 from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, odometry_of, require_practicable
 from validation.track.waypoint_files import open_reference
@@ -32,12 +31,11 @@ HELD_OUT = tuple(f"{name}@{speed}" for name in ("line", "circle", "sine", "gener
 """References that a tuning is judged on unless others are named, except those it is tuned on."""
 
 
-def tune(  # noqa: PLR0913 - what a notebook names
+def tune(
     controller: str,
     references: str | Sequence[str] = "generic",
     profile: Profile | str | Path | None = None,
     *,
-    robot: Robot | str | Path | None = None,
     task: TuneTask | None = None,
     parameters: TuneParameters | None = None,
     cost: TuneCost | None = None,
@@ -55,7 +53,6 @@ def tune(  # noqa: PLR0913 - what a notebook names
         references: the reference it must follow, or several: `generic`, `circle@0.5` with its speed [m/s], or a file's path.
         profile: the plants' parameters, or the name or path of a profile; None for `thesis-lab`, or the robot's own numbers
             if that is of another robot than `robot`.
-        robot: the robot, or its name or path; None for that of the profile.
         task: plants, held-out references, and noise.
         parameters: the gains to search, with their bounds.
         cost: what is made small.
@@ -75,7 +72,7 @@ def tune(  # noqa: PLR0913 - what a notebook names
     )
     if controller not in LAWS:
         raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(LAWS)}")
-    chosen = choose_profile(profile, robot, "thesis-lab")
+    chosen = choose_profile(profile, task.robot, "thesis-lab")
     base = _base_gains(controller, parameters)
     make_controller(chosen, base)
     space = make_tuning_space(controller, parameters.free, parameters.all, parameters.bounds, parameters.fix)

@@ -1,0 +1,284 @@
+"""Every program runs with a robot that is no Husky: one that comes with the package, and a stranger's file."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from tests.conftest import EXACT
+from validation import cli, load_profile, load_robot
+from validation.compare import __main__ as compare_program
+from validation.compare import compare
+from validation.fit import __main__ as fit_program
+from validation.fit import fit
+from validation.fit.run import FitParameters
+from validation.learning import tracking
+from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile, make_plant
+from validation.plants.searchable import find, searchable
+from validation.plants.table import plant_kind
+from validation.recordings import __main__ as recordings_program
+from validation.simulator.description import Robot
+from validation.study import __main__ as study_program
+from validation.track import __main__ as track_program
+from validation.track import track
+from validation.tune import __main__ as tune_program
+from validation.tune import tune
+
+
+def stranger(folder: Path, seed: int = 5) -> Path:
+    """Return the file of a robot drawn at random: 8 to 800 kg, of the shape that its mass asks for."""
+    rng = np.random.default_rng(seed)
+    mass = math.exp(rng.uniform(math.log(8.0), math.log(800.0)))
+    radius = float(np.clip(0.035 * mass ** (1.0 / 3.0) * rng.uniform(0.8, 1.2), 0.05, 0.35))
+    track_width = radius * rng.uniform(3.0, 4.5)
+    wheelbase = max(track_width * rng.uniform(0.5, 1.6), 2.2 * radius)
+    geometry = {"wheelbase": wheelbase, "track": track_width, "wheel_radius": radius, "wheel_width": 0.5 * radius}
+    document = {
+        "schema": "ssmr.robot/1",
+        "name": "stranger",
+        "geometry": {name: round(value, 4) for name, value in geometry.items()},
+        "mass": {"total": round(mass, 2), "com": [round(0.1 * wheelbase, 4), 0.0, 0.0]},
+        "drive": {"v_max": 1.5, "w_max": 2.0, "acceleration_v": 2.0, "acceleration_w": 4.0},
+    }
+    path = folder / "stranger.toml"
+    path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module", params=["jackal", "stranger"])
+def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The name of a shipped robot, then the path of a file."""
+    name: str = request.param
+    return name if name == "jackal" else str(stranger(tmp_path_factory.mktemp("robots")))
+
+
+def run(program: Any, name: str, *arguments: str) -> int:
+    """Return the exit status of a program, which runs in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [name, *arguments])
+        try:
+            cli.run(program, f"python -m validation.{name}")
+        except SystemExit as left:
+            return int(left.code or 0)
+    return 0
+
+
+def document(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+# ------------------------------------------------------------------------------------------------- the programs
+
+
+def test_compare(robot: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run(compare_program.main, "compare", "traj4", "--robot", robot, "--out", str(out)) == 0
+    found = document(out / "compare.json")
+    assert found["robot"] == load_robot(robot).name
+    for name, plant in found["plants"].items():
+        assert math.isfinite(plant["d_rms_m"])
+        assert plant["d_rms_m"] < 0.6, name  # of 10 m of path; without the slip of turns it is more than a metre
+    assert found["plants"]["mujoco"]["health"]["ok"]
+    assert found["parameters"]["mujoco"]["parameters"]["mass"] == load_robot(robot).masses.total
+    assert (out / "compare.png").is_file()
+    assert (out / "compare.rrd").is_file()
+
+
+def test_track(robot: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ["--robot", robot, "--plant", "improved,mujoco", "--out", str(out)]
+    for controller in ("pid", "smc"):
+        assert run(track_program.main, "track", controller, "circle", *arguments) == 0
+        found = document(out / "track.json")
+        assert found["robot"] == load_robot(robot).name
+        for metrics in (found["metrics"], found["beside"]["mujoco"]):
+            assert metrics["d_rms_m"] < 0.15
+        assert (out / "track.rrd").is_file()
+
+
+def test_tune(robot: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    short = ["--population", "8", "--generations", "2", "--reference", "circle@0.5", "--held-out", "line@0.5"]
+    assert run(tune_program.main, "tune", "pid", "--robot", robot, *short, "--out", str(out)) == 0
+    found = document(out / "tune.json")
+    assert found["robot"] == load_robot(robot).name
+    assert found["cost"] <= found["baseline_cost"]
+    with (out / "gains.toml").open("rb") as file:
+        assert tomllib.load(file)["provenance"]["robot"] == load_robot(robot).name
+
+
+def test_fit_of_a_planar_model(robot: str, tmp_path: Path) -> None:
+    """The fitted profile keeps its robot, also one that no other machine knows."""
+    out = tmp_path / "out"
+    short = ["--population", "16", "--generations", "8", "--start", "profile", "--seed", "1"]
+    assert run(fit_program.main, "fit", "improved", "--to", "traj4@mujoco", "--robot", robot, *short, "--out", str(out)) == 0
+    found = document(out / "fit.json")
+    assert found["robot"] == load_robot(robot).name
+    before = compare("traj4", plants=("improved",), reference="mujoco", robot=robot).plants["improved"].metrics["d_rms_m"]
+    assert found["train"]["d_rms_m"] < 0.7 * before
+    fitted = load_profile(str(out / "profile.toml"))
+    assert fitted.robot == load_robot(robot)
+    assert "nothing was fitted" not in fitted.description
+    again = compare("traj4", fitted, plants=("improved",), reference="mujoco")
+    assert again.plants["improved"].metrics["d_rms_m"] == pytest.approx(found["train"]["d_rms_m"], rel=1e-9)
+    assert again.robot == load_robot(robot)
+
+
+def test_fit_of_the_simulator(robot: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    short = ["--population", "5", "--generations", "1", "--start", "profile"]
+    assert run(fit_program.main, "fit", "mujoco", "--to", "traj4@improved", "--robot", robot, *short, "--out", str(out)) == 0
+    assert math.isfinite(document(out / "fit.json")["train"]["d_rms_m"])
+
+
+def test_recordings(robot: str, tmp_path: Path) -> None:
+    """A simulated log of the robot, converted, is a log that a comparison and a fit take."""
+    log = tmp_path / "log.csv"
+    commands = recordings_program.LOG_COMMANDS
+    assert run(commands, "recordings", "convert", "traj4@mujoco", "--robot", robot, "--out", str(log), "--rate", "50") == 0
+    assert run(commands, "recordings", "info", "traj4@mujoco", "--robot", robot, "--json", str(tmp_path / "info.json")) == 0
+    out = tmp_path / "out"
+    assert run(compare_program.main, "compare", str(log), "--robot", robot, "--no-rerun", "--out", str(out)) == 0
+    found = document(out / "compare.json")
+    assert found["robot"] == load_robot(robot).name
+    errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in found["plants"].items()}
+    assert errors["mujoco"] < min(0.1, *(error for name, error in errors.items() if name != "mujoco"))
+
+
+STUDIES = {
+    "contact": ("--only", "condim"),
+    "gains": ("--plants", "improved", "--seeds", "1"),
+    "tables": ("--numbers", "4.5", "--seeds", "1"),
+    "filter": ("--references", "circle", "--seeds", "1", "--frictions", "0.6"),
+    "robustness": ("--controllers", "pid", "--runs", "16", "--seeds", "1", "--reference", "line", "--speed", "0.5",
+                   "--timestep", "0.005"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("study", STUDIES)
+def test_studies(robot: str, study: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run(study_program.program(), "study", study, "--robot", robot, *STUDIES[study], "--out", str(out)) == 0
+    assert document(out / "study.json")["robot"] == load_robot(robot).name
+    assert "nan" not in (out / "study.md").read_text(encoding="utf-8").lower().split()
+
+
+def test_learning(robot: str) -> None:
+    environment = tracking(robot=robot, speed=0.3)
+    step = environment.reset()
+    top = environment.action_spec().maximum
+    for _ in range(20):
+        step = environment.step(0.3 * top)
+    assert environment.task.robot.mjcf_model.model == load_robot(robot).name
+    assert all(np.isfinite(seen).all() for seen in step.observation.values())
+
+
+# ------------------------------------------------------------------------------------------------- doors
+
+
+def test_every_door_takes_a_robot_in_every_form(robot: str) -> None:
+    loaded = load_robot(robot)
+    small: dict[str, Any] = {"population": 5, "generations": 1}
+    doors: list[Callable[[str | Path | Robot], Any]] = [
+        lambda r: compare("traj1", plants=("kinematic",), reference="kinematic", robot=r).robot,
+        lambda r: track("pid", "line", "kinematic", robot=r, speed=0.5).robots[0].body,
+        lambda r: fit("kinematic", "traj1@linear", robot=r, free=("y_l",), **small).profile.robot,
+    ]
+    for door in doors:
+        assert door(robot) == door(loaded) == loaded
+    if Path(robot).exists():
+        assert doors[0](Path(robot)) == loaded
+    assert tune("smc", "line@0.5", robot=loaded, held_out=(), free=("k_x",), **small).robot == loaded.name
+
+
+def test_a_profile_of_another_robot_is_refused(robot: str) -> None:
+    with pytest.raises(ProfileError, match="of the robot husky, not of"):
+        choose_profile("husky-tile", robot, "thesis-lab")
+    assert choose_profile(None, "husky", "thesis-lab").name == "thesis-lab"
+    assert choose_profile(None, robot, "thesis-lab").robot == load_robot(robot)
+
+
+def test_a_robot_that_there_is_not_is_the_users_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(compare_program.main, "compare", "traj4", "--robot", "tank", "--out", str(tmp_path / "out")) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "no robot 'tank'; there are: husky, jackal" in line
+    assert not (tmp_path / "out").exists()
+
+
+# ------------------------------------------------------------------------------------------------- numbers
+
+
+@pytest.mark.parametrize("name", ["husky", "jackal", "warthog", "pioneer3at"])
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_robots_own_numbers_lie_within_its_bounds(name: str, plant: str) -> None:
+    """So that a fit can begin with them; a limit that is off counts as the upper bound."""
+    profile = bare_profile(load_robot(name)).plants[plant]
+    for free in ("scenario", "recording"):
+        for number in plant_kind(plant).free[free]:
+            s = find(plant, number, profile.robot)
+            assert s.lower <= min(s.read(profile), s.upper if math.isinf(s.read(profile)) else math.inf) <= s.upper, number
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_so_do_those_of_random_robots(seed: int, tmp_path: Path) -> None:
+    profile = bare_profile(load_robot(stranger(tmp_path, seed)))
+    for plant in PLANTS:
+        make_plant(profile, plant)
+        for s in searchable(plant, profile.robot):
+            value = s.read(profile.plants[plant])
+            assert math.isinf(value) or s.lower <= value <= s.upper, (plant, s.name)
+
+
+def test_a_warthogs_numbers_can_be_fitted() -> None:
+    """They were refused when bounds were those of a Husky."""
+    warthog = load_robot("warthog")
+    for number, value in (("wheel_radius", 0.3), ("yaw_inertia", 80.0), ("mass", 280.0)):
+        s = find("mujoco", number, warthog)
+        assert s.lower < value < s.upper
+    numbers = {"wheel_radius": 0.3, "yaw_inertia": 80.0}
+    start = FitParameters(free=tuple(numbers), start=numbers, robot=warthog)
+    found = fit("mujoco", "traj1@kinematic", parameters=start, population=5, generations=1)
+    assert {p.name: p.before for p in found.parameters} == {"wheel_radius": 0.3, "yaw_inertia": warthog.yaw_inertia}
+
+
+def test_a_limit_that_is_off_is_no_obstacle_to_a_start(tmp_path: Path) -> None:
+    """Without a limit of acceleration a search begins at the greatest that it may try."""
+    robot = load_robot(stranger(tmp_path))
+    free = bare_profile(robot)
+    assert free.robot.drive.acceleration_v == 2.0
+    document = robot.as_document()
+    del document["drive"]["acceleration_v"]
+    path = tmp_path / "free.toml"
+    path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    found = fit(
+        "linear", "traj1@kinematic", robot=path, start={}, free=("acceleration_v", "k_u"), population=5, generations=1
+    )
+    (acceleration,) = (p for p in found.parameters if p.name == "acceleration_v")
+    assert acceleration.before == math.inf
+    assert found.as_dict()["parameters"]["acceleration_v"]["before"] is None
+
+
+@pytest.mark.parametrize("name", ["jackal", "warthog", "pioneer3at"])
+def test_planar_models_scale_with_the_robot(name: str) -> None:
+    """Speed loops of robots of all sizes are equally fast, and turns on the spot take the slip of dry friction."""
+    robot, thesis = load_robot(name), load_robot("husky")
+
+    def rates(of: Robot) -> list[float]:
+        plants, v = bare_profile(of).plants, of.vehicle
+        improved = plants["improved"].parameters.gain / (v.mass * v.wheel_radius**2)
+        return [improved, plants["linear"].parameters.gain / (v.mass * v.wheel_radius)]
+
+    assert rates(robot) == pytest.approx(rates(thesis), rel=1e-12)
+    g, kinematic = robot.geometry, bare_profile(robot).plants["kinematic"].parameters
+    assert kinematic.y_l == -kinematic.y_r == pytest.approx(0.5 * g.track * (1.0 + (g.wheelbase / g.track) ** 2))
+    assert abs(bare_profile(thesis).plants["kinematic"].parameters.y_l - 0.275) <= EXACT

@@ -40,18 +40,19 @@ from validation.show.rerun_robots import (
     round_interval,
     write_ground,
     write_motion,
+    write_patch,
     write_path,
     write_robot,
     write_signpost,
 )
-from validation.show.robot_mesh import robot_mesh
+from validation.show.robot_mesh import RobotMesh, robot_mesh
 from validation.simulator.description import WHEELS
 from validation.simulator.terrain import FLAT
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.store import write_atomic
 
 LINEUP_GAP = np.array([1.75, 1.25, 0.0])
-"""Distance between rows and between neighbours in the line-up [m]."""
+"""Distance between rows and between neighbours in the line-up, for robots as large as a Husky [m]."""
 ABREAST = 3
 """Robots in a row of the line-up."""
 PLACE: Rgb = (70, 74, 80)
@@ -126,13 +127,13 @@ def _tracks(comparison: ComparisonData) -> list[Track]:
 def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None:
     """Log ground, robots, paths and labels, of the world and of the line-up."""
     robot, extent, close = robot_mesh(tracks[0].robot), Extent(tracks), _stays_close(tracks)
-    margin = 0.5 * extent.reach + 5.0
+    gap = _gap(robot)
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    write_ground(recording, "world/ground", tracks[0].terrain, extent.middle - margin, extent.middle + margin)
-    write_ground(recording, "lineup/ground", FLAT, np.full(2, -50.0), np.full(2, 50.0))
+    write_ground(recording, "world/ground", tracks[0].terrain, extent)
+    write_patch(recording, "lineup/ground", FLAT, np.full(2, -50.0), np.full(2, 50.0))
     interval = round_interval((tracks[0].t[-1] - tracks[0].t[0]) / 8.0)
     for rank, track in enumerate(tracks):
-        world, lineup, place = f"world/{track.name}", f"lineup/{track.name}", _place(rank, len(tracks))
+        world, lineup, place = f"world/{track.name}", f"lineup/{track.name}", _place(rank, len(tracks), gap)
         opacity = opacity_of(robot, None if track.reference is None else track.apart)
         write_robot(recording, f"{world}/robot", robot, track, opacity)
         write_motion(recording, f"{world}/robot", robot, track, track.body, track.raised)
@@ -142,20 +143,25 @@ def _write_scene(recording: rr.RecordingStream, tracks: Sequence[Track]) -> None
         recording.log(f"{world}/robot/outline", outline(robot, robot.box[1, 2], track.colour), static=True)
         recording.log(f"{lineup}/place", outline(robot, 0.0, PLACE), rr.Transform3D(translation=place), static=True)
         name = f"{track.name} (reference)" if track.reference is None else track.name
-        recording.log(f"{lineup}/name", labels([np.add(place, (0.3, 0.0, 0.75))], [name], track.bright), static=True)
+        recording.log(f"{lineup}/name", labels([place + (0.3, 0.0, 0.75) * robot.scale], [name], track.bright), static=True)
         write_signpost(recording, track, extent, rank)
 
 
 def _stays_close(tracks: Sequence[Track]) -> bool:
     """Return whether every robot stays closer to the reference's than its neighbour's place in the line-up."""
-    return all(track.apart.max() < LINEUP_GAP[1] for track in tracks)
+    return all(track.apart.max() < _gap(robot_mesh(track.robot))[1] for track in tracks)
 
 
-def _place(rank: int, count: int) -> FloatArray:
+def _gap(robot: RobotMesh) -> FloatArray:
+    """(3,) distance between rows and between neighbours in the line-up [m]."""
+    return LINEUP_GAP * robot.scale
+
+
+def _place(rank: int, count: int, gap: FloatArray) -> FloatArray:
     """(3,) place of a robot in the line-up [m]: the first row from the left, later rows ahead of it."""
     row, column = divmod(rank, ABREAST)
     in_row = min(count - row * ABREAST, ABREAST)
-    return LINEUP_GAP * (row, 0.5 * (in_row - 1) - column, 0.0)
+    return gap * (row, 0.5 * (in_row - 1) - column, 0.0)
 
 
 def _write_history(recording: rr.RecordingStream, history: History) -> None:
@@ -246,7 +252,8 @@ def _views_of_robots(tracks: Sequence[Track]) -> list[rrb.Spatial3DView]:
     """The scene from aside and from above, the line-up, and the reference's robot from near."""
     extent, reference = Extent(tracks), tracks[0].name
     rows = math.ceil(len(tracks) / ABREAST)
-    heart = np.array([0.4 * LINEUP_GAP[0] * (rows - 1), 0.1, 0.2])
+    gap, scale = _gap(robot_mesh(tracks[0].robot)), extent.scale
+    heart = np.array([0.4 * gap[0] * (rows - 1), 0.1 * scale, 0.2 * scale])
     names = [f"- /world/{track.name}/end/**" for track in tracks]
     bodies = [f"- /world/{track.name}/robot/{body}" for track in tracks[1:] for body in ("base", *WHEELS)]
 
@@ -256,7 +263,7 @@ def _views_of_robots(tracks: Sequence[Track]) -> list[rrb.Spatial3DView]:
         view(
             f"Side by side, {how} as seen from {reference}",
             "/lineup",
-            eye(heart + (3.1 + 0.5 * rows) * np.array([-0.73, -0.14, 0.62]), heart),
+            eye(heart + scale * (3.1 + 0.5 * rows) * np.array([-0.73, -0.14, 0.62]), heart),
         ),
         follower(tracks[0], [*names, f"- /world/{reference}/ticks/time", *bodies]),
     ]

@@ -14,6 +14,7 @@ from ssmr.types import FloatArray
 from validation.show.palette import Rgb
 from validation.show.rerun_file import TIMELINE, rr
 from validation.show.rerun_robots import GRID, Extent, Track
+from validation.show.robot_mesh import robot_mesh
 from validation.words import one_line
 
 _LEGEND_SHARE = 0.4
@@ -110,9 +111,9 @@ def overviews(extent: Extent, names: Sequence[str]) -> list[rrb.Spatial3DView]:
 
 def follower(track: Track, without: Sequence[str]) -> rrb.Spatial3DView:
     """Return a view of the world from close behind a robot."""
-    start = track.pose[0]
-    behind = np.append(shift_reference(start, (-1.5, -1.2))[:2], 1.15)
-    looks = eye(behind, np.append(start[:2], 0.2), follow=f"/world/{track.name}/robot/base")
+    start, scale = track.pose[0], float(robot_mesh(track.robot).scale[:2].max())
+    behind = np.append(shift_reference(start, (-1.5 * scale, -1.2 * scale))[:2], 1.15 * scale)
+    looks = eye(behind, np.append(start[:2], 0.2 * scale), follow=f"/world/{track.name}/robot/base")
     return view(f"Following {track.name}", "/world", looks, without)
 
 

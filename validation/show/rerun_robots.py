@@ -17,7 +17,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import TIMELINE, rr
-from validation.show.robot_mesh import RobotMesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.show.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
 from validation.simulator.description import WHEELS, Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
@@ -134,10 +134,12 @@ class Extent:
         reach: the longest extent [m].
         distance: from where an eye sees all of it, with the robots and a margin, in a view twice as wide as high [m].
         post: how far beyond the end the signpost with the plants' names stands [m].
+        scale: length or width of the robots over a Husky's, the greater ratio, by which distances around them grow.
     """
 
     def __init__(self, tracks: Sequence[Track]) -> None:
         xy = np.concatenate([track.pose[:, :2] for track in tracks])
+        self.scale = scale = float(robot_mesh(tracks[0].robot).scale[:2].max())
         self.end = np.mean([track.pieces[-1].xy[-1] for track in tracks], axis=0)
         offsets = xy - xy.mean(axis=0)
         along = np.linalg.eigh(offsets.T @ offsets + np.diag([1e-9, 0.0]))[1][:, 1]  # along x where nothing moves
@@ -150,8 +152,10 @@ class Extent:
         self.reach = float((high - low).max())
         slope = math.tan(0.5 * _FIELD_OF_VIEW)
         length, width = 0.5 * (high - low)
-        self.distance = max(3.0, (length + 0.8) / (1.8 * slope), (0.6 * width + 0.8) / slope) + 0.6 * float(width)
-        self.post = max(0.8, 0.1 * self.distance)
+        beside = 0.8 * scale
+        least = (length + beside) / (1.8 * slope), (0.6 * width + beside) / slope
+        self.distance = max(3.0 * scale, *least) + 0.6 * float(width)
+        self.post = max(beside, 0.1 * self.distance)
 
 
 def identify(asked: object, tracks: Sequence[Track]) -> uuid.UUID:
@@ -250,7 +254,7 @@ def outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
     z = height + 0.004
     (rear, right, _), (front, left, _) = robot.box
     around = [[front, left, z], [front, right, z], [rear, right, z], [rear, left, z], [front, left, z]]
-    nose = [[front, 0.25 * left, z], [front + 0.1, 0.0, z], [front, 0.25 * right, z]]
+    nose = [[front, 0.25 * left, z], [front + 0.1 * robot.scale[0], 0.0, z], [front, 0.25 * right, z]]
     return lines([around, nose], rgb, 1.2)
 
 
@@ -260,8 +264,16 @@ def labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Po
     return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)
 
 
-def write_ground(recording: rr.RecordingStream, entity: str, terrain: Terrain, low: np.ndarray, high: np.ndarray) -> None:
-    """Log the ground between two corners [m], just below the lines that are drawn on it."""
+def write_ground(recording: rr.RecordingStream, entity: str, terrain: Terrain, extent: Extent) -> None:
+    """Log the ground below all paths and around them, just below the lines that are drawn on it."""
+    margin = 0.5 * extent.reach + 5.0 * max(extent.scale, 1.0)
+    write_patch(recording, entity, terrain, extent.middle - margin, extent.middle + margin, extent.scale)
+
+
+def write_patch(
+    recording: rr.RecordingStream, entity: str, terrain: Terrain, low: np.ndarray, high: np.ndarray, scale: float = 1.0
+) -> None:
+    """Log the ground between two corners [m], with what is drawn on it for robots of that size over a Husky's."""
     if terrain.kind == "rough":
         recording.log(entity, _uneven(terrain, low, high), static=True)
         return
@@ -279,7 +291,8 @@ def write_ground(recording: rr.RecordingStream, entity: str, terrain: Terrain, l
     if terrain.kind == "ramp" and terrain.slope > 0.0:
         downhill = -np.array([math.cos(terrain.toward), math.sin(terrain.toward), 0.0])
         words, origin = f"downhill, {math.degrees(terrain.slope):g}°", [0.0, 0.0, 0.02]
-        arrow = rr.Arrows3D(origins=[origin], vectors=[1.2 * downhill], colors=[DOWNHILL], radii=[0.02], labels=[words])
+        vector, radius = 1.2 * scale * downhill, 0.02 * scale
+        arrow = rr.Arrows3D(origins=[origin], vectors=[vector], colors=[DOWNHILL], radii=[radius], labels=[words])
         recording.log(f"{entity}/downhill", arrow, static=True)
 
 

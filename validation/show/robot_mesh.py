@@ -23,6 +23,8 @@ SEGMENTS = 36
 """Flat faces around whatever is round."""
 RINGS = 6
 """Flat faces from the equator of a cap to its pole."""
+USUAL_SIZE = (0.984, 0.689, 0.363)
+"""Length, width and height of the robot for which distances in scenes are given [m]: a Husky's."""
 SMALLEST_FACE = 1e-12
 """A triangle of less area has no normal [m2]: what a profile leaves where it meets its axis."""
 
@@ -53,6 +55,11 @@ class RobotMesh:
         """(2, 3) lowest and highest coordinates of the whole robot [m]."""
         corners = np.concatenate([self.places[name] + mesh.vertices for name, mesh in self.bodies.items()])
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+    @cached_property
+    def scale(self) -> FloatArray:
+        """(3,) length, width and height of the whole robot over `USUAL_SIZE`."""
+        return np.asarray((self.box[1] - self.box[0]) / USUAL_SIZE)
 
 
 @lru_cache(maxsize=8)

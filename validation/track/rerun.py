@@ -108,11 +108,10 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
 def _write_scene(recording: rr.RecordingStream, reference: Track, robots: Sequence[Track]) -> None:
     """Log ground, reference, target, robots and their trails."""
     robot, extent, solid = robot_mesh(reference.robot), Extent([reference, *robots]), robots[0]
-    margin = 0.5 * extent.reach + 5.0
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    write_ground(recording, "world/ground", reference.terrain, extent.middle - margin, extent.middle + margin)
+    write_ground(recording, "world/ground", reference.terrain, extent)
     write_path(recording, reference, round_interval((reference.t[-1] - reference.t[0]) / 8.0))
-    _write_target(recording, reference)
+    _write_target(recording, reference, extent.scale)
     for rank, track in enumerate(robots):
         entity, n = f"world/{track.name}/robot", min(len(track.t), len(solid.t))
         apart = None if rank == 0 else np.hypot(*(track.pose[:n, :2] - solid.pose[:n, :2]).T)
@@ -123,12 +122,13 @@ def _write_scene(recording: rr.RecordingStream, reference: Track, robots: Sequen
         write_signpost(recording, track, extent, rank)
 
 
-def _write_target(recording: rr.RecordingStream, reference: Track) -> None:
-    """Log a post with an arrow along the reference's heading, and where it is over time."""
-    pose = reference.pose[reference.shown]
-    looks = rr.Arrows3D(origins=[[0.0, 0.0, 0.5]], vectors=[[0.45, 0.0, 0.0]], colors=[_TARGET_INK], radii=[0.025])
+def _write_target(recording: rr.RecordingStream, reference: Track, scale: float) -> None:
+    """Log a post with an arrow along the reference's heading, as high as robots of this scale ask for, over time."""
+    pose, top = reference.pose[reference.shown], [0.0, 0.0, 0.5 * scale]
+    arrow = [0.45 * scale, 0.0, 0.0]
+    looks = rr.Arrows3D(origins=[top], vectors=[arrow], colors=[_TARGET_INK], radii=[0.025 * scale])
     recording.log("world/target", looks, static=True)
-    post = lines([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]], _TARGET_INK, 2.5)
+    post = lines([[[0.0, 0.0, 0.0], top]], _TARGET_INK, 2.5)
     recording.log("world/target/post", post, static=True)
     time = rr.TimeColumn(TIMELINE, duration=reference.t[reference.shown])
     translation = np.column_stack([pose[:, :2], reference.terrain.height_at(pose[:, :2])])

@@ -16,7 +16,7 @@ from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
 from validation.logs.files import quoted
 from validation.logs.groups import POSES, Group, Groups, stacked_columns
-from validation.logs.rest import standing, wheel_twist
+from validation.logs.rest import STOCK, standing, wheel_twist
 
 _TRUTHS = (("gps", ("gps_east", "gps_north")), ("pose", ("x", "y")))
 """Groups and columns whose positions dead reckoning is compared with: the first that a log has."""
@@ -46,7 +46,9 @@ class Reckoning:
     """At least one."""
 
 
-def filtered_motion(groups: Groups, *, gyro: bool = True, bias: bool = True) -> Trajectory | None:
+def filtered_motion(
+    groups: Groups, *, gyro: bool = True, bias: bool = True, settings: EkfSettings = STOCK
+) -> Trajectory | None:
     """Run the state filter over a log, from pose 0 on.
 
     It runs at the gyro's stamps, where there is one, and interpolates the wheels' rates linearly between theirs.
@@ -55,11 +57,12 @@ def filtered_motion(groups: Groups, *, gyro: bool = True, bias: bool = True) -> 
         groups: the log.
         gyro: True if the filter takes in the gyro.
         bias: True if the gyro's bias is learned whenever the robot stands, see `learn_bias`, and subtracted from then on.
+        settings: the filter's, with wheel radius and half-track of the robot's driver.
 
     Returns:
         The filter's motion; None without wheels or, if `gyro`, without a gyro.
     """
-    wheels = wheel_twist(groups)
+    wheels = wheel_twist(groups, settings)
     within = None if wheels is None or not gyro else _gyro_within(groups, wheels[0])
     if wheels is None or (gyro and within is None):
         return None
@@ -67,14 +70,13 @@ def filtered_motion(groups: Groups, *, gyro: bool = True, bias: bool = True) -> 
     t, turning = (stamps, None) if within is None else within
     if turning is not None and bias:
         turning = turning - learn_bias(t, turning, standing(groups, t))[:, 0]
-    settings = EkfSettings()
     left, right = source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
     return run_ekf(t, left, right, turning, settings, State())
 
 
-def integrated(groups: Groups) -> Group | None:
+def integrated(groups: Groups, settings: EkfSettings = STOCK) -> Group | None:
     """Integrate the wheels' speed along the integral of the gyro, with the midpoint rule; None without wheels or gyro."""
-    wheels = wheel_twist(groups)
+    wheels = wheel_twist(groups, settings)
     within = None if wheels is None else _gyro_within(groups, wheels[0])
     if wheels is None or within is None:
         return None
@@ -98,15 +100,17 @@ def _summed(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def reckon(groups: Groups) -> Reckoning | None:
+def reckon(groups: Groups, settings: EkfSettings = STOCK) -> Reckoning | None:
     """Compare all ways of dead reckoning that a log allows with its positions by satellite or by a localiser.
+
+    `settings` of the filter have wheel radius and half-track of the robot's driver.
 
     Returns:
         None where the log has no such positions, or no wheels.
     """
     positions = {n: stacked_columns(groups[n].columns, names) for n, names in _TRUTHS if n in groups}
     name, points = next(((n, xy) for n, xy in positions.items() if xy is not None), ("", None))
-    tracks = list(_tracks(groups)) if points is not None else []
+    tracks = list(_tracks(groups, settings)) if points is not None else []
     if points is None or not tracks:
         return None
     truth = groups[name]
@@ -124,14 +128,14 @@ def reckon(groups: Groups) -> Reckoning | None:
     return Reckoning(f"{truth.source} ({name})", len(at), tuple(rows))
 
 
-def _tracks(groups: Groups) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+def _tracks(groups: Groups, settings: EkfSettings) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield name, stamps [s] and positions [m] of each way; the odometry's own pose comes first."""
     if "odom" in groups:
         for names in POSES:
             xy = stacked_columns(groups["odom"].columns, names[:2])
             if xy is not None:
                 yield "odometry's own pose", groups["odom"].t, xy
-    plain = integrated(groups)
+    plain = integrated(groups, settings)
     if plain is not None:
         yield "wheels' speed, gyro's heading", plain.t, np.column_stack(list(plain.columns.values()))
     for name, gyro, bias in (
@@ -139,12 +143,12 @@ def _tracks(groups: Groups) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         ("filter of wheels and gyro", True, False),
         ("filter, bias learned at rest", True, True),
     ):
-        motion = filtered_motion(groups, gyro=gyro, bias=bias)
+        motion = filtered_motion(groups, gyro=gyro, bias=bias, settings=settings)
         if motion is not None:
             yield name, motion.t, motion.pose[:, :2]
 
 
-def with_filter(groups: Groups) -> dict[str, Group] | None:
+def with_filter(groups: Groups, settings: EkfSettings = STOCK) -> dict[str, Group] | None:
     """Return the log with the filter's pose as its x, y, yaw; None without wheels.
 
     Columns that had these names before are called odom_x ... or pose_x ... in the result.
@@ -152,7 +156,7 @@ def with_filter(groups: Groups) -> dict[str, Group] | None:
     Raises:
         ValueError: there is a column of such a name already.
     """
-    motion = filtered_motion(groups) or filtered_motion(groups, gyro=False)
+    motion = filtered_motion(groups, settings=settings) or filtered_motion(groups, gyro=False, settings=settings)
     if motion is None:
         return None
     renamed = {

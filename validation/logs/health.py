@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssmr.estimation.ekf import EkfSettings
 from ssmr.types import FloatArray, IndexArray
 from validation.logs.groups import Groups, stacked_columns
 from validation.logs.recording import COMMAND_COLUMNS, POSE_COLUMNS, fresh_poses
-from validation.logs.rest import moving_mean, wheel_twist
+from validation.logs.rest import STOCK, moving_mean, wheel_twist
 
 JUMP_M = 0.2
 """Step of position beyond what the wheels explain from which it is a jump [m]: over twenty times the noise of lidar odometry
@@ -148,7 +147,7 @@ def _greatest_speeds(groups: Groups) -> tuple[FloatArray, FloatArray, FloatArray
     if found is None:
         return None
     t, v, w = found
-    return t, np.abs(v) + EkfSettings.half_track * np.abs(w), np.abs(w)
+    return t, np.abs(v) + STOCK.half_track * np.abs(w), np.abs(w)
 
 
 def _scale(rim: FloatArray, stamps: FloatArray, t: FloatArray, metres: FloatArray) -> float:

@@ -38,17 +38,21 @@ class Rest:
     """Total time at rest [s]."""
 
 
-def wheel_twist(groups: Groups) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+STOCK = EkfSettings()
+"""The state filter of a stock Husky, whose wheel radius and half-track convert encoders of a robot that nobody named."""
+
+
+def wheel_twist(groups: Groups, settings: EkfSettings = STOCK) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Return (M,) stamps [s], v [m/s] and yaw rate [rad/s] from encoders or else odometry; None without either.
 
-    Encoders are converted with the default radius and half-track of the state filter, a stock Husky's.
+    Encoders are converted with the radius and half-track of a state filter's settings.
     """
     for name, (a, b) in (("wheels", ("enc_left", "enc_right")), ("odom", ("odom_v", "odom_w"))):
         group = groups.get(name)
         if group is not None and a in group.columns and b in group.columns:
             first, second = group.columns[a], group.columns[b]
             if name == "wheels":
-                first, second = source(body_rates)(first, second, EkfSettings.half_track, EkfSettings.radius)
+                first, second = source(body_rates)(first, second, settings.half_track, settings.radius)
             return group.t, first, second
     return None
 

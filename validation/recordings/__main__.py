@@ -52,9 +52,12 @@ class LogOptions:
 
 @dataclass(frozen=True)
 class SimulationOptions:
-    """Options that matter only where SOURCE is a drive to be simulated."""
+    """The robot, and options that matter only where SOURCE is a drive to be simulated."""
 
-    robot: cli.RobotName = None
+    robot: Annotated[
+        str | None, cli.option(metavar="ROBOT", default="the profile's; for dead reckoning on a log a stock Husky")
+    ] = None
+    """Name of a shipped robot, or path of a robot's file (.toml)."""
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     seed: cli.Seed = 0
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ssmr.estimation.ekf import EkfSettings
 from validation.logs.dead_reckoning import reckon, with_filter
 from validation.logs.formats import check_target, losses, read_log
 from validation.logs.groups import aligned, cut_groups, merge, smoothed_groups
@@ -13,11 +14,11 @@ from validation.logs.health import find_faults
 from validation.logs.log import Log, ReadOptions
 from validation.logs.offsets import estimate_offsets, synchronised
 from validation.logs.recording import Recording, RecordingError
-from validation.logs.rest import find_rest, unbiased
+from validation.logs.rest import STOCK, find_rest, unbiased
 from validation.plants.profile import Profile, choose_profile
 from validation.recordings.result import ConvertedLog, LogInfo
 from validation.recordings.simulated_log import is_simulated, simulated_log
-from validation.simulator.description import Robot
+from validation.simulator.description import Robot, load_robot
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,8 @@ def open_log(
         profile: profile of the plant that is driven; None for `thesis-lab`, or the robot's own numbers if that is of another
             robot than `robot`.
         seed: seed of its sensors' noise.
-        robot: the robot that is driven, its name or its path; None for that of the profile.
+        robot: the robot that is driven, its name or its path; None for that of the profile. The dead reckoning on a log uses
+            its driver's wheel radius and half-track, a stock Husky's if it is None.
 
     Raises:
         ValueError: the log cannot be opened, or the seed is negative.
@@ -80,6 +82,14 @@ def open_log(
     if is_simulated(str(source)):
         return Log(Path(source), simulated_log(str(source), choose_profile(profile, robot, "thesis-lab"), seed))
     return read_log(source, options)
+
+
+def _odometry(robot: str | Path | Robot | None) -> EkfSettings:
+    """Return the state filter's settings with the numbers of a robot's driver, a stock Husky's if it is not named."""
+    if robot is None:
+        return STOCK
+    drive = (robot if isinstance(robot, Robot) else load_robot(robot)).drive
+    return replace(STOCK, radius=drive.command_radius, half_track=drive.command_half_track)
 
 
 def info(
@@ -100,7 +110,9 @@ def info(
     """
     log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed, robot=robot)
     groups = log.groups
-    return LogInfo(log, tuple(estimate_offsets(groups)), find_rest(groups), reckon(groups), find_faults(groups))
+    return LogInfo(
+        log, tuple(estimate_offsets(groups)), find_rest(groups), reckon(groups, _odometry(robot)), find_faults(groups)
+    )
 
 
 def convert(
@@ -132,7 +144,7 @@ def convert(
     if wanted.unbias:
         groups = unbiased(log.path, groups)
     if wanted.ekf:
-        filtered = with_filter(groups)
+        filtered = with_filter(groups, _odometry(robot))
         if filtered is None:
             raise RecordingError(log.path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
         groups = filtered

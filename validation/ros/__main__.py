@@ -18,6 +18,7 @@ from ssmr.control.laws import CONTROLLERS
 from ssmr.types import State
 from validation import cli
 from validation.plants.profile import choose_profile
+from validation.ros.commands import robot_topic
 from validation.ros.control import START_PATIENCE, RobotTopics
 from validation.ros.pilot import Pilot, PilotSettings, StoppedError
 from validation.ros.port import NoGraphError
@@ -57,7 +58,7 @@ class TopicOptions:
 
     odometry: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.odometry
     """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose."""
-    pose: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.pose
+    pose: Annotated[str | None, cli.option(metavar="TOPIC", default="/vrpn_client_node/ROBOT/pose")] = None
     """Topic of a tracking system's geometry_msgs/PoseStamped."""
     command: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.command
     """Topic of geometry_msgs/Twist on which the robot listens."""
@@ -71,9 +72,11 @@ class DriveOptions:
 
     absolute: cli.Flag = False
     """Take waypoints as places in the feedback's frame; else the reference begins at the robot's pose."""
-    v_limit: Annotated[float, cli.option(metavar="M/S")] = PilotSettings.v_limit
+    v_limit: Annotated[cli.Number, cli.option(metavar="M/S", default="1, or the robot's own limit where that is less")] = (
+        None
+    )
     """Greatest speed ever commanded."""
-    w_limit: Annotated[float, cli.option(metavar="RAD/S")] = PilotSettings.w_limit
+    w_limit: Annotated[cli.Number, cli.option(metavar="RAD/S", default="1, or the robot's limit if less")] = None
     """Greatest yaw rate ever commanded."""
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance that the robot keeps behind its target (Sec. 4.5)."""
@@ -106,7 +109,7 @@ class ControlOptions:
 def sim(options: SimOptions) -> None:
     """Put a MuJoCo robot on a ROS 1 graph, in real time, until Ctrl-C.
 
-    Its topics are those of a Husky; docs/ros.md lists them.
+    Its topics are those of a Clearpath robot of its name; docs/ros.md lists them.
     """
     o = options
     with cli.mistakes_are_users():
@@ -119,7 +122,7 @@ def sim(options: SimOptions) -> None:
 
 
 def control(options: ControlOptions) -> None:
-    """Drive a robot on a Husky's topics along a reference: the simulated one or a real one.
+    """Drive a robot along a reference: the simulated one or a real one.
 
     It starts when feedback comes steadily from a robot that stands.
 
@@ -136,13 +139,18 @@ def control(options: ControlOptions) -> None:
     with cli.mistakes_are_users():
         chosen, wanted = choose_profile(o.profile, o.robot, "thesis-lab"), load_gains(o.controller, o.gains)
         label, waypoints = open_reference(o.reference, o.speed)
+        own = chosen.robot.drive
         settings = PilotSettings(
-            v_limit=drive.v_limit, w_limit=drive.w_limit, lookahead=drive.lookahead, absolute=drive.absolute
+            v_limit=min(PilotSettings.v_limit, own.v_max) if drive.v_limit is None else drive.v_limit,
+            w_limit=min(PilotSettings.w_limit, own.w_max) if drive.w_limit is None else drive.w_limit,
+            lookahead=drive.lookahead,
+            absolute=drive.absolute,
         )
         if not drive.patience > 0.0:
             raise cli.UserError(f"--patience {drive.patience:g} s must be positive")
         pilot = Pilot(make_controller(chosen, wanted), waypoints, settings)
-        topics = RobotTopics(o.topics.odometry, o.topics.pose, o.topics.command, o.topics.feedback == "pose")
+        pose = o.topics.pose or robot_topic(RobotTopics.pose, chosen.robot.name)
+        topics = RobotTopics(o.topics.odometry, pose, o.topics.command, o.topics.feedback == "pose")
         folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{o.controller}-{Path(o.reference).stem}"))
     with _on_a_graph() as interrupt:
         result = control_robot(pilot, wanted, chosen, label, topics, drive.patience)

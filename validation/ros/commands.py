@@ -11,6 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from validation.simulator.description import USUAL_ROBOT
+
 Twist = tuple[float, float]
 """v [m/s] and omega [rad/s]."""
 
@@ -49,6 +51,17 @@ LOCK_TOPIC = "/e_stop"
 BASE_TIMEOUT = 0.25
 """Time without a command after which the wheel controller brakes [s] (husky_control/config/control.yaml,
 cmd_vel_timeout)."""
+
+
+def ros_name(robot: str) -> str:
+    """Return a robot's name as names of ROS have it: letters, digits and underscores, a letter first."""
+    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in robot)
+    return name if name[:1].isalpha() else f"robot_{name}"
+
+
+def robot_topic(topic: str, robot: str) -> str:
+    """Return the topic of a robot for that of the usual robot: its name stands in the place of the other's."""
+    return topic.replace(f"/{USUAL_ROBOT}_", f"/{ros_name(robot)}_").replace(f"/{USUAL_ROBOT}/", f"/{ros_name(robot)}/")
 
 
 class CommandGate:

@@ -1,4 +1,4 @@
-"""The node that drives a robot on a Husky's topics along a reference, and stops it when in doubt."""
+"""The node that drives a robot on the topics of Clearpath's robots along a reference, and stops it when in doubt."""
 
 from __future__ import annotations
 

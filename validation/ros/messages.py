@@ -24,7 +24,7 @@ _FLAT_VARIANCE = 1e-6
 MOST_DISTANCE = 1e6
 """Greatest plausible coordinate in a message [m]; doubles keep 0.1 nm there."""
 MOST_RATE = 100.0
-"""Greatest plausible speed [m/s] and yaw rate [rad/s] in a message; no Husky comes near them."""
+"""Greatest plausible speed [m/s] and yaw rate [rad/s] in a message; no robot of this kind comes near them."""
 MOST_VARIANCE = MOST_DISTANCE**2
 """Greatest plausible variance in a message [m2, rad2]; some senders write 1e9 for an unknown value."""
 _MOST_STAMP = 2.0**32

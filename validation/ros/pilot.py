@@ -75,8 +75,8 @@ class PilotSettings:
             ValueError: a number out of its range.
         """
         require_in_range(self, "period", 0.0, 1.0, open_low=True)
-        require_in_range(self, "v_limit", 0.0, 3.0, open_low=True)
-        require_in_range(self, "w_limit", 0.0, 6.0, open_low=True)
+        require_in_range(self, "v_limit", 0.0, 10.0, open_low=True)
+        require_in_range(self, "w_limit", 0.0, 10.0, open_low=True)
         require_in_range(self, "lookahead", 0.0, LOST / 2.0)
 
 

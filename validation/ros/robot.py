@@ -1,4 +1,4 @@
-"""The MuJoCo Husky with its sensors: wheel odometry, IMU and state filter on top of the physics, without ROS."""
+"""A MuJoCo robot with its sensors: wheel odometry, IMU and state filter on top of the physics, without ROS."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
 from ssmr.types import FloatArray, State
 from validation.ros.commands import STAND_STILL, Twist
+from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 
 SENSOR_RATE = 50.0
@@ -44,7 +45,7 @@ class SensorSettings:
 
 
 class SimulatedRobot:
-    """A Husky that advances only when `advance` is called."""
+    """A robot that advances only when `advance` is called."""
 
     def __init__(self, plant: MujocoPlant, settings: SensorSettings, start: State | None = None) -> None:
         """Put the robot to rest at its start, with a filter that knows that pose.
@@ -69,6 +70,11 @@ class SimulatedRobot:
         self._gyro = np.zeros(3)
         self._push_steps = whole_steps(_PUSH_TIME, plant.dt, "the time of a push")
         self._pushing = 0.0
+
+    @property
+    def description(self) -> Robot:
+        """The robot that is simulated."""
+        return self._plant.calibration.robot
 
     @property
     def dt(self) -> float:

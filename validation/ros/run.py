@@ -10,7 +10,7 @@ from typing import cast
 from ssmr.types import State
 from validation import store
 from validation.plants.profile import Profile, make_plant
-from validation.ros.commands import STAND_STILL, CommandGate
+from validation.ros.commands import STAND_STILL, CommandGate, ros_name
 from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
 from validation.ros.pilot import MasterLostError, Pilot, StoppedError
 from validation.ros.port import Port
@@ -46,7 +46,7 @@ def simulate_robot(
         MasterGoneError: the master went away; the robot stands.
     """
     settings, state = sensors or SensorSettings(), start or State()
-    port = Port("husky_simulation")
+    port = Port(f"{ros_name(profile.robot.name)}_simulation")
     try:
         plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
         compiled = SimulatedRobot(plant, settings)  # compiles the kernels, and is not used afterwards
@@ -55,7 +55,7 @@ def simulate_robot(
         robot = SimulatedRobot(plant, settings, state)
         if not wall_time:
             port.set_parameter(SIM_TIME_PARAMETER, True)
-        connect_simulation(port)
+        connect_simulation(port, profile.robot)
         node = SimNode(port, robot, CommandGate(), stamp_offset=time.time() if wall_time else 0.0)
         said = "the robot of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends"
         _logger.info(said, profile.name, state.x, state.y, state.yaw)
@@ -91,7 +91,7 @@ def control_robot(
         StoppedError: no robot came, or it had to be stopped before it had gone anywhere.
         KeyboardInterrupt: the user interrupted before the robot had gone anywhere.
     """
-    port = Port("husky_control")
+    port = Port(f"{ros_name(profile.robot.name)}_control")
     status, why = DriveStatus.ARRIVED, ""
     try:
         connect_control(port, topics)

@@ -1,4 +1,4 @@
-"""The node that simulates a Husky with MuJoCo: its topics, at their rates, in real time."""
+"""The node that simulates a robot with MuJoCo: its topics, at their rates, in real time."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ import numpy as np
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
 from validation.ros import messages as msg
-from validation.ros.commands import LOCK_TOPIC, SOURCES, STAND_STILL, CommandGate, Twist
+from validation.ros.commands import LOCK_TOPIC, SOURCES, STAND_STILL, CommandGate, Twist, robot_topic
 from validation.ros.inbox import Tally
 from validation.ros.pacing import Pace, Pacer, instants
 from validation.ros.port import Port
 from validation.ros.robot import SENSOR_RATE, SimulatedRobot
+from validation.simulator.description import Robot, load_robot
 
 _logger = logging.getLogger(__name__)
 
 FILTERED_TOPIC = "/odometry/filtered"
 WHEELS_TOPIC = "/husky_velocity_controller/odom"
+"""Topic of wheel odometry of the usual robot; `robot_topic` has those of others."""
 _IMU_TOPIC = "/imu/data"
 POSE_TOPIC = "/vrpn_client_node/husky/pose"
 TF_TOPIC = "/tf"
@@ -46,8 +48,6 @@ MESSAGE_TYPES = {
 _SENSOR_TOPICS = (FILTERED_TOPIC, WHEELS_TOPIC, _IMU_TOPIC, TF_TOPIC)
 PUBLISH_RATES = {_CLOCK_TOPIC: 100.0, **dict.fromkeys(_SENSOR_TOPICS, SENSOR_RATE), POSE_TOPIC: 120.0}
 """Rate of each topic [Hz]: Tab. 3.5, Sec. 4.2; 120 Hz for the tracking system."""
-_IMU_AT = (0.19, 0.0, 0.149)
-"""Position of the IMU in the base [m]; models/husky.xml."""
 _BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
 _REST_PATIENCE = 5.0
@@ -117,6 +117,7 @@ class SimNode:
             stamp_offset: stamp of simulated time zero [s]; not zero if stamps are to be wall time.
         """
         self._port, self._robot, self._gate = port, robot, gate
+        self._names = {topic: robot_topic(topic, robot.description.name) for topic in MESSAGE_TYPES}
         self._clock, self._sleep, self._offset = clock, sleep, stamp_offset
         self._senders: dict[str, Callable[[Any], None]] = {
             FILTERED_TOPIC: lambda m: msg.fill_odometry(m, self._stamp, *robot.believed()),
@@ -160,8 +161,8 @@ class SimNode:
                     robot.sense()
                 self._watch(pacer.wait(robot.time))
                 for topic in due:
-                    port.send(topic, self._senders[topic])
-                    self.report.sent[topic] += 1
+                    port.send(self._names[topic], self._senders[topic])
+                    self.report.sent[self._names[topic]] += 1
                 self._tell_rest(command)
                 self._port.notices.tell(_logger, self._clock())
                 self._leave()
@@ -236,14 +237,15 @@ class SimNode:
             )
 
 
-def connect_simulation(port: Port) -> None:
-    """Open the simulated Husky's topics and service on a port."""
+def connect_simulation(port: Port, robot: Robot | None = None) -> None:
+    """Open a simulated robot's topics and service on a port; a Husky's, if it is not given."""
+    simulated = robot or load_robot()
     for topic, kind in MESSAGE_TYPES.items():
-        port.advertise(topic, kind)
+        port.advertise(robot_topic(topic, simulated.name), kind)
     port.advertise(_TF_STATIC_TOPIC, "tf2_msgs/TFMessage", latch=True)
 
     mount = port.make("geometry_msgs/TransformStamped")
-    msg.fill_transform(mount, 0.0, (msg.BASE, msg.IMU), _IMU_AT, 0.0)
+    msg.fill_transform(mount, 0.0, (msg.BASE, msg.IMU), simulated.geometry.imu, 0.0)
     port.send(_TF_STATIC_TOPIC, lambda message: setattr(message, "transforms", [mount]))
     for source in SOURCES:
         port.listen(source.topic, "geometry_msgs/Twist", msg.read_twist, 1)

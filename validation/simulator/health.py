@@ -1,4 +1,4 @@
-"""Whether a run of the MuJoCo Husky can be believed: wheel loads, inertia, torque and slip speed."""
+"""Whether a run of a MuJoCo robot can be believed: wheel loads, inertia, torque and slip speed."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Health:
             f"at most {100 * DEVIATION_LIMIT:.0f} %)"
         )
         return (
-            f"{what}: keep the soft contact of husky.xml (solimp 0.1 0.95 0.005), an elliptic cone and a time step "
+            f"{what}: keep the soft contact that follows from the size of the wheels, an elliptic cone and a time step "
             "of at most 5 ms; if they are as shipped, lower the gain, raise the armature or limit the acceleration"
         )
 
@@ -135,7 +135,7 @@ def check_health(wheel_loads: FloatArray) -> Health:
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """What a Husky's model says about itself, at rest and when it is pushed."""
+    """What a robot's model says about itself, at rest and when it is pushed."""
 
     apparent_mass: float
     """Constant thrust over acceleration [kg]."""

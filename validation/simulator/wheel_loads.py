@@ -1,4 +1,4 @@
-"""The MuJoCo Husky's wheel loads beside what can be said without it: the static share and quasi-static load transfer."""
+"""A MuJoCo robot's wheel loads beside what can be said without it: the static share and quasi-static load transfer."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class WheelLoads:
 
 @mujoco_failures()
 def load_model(plant: MujocoPlant) -> LoadModel:
-    """Return the numbers of the quasi-static formula, read off a Husky's compiled model at rest.
+    """Return the numbers of the quasi-static formula, read off a robot's compiled model at rest.
 
     Raises:
         MemoryError: there is not enough memory for another state of the simulator.

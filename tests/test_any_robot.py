@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import sys
@@ -15,9 +16,11 @@ import pytest
 import tomli_w
 
 from tests.conftest import EXACT
+from tests.ros_fakes import FakeClock, FakePort
 from validation import cli, load_profile, load_robot
 from validation.compare import __main__ as compare_program
 from validation.compare import compare
+from validation.compare import rerun as comparison_rerun
 from validation.fit import __main__ as fit_program
 from validation.fit import fit
 from validation.fit.run import FitParameters
@@ -25,8 +28,14 @@ from validation.learning import tracking
 from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile, make_plant
 from validation.plants.searchable import find, searchable
 from validation.plants.table import plant_kind
+from validation.recordings import ConvertSettings, convert, info
 from validation.recordings import __main__ as recordings_program
+from validation.ros.commands import CommandGate, robot_topic
+from validation.ros.robot import SensorSettings, SimulatedRobot
+from validation.ros.sim import POSE_TOPIC, WHEELS_TOPIC, SimNode, connect_simulation
+from validation.show.robot_mesh import robot_mesh
 from validation.simulator.description import Robot
+from validation.simulator.plant import MujocoPlant
 from validation.study import __main__ as study_program
 from validation.track import __main__ as track_program
 from validation.track import track
@@ -155,6 +164,20 @@ def test_recordings(robot: str, tmp_path: Path) -> None:
     assert errors["mujoco"] < min(0.1, *(error for name, error in errors.items() if name != "mujoco"))
 
 
+def test_dead_reckoning_takes_the_robots_wheels(robot: str, tmp_path: Path) -> None:
+    """Encoders tell the way only over the wheel radius: a Husky's is 1.7 times that of a Jackal."""
+    log = tmp_path / "log.csv"
+    convert("traj4@mujoco", ConvertSettings(rate=50.0), robot=robot).save(log)
+
+    def error(of: str | None) -> float:
+        reckoned = info(log, robot=of).reckoning
+        assert reckoned is not None
+        return min(row.rms for row in reckoned.rows)
+
+    assert error(robot) < 0.15
+    assert error(robot) < error(None)
+
+
 STUDIES = {
     "contact": ("--only", "condim"),
     "gains": ("--plants", "improved", "--seeds", "1"),
@@ -181,6 +204,56 @@ def test_learning(robot: str) -> None:
         step = environment.step(0.3 * top)
     assert environment.task.robot.mjcf_model.model == load_robot(robot).name
     assert all(np.isfinite(seen).all() for seen in step.observation.values())
+
+
+@pytest.mark.parametrize("name", ["husky", "jackal", "warthog", "pioneer3at"])
+def test_scenes_have_the_size_of_their_robot(name: str) -> None:
+    """Neighbours in the line-up stand apart and fill the view alike, and what follows a robot is neither in it nor far."""
+    found = compare("traj1", plants=PLANTS, robot=name)
+    tracks, mesh = comparison_rerun._tracks(found), robot_mesh(load_robot(name))
+    length, width, height = mesh.box[1] - mesh.box[0]
+    g = load_robot(name).geometry
+    assert length == pytest.approx(g.wheelbase + 2.0 * g.wheel_radius, rel=0.25)
+    assert width == pytest.approx(g.track + g.wheel_width, rel=0.02)
+    places = [comparison_rerun._place(k, len(tracks), comparison_rerun._gap(mesh)) for k in range(len(tracks))]
+    for a, b in itertools.combinations(places, 2):
+        assert abs(a[0] - b[0]) > 1.5 * length or 1.5 * width < abs(a[1] - b[1])
+    *_, lineup, close = comparison_rerun._views_of_robots(tracks)
+    for view, least, most in ((lineup, 2.5, 6.0), (close, 1.5, 3.0)):
+        eye, target = (np.array(part.as_arrow_array().to_pylist()[0]) for part in eye_of(view))
+        assert least < np.linalg.norm(eye - target) / max(length, width) < most
+        assert eye[2] > height
+
+
+def eye_of(view: Any) -> tuple[Any, Any]:
+    """Return position and target of a view's eye."""
+    controls = view.properties["EyeControls3D"]
+    return controls.position, controls.look_target
+
+
+def test_topics_bear_the_robots_name() -> None:
+    assert robot_topic(WHEELS_TOPIC, "jackal") == "/jackal_velocity_controller/odom"
+    assert robot_topic(POSE_TOPIC, "my-robot 2") == "/vrpn_client_node/my_robot_2/pose"
+    assert robot_topic(POSE_TOPIC, "4wd") == "/vrpn_client_node/robot_4wd/pose"
+    assert robot_topic("/odometry/filtered", "jackal") == "/odometry/filtered"
+    assert robot_topic(POSE_TOPIC, "husky") == POSE_TOPIC
+
+
+def test_the_simulated_robot_of_ros_is_the_one_that_is_named(robot: str) -> None:
+    """Its odometry has the driver's numbers, and its IMU sits where the file has it."""
+    profile, port = bare_profile(load_robot(robot)), FakePort(FakeClock())
+    connect_simulation(port, profile.robot)
+    plant = make_plant(profile, "mujoco")
+    assert isinstance(plant, MujocoPlant)
+    simulated = SimulatedRobot(plant, SensorSettings())
+    assert simulated.filter.radius == profile.robot.drive.command_radius
+    SimNode(port, simulated, CommandGate(), clock=port.clock, sleep=port.clock.sleep).run(0.5)
+    name = profile.robot.name
+    assert len(port.of(f"/{name}_velocity_controller/odom")) == len(port.of("/imu/data")) > 20
+    assert len(port.of(f"/vrpn_client_node/{name}/pose")) > 50
+    ((_, mounts),) = port.of("/tf_static")
+    at = mounts.transforms[0].transform.translation
+    assert (at.x, at.y, at.z) == profile.robot.geometry.imu
 
 
 # ------------------------------------------------------------------------------------------------- doors

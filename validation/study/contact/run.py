@@ -82,7 +82,7 @@ def study_contact(
         if source.reference != "recording":
             raise ValueError(f"recording '{o.recording}' is a scenario; wanted the path of a recording")
     bench = make_bench(profile_of(o.profile, o.robot), recorded, source)
-    return try_variants(bench, chosen_variants(o.only), workers=workers, progress=progress)
+    return try_variants(bench, chosen_variants(o.only, bench.lab.robot), workers=workers, progress=progress)
 
 
 def try_variants(

@@ -6,10 +6,13 @@ the settings of MuJoCo that correspond to them. docs/contact.md says what they d
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from validation.simulator.calibration import Calibration
+from validation.simulator.description import Robot, load_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 
 
@@ -47,17 +50,36 @@ MUJOCO_IMPEDANCE = (0.9, 0.95, 0.001, 0.5, 2.0)
 _HARD_IMPEDANCE = (0.99, 0.999, 0.001, 0.5, 2.0)
 _HARD_REFERENCE = (0.004, 1.0)
 """`solimp` and `solref` of a contact as hard as a step of 1 to 2 ms lets it be."""
-_MAKER_NOW: Mapping[str, float | str] = {"com_x": -0.00065, "com_y": -0.085}
-_MAKER_EARLIER: Mapping[str, float | str] = {"com_x": -0.08748, "com_y": -0.00085}
-"""Centres of mass of the maker's robot descriptions [m]."""
+_MAKER_NOW, _MAKER_EARLIER = (-0.00065, -0.085), (-0.08748, -0.00085)
+"""Centres of mass of a Husky's descriptions by its maker [m]."""
 
 
-def _soft(at_no_depth: float) -> PhysicsSettings:
-    """Return the shipped contact with another impedance at zero depth."""
-    return PhysicsSettings(solimp=(at_no_depth, 0.95, 0.005, 0.5, 2.0))
+class _Sizes(NamedTuple):
+    """A robot's lengths and times over those of the usual robot, for which the settings below are given."""
+
+    owner: str  # whose centres of mass are tried
+    depth: float  # of the contact
+    time: float  # of the contact
+    ahead: float
+    left: float
+
+    def soft(self, at_no_depth: float, width: float = 0.005) -> PhysicsSettings:
+        """Return the shipped contact with another impedance at zero depth, or another depth [m]."""
+        return PhysicsSettings(solimp=(at_no_depth, 0.95, self.depth * width, 0.5, 2.0))
+
+    def centre(self, place: tuple[float, float]) -> Mapping[str, float | str]:
+        """Return a centre of mass at the same place between the wheels."""
+        return {"com_x": self.ahead * place[0], "com_y": self.left * place[1]}
 
 
-def _one_at_a_time() -> list[PhysicsVariant]:
+def _sizes(robot: Robot | None) -> _Sizes:
+    own, usual = (r.geometry for r in (robot or load_robot(), load_robot()))
+    depth = own.wheel_radius / usual.wheel_radius
+    owner = "maker's" if own == usual else "Husky maker's"
+    return _Sizes(owner, depth, math.sqrt(depth), own.wheelbase / usual.wheelbase, own.track / usual.track)
+
+
+def _one_at_a_time(sizes: _Sizes) -> list[PhysicsVariant]:
     default = PhysicsSettings(solimp=MUJOCO_IMPEDANCE)
     v, s = PhysicsVariant, PhysicsSettings
     made = [v("cone", "pyramidal", s(cone="pyramidal"))]
@@ -66,11 +88,12 @@ def _one_at_a_time() -> list[PhysicsVariant]:
     made += [v("noslip", f"{n} iterations", s(noslip=n)) for n in (3, 10)]
     made += [v("noslip", "3 iterations, impratio 1", s(noslip=3, impratio=1.0))]
     made += [v("condim", f"{n}", s(condim=n)) for n in (4, 6)]
-    made += [v("solimp", f"over {w:g} mm of depth", s(solimp=(0.1, 0.95, 1e-3 * w, 0.5, 2.0))) for w in (2.0, 10.0)]
-    made += [v("solimp", f"{d:g} at no depth", _soft(d)) for d in (0.3, 0.5, 0.9)]
+    widths = [(w * sizes.depth, sizes.soft(0.1, 1e-3 * w)) for w in (2.0, 10.0)]
+    made += [v("solimp", f"over {mm:.3g} mm of depth", soft) for mm, soft in widths]
+    made += [v("solimp", f"{d:g} at no depth", sizes.soft(d)) for d in (0.3, 0.5, 0.9)]
     made += [v("solimp", "MuJoCo's default", default), v("solimp", "hard", s(solimp=_HARD_IMPEDANCE))]
-    made += [v("solref", f"{t:g} s", s(solref=(t, 1.0))) for t in (0.005, 0.01, 0.04)]
-    made += [v("solref", f"damping ratio {d:g}", s(solref=(0.02, d))) for d in (0.3, 3.0)]
+    made += [v("solref", f"{t:.3g} s", s(solref=(t, 1.0))) for t in (sizes.time * x for x in (0.005, 0.01, 0.04))]
+    made += [v("solref", f"damping ratio {d:g}", s(solref=(0.02 * sizes.time, d))) for d in (0.3, 3.0)]
     made += [v("solver", "Newton, 2 iterations", s(iterations=2))]
     made += [v("solver", f"CG, {n} iterations", s(solver="CG", iterations=n)) for n in (5, 50)]
     made += [v("solver", f"PGS, {n} iteration{'s' * (n > 1)}", s(solver="PGS", iterations=n)) for n in (1, 5, 20, 50, 200)]
@@ -81,14 +104,16 @@ def _one_at_a_time() -> list[PhysicsVariant]:
         made += [v("anisotropy", f"{ratio:g}, capsule", changes={"wheel_shape": "capsule", "friction_ratio": ratio})]
         for shape in ("ellipsoid", "cylinder"):
             made += [v("anisotropy", f"{ratio:g}, {shape}", s(tangent_ratio=ratio), {"wheel_shape": shape})]
-    made += [v("centre of mass", "maker's, now", changes=_MAKER_NOW)]
-    made += [v("centre of mass", "maker's, earlier", changes=_MAKER_EARLIER)]
-    made += [v("centre of mass", "maker's, now; pyramidal", s(cone="pyramidal"), _MAKER_NOW)]
-    made += [v("centre of mass", "30 mm to the right; pyramidal", s(cone="pyramidal"), {"com_y": -0.03})]
-    return made
+    whose, now = sizes.owner, sizes.centre(_MAKER_NOW)
+    made += [v("centre of mass", f"{whose}, now", changes=now)]
+    made += [v("centre of mass", f"{whose}, earlier", changes=sizes.centre(_MAKER_EARLIER))]
+    made += [v("centre of mass", f"{whose}, now; pyramidal", s(cone="pyramidal"), now)]
+    aside = -0.03 * sizes.left
+    words = f"{-1e3 * aside:.3g} mm to the right; pyramidal"
+    return [*made, v("centre of mass", words, s(cone="pyramidal"), {"com_y": aside})]
 
 
-def _together() -> list[PhysicsVariant]:
+def _together(sizes: _Sizes) -> list[PhysicsVariant]:
     default, v, s = PhysicsSettings(solimp=MUJOCO_IMPEDANCE), PhysicsVariant, PhysicsSettings
     group = "default contact"
     made = [v(group, f"{1e3 * dt:g} ms", default, {"timestep": dt}) for dt in (0.0005, 0.005)]
@@ -102,21 +127,27 @@ def _together() -> list[PhysicsVariant]:
     fine: dict[str, float | str] = {**cylinders, "timestep": 0.001}
     group = "together"
     made += [v(group, "MuJoCo's defaults", plain, cylinders)]
-    made += [v(group, "MuJoCo's defaults, maker's centre", plain, {**cylinders, **_MAKER_NOW})]
+    whose, now = sizes.owner, sizes.centre(_MAKER_NOW)
+    made += [v(group, f"MuJoCo's defaults, {whose} centre", plain, {**cylinders, **now})]
     tab316 = replace(ode, cone="elliptic", iterations=400, tangent_ratio=0.6)
     made += [v(group, "near Tab. 3.16", tab316, {**fine, "friction": 0.25})]
     made += [v(group, "near ODE", ode, fine), v(group, "near ODE, 10 iterations", replace(ode, iterations=10), fine)]
     group = "near ODE, maker's centre"
-    off = {**fine, **_MAKER_NOW}
+    off = {**fine, **now}
     soft = replace(ode, cone="elliptic", solimp=None, solref=None)
     made += [v(group, "as it is", ode, off), v(group, "and an elliptic cone", replace(ode, cone="elliptic"), off)]
     made += [v(group, "and soft contact", soft, off), v(group, "and the centre in the middle", soft, fine)]
     return made
 
 
-def physics_variants() -> tuple[PhysicsVariant, ...]:
-    """Return all variants, the baseline first."""
-    return (BASELINE, *_one_at_a_time(), *_together())
+def physics_variants(robot: Robot | None = None) -> tuple[PhysicsVariant, ...]:
+    """Return all variants for a robot, the usual one if it is not given; the baseline is the first.
+
+    Depths and times of the contact follow from the size of the wheels as the shipped ones do, and centres of mass from the
+    places of the wheels. MuJoCo's own defaults, hard contacts and time steps are the same for all robots.
+    """
+    sizes = _sizes(robot)
+    return (BASELINE, *_one_at_a_time(sizes), *_together(sizes))
 
 
 def variant_groups() -> tuple[str, ...]:
@@ -124,8 +155,8 @@ def variant_groups() -> tuple[str, ...]:
     return tuple(dict.fromkeys(v.group for v in physics_variants()))
 
 
-def chosen_variants(only: Sequence[str]) -> tuple[PhysicsVariant, ...]:
-    """Return the baseline and the variants of some groups; all variants if none is named.
+def chosen_variants(only: Sequence[str], robot: Robot | None = None) -> tuple[PhysicsVariant, ...]:
+    """Return the baseline and a robot's variants of some groups; all variants if none is named.
 
     Raises:
         ValueError: an unknown group.
@@ -133,4 +164,4 @@ def chosen_variants(only: Sequence[str]) -> tuple[PhysicsVariant, ...]:
     unknown = [name for name in only if name not in variant_groups()]
     if unknown:
         raise ValueError(f"unknown group '{', '.join(unknown)}' in only; there are: {', '.join(variant_groups())}")
-    return tuple(v for v in physics_variants() if not only or v.group in only or v == BASELINE)
+    return tuple(v for v in physics_variants(robot) if not only or v.group in only or v == BASELINE)

@@ -51,10 +51,10 @@ _SCORE_HORIZONS = (2.0, 6.0, 30.0, 60.0)  # horizons of the relative pose errors
 class FitParameters(FreeParameters):
     """The parameters that are fitted, and the start of the search."""
 
-    robot: Robot | str | Path | None = None
-    """Robot whose numbers they are: itself, its name or its path; None for that of the profile."""
     start: Mapping[str, float] | None = None
     """Values of one candidate of the first population; what is not named is the profile's. None draws all at random."""
+    robot: Robot | str | Path | None = None
+    """Robot whose numbers they are: itself, its name or its path; None for that of the profile."""
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def _deviation(values: list[float]) -> float | None:
 
 def _tracked(context: Context) -> Findings:
     """Make Tab. 4.5-4.19 and 4.22-4.38."""
-    options = TablesOptions(_PROFILE, seeds=context.settings.noise_seeds)
+    options = TablesOptions(_PROFILE, context.settings.noise_seeds)
     study = study_tables(options, workers=context.workers, progress=context.progress)
     if study.status == INTERRUPTED:
         raise KeyboardInterrupt

@@ -17,8 +17,6 @@ class TuneTask:
 
     plants: tuple[str, ...] = ("improved",)
     """Plants that the controller must drive; the cost is the mean over all."""
-    robot: Robot | str | Path | None = None
-    """The robot: itself, its name or its path; None for that of the profile."""
     speed: float = 0.25
     """Speed of references that name none [m/s]."""
     held_out: tuple[str, ...] | None = None
@@ -30,6 +28,8 @@ class TuneTask:
     """Noise in the feedback, and random disturbances of the yaw rate."""
     lookahead: float = 0.0
     """Distance at which the robot keeps behind its target [m]."""
+    robot: Robot | str | Path | None = None
+    """The robot: itself, its name or its path; None for that of the profile."""
 
     def __post_init__(self) -> None:
         """Check the speed, and the numbers of the loop.

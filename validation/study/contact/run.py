@@ -41,8 +41,6 @@ class ContactOptions:
     """Groups to try besides what is shipped (cone, impratio, "time step", ...); all if none is named."""
     profile: str | Profile | None = None
     """Robot of the lab: name of a shipped profile, or path of a TOML file."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profile's if none is named."""
     recording: str | None = None
     """Path of a real robot's recording (.csv, or a bag) with wheel rates; it adds columns."""
     recording_profile: str | Profile | None = None
@@ -51,6 +49,8 @@ class ContactOptions:
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown group, or a time without a recording."""

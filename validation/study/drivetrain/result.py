@@ -40,17 +40,17 @@ class DriveTrainOptions:
     robot: str | Robot | None = None
     """Robot whose nominal geometry and mass are taken: its name or the path of its file. If neither it nor a profile is
     named, the voltage of the battery tells a Warthog from a Husky."""
-    profile: str | Profile | None = None
-    """Profile of the robot, which knows its mass and how large its tyres roll: a name, or the path of a TOML file. If none
-    is named, it is husky-tile for a Husky, and the numbers of its file for another robot."""
-    mass: float | None = None
-    """Total mass with payload, where it is not the profile's [kg]."""
     torque_constant: float | None = None
     """Torque of one side's wheels per ampere of its motor [N m/A], where it is known."""
     resamples: int = 60
     """Number of fits to resampled data, from which standard errors are taken."""
     seed: int = 0
     """Seed of the resampling."""
+    profile: str | Profile | None = None
+    """Profile of the robot, which knows its mass and how large its tyres roll: a name, or the path of a TOML file. If none
+    is named, it is husky-tile for a Husky, and the numbers of its file for another robot."""
+    mass: float | None = None
+    """Total mass with payload, where it is not the profile's [kg]."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for numbers out of range."""

@@ -105,8 +105,6 @@ class FilterOptions:
     profiles: tuple[str, ...] = ()
     """Robots on their grounds: names of shipped profiles or paths of TOML files; if none is named, thesis-lab and
     husky-tile, or the robot's own numbers if these are of another robot than `robot`."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profiles' if none is named."""
     frictions: tuple[float, ...] = (0.3, 0.6, 0.9)
     """Further frictions for the last profile's robot [1]."""
     bias: float = REAL_BIAS
@@ -117,6 +115,8 @@ class FilterOptions:
     """Seed of the first draw."""
     timestep: float = 0.002
     """Physics step [s]."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profiles' if none is named."""
 
     def __post_init__(self) -> None:
         """Check the ranges.

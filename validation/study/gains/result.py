@@ -19,14 +19,14 @@ class GainsOptions:
 
     profile: str | Profile | None = None
     """Robot: name of a shipped profile, or path of a TOML file."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profile's if none is named."""
     plants: tuple[str, ...] = ("improved", "mujoco")
     """Plants to drive."""
     seeds: int = 3
     """Number of draws of noise and disturbance."""
     seed: int = 11
     """First seed of noise and disturbance; no shipped set was tuned with seeds from 11 on."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for no seeds, or no plants."""

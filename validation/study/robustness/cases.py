@@ -155,8 +155,6 @@ class RobustnessOptions:
     """Speed along the reference [m/s]."""
     profile: str | Profile | None = None
     """Robot that the controllers are designed for: name of a shipped profile, or path of a TOML file."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profile's if none is named."""
     runs: int = 200
     """Runs of each controller: single mismatches first, then a random sample of all combinations."""
     seeds: int = 4
@@ -171,6 +169,8 @@ class RobustnessOptions:
     """Push the robots' yaw at random (Sec. 3.4.5)."""
     timestep: float = 0.002
     """Physics step [s]; 5 ms change errors by less than 8 %, but make peaks of torque 1.8 times as high."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
 
     def __post_init__(self) -> None:
         """Check the ranges.

@@ -33,12 +33,12 @@ class TablesOptions:
 
     profile: str | Profile | None = None
     """Robot of both plants: name of a shipped profile, or path of a TOML file."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profile's if none is named."""
     seeds: int = 10
     """Number of draws of noise and disturbance for each row."""
     numbers: tuple[str, ...] = CONTROL_TABLES
     """Numbers of the tables to make."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for no seeds, or an unknown table."""

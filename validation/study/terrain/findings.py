@@ -72,8 +72,6 @@ class TerrainOptions:
 
     profile: str | Profile | None = None
     """Robot: name of a shipped profile, or path of a TOML file."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profile's if none is named."""
     horizon: float = 6.0
     """Time after which relative poses are compared [s]."""
     seeds: int = 3
@@ -82,6 +80,8 @@ class TerrainOptions:
     """Seed of the first rough ground, and of noise."""
     axes: TerrainAxes = _ALL_AXES
     """Values to drive; only from Python."""
+    robot: str | Robot | None = None
+    """Robot: its name or the path of its file; the profile's if none is named."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for no seeds, or a horizon longer than the trajectories."""

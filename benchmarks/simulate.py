@@ -24,10 +24,12 @@ import numba
 import numpy as np
 from mujoco import rollout
 from scipy.integrate import solve_ivp
+from scipy.spatial import cKDTree
 
 from benchmarks.rows import MissingError, Row, alternate, optional, report
 from ssmr.errors import SsmrError
 from ssmr.metrics.declared import compare_paths
+from ssmr.metrics.paths import nearest_squared
 from ssmr.models import improved, linear
 from ssmr.models.law import PlanarRobot
 from ssmr.models.table import PLANAR_MODELS, planar_law
@@ -244,8 +246,25 @@ def metric_rows(commands: Commands, repeats: int) -> list[Row]:
             measured,
             simulated,
             measured <= 0.5 * simulated,
-        )
+        ),
+        nearest_row(repeats),
     ]
+
+
+def nearest_row(repeats: int) -> Row:
+    """The search for nearest samples on a long log whose localiser jumps, against scipy's tree."""
+    rng = np.random.default_rng(0)
+    yaw = np.cumsum(rng.normal(0.0, 0.02, 100_000))
+    path = np.cumsum(0.01 * np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0)
+    path[50_000:] += 200.0
+    points = path + rng.normal(0.0, 0.02, path.shape)
+    longest = float(np.hypot(*np.diff(path, axis=0).T).max())
+    ours, tree = alternate(
+        lambda: nearest_squared(points, path, longest), lambda: cKDTree(path).query(points), repeats=min(repeats, 5)
+    )
+    return Row(
+        "nearest samples of 100 000 poses with a jump / scipy's KD-tree", ours / tree, "<= 2", ours, tree, ours <= 2 * tree
+    )
 
 
 def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31, quick: bool = False) -> None:

@@ -144,6 +144,20 @@ def test_nearest_distances_of_walks_at_any_scale(seed: int, scale: float, offset
     np.testing.assert_allclose(found, cKDTree(path).query(points)[0], rtol=ROUNDOFF, atol=ROUNDOFF * scale)
 
 
+@quick
+@given(seed=seeds, jump=st.floats(0.1, 1e4), jumps=st.integers(1, 5), still=st.integers(0, 300))
+def test_nearest_distances_of_a_path_that_jumps_and_stands_still(seed: int, jump: float, jumps: int, still: int):
+    """Jumps of a localiser, and a robot that stands: both change how many samples may be passed over."""
+    rng = np.random.default_rng(seed)
+    path = random_walk(seed, 600)
+    for at in rng.integers(1, len(path), jumps):
+        path[at:] += rng.normal(0.0, jump, 2)
+        path = np.insert(path, at, np.tile(path[at], (still, 1)), axis=0)
+    points = path[rng.integers(0, len(path), 400)] + rng.normal(0.0, 0.05, (400, 2))
+    for some in (points, path + rng.normal(0.0, 0.05, path.shape)):
+        assert np.array_equal(nearest_distances(some, path), all_pairs(some, path))
+
+
 @pytest.mark.parametrize("step", [1.0, 0.01, 1.0 / 3.0])
 def test_nearest_distances_where_the_bound_is_tight(step: float):
     # Straight away from the point, back, closer than before for one sample only, and away: to pass over one sample more than

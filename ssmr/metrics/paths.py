@@ -36,6 +36,8 @@ _BATCH = 32
 """Neighbouring points that share one walk along the path; of 8, 16, 24 and 32 the fastest for 1000 samples."""
 _SLACK = 1e-12
 """Relative slack of a bound on distances: thousands of roundings wide, and too thin to cost a visit."""
+_EPSILON = 2.0**-52
+"""Relative rounding of a sum."""
 LARGEST = 1e75
 """Coordinates beyond this count as not finite [m]: their fourth powers would overflow."""
 
@@ -70,16 +72,19 @@ def nearest_squared(points: FloatArray, path: FloatArray, longest_step: float) -
     Consecutive points lie close together, so a batch of them shares one walk: from the sample nearest to the previous batch
     outwards in both directions. Let c be the batch's middle point, r its radius about c and b the distance from c to the
     closest sample seen yet. A sample farther than b + 2 r from c is nearest to no point of the batch, because for each of
-    them that closest sample is at most b + r away and this one more than b + r. And by the triangle inequality a sample k
-    places on is nearer to c by at most k longest steps, so from a sample at distance d > b + 2 r the walk may pass over
-    floor((d - b - 2 r) / longest step) samples unseen. Every bound gives way by `_SLACK`, so the answer is that of the
-    search over all pairs, to the last bit.
+    them that closest sample is at most b + r away and this one more than b + r. And by the triangle inequality a sample is
+    nearer to c than another by at most the length of the path between them, so from a sample at distance d > b + 2 r the
+    walk may pass over all samples within d - b - 2 r along the path: floor((d - b - 2 r) / longest step) at least, and more
+    where the path has a jump elsewhere or stands still. Every bound gives way by `_SLACK` and by the rounding of the
+    lengths, so the answer is that of the search over all pairs, to the last bit.
     """
     n = points.shape[0]
     m = path.shape[0] if longest_step > 0.0 else 1  # samples that all coincide are one sample
     per_step = (1.0 - _SLACK) / longest_step if longest_step > 0.0 else 0.0
     squared = np.empty(n)
     x, y = path[:m, 0].copy(), path[:m, 1].copy()
+    along = _lengths(x, y)
+    rounding = 4.0 * _EPSILON * m * along[m - 1]
     batch_x, batch_y, batch = np.empty(_BATCH), np.empty(_BATCH), np.empty(_BATCH)
     nearest = 0
     for first in range(0, n, _BATCH):
@@ -104,7 +109,8 @@ def nearest_squared(points: FloatArray, path: FloatArray, longest_step: float) -
                 distance = math.sqrt(dx * dx + dy * dy)
                 beyond = distance * (1.0 - _SLACK) - (best + margin)
                 if beyond > 0.0:
-                    j += direction * (1 + int(min(beyond * per_step, float(m))))
+                    least = 1 + int(min(beyond * per_step, float(m)))
+                    j = _pass_over(along, j, direction, least, beyond - rounding)
                     continue
                 if distance < best:
                     best = distance
@@ -118,6 +124,39 @@ def nearest_squared(points: FloatArray, path: FloatArray, longest_step: float) -
         for i in range(min(_BATCH, n - first)):
             squared[first + i] = batch[i]
     return squared
+
+
+@jit
+def _lengths(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the (M,) length of a path up to each of its samples [m]."""
+    along = np.zeros(x.shape[0])
+    for k in range(1, x.shape[0]):
+        along[k] = along[k - 1] + math.sqrt((x[k] - x[k - 1]) ** 2 + (y[k] - y[k - 1]) ** 2)
+    return along
+
+
+@jit
+def _pass_over(along: FloatArray, j: int, direction: int, least: int, room: float) -> int:
+    """Index of the next sample to look at from sample j, `least` places on or more: the first farther than `room` [m].
+
+    Args:
+        along: (M,) length of the path up to each sample [m].
+        j: index of the sample.
+        direction: 1 or -1.
+        least: number of places that may be passed over in any case.
+        room: length along the path within which no sample needs to be seen [m].
+    """
+    m, from_j = along.shape[0], along[j]
+    low, leap = least, 4  # `low` places on is still to be looked at, or passed over
+    while 0 <= j + direction * (low + leap) < m and abs(along[j + direction * (low + leap)] - from_j) <= room:
+        low += leap
+        leap *= 2
+    while leap > 1:
+        leap //= 2
+        there = j + direction * (low + leap)
+        if 0 <= there < m and abs(along[there] - from_j) <= room:
+            low += leap
+    return j + direction * low
 
 
 @jit

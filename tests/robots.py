@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from hypothesis import strategies as st
@@ -38,18 +39,16 @@ def scaled(document: dict[str, Any], length: float, mass: float) -> dict[str, An
     }
 
 
-@st.composite
-def documents(draw: st.DrawFn, off_the_middle: float = 0.25) -> dict[str, Any]:
-    """Draw what the file of a robot says: 8 to 800 kg, wheels of 0.05 to 0.35 m, any shape of tyre, belts or four motors.
+def drawn_document(
+    between: Callable[[float, float], float], one_of: Callable[[Sequence[str]], Any], off_the_middle: float = 0.25
+) -> dict[str, Any]:
+    """Return what the file of a robot drawn at random says: 8 to 800 kg, wheels of 0.05 to 0.35 m, any tyres and links.
 
     Args:
-        draw: hypothesis' own.
+        between: draws a number between two.
+        one_of: draws one of several words.
         off_the_middle: how far the centre of mass may lie off the middle, over half the wheelbase and half the track [1].
     """
-
-    def between(low: float, high: float) -> float:
-        return low + (high - low) * draw(st.floats(0.0, 1.0, width=16))
-
     radius, total = 0.05 * 7.0 ** between(0.0, 1.0), 8.0 * 100.0 ** between(0.0, 1.0)
     wheelbase = radius * between(2.1, 4.5)
     track = wheelbase / between(0.5, 1.6)
@@ -58,16 +57,24 @@ def documents(draw: st.DrawFn, off_the_middle: float = 0.25) -> dict[str, Any]:
     # A box of the size of the hull, whose mass lies nearer to its middle or farther out along each axis.
     x, y, z = ((total - 4.0 * wheel) * s * s / 12.0 * between(0.5, 2.0) for s in size)
     height = max(0.6 * radius, track * between(0.15, 0.6))
-    com = [between(-0.5, 0.5) * off_the_middle * length for length in (wheelbase, track)]
+    com = [0.5 * between(-off_the_middle, off_the_middle) * length for length in (wheelbase, track)]
     return {
         "schema": "ssmr.robot/1",
         "name": "drawn",
         "geometry": {
             "wheelbase": wheelbase, "track": track, "wheel_radius": radius, "wheel_width": width, "body_size": size,
-            "link": draw(st.sampled_from(["belt", "none"])),
+            "link": str(one_of(["belt", "none"])),
         },
         "mass": {"total": total, "wheel": wheel, "com": [*com, height - radius], "inertia": [y + z, x + z, x + y]},
-        "simulation": {
-            "friction": between(0.2, 1.0), "wheel_shape": draw(st.sampled_from(["ellipsoid", "cylinder", "capsule"])),
-        },
+        "simulation": {"friction": between(0.2, 1.0), "wheel_shape": str(one_of(["ellipsoid", "cylinder", "capsule"]))},
     }  # fmt: skip
+
+
+@st.composite
+def documents(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw what the file of a robot says (`drawn_document`)."""
+
+    def between(low: float, high: float) -> float:
+        return low + (high - low) * draw(st.floats(0.0, 1.0, width=16))
+
+    return drawn_document(between, lambda words: draw(st.sampled_from(list(words))))

@@ -72,7 +72,13 @@ def _contacts(wheelbase: float, track: float, x: float, y: float, half_width: fl
 
 
 def turn_on_the_spot(
-    wheelbase: float, track: float, x: float = 0.0, y: float = 0.0, ratio: float = 1.0, half_width: float = 0.0
+    wheelbase: float,
+    track: float,
+    x: float = 0.0,
+    y: float = 0.0,
+    ratio: float = 1.0,
+    half_width: float = 0.0,
+    shift: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
 ) -> SkidTurn:
     """Return the turn with Coulomb friction, each tyre touching at one point or at two.
 
@@ -83,9 +89,17 @@ def turn_on_the_spot(
         y: distance of the centre of mass to the left of that middle [m].
         ratio: lateral over longitudinal friction [1].
         half_width: half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
+        shift: loads that differ from those at rest: shares of the weight that move from the rear to the front wheels, from
+            right to left, and from one pair of diagonal wheels to the one with the front left; and the share of its load
+            that a tyre's inner contact point gives to the outer one [1].
     """
     unit = 0.5 * track  # of length: the search sees the same numbers for every size of robot
     c = _contacts(wheelbase / unit, 2.0, x / unit, y / unit, half_width / unit)
+    front, left = np.sign(c.x), np.resize(LEFT, len(c.x))
+    ahead, aside, across, outwards = shift
+    outer = np.sign(np.abs(c.y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
+    load = (c.load + (ahead * front + aside * left + across * front * left) / len(c.x)) * (1.0 + outwards * outer)
+    c = c._replace(load=load)
 
     def power(motion: FloatArray) -> tuple[float, FloatArray]:
         v_x, v_y, rate = motion

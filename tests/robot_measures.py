@@ -1,0 +1,194 @@
+"""What a robot does in the simulator beside what mechanics says: turn, roll, stand on a slope, slide to a stop.
+
+Speeds and times are those of the robot's size: Froude numbers, and multiples of sqrt(wheel radius / g).
+`python -m tests.robot_measures 500` prints the tables of docs/physics.md, "Other robots".
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from ssmr.types import FloatArray
+from tests.robots import drawn_document
+from validation import load_robot
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import WHEELS, Robot, parse_robot
+from validation.simulator.model import GRAVITY, controls, robot_model, static_shares, wheel_geoms
+from validation.simulator.turning import closed_form, load_sensitivity
+
+RIM_SPEED, ROLL_SPEED, STOP_SPEED = 0.13, 0.4, 1.18
+"""Speeds of rims in a slow turn, of a straight drive, and at which wheels are blocked, over sqrt(g wheel radius) [1]."""
+REST_TIME, TURN_TIME, DRIVE_TIME = 8.0, 46.0, 30.0
+"""Times over sqrt(wheel radius / g) [1]; 1.0, 6.0 and 3.9 s for a Husky."""
+STIFF = 20.0
+"""Gain of nearly rigid motors over the robot's own [1]."""
+TILT = math.radians(8.0)
+"""Slope on which a robot creeps [rad]."""
+
+
+class Bench:
+    """A robot at rest on level ground, ready to be driven by wheel rates."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        """Build it and let it settle."""
+        self.calibration, self.model = calibration, robot_model(calibration)
+        self.data = mujoco.MjData(self.model)
+        self.unit = math.sqrt(calibration.wheel_radius / GRAVITY)
+        self.speed = math.sqrt(calibration.wheel_radius * GRAVITY)
+        self._tires = wheel_geoms(self.model)
+        self.spins = [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS]
+        self.run(REST_TIME)
+
+    def run(self, time: float) -> float:
+        """Run for so many units of time; return the time [s]."""
+        steps = max(1, round(time * self.unit / self.model.opt.timestep))
+        mujoco.mj_step(self.model, self.data, nstep=steps)
+        return steps * float(self.model.opt.timestep)
+
+    def ask(self, left: float, right: float) -> None:
+        """Give the motors rim speeds over sqrt(g wheel radius)."""
+        rates = np.array([left, right]) * self.speed / self.calibration.wheel_radius
+        self.data.ctrl[:] = controls(self.model, rates)
+
+    def loads(self) -> FloatArray:
+        """Return the (4,) wheel loads over the weight."""
+        out, force = np.zeros(4), np.zeros(6)
+        for k, contact in enumerate(self.data.contact[: self.data.ncon]):
+            mujoco.mj_contactForce(self.model, self.data, k, force)
+            wheel = [i for i, tire in enumerate(self._tires) if tire in contact.geom.tolist()]
+            assert len(wheel) == 1, "two tyres touch each other"
+            out[wheel[0]] += force[0]
+        return out / (self.calibration.mass * GRAVITY)
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A slow turn on the spot with nearly rigid motors."""
+
+    multiplier: float
+    """Yaw rate of the wheels over that of the body [1]."""
+    error: float
+    """Logarithm of the multiplier over the closed form's [1]."""
+    sensitivity: float
+    """`load_sensitivity` [1]."""
+    ripple: float
+    """Range of the yaw rate over its mean, in the second half [1]."""
+    load_deviation: float
+    """Greatest standard deviation of a wheel's load over its mean, in the second half [1]."""
+    load_shift: float
+    """Greatest difference of a wheel's load from that at rest by mechanics, over a quarter of the weight [1]."""
+
+
+def turn(calibration: Calibration, time: float = TURN_TIME) -> Turned:
+    """Turn a robot on the spot."""
+    bench = Bench(replace(calibration, gain=STIFF * calibration.gain))
+    bench.ask(-RIM_SPEED, RIM_SPEED)
+    bench.run(0.5 * time)
+    rates, wheels, loads = [], [], []
+    for _ in range(40):
+        bench.run(0.5 * time / 40)
+        rates.append(float(bench.data.qvel[5]))
+        wheels.append(bench.data.qvel[bench.spins].copy())
+        loads.append(bench.loads())
+    rims = float(np.mean(wheels, axis=0) @ [-0.5, 0.5, -0.5, 0.5]) * calibration.wheel_radius
+    multiplier, carried = rims / (2.0 * calibration.half_track * float(np.mean(rates))), np.array(loads)
+    return Turned(
+        multiplier, math.log(multiplier / closed_form(calibration).multiplier), load_sensitivity(calibration),
+        float(np.ptp(rates) / np.mean(rates)), float((carried.std(axis=0) / carried.mean(axis=0)).max()),
+        4.0 * float(np.abs(carried[-1] - static_shares(calibration)).max()),
+    )  # fmt: skip
+
+
+def resting_error(calibration: Calibration) -> tuple[float, float]:
+    """Return how far loads at rest are from the weight, over it, and from `static_shares`, over a quarter of it [1]."""
+    loads = Bench(calibration).loads()
+    return abs(float(loads.sum()) - 1.0), 4.0 * float(np.abs(loads - static_shares(calibration)).max())
+
+
+def rolling_error(calibration: Calibration) -> float:
+    """Return the rolling radius over the wanted one, less one [1]."""
+    bench = Bench(replace(calibration, gain=STIFF * calibration.gain))
+    bench.ask(ROLL_SPEED, ROLL_SPEED)
+    bench.run(DRIVE_TIME)
+    before = bench.data.qpos.copy()
+    bench.run(DRIVE_TIME)
+    moved = bench.data.qpos - before
+    turned = float(np.mean([moved[bench.model.joint(f"{wheel}_wheel").qposadr[0]] for wheel in WHEELS]))
+    return math.hypot(*moved[:2]) / (turned * calibration.wheel_radius) - 1.0
+
+
+def creep(calibration: Calibration) -> float:
+    """Return the speed at which a robot creeps down a side slope, over sqrt(g wheel radius) [1]."""
+    bench = Bench(calibration)
+    bench.model.opt.gravity[:] = 0.0, GRAVITY * math.sin(TILT), -GRAVITY * math.cos(TILT)
+    bench.run(DRIVE_TIME)
+    before = bench.data.qpos[:2].copy()
+    time = bench.run(DRIVE_TIME)
+    return math.hypot(*(bench.data.qpos[:2] - before)) / (time * bench.speed)
+
+
+def stop_error(calibration: Calibration, sideways: bool) -> float:
+    """Return the way that a robot with blocked wheels slides over v^2 / (2 mu g), less one [1]."""
+    heavy = 1.6 * calibration.mass * calibration.wheel_radius**2
+    bench = Bench(replace(calibration, armature=100.0 * heavy, gain=1e4 * calibration.gain))
+    axis, speed = int(sideways), STOP_SPEED * bench.speed
+    bench.data.qvel[axis] = speed
+    before = float(bench.data.qpos[axis])
+    bench.run(2.5 * STOP_SPEED / calibration.friction)
+    return (float(bench.data.qpos[axis]) - before) / (speed**2 / (2.0 * calibration.friction * GRAVITY)) - 1.0
+
+
+def tipping(calibration: Calibration) -> float:
+    """Return how near a robot that slides straight ahead or sideways is to lifting wheels [1]; 1 where it does."""
+    robot = calibration.robot
+    share = 1.0 - 4.0 * robot.masses.wheel / calibration.mass
+    height = share * (robot.geometry.base_height + calibration.com_z) + (1.0 - share) * calibration.wheel_radius
+    least = min(
+        0.5 * robot.geometry.wheelbase - share * abs(calibration.com_x),
+        calibration.half_track - share * abs(calibration.com_y),
+    )
+    return calibration.friction * height / least
+
+
+def drawn(count: int) -> Iterator[Robot]:
+    """Make `count` robots at random, the same each time."""
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        yield parse_robot(drawn_document(random.uniform, random.choice))
+
+
+def main(count: int) -> None:
+    """Print the tables."""
+    for name in ("husky", "jackal", "pioneer3at", "warthog"):
+        c = Calibration.of(load_robot(name))
+        t, speed = turn(c), math.sqrt(GRAVITY * c.wheel_radius)
+        stops = [f"{100 * stop_error(c, sideways):+.1f} %" for sideways in (False, True)]
+        cells = [name, f"{t.multiplier:.4f}", f"{closed_form(c).multiplier:.4f}", f"{100 * t.sensitivity:.2f} %"]
+        cells += [f"{t.ripple:.0e}", f"{1e3 * creep(c) * speed:.3f}", *stops, f"{100 * resting_error(c)[1]:.2f} %"]
+        print(f"| {' | '.join(cells)} | (rolling radius {rolling_error(c):.0e})")
+    rows, robust = [], []
+    for robot in drawn(count):
+        c = Calibration.of(robot)
+        t = turn(c)
+        stops = [abs(stop_error(c, side)) if tipping(c) < 0.7 else math.nan for side in (False, True)]
+        rest = resting_error(c)
+        rows.append([abs(t.error), t.ripple, t.load_deviation, t.load_shift, creep(c), *stops, abs(rolling_error(c)), *rest])
+        robust.append((t.error, t.sensitivity))
+    names = "multiplier ripple load_deviation load_shift creep stop_ahead stop_sideways rolling weight rest_loads".split()
+    for name, values in zip(names, np.array(rows).T, strict=True):
+        known = values[np.isfinite(values)]
+        print(f"{name}: n {len(known)}, " + ", ".join(f"{q} % {np.percentile(known, q):.2e}" for q in (50, 90, 99, 100)))
+    error, sensitivity = np.abs(np.array(robust)).T
+    calm = sensitivity < 0.02
+    print(f"sensitivity below 2 %: {np.mean(calm):.3f} of robots, error at most {error[calm].max():.4f}")
+    print(f"error over 1 % + sensitivity, at most: {(error / (0.01 + sensitivity)).max():.3f}")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

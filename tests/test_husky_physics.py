@@ -339,7 +339,7 @@ def test_imu_reads_gravity_at_rest_and_the_turn() -> None:
 def test_the_health_gate_stops_a_bad_run_and_says_what_to_change() -> None:
     plant = MujocoPlant(husky(friction=0.8, wheel_shape="cylinder"), STIFF, strict=True)
     plant.model.geom_solimp[wheel_geoms(plant.model)] = 0.9, 0.95, 0.001, 0.5, 2.0
-    with pytest.raises(UnhealthyRunError, match="solimp") as failed:
+    with pytest.raises(UnhealthyRunError, match="soft contact") as failed:
         plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), 0.01)
     assert failed.value.evidence["loads"].shape[1] == 4
     smooth = np.full((100, 4), 180.0)

@@ -24,7 +24,8 @@ def compose_robot(robot: Robot) -> Any:
     """Return the MJCF tree of a robot, without ground.
 
     Raises:
-        ValueError: a hand-made MJCF cannot be read, or lacks a part that the programs need; the message names it.
+        ValueError: a hand-made MJCF cannot be read, or lacks a part that the programs need, or no rigid body has the moments
+            of inertia; the message names it.
     """
     mjcf = _dm_control()
     path = robot.mjcf_path
@@ -61,6 +62,13 @@ def _needed(robot: Robot) -> list[tuple[str, str]]:
 def _composed(mjcf: Any, robot: Robot) -> Any:
     """Return the tree that is built from the robot's numbers; `calibrate` and `set_motors` set what a profile may change."""
     g, m = robot.geometry, robot.masses
+    across, spin = m.wheel_inertia
+    for key, moments in (("inertia", m.inertia), ("wheel_inertia", (across, spin, across))):
+        if 2.0 * max(moments) > sum(moments):
+            raise ValueError(
+                f"mass.{key} {list(getattr(m, key))} kg m2 is that of no rigid body: "
+                "about no axis can it be more than about the two others together"
+            )
     root = mjcf.RootElement(model=robot.name)
     root.compiler.set_attributes(angle="radian", autolimits=True, inertiafromgeom=False)
     root.option.set_attributes(

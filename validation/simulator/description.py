@@ -40,7 +40,7 @@ SERVO_TIME = 0.1048
 side over K_P, as on the thesis' robot, where it is 13.6 ms."""
 STEP_SHARE = 0.0205
 """Greatest physics step where a file does not say it, over sqrt(wheel radius / g) [1]: wheels of less than 9.3 cm get
-shorter steps than 2 ms. Some of the smallest would move 1.7 % of their way off with those, and 0.5 % with 1 ms."""
+shorter steps than 2 ms. Some of the smallest would move 1.7 % of their way off with those, and 0.6 % with 1 ms."""
 LONGEST_STEP = 0.002
 """Physics step of robots with larger wheels [s]."""
 ROTOR_SHARE = 0.15
@@ -87,13 +87,13 @@ class Geometry:
         if self.link not in get_args(Link):
             raise ValueError(f"link is {reprlib.repr(self.link)}, must be one of: {', '.join(get_args(Link))}")
         usual = (self.wheelbase + self.wheel_radius, 0.9 * max(self.track - self.wheel_width, 0.01), 1.2 * self.wheel_radius)
-        size = tuple(given if given > 0.0 else u for given, u in zip(self.body_size, usual, strict=True))
+        size = tuple(given if given != 0.0 else u for given, u in zip(self.body_size, usual, strict=True))
         above = (0.0, 0.0, self.axle_height + 0.25 * size[2])
         centre = tuple(u if math.isnan(c) else c for c, u in zip(self.body_centre, above, strict=True))
         imu = tuple(u if math.isnan(c) else c for c, u in zip(self.imu, centre, strict=True))
-        for name, value in (("body_size", size), ("body_centre", centre), ("imu", imu)):
-            if not all(math.isfinite(v) and abs(v) <= 20.0 for v in value):
-                raise ValueError(f"{name} is {value}, must be three numbers of at most 20 m")
+        for name, value, low in (("body_size", size, 0.0), ("body_centre", centre, -20.0), ("imu", imu, -20.0)):
+            if not all(low <= v <= 20.0 for v in value):
+                raise ValueError(f"{name} is {value}, must be three numbers from {low:g} to 20 m")
             object.__setattr__(self, name, value)
 
     @property
@@ -132,7 +132,7 @@ class Masses:
         least = {"wheel_inertia": 0.0, "inertia": 0.0, "com": -20.0}
         for name, low in least.items():
             if not all(math.isnan(v) or low <= v <= 1e6 for v in getattr(self, name)):
-                raise ValueError(f"{name} is {getattr(self, name)}, must be numbers of at least {low:g}")
+                raise ValueError(f"{name} is {getattr(self, name)}, must be numbers from {low:g} to 1e+06")
 
 
 @dataclass(frozen=True)
@@ -408,7 +408,8 @@ def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, An
         if isinstance(f.default, str):
             fits = isinstance(value, str)
         elif isinstance(f.default, tuple):
-            fits = isinstance(value, list) and len(value) == len(f.default) and all(_is_number(v) for v in value)
+            fits = isinstance(value, list) and len(value) == len(f.default) and all(map(_is_number, value))
+            fits = fits and all(math.isnan(d) or not math.isnan(v) for v, d in zip(value, f.default, strict=True))
         else:
             fits = _is_number(value) and not math.isnan(value)
         if not fits:

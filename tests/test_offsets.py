@@ -79,6 +79,17 @@ def test_without_a_gyro_the_wheels_are_the_clock() -> None:
     assert not error_beyond(found["pose_yaw"], 0.02)
 
 
+def test_sides_that_are_refreshed_in_turn_are_no_later_for_that() -> None:
+    """Each side is measured at 4 Hz and logged at 20 Hz, the right one 0.1 s after the left."""
+    groups = log(0.1, 0.3, 0.3)
+    wheels, rows = groups["wheels"], np.arange(len(groups["wheels"].t))
+    last = {"enc_left": rows // 5 * 5, "enc_right": np.maximum((rows - 2) // 5 * 5 + 2, 0)}
+    columns = {side: wheels.columns[side][last[side]] for side in last}
+    found = found_in({**groups, "wheels": Group("log", wheels.t, columns)})
+    for name, true in (("wheels", 0.1), ("position", 0.3), ("pose_yaw", 0.3)):
+        assert not error_beyond(found[name], true), found[name]
+
+
 def test_standard_errors_are_as_large_as_the_errors() -> None:
     errors, told = [], []
     for seed in range(8):

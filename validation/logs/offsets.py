@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ssmr.types import FloatArray
 from validation.logs.groups import Group, Groups, held, stacked_columns
 from validation.logs.health import find_jumps
-from validation.logs.recording import POSE_COLUMNS, fresh_poses, refreshed
+from validation.logs.recording import COMMAND_COLUMNS, POSE_COLUMNS, fresh_poses, refreshed
 from validation.logs.rest import wheel_twist
 
 _OFFSET_STEP = 0.01
@@ -144,6 +144,22 @@ def _yaw_rates(groups: Groups, poses: _Poses | None) -> dict[str, _Signal]:
     return found
 
 
+def _each_side_for_itself(groups: Groups) -> dict[str, Group]:
+    """Return the groups with wheel rates interpolated from one fresh sample of a side to its next.
+
+    Where the sides are refreshed in turn, a row has a rate that is new and one that is old.
+    """
+    wheels = groups.get("wheels")
+    if wheels is None:
+        return dict(groups)
+    columns = dict(wheels.columns)
+    for side in COMMAND_COLUMNS["wheels"]:
+        if side in columns:
+            new = refreshed(wheels.t, columns[side][:, None])
+            columns[side] = np.interp(wheels.t, wheels.t[new], columns[side][new])
+    return {**groups, "wheels": replace(wheels, columns=columns)}
+
+
 def estimate_offsets(groups: Groups) -> list[Offset]:
     """Estimate delays behind the first group of `_CLOCK_ORDER`.
 
@@ -152,6 +168,7 @@ def estimate_offsets(groups: Groups) -> list[Offset]:
     added. The delay of commands is negative, because a robot follows them. What does not resemble the other, or is zero, is
     left out. Samples that were only logged again do not count, nor do jumps of the localiser.
     """
+    groups = _each_side_for_itself(groups)
     poses = _poses(groups)
     rates = _yaw_rates(groups, poses)
     reference, *others = list(rates) or [""]

@@ -37,6 +37,9 @@ from validation.show.robot_mesh import robot_mesh
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 from validation.study import __main__ as study_program
+from validation.study.robustness.cases import LEVELS, levels_of, single_mismatches
+from validation.study.terrain import TerrainOptions, study_terrain
+from validation.study.terrain.findings import TerrainAxes
 from validation.track import __main__ as track_program
 from validation.track import track
 from validation.tune import __main__ as tune_program
@@ -194,6 +197,25 @@ def test_studies(robot: str, study: str, tmp_path: Path) -> None:
     assert run(study_program.program(), "study", study, "--robot", robot, *STUDIES[study], "--out", str(out)) == 0
     assert document(out / "study.json")["robot"] == load_robot(robot).name
     assert "nan" not in (out / "study.md").read_text(encoding="utf-8").lower().split()
+
+
+def test_the_terrain_study(robot: str) -> None:
+    axes = TerrainAxes((0.5,), (0.0,), (0.0, 0.001), (0.0, 0.4), (0.0,), ("pid",))
+    study = study_terrain(TerrainOptions(robot=robot, seeds=1, axes=axes))
+    assert study.as_dict()["robot"] == load_robot(robot).name
+    weight = load_robot(robot).masses.total * 9.81
+    assert study.static.sum() == pytest.approx(weight)
+    assert all(run.motion.channels["wheel_load_N"][-1].sum() == pytest.approx(weight, rel=0.05) for run in study.loads[:1])
+    assert all(e.failed == 0 and e.position_m is not None and math.isfinite(e.position_m) for e in study.models)
+
+
+def test_mismatches_grow_with_the_robot() -> None:
+    """A centre of mass that is 5 cm off means less to a Warthog than to a Husky, and more to a Jackal."""
+    usual, large = levels_of(load_robot("husky")), levels_of(load_robot("warthog"))
+    assert usual == LEVELS
+    assert large["com_x"] == pytest.approx([0.0, -0.05 * 0.914734 / 0.512, 0.05 * 0.914734 / 0.512])
+    assert large["friction"] == LEVELS["friction"]
+    assert [m.label for m in single_mismatches(large)][2:4] == ["mass 8.9 cm back", "mass 8.9 cm ahead"]
 
 
 def test_learning(robot: str) -> None:

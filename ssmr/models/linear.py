@@ -104,7 +104,7 @@ def state_space(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) ->
     a, b = matrices(vehicle, parameters, drive)
     names = ["x", "v", "yaw", "yaw_rate"]
     return control.StateSpace(
-        a, b, np.eye(4), np.zeros((4, 2)), states=names, outputs=names, inputs=["v_cmd", "yaw_rate_cmd"], name="husky_linear"
+        a, b, np.eye(4), np.zeros((4, 2)), states=names, outputs=names, inputs=["v_cmd", "yaw_rate_cmd"], name="linear"
     )
 
 

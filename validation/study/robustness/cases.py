@@ -30,7 +30,7 @@ from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive
 from validation.plants.profile import Profile
-from validation.simulator.description import Robot
+from validation.simulator.description import Robot, load_robot
 from validation.simulator.plant import MujocoPlant
 from validation.study.result import MOST_RUNS, require_seeds
 from validation.track.gains import GainSet
@@ -51,7 +51,15 @@ LEVELS: Mapping[str, tuple[float, ...]] = MappingProxyType(
         "torque": (1.0, 0.8),
     }
 )
-"""Values of each field of `Mismatch` that are tried, the nominal one first."""
+"""Values of each field of `Mismatch` that are tried on the usual robot, the nominal one first."""
+
+
+def levels_of(robot: Robot) -> Mapping[str, tuple[float, ...]]:
+    """Return the values that are tried on a robot: shifts of the centre of mass grow with its wheelbase and track."""
+    own, usual = robot.geometry, load_robot().geometry
+    sizes = {"com_x": own.wheelbase / usual.wheelbase, "com_y": own.track / usual.track}
+    return MappingProxyType({n: tuple(sizes.get(n, 1.0) * value for value in values) for n, values in LEVELS.items()})
+
 
 CaseKind = Literal["nominal", "alone", "grid"]
 """The profile's own robot, one mismatch alone, or one combination of mismatches."""
@@ -90,17 +98,21 @@ def _level_text(name: str, value: float) -> str:
     if name == "delay":
         return f"delay {value:+.1f} s"
     where = {"com_x": ("ahead", "back"), "com_y": ("left", "right")}[name][value < 0.0]
-    return f"mass {100.0 * abs(value):.0f} cm {where}"
+    return f"mass {100.0 * abs(value):.2g} cm {where}"
 
 
-def single_mismatches() -> list[Mismatch]:
+Levels = Mapping[str, tuple[float, ...]]
+"""Values by field of `Mismatch`, as `LEVELS` has them."""
+
+
+def single_mismatches(levels: Levels = LEVELS) -> list[Mismatch]:
     """Return every level other than the nominal one, each on its own."""
-    return [Mismatch(**{name: value}) for name, levels in LEVELS.items() for value in levels[1:]]
+    return [Mismatch(**{name: value}) for name, values in levels.items() for value in values[1:]]
 
 
-def full_grid() -> list[Mismatch]:
+def full_grid(levels: Levels = LEVELS) -> list[Mismatch]:
     """Return every combination of levels."""
-    return [Mismatch(**dict(zip(LEVELS, values, strict=True))) for values in itertools.product(*LEVELS.values())]
+    return [Mismatch(**dict(zip(levels, values, strict=True))) for values in itertools.product(*levels.values())]
 
 
 @dataclass(frozen=True)
@@ -115,7 +127,7 @@ class RobustnessCase:
     """Seed of noise and disturbance."""
 
 
-def draw_cases(runs: int, seeds: int, seed: int) -> list[RobustnessCase]:
+def draw_cases(runs: int, seeds: int, seed: int, levels: Levels = LEVELS) -> list[RobustnessCase]:
     """Return the runs of a study.
 
     Args:
@@ -123,19 +135,20 @@ def draw_cases(runs: int, seeds: int, seed: int) -> list[RobustnessCase]:
             combinations, none of which repeats before all were drawn.
         seeds: number of noise seeds, counted from `seed`, for the nominal robot and for each single mismatch.
         seed: seed of the drawing, and first seed of noise. Each drawn combination has a noise seed of its own.
+        levels: the values that are tried.
 
     Raises:
         ValueError: `runs` leaves fewer than 2 combinations.
     """
     noise = range(seed, seed + seeds)
     single = [RobustnessCase("nominal", Mismatch(), k) for k in noise]
-    single += [RobustnessCase("alone", m, k) for m in single_mismatches() for k in noise]
+    single += [RobustnessCase("alone", m, k) for m in single_mismatches(levels) for k in noise]
     left = runs - len(single)
     if left < 2:
         raise ValueError(
             f"{runs} runs are too few: {len(single)} go to single mismatches under {seeds} seeds; at least 2 more"
         )
-    rng, grid = np.random.default_rng(seed), full_grid()
+    rng, grid = np.random.default_rng(seed), full_grid(levels)
     order = np.concatenate([rng.permutation(len(grid)) for _ in range(math.ceil(left / len(grid)))])[:left]
     return [*single, *(RobustnessCase("grid", grid[point], seed + seeds + k) for k, point in enumerate(order))]
 

@@ -87,7 +87,7 @@ def _draw_alone(study: Robustness, controller: str, value: _Value, name: str, fi
     if first:
         inset(ax, left=_LABELS_IN)
     cases: list[tuple[str, list[RunErrors]]] = [(NOMINAL, study.errors(controller, "nominal"))]
-    cases += [(m.label, study.errors(controller, "alone", m)) for m in single_mismatches()]
+    cases += [(m.label, study.errors(controller, "alone", m)) for m in single_mismatches(study.levels)]
     centre = 1e3 * float(np.mean([value(o) for o in cases[0][1]]))
     ax.axvline(centre, color="0.25", linewidth=1.0, zorder=1.9)
     for row, (_, outcomes) in enumerate(cases):
@@ -112,7 +112,7 @@ def _alone_row(study: Robustness, name: str, value: _Value) -> Row:
     panels: list[tuple[float, Panel]] = []
     for k, controller in enumerate(study.controllers):
         panels.append((share + labels * (k == 0), partial(_draw_alone, study, controller, value, name, k == 0)))
-    return Row(_ALONE_IN + _LINE_IN * (1 + len(single_mismatches())), tuple(panels))
+    return Row(_ALONE_IN + _LINE_IN * (1 + len(single_mismatches(study.levels))), tuple(panels))
 
 
 def draw_robustness(study: Robustness) -> Figure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from validation.study.robustness.cases import (
     LEVELS,
     NOMINAL,
     CaseKind,
+    Levels,
     Mismatch,
     RobustnessCase,
     RobustnessOptions,
@@ -49,6 +50,8 @@ class Robustness(StudyResult):
     """Runs by controller."""
     remarks: tuple[str, ...] = ()
     """Remarks on the choice of gains."""
+    levels: Levels = field(default_factory=lambda: LEVELS)
+    """Values that were tried, by field of `Mismatch`."""
 
     def errors(self, controller: str, kind: CaseKind, mismatch: Mismatch | None = None) -> list[RunErrors]:
         """Return a controller's errors in cases of one kind, all of them or those with one mismatch."""
@@ -104,7 +107,7 @@ class Robustness(StudyResult):
             "position_period_s": o.position_period,
             "reference_torque_N_m": self.torque,
             "cvar_level": CVAR_LEVEL,
-            "levels": dict(LEVELS),
+            "levels": dict(self.levels),
             "controllers": {name: self._of_controller(name) for name in self.controllers},
             "cases": [{"kind": c.kind, "seed": c.seed, **asdict(c.mismatch)} for c in self.cases],
             "parameters": dict(self.parameters),
@@ -119,7 +122,7 @@ class Robustness(StudyResult):
             "lost": sum(e.lost_at_s is not None for e in grid),
             "failure_rate": self.failures(grid) / len(grid),
             "nominal": self._summary(self.errors(name, "nominal")),
-            "alone": {m.label: self._summary(self.errors(name, "alone", m)) for m in single_mismatches()},
+            "alone": {m.label: self._summary(self.errors(name, "alone", m)) for m in single_mismatches(self.levels)},
             "health": runs.health.as_dict(),
             "runs": [asdict(e) for e in runs.errors],
         }
@@ -154,7 +157,7 @@ class Robustness(StudyResult):
     def _alone_grid(self, name: Literal["d_rms_m", "e_rho_rms_m"], title: str, caption: str) -> Grid:
         """Return the mean of an error over seeds, and how many of them failed, by mismatch and controller."""
         nominal = {c: self.errors(c, "nominal") for c in self.controllers}
-        single = {m: {c: self.errors(c, "alone", m) for c in self.controllers} for m in single_mismatches()}
+        single = {m: {c: self.errors(c, "alone", m) for c in self.controllers} for m in single_mismatches(self.levels)}
 
         def line(label: str, row: Mapping[str, list[RunErrors]]) -> tuple[Cell, ...]:
             cells = [Cell(label)]

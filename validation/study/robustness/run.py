@@ -10,7 +10,7 @@ from ssmr.control.laws import LAWS
 from ssmr.control.loop import make_clock
 from validation.progress import Progress, Report, silent
 from validation.study.result import keeping, profile_of
-from validation.study.robustness.cases import Mismatch, RobustnessOptions, draw_cases, mismatched
+from validation.study.robustness.cases import Mismatch, RobustnessOptions, draw_cases, levels_of, mismatched
 from validation.study.robustness.outcomes import ControllerRuns, RunErrors, errors_of, health_of, torque_needed
 from validation.study.robustness.result import Robustness
 from validation.track import gains as gain_sets
@@ -43,7 +43,8 @@ def study_robustness(
     laws = {controller: make_controller(profile, gains) for controller, gains in sets.items()}
     require_practicable(waypoints, profile.plants["mujoco"].drive, name)
     ticks = make_clock(waypoints, o.loop(Mismatch()), o.timestep).ticks
-    cases = draw_cases(o.runs, o.seeds, o.seed)
+    levels = levels_of(profile.robot)
+    cases = draw_cases(o.runs, o.seeds, o.seed, levels)
     nominal = mismatched(profile, Mismatch(), o.timestep, math.inf)
     torque = torque_needed(nominal, waypoints)
     others = dict.fromkeys(c.mismatch for c in cases if c.mismatch != Mismatch())
@@ -65,7 +66,7 @@ def study_robustness(
             found[controller] = ControllerRuns(sets[controller], tuple(errors), health)
     parameters, by_name = profile.as_dict()["mujoco"], MappingProxyType(found)
     speed, duration = waypoints.speed, waypoints.duration
-    made, ended = (tuple(cases), by_name, tuple(remarks)), course.status
+    made, ended = (tuple(cases), by_name, tuple(remarks), levels), course.status
     whose = profile.robot.name
     return Robustness(profile.name, parameters, name, speed, duration, torque, o, *made, robot=whose, status=ended)
 

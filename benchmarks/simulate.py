@@ -8,6 +8,7 @@ The thesis' Simulink times stand there for the record only (another machine, 201
 from __future__ import annotations
 
 import ctypes
+import itertools
 import os
 import shutil
 import subprocess
@@ -48,8 +49,11 @@ from ssmr.simulation import (
 )
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
+from validation.plants.kind import PlantProfile
 from validation.plants.profile import load_profile
-from validation.simulator.model import controls
+from validation.simulator.composing import add_integral_parts, compose_robot
+from validation.simulator.description import WHEELS
+from validation.simulator.model import calibrate, controls, robot_model, set_motors
 from validation.simulator.plant import MujocoPlant
 
 COLUMNS = 13
@@ -59,6 +63,9 @@ AGREED = 1e-9
 SIMULINK_S = {"coulomb": 2.75, "improved": 0.70}
 """Sec. 3.6: trajectory 4 on the authors' machine [s]."""
 POPULATION = 64
+SAME_PATH, SAME_LOADS = 5e-5, 5e-3
+"""Greatest distance between the paths of two settings of physics [m], and greatest root mean square difference of a wheel's
+load over its load at rest [1]."""
 
 
 def shared_header() -> str:
@@ -204,15 +211,71 @@ def population_row(commands: Commands, repeats: int) -> Row:
     return Row(f"population of {POPULATION}: one thread / two threads", one / two, ">= 1.8", two, one, one >= 1.8 * two)
 
 
+def former_model(section: PlantProfile) -> mujoco.MjModel:
+    """Return the robot as version 1.0 simulated it: with its looks, all sensors, islands, and Newton's method."""
+    robot = section.parameters.robot
+    root = compose_robot(robot)
+    if section.drive.integral_gain > 0.0:
+        add_integral_parts(root, robot)
+    root.worldbody.add("geom", name="ground", type="plane", size=[0, 0, 0.05], condim=3)
+    model = mujoco.MjModel.from_xml_string(root.to_xml_string())
+    calibrate(model, section.parameters)
+    set_motors(model, section.parameters, section.drive)
+    return model
+
+
+def step_row(commands: Commands, repeats: int) -> Row:
+    """A step of the Husky's physics against one with the settings of version 1.0, MuJoCo's stopwatch among them.
+
+    Raises:
+        SsmrError: the paths or the wheel loads differ.
+    """
+    section = load_profile("thesis-lab").plants["mujoco"]
+    plant, former = MujocoPlant(section.parameters, section.drive), former_model(section)
+    start = plant.placed(State())
+    steps = wheel_references(commands, section.drive, plant.dt, State())
+    data = {id(model): mujoco.MjData(model) for model in (plant.model, former)}
+    stopped = mujoco.get_mjcb_time()
+
+    def roll(model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
+        mujoco.set_mjcb_time(stopped if model is plant.model else None)
+        states, sensors = rollout.rollout(model, data[id(model)], start[None], controls(model, steps)[None])
+        columns = [int(model.sensor(f"load_{wheel}").adr[0]) for wheel in WHEELS]
+        return states[0, :, 1:3], sensors[0][:, columns]
+
+    try:
+        (path, loads), (former_path, former_loads) = roll(plant.model), roll(former)
+        now, then = alternate(lambda: roll(plant.model), lambda: roll(former), repeats=repeats)
+    finally:
+        mujoco.set_mjcb_time(stopped)
+    apart = float(np.abs(path - former_path).max())
+    shaken = float((np.sqrt(np.mean((loads - former_loads) ** 2, axis=0)) / former_loads[0]).max())
+    if apart > SAME_PATH or shaken > SAME_LOADS:
+        raise SsmrError(f"paths differ by {1e3 * apart:.3f} mm and loads by {100 * shaken:.2f} % from version 1.0's")
+    return Row("mujoco step: settings of version 1.0 / now", then / now, ">= 1.7", now, then, then >= 1.7 * now)
+
+
+def candidate_row(repeats: int) -> Row:
+    """Another candidate of a fit against what it cost before: a model, its state, and a second of settling."""
+    section = load_profile("thesis-lab").plants["mujoco"]
+    plant = MujocoPlant(section.parameters, section.drive)
+    others = itertools.cycle([replace(section.parameters, friction=friction) for friction in (0.4, 0.5)])
+
+    def former() -> None:
+        calibration = next(others)
+        model = robot_model(calibration, drive=section.drive)
+        mujoco.mj_step(model, mujoco.MjData(model), nstep=round(1.0 / calibration.timestep))
+
+    now, then = alternate(lambda: plant.renumber(next(others), section.drive), former, repeats=5 * repeats)
+    return Row("mujoco candidate: built and settled / renumbered", then / now, ">= 10", now, then, then >= 10.0 * now)
+
+
 def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     """The Husky as a plant against bare mujoco.rollout of the same model, and against real time."""
     section = load_profile("thesis-lab").plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
     control = controls(plant.model, wheel_references(commands, section.drive, plant.dt, State()))
-    data = mujoco.MjData(plant.model)
-    start = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-    plant.reset(State())
-    mujoco.mj_getState(plant.model, plant._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    data, start = mujoco.MjData(plant.model), plant.placed(State())
     ours, bare = alternate(
         lambda: plant.run(commands, State(), SAMPLE_DT),
         lambda: rollout.rollout(plant.model, data, start[None], control[None]),
@@ -220,6 +283,8 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     )
     speed = commands.duration / ours
     return [
+        step_row(commands, repeats),
+        candidate_row(repeats),
         Row("mujoco plant / bare rollout", ours / bare, "<= 1.1", ours, bare, ours <= 1.1 * bare),
         Row(
             f"mujoco plant, times real time at {plant.dt * 1e3:g} ms", speed, ">= 60", ours, commands.duration, speed >= 60.0

@@ -14,6 +14,7 @@ from hypothesis import settings
 from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.types import Plant
 from validation.plants.profile import PLANTS, Profile, load_profile, make_plant
+from validation.simulator.physics import PhysicsSettings
 
 EXACT = 0.0
 """Bit for bit: repetition, and a fast implementation against its reference."""
@@ -64,6 +65,12 @@ def strict_arithmetic() -> Iterator[None]:
 def make(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
     """A maker of each plant in turn, with the lab's numbers."""
     return lambda: make_plant(lab, request.param)
+
+
+@pytest.fixture(params=PLANTS)
+def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
+    """A maker of each plant in turn, MuJoCo's with a solver that is exact; the shipped one is held to it elsewhere."""
+    return lambda: make_plant(lab, request.param, settings=PhysicsSettings(solver="Newton"))
 
 
 def metrics_of(*values: float) -> Metrics:

@@ -22,7 +22,8 @@ from tests.robots import HUSKY, TRACK, WHEELBASE, husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.health import DEVIATION_LIMIT, LIFT_SHARE, check_health
-from validation.simulator.model import calibrate, robot_model, wheel_geoms
+from validation.simulator.model import GRAVITY, calibrate, robot_model, wheel_geoms
+from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.wheel_loads import load_model
 
@@ -39,6 +40,9 @@ CREEP = 1e-4
 """Sideways on a slope [m/s]."""
 STOP_ERROR = 0.02
 
+MUJOCO_CONTACT = PhysicsSettings(solimp=(0.9, 0.95, 0.001, 0.5, 2.0))
+"""MuJoCo's default impedance."""
+IMU_AHEAD = HUSKY.geometry.imu[0]
 STIFF = Drive(delay_v=0.0, delay_w=0.0, v_max=5.0, w_max=5.0, torque_limit=math.inf, command_half_track=0.5 * TRACK * 1.8)
 
 
@@ -115,8 +119,7 @@ def test_the_default_contact_would_hop() -> None:
     """
     found = []
     for dt in (0.001, 0.005):
-        plant = MujocoPlant(husky(friction=0.8, timestep=dt, wheel_shape="cylinder"), STIFF)
-        plant.model.geom_solimp[wheel_geoms(plant.model)] = 0.9, 0.95, 0.001, 0.5, 2.0
+        plant = MujocoPlant(husky(friction=0.8, timestep=dt, wheel_shape="cylinder"), STIFF, settings=MUJOCO_CONTACT)
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (120, 1))), State(), 0.01)
         tail = motion.t > 3.0
         found.append(0.1651 * np.mean(np.diff(motion.wheels[tail])) / (TRACK * motion.twist[tail, 2].mean()))
@@ -327,18 +330,16 @@ def test_loads_carry_the_weight_and_follow_the_centre_of_mass() -> None:
 
 def test_imu_reads_gravity_at_rest_and_the_turn() -> None:
     plant = MujocoPlant(husky(), STIFF)
-    data = mujoco.MjData(plant.model)
-    mujoco.mj_step(plant.model, data, nstep=1000)
-    assert np.allclose(data.sensor("imu_accelerometer").data, [0.0, 0.0, 9.81], atol=0.01)
-    data.ctrl[:] = -3.0, 3.0
-    mujoco.mj_step(plant.model, data, nstep=2000)
-    assert data.sensor("imu_gyro").data[2] == pytest.approx(data.qvel[5], rel=1e-3)
-    assert data.sensor("rate_front_left").data[0] == pytest.approx(data.sensor("rate_rear_left").data[0], abs=0.01)
+    assert np.allclose(plant.imu()[1], [0.0, 0.0, GRAVITY], atol=0.01)
+    for _ in range(80):
+        state = plant.step((0.0, 0.6), 0.05)
+    gyro, force = plant.imu()
+    assert gyro[2] == pytest.approx(state.yaw_rate, rel=ROUNDOFF)
+    assert force[0] == pytest.approx(-(state.yaw_rate**2) * IMU_AHEAD, rel=0.01)  # 190 mm ahead of the middle
 
 
 def test_the_health_gate_stops_a_bad_run_and_says_what_to_change() -> None:
-    plant = MujocoPlant(husky(friction=0.8, wheel_shape="cylinder"), STIFF, strict=True)
-    plant.model.geom_solimp[wheel_geoms(plant.model)] = 0.9, 0.95, 0.001, 0.5, 2.0
+    plant = MujocoPlant(husky(friction=0.8, wheel_shape="cylinder"), STIFF, strict=True, settings=MUJOCO_CONTACT)
     with pytest.raises(UnhealthyRunError, match="soft contact") as failed:
         plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), 0.01)
     assert failed.value.evidence["loads"].shape[1] == 4

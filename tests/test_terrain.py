@@ -22,6 +22,7 @@ from validation import cli
 from validation.compare import __main__ as compare
 from validation.plants.profile import Profile, make_plant
 from validation.simulator.model import robot_model
+from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, KINDS, Terrain, parse_terrain
 from validation.track import __main__ as track
@@ -30,6 +31,8 @@ SAMPLED = 0.06
 """Relative: statistics of 16 000 correlation areas, of which slopes are rarer than heights."""
 SLAB = 2e-3
 """A floor of two slabs of one friction against a plane, at the end of 9.7 m [m]: another collision routine."""
+NEWTON = PhysicsSettings(solver="Newton")
+"""Solver that is exact enough to tell what the ground does."""
 ROUNDED = 1e-9
 """Rough ground of no height against a plane [m]: other contact pairs, the same physics."""
 
@@ -111,7 +114,7 @@ def test_a_robot_lies_on_the_plane_of_its_wheels() -> None:
 
 
 def end_on(lab: Profile, spec: str, name: str = "traj4") -> np.ndarray:
-    plant = make_plant(lab, "mujoco", parse_terrain(spec))
+    plant = make_plant(lab, "mujoco", parse_terrain(spec), NEWTON)
     return np.array(plant.run(TRAJECTORIES[name].commands(), State(), 0.05).pose[-1])
 
 
@@ -126,7 +129,7 @@ def test_a_ramp_that_rises_to_the_left_mirrors_one_that_rises_to_the_right(lab: 
     straight = Commands(0.05, np.tile([0.5, 0.0], (100, 1)))
     turn = Commands(0.05, np.tile([0.3, 0.4], (100, 1)))
     mirrored = Commands(0.05, np.tile([0.3, -0.4], (100, 1)))
-    plants = [make_plant(lab, "mujoco", parse_terrain(f"ramp:slope_deg=5,toward_deg={d}")) for d in (90, -90)]
+    plants = [make_plant(lab, "mujoco", parse_terrain(f"ramp:slope_deg=5,toward_deg={d}"), NEWTON) for d in (90, -90)]
     for one, other in ((straight, straight), (turn, mirrored)):
         a, b = (p.run(c, State(), 0.05).pose for p, c in zip(plants, (one, other), strict=True))
         np.testing.assert_allclose(a * [1, -1, -1], b, atol=1e-7)

@@ -10,6 +10,7 @@ Measured wheel rates (`Commands.kind == "wheels"`) are used as references as the
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -144,10 +145,22 @@ def fill_references(
     values: FloatArray, drive: DriveNumbers, before: tuple[float, float], wheels: Sides, out: FloatArray
 ) -> None:
     """Write (n, 2) wheel-rate references of n physics steps into `out`, from wheels that turn at `wheels` [rad/s]."""
-    asked = rolling(wheels, drive)
+    continue_references(values, drive, before, rolling(wheels, drive), 0, out)
+
+
+@jit
+def continue_references(
+    values: FloatArray, drive: DriveNumbers, before: tuple[float, float], last: Driven, first: int, out: FloatArray
+) -> Driven:
+    """Write the references of the physics steps from `first` on into `out`, (n, 2); return those of the last step.
+
+    `last` holds the references of the step before `first`.
+    """
+    asked = last
     for k in range(len(out)):
-        asked = follow(values, k, drive, before, asked)
+        asked = follow(values, first + k, drive, before, asked)
         out[k, 0], out[k, 1] = asked.left, asked.right
+    return asked
 
 
 def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
@@ -188,13 +201,28 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
     Raises:
         ValueError: the command period or the hold is no whole number of steps.
     """
+    steps = commands.n * whole_steps(commands.dt, dt, "the command period")
+    (references,) = reference_chunks(commands, drive, dt, state, steps)
+    return references
+
+
+def reference_chunks(commands: Commands, drive: Drive, dt: float, state: State, size: int) -> Iterator[FloatArray]:
+    """Yield what `wheel_references` returns, piece by piece: (`size`, 2) arrays, the last one shorter.
+
+    Raises:
+        ValueError: the command period or the hold is no whole number of steps.
+    """
     period = whole_steps(commands.dt, dt, "the command period")
-    if commands.kind == "wheels":
-        return np.repeat(commands.values, period, axis=0)
-    out = np.empty((commands.n * period, 2))
-    wheels = Sides(state.wheel_left, state.wheel_right)
-    fill_references(commands.values, drive_numbers(drive, commands.dt, dt), commands.before, wheels, out)
-    return out
+    numbers = drive_numbers(drive, commands.dt, dt) if commands.kind == "twist" else DRIVE_TEMPLATE
+    asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), numbers) if commands.kind == "twist" else None
+    for first in range(0, commands.n * period, size):
+        n = min(size, commands.n * period - first)
+        if asked is None:
+            yield commands.values[np.arange(first, first + n) // period]
+        else:
+            out = np.empty((n, 2))
+            asked = continue_references(commands.values, numbers, commands.before, asked, first, out)
+            yield out
 
 
 class Driver:

@@ -56,7 +56,7 @@ def _needed(robot: Robot) -> list[tuple[str, str]]:
         parts += [("sensor", f"load_{wheel}"), ("sensor", f"torque_{wheel}")]
     for motor in robot.motors:
         parts += [("tendon", motor), ("actuator", f"{motor}_motor")]
-    return [*parts, *(("sensor", name) for name in ("imu_gyro", "imu_accelerometer", "angular_acceleration"))]
+    return parts
 
 
 def _composed(mjcf: Any, robot: Robot) -> Any:

@@ -17,7 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
-from scipy.optimize import brentq
+
+_CLOSE = 1e-8
+"""Last relative step of Newton's method for a depth, beyond which rounding remains."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +51,23 @@ class ContactLaw:
 
     def impedance(self, depth: float) -> float:
         """Return d(depth) [1]: a curve of two power laws, from `solimp[0]` at the surface to `solimp[1]` at full depth."""
+        return self._impedance(depth)[0]
+
+    def _impedance(self, depth: float) -> tuple[float, float]:
+        """Return d(depth) [1] and its slope [1/m]."""
         low, high, width, middle, power = self.solimp
         x = min(max(depth / width, 0.0), 1.0)
-        if x in (0.0, 1.0) or power == 1.0:
-            y = x
+        if x == 1.0:
+            return high, 0.0
+        if power == 1.0:
+            y, slope = x, 1.0
         elif x <= middle:
-            y = middle * (x / middle) ** power
+            slope = power * (x / middle) ** (power - 1.0)
+            y = slope * x / power
         else:
-            y = 1.0 - (1.0 - middle) * ((1.0 - x) / (1.0 - middle)) ** power
-        return low + y * (high - low)
+            slope = power * ((1.0 - x) / (1.0 - middle)) ** (power - 1.0)
+            y = 1.0 - slope * (1.0 - x) / power
+        return low + y * (high - low), slope * (high - low) / width
 
     def _give(self, depth: float) -> float:
         """Return N R [m/s2]: what the load makes of the contact's softness at this depth."""
@@ -67,16 +77,22 @@ class ContactLaw:
     def depth(self, slip: float) -> float:
         """Return how deep a tyre of steady slip speed `slip` [m/s] is pressed in [m]; 0 where it leaves the ground."""
         sliding, push = 1.0 + self.cone**2 if slip > 0.0 else 1.0, self._push(slip)
+        give, stiffness = sliding * self.load * self.inverse_mass, self.stiffness
 
-        def excess(depth: float) -> float:
-            return self.stiffness * self.impedance(depth) * depth + push - sliding * self._give(depth)
+        def excess(depth: float) -> tuple[float, float]:
+            d, slope = self._impedance(depth)
+            return stiffness * d * depth + push - give * (1.0 - d) / d, stiffness * (d + slope * depth) + give * slope / d**2
 
-        if excess(0.0) >= 0.0:
+        if push > 0.0 and excess(0.0)[0] >= 0.0:
             return 0.0
-        high = self.solimp[2]
-        while excess(high) < 0.0:
-            high *= 2.0
-        return float(brentq(excess, 0.0, high, xtol=1e-12 * high, rtol=1e-14))
+        low, high, depth = 0.0, math.inf, 0.5 * self.solimp[2]
+        while True:  # Newton's method, where that leaves the bracket a bisection
+            value, slope = excess(depth)
+            low, high = (low, depth) if value > 0.0 else (depth, high)
+            step = value / slope
+            if abs(step) <= _CLOSE * depth:
+                return depth - step
+            depth = depth - step if low < depth - step < high else min(0.5 * (low + high), 2.0 * depth)
 
     def _push(self, slip: float) -> float:
         return self.friction * self.slip_damping * slip

@@ -22,6 +22,7 @@ from validation.simulator.composing import add_integral_parts, compose_robot
 from validation.simulator.contact_law import soft_contact
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
 from validation.simulator.failures import mujoco_failures
+from validation.simulator.parts import robot_parts, scratch
 from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -37,6 +38,9 @@ CONTACT_TIME = 0.15417
 times that grow as its root, robots of one shape move alike whatever their size (Froude's similarity)."""
 BELT_TIME = 0.030834
 """Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a Husky."""
+READ_SENSORS = frozenset(f"{what}_{wheel}" for what in ("load", "torque") for wheel in WHEELS)
+"""Sensors of the simulated robot. The other channels of a run follow from its states, and the IMU from a state
+(`MujocoPlant.imu`); accelerometers would make MuJoCo compute all bodies' accelerations at each step."""
 LEAST_SHARE = 0.02
 """Least load that a tyre's depth is computed for, over a quarter of the weight [1]: a wheel that carries nothing sinks
 nowhere."""
@@ -48,10 +52,11 @@ def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, fl
     return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
 
 
-def _compose(robot: Robot, shape: WheelShape, anisotropic: bool, integral: bool, terrain: Terrain) -> str:
-    """Return robot and ground as MJCF text, without looks: recordings have them from `compose_robot`; here they cost time.
+def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) -> str:
+    """Return robot and ground as MJCF text, without looks and without the sensors that nobody reads here: they cost time.
 
-    `anisotropic` adds contact pairs, whose two tangential frictions may differ; `integral` the motors' integral parts.
+    Tyres and ground are contact pairs: their two tangential frictions may differ, and MuJoCo need not look for what else
+    might touch. Only a floor of two slabs has none. `integral` adds the motors' integral parts.
     """
     arena = compose_robot(robot)
     if integral:
@@ -59,11 +64,15 @@ def _compose(robot: Robot, shape: WheelShape, anisotropic: bool, integral: bool,
     for geom in arena.find_all("geom"):
         if not (geom.name or "").endswith("_tire"):
             geom.remove()
+    for sensor in arena.find_all("sensor"):
+        if sensor.name not in READ_SENSORS:
+            sensor.remove()
     ground = _lay_ground(arena, terrain)
     radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
         tire = arena.find("geom", f"{wheel}_tire")
-        tire.set_attributes(contype=1, conaffinity=0)  # it touches ground, and no tyre: capsules reach far beyond the tyre
+        paired = terrain.kind != "split"
+        tire.set_attributes(contype=int(not paired), conaffinity=0)  # it touches ground, and no tyre: capsules reach far
         if shape == "ellipsoid":
             tire.set_attributes(type="ellipsoid", size=[radius, half, radius])
         else:
@@ -71,7 +80,7 @@ def _compose(robot: Robot, shape: WheelShape, anisotropic: bool, integral: bool,
         if terrain.kind == "rough":
             patch = arena.worldbody.add("body", name=f"{wheel}_ground", mocap=True)
             ground = patch.add("geom", type="plane", size=[2 * radius, 2 * radius, 0.05], contype=0, conaffinity=0)
-        if anisotropic or terrain.kind == "rough":
+        if paired:
             arena.contact.add("pair", geom1=ground, geom2=tire, condim=3)
     return arena.to_xml_string()
 
@@ -114,13 +123,21 @@ def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
     return np.concatenate([wanted, wanted, np.zeros_like(wanted)], axis=-1)
 
 
-_models: dict[tuple[Robot, WheelShape, bool, bool, Terrain], mujoco.MjModel] = {}
+Structure = tuple[Robot, WheelShape, bool, Terrain]
+"""What decides which parts a model has: robot, shape of its tyres, whether its motors have integral parts, and ground."""
+
+_models: dict[Structure, mujoco.MjModel] = {}
 _MOST_MODELS = 64
 """Compiled models that are kept; a study of many robots forgets them all when it has made so many."""
 
 
 FREE_DRIVE = Drive(torque_limit=math.inf)
 """Motors of the thesis without a limit: what a model has that is driven without a `Drive`."""
+
+
+def structure_of(calibration: Calibration, terrain: Terrain, drive: Drive) -> Structure:
+    """Return the structure of a model: models of one structure differ by numbers alone (`set_numbers`)."""
+    return calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0, terrain
 
 
 @mujoco_failures()
@@ -133,30 +150,43 @@ def robot_model(
         ValueError: a calibration whose inertia no body can have, tyres that the terrain cannot have, or a hand-made MJCF
             that cannot be read or lacks a part.
     """
-    if calibration.friction_ratio != 1.0 and terrain.kind == "split":
-        raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
-    terrain.require_room(calibration.wheel_radius)
-    anisotropic = calibration.friction_ratio != 1.0 or settings.tangent_ratio is not None
-    key = (calibration.robot, calibration.wheel_shape, anisotropic, drive.integral_gain > 0.0, terrain)
+    key = structure_of(calibration, terrain, drive)
     if key not in _models:
+        terrain.require_room(calibration.wheel_radius)
         if len(_models) >= _MOST_MODELS:
             _models.clear()
         _models[key] = mujoco.MjModel.from_xml_string(_compose(*key))
     model = mujoco.MjModel.__copy__(_models[key])
+    set_numbers(model, calibration, terrain, settings, drive)
+    return model
+
+
+@mujoco_failures()
+def set_numbers(
+    model: mujoco.MjModel, calibration: Calibration, terrain: Terrain, settings: PhysicsSettings, drive: Drive
+) -> None:
+    """Set all numbers on a compiled model of their structure, in place: whatever numbers it had, it is as if built anew.
+
+    Raises:
+        ValueError: as `robot_model`; the model may then be unfit for use until numbers are set that go together.
+    """
+    for name, ratio in (("friction_ratio", calibration.friction_ratio), ("tangent_ratio", settings.tangent_ratio)):
+        if ratio not in (None, 1.0) and terrain.kind == "split":
+            raise ValueError(f"{name} {ratio} cannot be had on {terrain.words}: it needs one plane")
+    terrain.require_room(calibration.wheel_radius)
     model.opt.gravity = terrain.gravity(GRAVITY)
+    set_motors(model, calibration, drive)  # first: what `calibrate` lets MuJoCo derive depends on the shafts' inertia
     calibrate(model, calibration)
     if terrain.kind == "split":
         other = model.geom(_OTHER_GROUND).id
         model.geom_friction[other, 0] = calibration.friction * terrain.friction_ratio
         model.geom_solref[other], model.geom_solimp[other] = contact_settings(calibration.robot)
-    set_motors(model, calibration, drive)
-    apply_settings(model, settings, wheel_geoms(model))
-    return model
+    apply_settings(model, settings, wheel_geoms(model), calibration.friction_ratio)
 
 
 def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
     """Return the ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `calibrate`."""
-    return [model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS]
+    return list(robot_parts(model, prefix).tires)
 
 
 def base_inertia(calibration: Calibration) -> FloatArray:
@@ -198,7 +228,7 @@ def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = ""
     solref, solimp = contact_settings(calibration.robot)
     loads = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE) * calibration.mass * GRAVITY
     points = CONTACT_POINTS[calibration.wheel_shape]
-    weights = [float(model.body_invweight0[model.body(f"{prefix}{wheel}").id, 0]) for wheel in WHEELS]
+    weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
     laws = [soft_contact(load / points, weight, solref, solimp) for load, weight in zip(loads, weights, strict=True)]
     return np.array([law.depth(0.0) for law in laws])
 
@@ -211,33 +241,33 @@ def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "")
     Raises:
         ValueError: an inertia that no rigid body has; the model is untouched then.
     """
-    robot, geometry = calibration.robot, calibration.robot.geometry
+    robot, geometry, parts = calibration.robot, calibration.robot.geometry, robot_parts(model, prefix)
     inertia = base_inertia(calibration)
-    base = model.body(f"{prefix}base").id
-    model.body_mass[base] = calibration.mass - len(WHEELS) * robot.masses.wheel
-    model.body_inertia[base] = inertia
-    model.body_ipos[base] = calibration.com_x, calibration.com_y, calibration.com_z
-    for wheel, ahead, left in zip(WHEELS, FRONT, LEFT, strict=True):
-        body = model.body(f"{prefix}{wheel}").id
-        model.body_pos[body] = 0.5 * ahead * geometry.wheelbase, left * calibration.half_track, geometry.axle_height
-        across, spin = robot.masses.wheel_inertia
-        model.body_mass[body], model.body_inertia[body] = robot.masses.wheel, (across, spin, across)
-        model.dof_armature[model.joint(f"{prefix}{wheel}_wheel").dofadr[0]] = calibration.armature
+    model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.masses.wheel
+    model.body_inertia[parts.base] = inertia
+    model.body_ipos[parts.base] = calibration.com_x, calibration.com_y, calibration.com_z
+    across, spin = robot.masses.wheel_inertia
+    places = [0.5 * FRONT * geometry.wheelbase, LEFT * calibration.half_track, np.full(len(WHEELS), geometry.axle_height)]
+    model.body_pos[parts.wheels] = np.column_stack(places)
+    model.body_mass[parts.wheels], model.body_inertia[parts.wheels] = robot.masses.wheel, (across, spin, across)
+    model.dof_armature[parts.dofs] = calibration.armature
     model.opt.timestep = calibration.timestep
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    mujoco.mj_setConst(model, scratch(model))
     half = {"ellipsoid": 0.5 * geometry.wheel_width, "cylinder": 0.5 * geometry.wheel_width}.get(
         calibration.wheel_shape, calibration.capsule_half_width
     )
-    tires, solref, solimp = wheel_geoms(model, prefix), *contact_settings(robot)
-    for wheel, geom, left, depth in zip(WHEELS, tires, LEFT, pressed_in(model, calibration, prefix), strict=True):
-        radius = calibration.wheel_radius + 0.5 * left * calibration.radius_difference + 0.5 * depth
-        size = (radius, half, radius) if calibration.wheel_shape == "ellipsoid" else (radius, half, 0.0)
-        bound = max(radius, half) if calibration.wheel_shape == "ellipsoid" else radius + half
-        model.geom_size[geom], model.geom_rbound[geom] = size, bound
-        model.geom_aabb[geom, 3:] = bound
-        model.geom_friction[geom, 0] = calibration.friction
-        model.geom_solref[geom], model.geom_solimp[geom] = solref, solimp
-        model.site_size[model.site(f"{prefix}{wheel}_load").id] = 1.2 * math.hypot(radius, 0.5 * geometry.wheel_width)
+    tires, (solref, solimp) = parts.tires, contact_settings(robot)
+    radii = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
+    radii += 0.5 * pressed_in(model, calibration, prefix)
+    ellipsoid = calibration.wheel_shape == "ellipsoid"
+    model.geom_size[tires] = np.column_stack(
+        [radii, np.full(len(tires), half), radii if ellipsoid else np.zeros(len(tires))]
+    )
+    bounds = np.maximum(radii, half) if ellipsoid else radii + half
+    model.geom_rbound[tires], model.geom_aabb[tires, 3:] = bounds, bounds[:, None]
+    model.geom_friction[tires, 0] = calibration.friction
+    model.geom_solref[tires], model.geom_solimp[tires] = solref, solimp
+    model.site_size[parts.sites] = 1.2 * np.hypot(radii, 0.5 * geometry.wheel_width)[:, None]
     for motor in robot.motors:
         model.tendon_solref_fri[model.tendon(f"{prefix}{motor}").id] = solref  # of its dry friction
     for side in SIDES:
@@ -252,7 +282,7 @@ def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "")
 
 
 def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = "") -> None:
-    """Set the motors of `drive` (`ssmr.robot.motor`), with the calibration's gain, on a calibrated model, in place.
+    """Set the motors of `drive` (`ssmr.robot.motor`), with the calibration's gain, on a compiled model, in place.
 
     An integral part K_I, leaking to a stiffness K_dc, is a shaft of inertia J behind a servo of gain D and a spring of
     stiffness k. The spring has a damper q of up to half the gain K_P, which the direct servo has less: without it the shaft
@@ -272,11 +302,10 @@ def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, pr
     weight = calibration.mass * GRAVITY
     lost = calibration.rolling_resistance * 0.5 * weight * calibration.wheel_radius + motor.gear_loss
     limited = math.isfinite(motor.limit)
-    for wheel in WHEELS:
-        joint = model.joint(f"{prefix}{wheel}_wheel").id
-        model.dof_damping[model.jnt_dofadr[joint]] = 0.5 * motor.braking
-        model.jnt_actfrclimited[joint] = limited and motor.integral_gain > 0.0  # of the servo's and the spring's sum
-        model.jnt_actfrcrange[joint] = (-0.5 * motor.limit, 0.5 * motor.limit) if limited else 0.0
+    parts = robot_parts(model, prefix)
+    model.dof_damping[parts.dofs] = 0.5 * motor.braking
+    model.jnt_actfrclimited[parts.joints] = limited and motor.integral_gain > 0.0  # of the servo's and the spring's sum
+    model.jnt_actfrcrange[parts.joints] = (-0.5 * motor.limit, 0.5 * motor.limit) if limited else 0.0
     for name, wheels in motors.items():
         share = 0.5 * len(wheels)  # of a side
         direct, limit = calibration.gain, motor.limit
@@ -300,7 +329,7 @@ def _set_actuator(
     model: mujoco.MjModel, name: str, gain: float, by_length: float, by_rate: float, limit: float = math.inf
 ) -> None:
     """Set the gain of an actuator, the affine terms of its force, and its greatest force."""
-    number = int(model.actuator(name).id)
+    number = model.actuator(name).id
     model.actuator_gainprm[number, 0] = gain
     model.actuator_biasprm[number, :3] = 0.0, by_length, by_rate
     model.actuator_forcelimited[number] = math.isfinite(limit)

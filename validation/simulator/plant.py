@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 
 import mujoco
 import numpy as np
-from mujoco import rollout
 
 from ssmr.errors import DivergedError, UnhealthyRunError
-from ssmr.geometry import quat_wxyz_to_roll_pitch, quat_wxyz_to_yaw, rotate_world_to_body, yaw_to_quat_wxyz
-from ssmr.robot.drive import Driver, wheel_references, whole_steps
+from ssmr.geometry import (
+    quat_wxyz_to_roll_pitch,
+    quat_wxyz_to_yaw,
+    rotate_body_to_world,
+    rotate_world_to_body,
+    yaw_to_quat_wxyz,
+)
+from ssmr.robot.drive import Driver, reference_chunks, whole_steps
 from ssmr.robot.motor import motor_numbers
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.simulator.calibration import Calibration
+from validation.simulator.chunks import CHUNK, Samples, sampled
 from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.health import check_health
-from validation.simulator.model import FREE_DRIVE, contact_settings, controls, pressed_in, robot_model, wheel_geoms
-from validation.simulator.physics import SHIPPED, PhysicsSettings
+from validation.simulator.model import FREE_DRIVE, contact_settings, controls, robot_model, set_numbers, structure_of
+from validation.simulator.parts import robot_parts, scratch
+from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
+from validation.simulator.resting import level_height, level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
 
 PRESCRIBED_SHARE = 50.0
@@ -32,6 +41,10 @@ PRESCRIBED_LAG = 2.5
 """Time constant with which given wheel rates are followed, in time steps."""
 SETTLE_CONSTANTS = 50.0
 """Time for which the robot stands before its resting height is taken, in time constants of the contact; 1 s for a Husky."""
+_COLUMNS = 15
+"""Numbers of a sample on even ground."""
+
+stop_the_stopwatch()
 
 
 class MujocoPlant:
@@ -42,8 +55,6 @@ class MujocoPlant:
     """Saturation, delays and conversions between command and wheels."""
     wheel_dofs: tuple[list[int], ...]
     """Degrees of freedom of the left and of the right wheels."""
-    yaw_inertia: float
-    """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
 
     @mujoco_failures()
     def __init__(
@@ -55,7 +66,7 @@ class MujocoPlant:
         strict: bool = False,
         settings: PhysicsSettings = SHIPPED,
     ) -> None:
-        """Build the model, let it settle, and start at rest at the origin.
+        """Build the model and find out how it rests on its tyres; it stands at the origin.
 
         Args:
             calibration: the robot's numbers.
@@ -68,33 +79,53 @@ class MujocoPlant:
             MemoryError: the simulator does not fit into memory.
             ValueError: numbers that do not go together.
         """
-        whole_steps(drive.hold, calibration.timestep, "the drive's hold")
-        self.calibration, self.terrain, self._strict, self._settings = calibration, terrain, strict, settings
-        self.drive = drive
+        self.terrain, self._strict, self._settings = terrain, strict, settings
         self.model = robot_model(calibration, terrain, settings, drive)
-        self._data = mujoco.MjData(self.model)
+        self._heavy: mujoco.MjModel | None = None
+        self._become(calibration, drive)
+
+    def _become(self, calibration: Calibration, drive: Drive) -> None:
+        """Take over numbers that the model has already, and stand at the origin."""
+        whole_steps(drive.hold, calibration.timestep, "the drive's hold")
+        self.calibration, self.drive, self._parts = calibration, drive, robot_parts(self.model)
         self.wheel_dofs = tuple(
-            [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS if wheel.endswith(side)] for side in SIDES
+            [dof for wheel, dof in zip(WHEELS, self._parts.dofs, strict=True) if wheel.endswith(side)] for side in SIDES
         )
-        self._wheel_bodies = [int(self.model.body(wheel).id) for wheel in WHEELS]
-        self._tires = wheel_geoms(self.model)
-        radii = self.model.geom_size[self._tires, 0] - pressed_in(self.model, calibration)
-        self._level_height = float(radii.mean()) - calibration.robot.geometry.axle_height  # of the base, on level ground
-        self._load_columns = [int(self.model.sensor(f"load_{wheel}").adr[0]) for wheel in WHEELS]
-        self._torque_columns = [int(self.model.sensor(f"torque_{wheel}").adr[0]) for wheel in WHEELS]
-        self._acceleration_column = int(self.model.sensor("angular_acceleration").adr[0]) + 2
-        self._imu_columns = [int(self.model.sensor(f"imu_{what}").adr[0]) for what in ("gyro", "accelerometer")]
-        parts = drive.integral_gain > 0.0
-        motors = calibration.robot.motors if parts else ()
+        motors = calibration.robot.motors if drive.integral_gain > 0.0 else ()
         self._shaft_dofs = [int(self.model.joint(f"{motor}_shaft").dofadr[0]) for motor in motors]
-        self._resting = self._settle(State())
+        level = level_rest(self.model, scratch(self.model), calibration) if self.terrain.level else None
+        self._resting = self._settle(State()) if level is None else level
         self._rest_on_rough: tuple[State, FloatArray] | None = None
-        mass_matrix = np.zeros((self.model.nv, self.model.nv))
-        mujoco.mj_fullM(self.model, self._data, mass_matrix)
-        root = self.model.body("base").id
-        offset = self._data.subtree_com[root][:2] - self._data.xpos[root][:2]
-        self.yaw_inertia = float(mass_matrix[5, 5] - self.model.body_subtreemass[root] * offset @ offset)
-        self.reset(State())
+        self._driver: Driver | None = None
+        self.__dict__.pop("yaw_inertia", None)  # cached, as is the next
+        self.__dict__.pop("_prescribed", None)
+
+    @mujoco_failures()
+    def renumber(self, calibration: Calibration, drive: Drive) -> None:
+        """Become another robot of the same structure (`structure_of`), in place, at half the cost of building one.
+
+        Nobody else may be using the plant or its model.
+
+        Raises:
+            ValueError: another structure, or numbers that do not go together; the plant is unfit for use until it is
+                renumbered with success.
+        """
+        wanted = structure_of(calibration, self.terrain, drive)
+        if wanted != structure_of(self.calibration, self.terrain, self.drive):
+            raise ValueError("a plant can only become a robot of the same structure")
+        set_numbers(self.model, calibration, self.terrain, self._settings, drive)
+        self._become(calibration, drive)
+
+    @cached_property
+    def yaw_inertia(self) -> float:
+        """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
+        data, mass_matrix = scratch(self.model), np.zeros((self.model.nv, self.model.nv))
+        data.qpos[:] = self._resting
+        mujoco.mj_fwdPosition(self.model, data)
+        mujoco.mj_fullM(self.model, data, mass_matrix)
+        base = self._parts.base
+        offset = data.subtree_com[base][:2] - data.xpos[base][:2]
+        return float(mass_matrix[5, 5] - self.model.body_subtreemass[base] * offset @ offset)
 
     def with_drive(self, drive: Drive) -> MujocoPlant:
         """Return the same robot, on the same ground and with the same physics, with another drive.
@@ -112,7 +143,11 @@ class MujocoPlant:
         gain = 2.0 * armature / (PRESCRIBED_LAG * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         same_parts = replace(FREE_DRIVE, integral_gain=min(self.drive.integral_gain, _NO_INTEGRAL))
-        return robot_model(heavy, self.terrain, self._settings, same_parts)
+        if self._heavy is None:
+            self._heavy = robot_model(heavy, self.terrain, self._settings, same_parts)
+        else:
+            set_numbers(self._heavy, heavy, self.terrain, self._settings, same_parts)
+        return self._heavy
 
     @property
     def dt(self) -> float:
@@ -121,14 +156,14 @@ class MujocoPlant:
 
     def _settle(self, state: State) -> FloatArray:
         """Return the (nq,) configuration at rest in `state`: tyres pressed in, the body tilted by mass and ground."""
-        data = self._data
-        mujoco.mj_resetData(self.model, data)
+        data = scratch(self.model)
         data.qpos[:2] = state.x, state.y
         mujoco.mju_mulQuat(data.qpos[3:7], yaw_to_quat_wxyz(state.yaw), self.model.qpos0[3:7])
         (constant, _), _ = contact_settings(self.calibration.robot)
-        for _ in range(round(SETTLE_CONSTANTS * constant / self.dt)):
-            self.lay_ground(data)
-            mujoco.mj_step(self.model, data)
+        with solved_exactly(self.model):
+            for _ in range(round(SETTLE_CONSTANTS * constant / self.dt)):
+                self.lay_ground(data)
+                mujoco.mj_step(self.model, data)
         rest = np.array(data.qpos)
         rest[:2] = state.x, state.y
         turned = float(quat_wxyz_to_yaw(rest[3:7])) - state.yaw
@@ -143,8 +178,8 @@ class MujocoPlant:
 
     def planes_under(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (S, 4, 3) places and (S, 4, 4) quaternions (w first) of the ground under the wheels of (S, 7) poses."""
-        radius = float(self.model.geom_size[self._tires[0], 0])
-        return self.terrain.surface.tangent_planes(poses, self.model.body_pos[self._wheel_bodies], radius)
+        radius = float(self.model.geom_size[self._parts.tires[0], 0])
+        return self.terrain.surface.tangent_planes(poses, self.model.body_pos[self._parts.wheels], radius)
 
     def _rest(self, state: State) -> FloatArray:
         """Return the (nq,) configuration at rest, without settling anew where the ground is alike everywhere."""
@@ -158,25 +193,18 @@ class MujocoPlant:
         mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
         return rest
 
-    def _place(self, state: State) -> None:
-        """Put the simulator into `state`, its memory of former runs wiped; on rough ground its speed is level."""
-        data, rest = self._data, self._rest(state)
-        mujoco.mj_resetData(self.model, data)
-        data.qpos[:] = rest
-        c, s = math.cos(state.yaw), math.sin(state.yaw)
-        data.qvel[:2] = c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y
-        data.qvel[5] = state.yaw_rate
-        for dofs, rate in zip(self.wheel_dofs, (state.wheel_left, state.wheel_right), strict=True):
-            data.qvel[dofs] = rate
-        data.qvel[self._shaft_dofs] = np.resize((state.wheel_left, state.wheel_right), len(self._shaft_dofs))
-        self._turns = round((state.yaw - float(quat_wxyz_to_yaw(data.qpos[3:7]))) / (2.0 * math.pi))
-
     def placed(self, state: State) -> FloatArray:
-        """Return the simulator's whole (1 + nq + nv) state where the robot rests on its tyres in `state`."""
-        self._place(state)
-        start = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        mujoco.mj_getState(self.model, self._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        return start
+        """Return the simulator's whole (1 + nq + nv) state where the robot rests on its tyres in `state`.
+
+        On rough ground its speed is level.
+        """
+        velocity = np.zeros(self.model.nv)
+        velocity[:2] = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
+        velocity[5] = state.yaw_rate
+        for dofs, rate in zip(self.wheel_dofs, (state.wheel_left, state.wheel_right), strict=True):
+            velocity[dofs] = rate
+        velocity[self._shaft_dofs] = np.resize((state.wheel_left, state.wheel_right), len(self._shaft_dofs))
+        return np.concatenate([[0.0], self._rest(state), velocity])
 
     def _read(self) -> State:
         """Return the simulator's state as a planar one; yaw is unwrapped from the last reading."""
@@ -188,9 +216,17 @@ class MujocoPlant:
             *(float(np.mean(qvel[dofs])) for dofs in self.wheel_dofs),
         )  # fmt: skip
 
+    @cached_property
+    def _data(self) -> mujoco.MjData:
+        """Return the state of the robot that is driven step by step; a run has another."""
+        return mujoco.MjData(self.model)
+
+    @mujoco_failures()
     def reset(self, state: State) -> State:
-        """Start from `state`, resting on its tyres, with empty delay lines."""
-        self._place(state)
+        """Start from `state`, resting on its tyres, with empty delay lines and no memory of former runs."""
+        mujoco.mj_resetData(self.model, self._data)
+        mujoco.mj_setState(self.model, self._data, self.placed(state), mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self._turns = round((state.yaw - float(quat_wxyz_to_yaw(self._data.qpos[3:7]))) / (2.0 * math.pi))
         self._driver = Driver(self.drive, self.dt, state)
         self._last = self._read()
         return self._last
@@ -201,10 +237,10 @@ class MujocoPlant:
         Raises:
             DivergedError: the simulator warned or left the finite numbers.
         """
-        data = self._data
+        data, driver = self._begun()
         data.qfrc_applied[5] = self.yaw_inertia * yaw_acceleration
         turned = self._last.yaw  # to within a step: enough to count whole turns, however long the command is held
-        references = self._driver.references(command, whole_steps(dt, self.dt, "the step"))
+        references = driver.references(command, whole_steps(dt, self.dt, "the step"))
         for control in controls(self.model, references):
             data.ctrl[:] = control
             before = data.time
@@ -218,12 +254,31 @@ class MujocoPlant:
         return self._last
 
     def imu(self) -> tuple[FloatArray, FloatArray]:
-        """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU, along its axes.
+        """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU now, along its axes.
 
-        They are those at the last step's start, and zero before the first step.
+        The force is that under the last step's inputs; reading it changes nothing.
         """
-        gyro, accelerometer = (np.array(self._data.sensordata[column : column + 3]) for column in self._imu_columns)
-        return gyro, accelerometer
+        site, kind, now = self.model.site("imu").id, mujoco.mjtObj.mjOBJ_SITE, self._probe
+        mujoco.mj_copyState(self.model, self._begun()[0], now, mujoco.mjtState.mjSTATE_INTEGRATION)
+        self.lay_ground(now)
+        mujoco.mj_forward(self.model, now)
+        mujoco.mj_rnePostConstraint(self.model, now)  # bodies' accelerations
+        velocity, acceleration = np.empty(6), np.empty(6)  # angular, then linear
+        mujoco.mj_objectVelocity(self.model, now, kind, site, velocity, 1)
+        mujoco.mj_objectAcceleration(self.model, now, kind, site, acceleration, 1)
+        return velocity[:3], acceleration[3:]
+
+    def _begun(self) -> tuple[mujoco.MjData, Driver]:
+        """Return what is driven step by step, with its driver: where nobody has put it, it is at rest at the origin."""
+        if self._driver is None:
+            self.reset(State())
+        assert self._driver is not None  # by `reset`
+        return self._data, self._driver
+
+    @cached_property
+    def _probe(self) -> mujoco.MjData:
+        """Return another state of the simulator, to look at without touching the robot's own."""
+        return mujoco.MjData(self.model)
 
     @mujoco_failures()
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
@@ -237,70 +292,69 @@ class MujocoPlant:
             DivergedError: the simulator gave up.
             UnhealthyRunError: wheel loads dropped out or were not smooth, if `strict`.
         """
-        stride = whole_steps(sample_dt, self.dt, "the sample period")
-        references = wheel_references(commands, self.drive, self.dt, state)
-        start = self.placed(state)
+        stride, steps = whole_steps(sample_dt, self.dt, "the sample period"), commands.n * self._steps_of(commands)
+        if disturbance is not None and len(disturbance) != steps:
+            raise ValueError(f"{len(disturbance)} disturbances for {steps} physics steps")
         spec = mujoco.mjtState.mjSTATE_CTRL
-        model = self._prescribed if commands.kind == "wheels" else self.model
-        control = controls(model, np.vstack([references, references[-1:]]))  # one more step: its sensors are the end's
         if disturbance is not None:
-            if len(disturbance) != len(references):
-                raise ValueError(f"{len(disturbance)} disturbances for {len(references)} physics steps")
-            applied = np.zeros((len(control), model.nv))
-            applied[:-1, 5] = self.yaw_inertia * np.asarray(disturbance)
-            spec, control = spec | mujoco.mjtState.mjSTATE_QFRC_APPLIED, np.hstack([control, applied])
-        states, sensors = self._roll(model, start, control, int(spec))
-        # A diverged rollout resets itself: its clock jumps back.
-        bad = np.flatnonzero((np.diff(states[:, 0]) <= 0.0) | ~np.isfinite(states[1:]).all(axis=1))
-        if len(bad):
-            t = (int(bad[0]) + 1) * self.dt
-            raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=states[: int(bad[0]) + 1])
-        trajectory = self._trajectory(np.vstack([start, states[:-1]]), sensors, stride, state)
+            spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
+        model, start = self._prescribed if commands.kind == "wheels" else self.model, self.placed(state)
+        rough = self.terrain.kind == "rough"
+        chunks = sampled(
+            model, scratch(model), start, self._inputs(commands, state, disturbance), int(spec), stride,
+            self.lay_ground if rough else None,
+        )  # fmt: skip
+        table, done = np.empty((1 + steps // stride, _COLUMNS + 3 * rough)), 0
+        for chunk in chunks:
+            rows = self._rows(chunk)
+            table[done : done + len(rows)], done = rows, done + len(rows)
+        table[:, 2] += 2.0 * math.pi * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
+        trajectory = self._trajectory(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
         health = check_health(trajectory.channels["wheel_load_N"])
         if self._strict and not health.ok:
             raise UnhealthyRunError(health.advice, health=health, loads=trajectory.channels["wheel_load_N"])
         return trajectory
 
-    def _roll(
-        self, model: mujoco.MjModel, start: FloatArray, control: FloatArray, spec: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return states after and sensors before each of n steps from `start` under (n, ...) controls of the kind `spec`."""
-        data = self._data
-        if self.terrain.kind != "rough":
-            states, sensors = rollout.rollout(model, data, start[None], control[None], control_spec=spec)
-            return states[0], sensors[0]
-        full = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        states, sensors = np.empty((len(control), len(start))), np.empty((len(control), model.nsensordata))
-        mujoco.mj_resetData(model, data)
-        mujoco.mj_setState(model, data, start, full)
-        for k, applied in enumerate(control):
-            mujoco.mj_setState(model, data, applied, spec)
-            self.lay_ground(data)
-            mujoco.mj_step(model, data)
-            mujoco.mj_getState(model, data, states[k], full)
-            sensors[k] = data.sensordata
-        return states, sensors
+    def _steps_of(self, commands: Commands) -> int:
+        return whole_steps(commands.dt, self.dt, "the command period")
+
+    def _inputs(self, commands: Commands, state: State, disturbance: FloatArray | None) -> Iterator[FloatArray]:
+        """Yield the inputs of chunks of physics steps: of all actuators and, with a disturbance, the forces on all joints.
+
+        There is one step more, with the last inputs but undisturbed: its sensors are those at the end.
+        """
+        steps, first = commands.n * self._steps_of(commands), 0
+        for chunk in reference_chunks(commands, self.drive, self.dt, state, CHUNK):
+            references = chunk if first + len(chunk) < steps else np.vstack([chunk, chunk[-1:]])
+            control = controls(self.model, references)
+            if disturbance is not None:
+                force = np.zeros((len(control), self.model.nv))
+                force[: len(chunk), 5] = self.yaw_inertia * np.asarray(disturbance[first : first + len(chunk)])
+                control = np.hstack([control, force])
+            yield control
+            first += len(chunk)
 
     def side_torques(self, at_wheels: FloatArray, rates: FloatArray) -> FloatArray:
         """Return the (M, 2) torques of the motors [N m] from (M, 4) actuator forces on the wheels and (M, 2) side rates."""
         return np.asarray(at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive).braking * rates)
 
-    def _trajectory(self, table: FloatArray, sensors: FloatArray, stride: int, state: State) -> Trajectory:
-        """Return every `stride`-th of (n + 1, 1 + nq + nv) states and their sensors; yaw is unwrapped over all of them."""
+    def _rows(self, chunk: Samples) -> FloatArray:
+        """Return the (m, 15) numbers of a trajectory's samples, and height, roll and pitch on rough ground."""
         nq = self.model.nq
-        yaw = np.unwrap(quat_wxyz_to_yaw(table[:, 4:8]))[::stride]
-        yaw += 2.0 * math.pi * round((state.yaw - yaw[0]) / (2.0 * math.pi))
-        table, sensors = table[::stride], sensors[::stride]
-        qpos, qvel = table[:, 1 : 1 + nq], table[:, 1 + nq : 1 + nq + self.model.nv]
-        twist = np.column_stack([rotate_world_to_body(qvel[:, :2], yaw), qvel[:, 5]])
+        qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq :]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
-        channels = {
-            "wheel_load_N": sensors[:, self._load_columns],
-            "torque_N_m": self.side_torques(sensors[:, self._torque_columns], wheels),
-            "yaw_acceleration_rad_s2": sensors[:, self._acceleration_column],
-        }
+        columns = [
+            *(qpos[:, :2], chunk.yaw, rotate_world_to_body(qvel[:, :2], chunk.yaw), qvel[:, 5], wheels),
+            *(chunk.sensors[:, self._parts.loads], self.side_torques(chunk.sensors[:, self._parts.torques], wheels)),
+            chunk.yaw_acceleration,
+        ]
         if self.terrain.kind == "rough":
-            channels["height_m"] = qpos[:, 2] - self._level_height
-            channels["roll_pitch_rad"] = quat_wxyz_to_roll_pitch(qpos[:, 3:7])
-        t = stride * self.dt * np.arange(len(table), dtype=np.float64)
-        return Trajectory(t, np.column_stack([qpos[:, :2], yaw]), twist, wheels, channels)
+            columns += [qpos[:, 2] - level_height(self.model, self.calibration), quat_wxyz_to_roll_pitch(qpos[:, 3:7])]
+        return np.column_stack(columns)
+
+    def _trajectory(self, t: FloatArray, table: FloatArray) -> Trajectory:
+        """Return the trajectory of the rows of `_rows`."""
+        channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
+        if self.terrain.kind == "rough":
+            channels["height_m"], channels["roll_pitch_rad"] = table[:, 15], table[:, 16:18]
+        return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)

@@ -72,6 +72,11 @@ class Terrain:
         return self.kind in ("flat", "split")
 
     @property
+    def level(self) -> bool:
+        """Whether the ground is one level plane."""
+        return self.kind in ("flat", "ramp") and self.slope == 0.0
+
+    @property
     def curvature(self) -> float:
         """Root mean square curvature of rough ground along a line [1/m]: that of its autocorrelation's fourth derivative."""
         return math.sqrt(12.0) * self.height / self.length**2

@@ -94,7 +94,7 @@ def _one_at_a_time(sizes: _Sizes) -> list[PhysicsVariant]:
     made += [v("solimp", "MuJoCo's default", default), v("solimp", "hard", s(solimp=_HARD_IMPEDANCE))]
     made += [v("solref", f"{t:.3g} s", s(solref=(t, 1.0))) for t in (sizes.time * x for x in (0.005, 0.01, 0.04))]
     made += [v("solref", f"damping ratio {d:g}", s(solref=(0.02 * sizes.time, d))) for d in (0.3, 3.0)]
-    made += [v("solver", "Newton, 2 iterations", s(iterations=2))]
+    made += [v("solver", "Newton, 2 iterations", s(solver="Newton", iterations=2))]
     made += [v("solver", f"CG, {n} iterations", s(solver="CG", iterations=n)) for n in (5, 50)]
     made += [v("solver", f"PGS, {n} iteration{'s' * (n > 1)}", s(solver="PGS", iterations=n)) for n in (1, 5, 20, 50, 200)]
     made += [v("integrator", name, s(integrator=name)) for name in ("Euler", "implicit", "RK4")]

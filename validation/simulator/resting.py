@@ -1,0 +1,115 @@
+"""How a robot rests on level ground: found by Newton's method, not by letting it settle.
+
+Height, roll and pitch are such that its contacts neither lift nor tilt it. That takes some ten evaluations of the forces
+instead of hundreds of steps, and the result does not hang on how long it had to settle.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from ssmr.robot.skid_turn import FRONT, LEFT
+from ssmr.types import FloatArray
+from validation.simulator.calibration import Calibration
+from validation.simulator.parts import robot_parts
+
+_DOFS = slice(2, 5)
+"""Height, roll and pitch among the degrees of freedom."""
+_STEPS = 40
+"""Most steps; four or five are usual."""
+_CLOSE = 1e-7
+"""Step at which the search ends, in units of how far tyres are pressed in: that error's square remains."""
+_PROBE = 1e-5
+"""Step of finite differences, in the same units."""
+_SLOW = 0.1
+"""Reduction of the residual in a step from which on the Jacobian is computed anew."""
+_TOLERANCE, _ITERATIONS = 1e-14, 100
+"""Of the constraint solver, which must not limit the accuracy here."""
+
+
+def level_rest(model: mujoco.MjModel, data: mujoco.MjData, calibration: Calibration) -> FloatArray | None:
+    """Return the (nq,) configuration in which a robot rests on level ground at the origin.
+
+    None where the search does not converge: a robot that tips over, for example.
+
+    Args:
+        model: the calibrated model; it is left as it was.
+        data: a state to compute in, reset.
+        calibration: the robot's numbers.
+    """
+    with solved_exactly(model):
+        try:
+            return _search(model, data, *_guess(model, calibration))
+        except np.linalg.LinAlgError:  # fewer than three wheels touch the ground
+            return None
+
+
+@contextlib.contextmanager
+def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
+    """Within, the model's constraints are solved to rounding; how a robot rests must not depend on its solver."""
+    option = model.opt
+    before = option.solver, option.tolerance, option.iterations
+    option.solver, option.tolerance, option.iterations = mujoco.mjtSolver.mjSOL_NEWTON, _TOLERANCE, _ITERATIONS
+    try:
+        yield
+    finally:
+        option.solver, option.tolerance, option.iterations = before
+
+
+def level_height(model: mujoco.MjModel, calibration: Calibration) -> float:
+    """Return the height of the base above level ground on which a robot rests [m], as `calibrate` estimates it."""
+    return float(_wheel_heights(model, calibration)[0].mean()) - calibration.robot.geometry.axle_height
+
+
+def _wheel_heights(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
+    """Return the (4,) heights of the wheels' centres at rest and the (4,) depths to which they are pressed in [m]."""
+    rolling = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
+    depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)  # as `calibrate` estimated them
+    return rolling - 0.5 * depths, depths
+
+
+def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
+    """Return a first configuration, and (3,) heights [m] and angles [rad] that press the tyres in to half their depth."""
+    heights, depths = _wheel_heights(model, calibration)
+    half_base, half_track = 0.5 * calibration.robot.geometry.wheelbase, calibration.half_track
+    pitch, roll = -float(FRONT @ heights) / (4.0 * half_base), float(LEFT @ heights) / (4.0 * half_track)
+    start = np.array(model.qpos0)
+    start[2] = float(heights.mean()) - calibration.robot.geometry.axle_height
+    turn = np.zeros(model.nv)
+    turn[3:5] = roll, pitch
+    mujoco.mj_integratePos(model, start, turn, 1.0)
+    return start, 0.5 * float(depths.mean()) * np.array([1.0, 1.0 / half_track, 1.0 / half_base])
+
+
+def _search(model: mujoco.MjModel, data: mujoco.MjData, place: FloatArray, reach: FloatArray) -> FloatArray | None:
+    move, jacobian, last = np.zeros(model.nv), np.empty((3, 3)), np.inf
+
+    def pull(change: FloatArray | float) -> FloatArray:
+        """Return (3,) accelerations of the body at rest in `place` after a change of height and angles."""
+        data.qpos[:] = place
+        move[_DOFS] = change
+        mujoco.mj_integratePos(model, data.qpos, move, 1.0)
+        data.qacc_warmstart[:] = 0.0
+        mujoco.mj_forward(model, data)
+        return np.array(data.qacc[_DOFS])
+
+    for _ in range(_STEPS):
+        found = pull(0.0)
+        size = float(np.abs(found).max())
+        if size > _SLOW * last or last == np.inf:
+            for k, probe in enumerate(np.diag(_PROBE * reach)):
+                jacobian[:, k] = (pull(probe) - found) / (_PROBE * reach[k])
+        last = size
+        change = np.linalg.solve(jacobian, -found)
+        far = float(np.max(np.abs(change) / reach))
+        if not far < np.inf:
+            return None
+        move[_DOFS] = change / max(1.0, far)
+        mujoco.mj_integratePos(model, place, move, 1.0)
+        if far < _CLOSE:
+            return place
+    return None

@@ -26,10 +26,11 @@ from tests.conftest import ROUNDOFF, metrics_of
 from tests.robots import HUSKY
 from validation.compare import Comparison, PlantResult
 from validation.compare.rerun import write_recording
+from validation.show import rerun_file, thinning
 from validation.show.palette import GREY, colour, mix
 from validation.show.rerun_layout import axis_range
-from validation.show.rerun_robots import POSE_PERIOD
 from validation.show.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.show.thinning import POSE_PERIOD, outline_of
 from validation.show.viewer import open_viewer
 from validation.simulator.description import WHEELS
 
@@ -201,6 +202,50 @@ def test_plants_are_told_apart_by_the_palette(shown: tuple[Comparison, Path, Rea
     assert mix((0, 100, 200), (200, 100, 0), 0.25) == (50, 100, 150)
 
 
+@pytest.mark.parametrize("k", [1, 4])
+def test_an_outline_keeps_the_extremes_of_every_stretch(k: int) -> None:
+    values = np.random.default_rng(k).normal(size=(10_007, k)).cumsum(axis=0)
+    kept = outline_of(values, 300)
+    assert len(kept) <= 300
+    assert (np.diff(kept) > 0).all()
+    assert (kept[0], kept[-1]) == (0, len(values) - 1)
+    stretches = (300 - 2) // (2 * k)
+    for edge in np.array_split(np.arange(len(values)), stretches // 2):  # whole stretches lie in each of these
+        inside = kept[(kept >= edge[0] - len(edge)) & (kept <= edge[-1] + len(edge))]
+        assert (values[inside].min(axis=0) <= values[edge].min(axis=0)).all()
+        assert (values[inside].max(axis=0) >= values[edge].max(axis=0)).all()
+    assert np.array_equal(outline_of(values[:300], 300), np.arange(300))
+
+
+def test_a_long_recording_is_thinned_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(thinning, "MOST_POSES", 50)
+    monkeypatch.setattr(thinning, "MOST_SAMPLES", 60)
+    monkeypatch.setattr(thinning.outline_of, "__defaults__", (60,))
+    made, path = comparison([TWO_SECONDS], PLANTS[:2]), tmp_path / "long.rrd"
+    write_recording(made, path, REPORT)
+    read, motion = Read.file(path), made.plants["improved"].pieces[0]
+    at, places = read.track("world/improved/robot", "Transform3D:translation")
+    assert len(at) <= 52
+    assert np.diff(at).max() <= 2.0 / 50 + 0.008 + 1e-9
+    assert (at[0], at[-1]) == (pytest.approx(motion.t[0]), pytest.approx(motion.t[-1]))
+    assert np.allclose(places[-1, :2], motion.xy[-1], atol=1e-6)
+    assert len(read.static["world/improved/path"]["LineStrips3D:strips"][0]) == len(at)
+    at, values = read.track("plots/speed/improved", "Scalars:scalars")
+    assert len(at) <= 60
+    assert np.isin(values[:, 0], motion.twist[:, 0]).all()
+    assert (values.min(), values.max()) == (motion.twist[:, 0].min(), motion.twist[:, 0].max())
+    assert "every 0.04 s" in str(read.static["report"]["TextDocument:text"])
+    assert "60 of 251 samples" in str(read.static["report"]["TextDocument:text"])
+
+
+def test_a_short_recording_keeps_all_and_says_nothing(shown: tuple[Comparison, Path, Read]) -> None:
+    made, _, read = shown
+    motion = made.plants["improved"].pieces[0]
+    assert len(read.track("plots/speed/improved", "Scalars:scalars")[0]) == len(motion.t)
+    assert len(read.static["world/improved/path"]["LineStrips3D:strips"][0]) == len(motion.t)
+    assert "long" not in str(read.static["report"]["TextDocument:text"])
+
+
 def test_what_was_run_can_be_read_from_the_properties(shown: tuple[Comparison, Path, Read]) -> None:
     _, _, read = shown
     about = read.static["__properties/comparison"]
@@ -362,6 +407,19 @@ def test_twenty_seconds_of_five_plants_stay_small(tmp_path: Path) -> None:
     assert (tmp_path / "a.rrd").stat().st_size < 8e6
 
 
+def test_two_hours_of_five_plants_stay_below_150_mb(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A tenth of the poses and samples of two hours, whose thinned recording grows with them."""
+    most = thinning.MOST_POSES // 10
+    monkeypatch.setattr(thinning, "MOST_POSES", most)
+    monkeypatch.setattr(thinning.outline_of, "__defaults__", (thinning.MOST_SAMPLES // 10,))
+    sizes = []
+    for seconds in (0.08, 720.0):
+        made = against_a_recording(comparison([stamps(0.02, seconds)]))
+        write_recording(made, tmp_path / "a.rrd", REPORT)
+        sizes.append((tmp_path / "a.rrd").stat().st_size)
+    assert sizes[0] + 10.0 * (sizes[1] - sizes[0]) < 150e6
+
+
 def raiser(failure: BaseException) -> Callable[..., None]:
     def fail(*_: object) -> None:
         raise failure
@@ -383,6 +441,20 @@ def test_a_failure_leaves_nothing_and_spares_what_was_there(tmp_path: Path, monk
     assert path.read_bytes() == b"before"
     with pytest.raises(FileNotFoundError):
         write_recording(made, tmp_path / "nowhere" / "a.rrd", REPORT)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="files in memory are Linux's")
+def test_a_file_in_memory_and_a_stream_make_the_same_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = comparison([A_MOMENT], PLANTS[:2])
+    with rerun_file._file_in_memory() as path:
+        assert path is not None
+    write_recording(made, tmp_path / "file.rrd", REPORT)
+    monkeypatch.setattr(rerun_file, "_files_are_limited", lambda: True)
+    with rerun_file._file_in_memory() as path:
+        assert path is None
+    write_recording(made, tmp_path / "stream.rrd", REPORT)
+    assert run_rerun("rrd", "compare", "--unordered", tmp_path / "file.rrd", tmp_path / "stream.rrd").returncode == 0
+    assert Read.file(tmp_path / "file.rrd").over_time.keys() == Read.file(tmp_path / "stream.rrd").over_time.keys()
 
 
 def test_rerun_switched_off_is_said_and_not_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

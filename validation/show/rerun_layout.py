@@ -15,6 +15,7 @@ from validation.show.palette import Rgb
 from validation.show.rerun_file import TIMELINE, rr
 from validation.show.rerun_robots import GRID, Extent, Track
 from validation.show.robot_mesh import robot_mesh
+from validation.show.thinning import note, outline_of
 from validation.words import one_line
 
 _LEGEND_SHARE = 0.4
@@ -38,17 +39,24 @@ class Series:
 
 
 def write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
-    """Send the samples; at each instant of `gaps` [s] the lines are interrupted."""
+    """Send the samples, many of them thinned to their outline; at each instant of `gaps` [s] the lines are interrupted."""
     mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
     names, colours = list(map(one_line, series.names)), list(series.colours)
     widths = [1.0 if series.held else 1.5] * len(names)
     style = rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode)
     recording.log(entity, style, static=True)
-    time = rr.TimeColumn(TIMELINE, duration=series.t)
-    recording.send_columns(entity, [time], rr.Scalars.columns(scalars=series.values))
+    kept = outline_of(series.values)
+    time = rr.TimeColumn(TIMELINE, duration=series.t[kept])
+    recording.send_columns(entity, [time], rr.Scalars.columns(scalars=series.values[kept]))
     if len(gaps):
         time = rr.TimeColumn(TIMELINE, duration=gaps)
         recording.send_columns(entity, [time], rr.Clear.columns(is_recursive=[False] * len(gaps)))
+
+
+def thinning_note(tracks: Sequence[Track], plots: Mapping[str, Series]) -> str:
+    """Return a paragraph that says how a recording of these robots and plots is thinned; empty where it is not."""
+    period = max(track.pose_period for track in tracks)
+    return note(period, max((len(series.t) for series in plots.values()), default=0))
 
 
 def plot_view(plots: Mapping[str, Series], entity: str, title: str, span: tuple[float, float]) -> list[rrb.TimeSeriesView]:

@@ -18,12 +18,11 @@ from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import TIMELINE, rr
 from validation.show.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.show.thinning import POSE_PERIOD, pose_period
 from validation.simulator.description import WHEELS, Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
 
-POSE_PERIOD = 0.02
-"""Time between two poses of a robot [s]: 50 Hz is smooth to the eye. Plots keep every sample."""
 SOLID, GLASS, FAINT_GLASS = 255, 150, 32
 """Opacity of robots, 0-255. Those that mostly overlap the reference's are faint: solid ones would cut into each other."""
 _GLASS_INSET = 0.985
@@ -110,11 +109,28 @@ class Track:
         return np.hypot(self.seen[:, 0], self.seen[:, 1])
 
     @cached_property
+    def pose_period(self) -> float:
+        """Time between two poses that are shown [s]."""
+        return pose_period(sum(float(p.t[-1] - p.t[0]) for p in self.pieces))
+
+    @cached_property
+    def shown_of(self) -> list[IndexArray]:
+        """Of each piece the indices of the samples whose pose is shown: the first in every `pose_period`, and the last."""
+        slots = [np.floor((p.t - p.t[0]) / self.pose_period + 1e-6) for p in self.pieces]
+        return [np.flatnonzero(np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1)) for s in slots]
+
+    @cached_property
     def shown(self) -> IndexArray:
-        """Indices of the samples whose pose is shown: of each piece the first in every `POSE_PERIOD`, and the last."""
-        slots = [np.floor((p.t - p.t[0]) / POSE_PERIOD + 1e-6) for p in self.pieces]
-        keep = [np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1) for s in slots]
-        return np.flatnonzero(np.concatenate(keep))
+        """The same indices among all samples."""
+        starts = np.cumsum([0, *(len(p.t) for p in self.pieces[:-1])])
+        return np.concatenate([start + kept for start, kept in zip(starts, self.shown_of, strict=True)])
+
+    @property
+    def paths(self) -> list[FloatArray]:
+        """The (m, 2) points of each piece's path [m]: all of them or, where poses are thinned, those of the poses."""
+        if self.pose_period == POSE_PERIOD:
+            return [p.xy for p in self.pieces]
+        return [p.xy[kept] for p, kept in zip(self.pieces, self.shown_of, strict=True)]
 
     def channel(self, name: str) -> FloatArray | None:
         """A channel over all samples; None where a piece lacks it."""
@@ -224,7 +240,7 @@ def write_path(recording: rr.RecordingStream, track: Track, interval: float) -> 
     """Log the path, one strip a piece, and a point for every `interval` [s]; the reference's points say the time."""
     first = track.reference is None
     height = 0.012 if first else 0.008
-    strips = [np.column_stack([p.xy, height + track.terrain.height_at(p.xy)]) for p in track.pieces]
+    strips = [np.column_stack([xy, height + track.terrain.height_at(xy)]) for xy in track.paths]
     recording.log(f"world/{track.name}/path", lines(strips, track.colour, 2.2 if first else 1.5), static=True)
     stamps, points = list[float](), list[list[float]]()
     for piece in track.pieces:

@@ -20,7 +20,7 @@ import numpy as np
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
 from validation.show.palette import Rgb, mix
 from validation.show.rerun_file import TIMELINE, encode, rr, write_about
-from validation.show.rerun_layout import Series, blueprint, follower, overviews, plot_view, rrb, write_series
+from validation.show.rerun_layout import Series, blueprint, follower, overviews, plot_view, rrb, thinning_note, write_series
 from validation.show.rerun_robots import (
     BLACK,
     WHITE,
@@ -86,12 +86,8 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
         recording.send_blueprint(_layout([reference, *robots], plots), make_active=False, make_default=True)
         options = {name: str(value) for name, value in first.options.items()}
         properties: dict[str, Mapping[str, object]] = {"tracking": about, "options": options, "versions": first.versions}
-        write_about(
-            recording,
-            f"{headline(first)}, profile {first.profile_label}",
-            properties,
-            track_markdown(results),
-        )
+        report = track_markdown(results) + thinning_note([reference, *robots], plots)
+        write_about(recording, f"{headline(first)}, profile {first.profile_label}", properties, report)
         _write_scene(recording, reference, robots)
         for entity, series in plots.items():
             write_series(recording, f"plots/{entity}", series, np.empty(0))

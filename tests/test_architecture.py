@@ -22,7 +22,7 @@ ROOMS = (
     {"validation.plants"},
     {"validation.show"},
     {"validation.motion", "validation.cli"},
-    {"validation.compare", "validation.recordings"},
+    {"validation.compare", "validation.recordings", "validation.robots"},
     {"validation.fit", "validation.track"},
     {"validation.tune", "validation.ros", "validation.learning"},
     {"validation.study"},

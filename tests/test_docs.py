@@ -28,8 +28,9 @@ from ssmr.scenarios import SineScenario
 from tests.robots import HUSKY
 from tests.test_architecture import room_imports
 from validation.recordings.simulated_log import LogSettings
+from validation.robots.numbers import unit_of_key
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import WHEELS
+from validation.simulator.description import WHEELS, Geometry, Masses, Simulation
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -104,6 +105,19 @@ def test_every_parameter_has_a_unit_and_a_known_grade() -> None:
             unit, grade = row[-3], row[-2]
             assert unit, (heading, row)
             assert grade in GRADES, (heading, row)
+
+
+def test_every_key_of_a_robot_s_file_is_listed() -> None:
+    rows = {row[0].strip("`"): row for row in tables("robots.md")["The file"]}
+    sections = {"geometry": Geometry, "mass": Masses, "simulation": Simulation}
+    keys = {f"{section}.{f.name}": (kind, f) for section, kind in sections.items() for f in fields(kind)}
+    assert list(rows) == list(keys)
+    for key, (kind, f) in keys.items():
+        _, unit, usual, _ = rows[key]
+        assert unit == (unit_of_key(kind, f.name).replace("m2", "m²") or "–"), key
+        assert (usual == "must be given") == (f.default is MISSING), key
+        if usual[0].isdigit() or usual.startswith("`"):
+            assert matches(usual.strip("`"), f.default), key
 
 
 def constant(room: str, name: str) -> object:

@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from tests.urdf_factory import UrdfRobot
 from validation import cli
 from validation.compare.__main__ import main as compare
 from validation.fit.__main__ import main as fit
 from validation.plants.profile import load_profile
 from validation.recordings.__main__ import LOG_COMMANDS
+from validation.robots.__main__ import ROBOT_COMMANDS
 from validation.study.__main__ import program as studies
 from validation.track.__main__ import main as track
 from validation.tune.__main__ import main as tune
@@ -47,6 +49,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         text = (SHIPPED / path).read_text(encoding="utf-8")
         renamed = re.sub(r"^(name|description) = .*$", lambda m: f'{m[1]} = "{ENTRY}"', text, flags=re.MULTILINE)
         Path(f"{kind}{NAME}.toml").write_text(renamed, encoding="utf-8")
+    robot = (
+        (SHIPPED.parent / "models" / "warthog.toml")
+        .read_text(encoding="utf-8")
+        .replace('name = "warthog"', 'name = "nasty"')
+    )
+    renamed = re.sub(r"^(title|description) = .*$", lambda m: f'{m[1]} = "{ENTRY}"', robot, flags=re.MULTILINE)
+    Path(f"r{NAME}.toml").write_text(renamed, encoding="utf-8")
+    urdf = UrdfRobot(names=[f"{k}\u202e[red]$_{{" for k in "abcd"]).text().replace('name="factory"', 'name="n\u202e[red]"')
+    Path(f"u{NAME}.urdf").write_text(urdf, encoding="utf-8")
     return tmp_path
 
 
@@ -59,6 +70,8 @@ RUNS: dict[str, tuple[Main, tuple[str, ...]]] = {
     "info": (LOG_COMMANDS, ("info", FILE)),
     "convert": (LOG_COMMANDS, ("convert", FILE)),
     "convert to a bag": (LOG_COMMANDS, ("convert", FILE, "--out", f"b{NAME}.mcap")),
+    "check a robot": (ROBOT_COMMANDS, ("check", f"r{NAME}.toml")),
+    "import a robot": (ROBOT_COMMANDS, ("import", f"u{NAME}.urdf", "--out", f"i{NAME}.toml")),
     "fit": (fit, ("linear", "--to", FILE, *SEARCH, "--name", NAME, "--rerun")),
     "track": (track, ("pid", WAYPOINTS, "--speed", "0.5", "--profile", PROFILE, "--plant", "linear", "--gains", GAINS)),
     "tune": (tune, ("pid", "--reference", f"{WAYPOINTS}@0.5", "--plant", "linear", *SEARCH)),
@@ -75,6 +88,12 @@ REFUSED: dict[str, tuple[Main, tuple[str, ...]]] = {
     "fix": (fit, ("linear", "--to", "traj4@linear", "--fix", f"{NAME}=1")),
     "topics": (LOG_COMMANDS, ("info", FILE, "--topics", f"{NAME}=/x")),
     "ending": (LOG_COMMANDS, ("convert", FILE, "--out", f"x.{NAME}")),
+    "robot": (ROBOT_COMMANDS, ("check", NAME)),
+    "name of a robot": (
+        ROBOT_COMMANDS,
+        ("new", NAME, *(f"--{n}=1" for n in ("wheelbase", "track", "wheel-radius", "wheel-width", "mass"))),
+    ),
+    "urdf": (ROBOT_COMMANDS, ("import", f"{NAME}.urdf")),
     "study": (studies(), (NAME,)),
 }
 

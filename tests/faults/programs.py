@@ -54,6 +54,11 @@ USUAL: Mapping[str, Usual] = {
     "replicate": Usual("", {"--quick": "", "--only": "3.12", "--out": "out"}),
     "recordings info": Usual("info good.csv", {}),
     "recordings convert": Usual("convert good.csv", {"--out": "made.mcap"}),
+    "robots check": Usual("check husky", {"--out": "out"}),
+    "robots new": Usual(
+        "new mine",
+        {"--wheelbase": "0.5", "--track": "0.6", "--wheel-radius": "0.15", "--wheel-width": "0.1", "--mass": "60"},
+    ),
     "ros sim": Usual("sim", {"--duration": "0.1"}),
     "ros control": Usual("control pid line", {"--speed": "0.5", "--patience": "0.1"}),
 }  # fmt: skip
@@ -71,7 +76,7 @@ _BUDGETS = {"--population", "--seeds", "--resamples", "--runs", "--noise-seeds",
 def mains(program: str) -> Any:
     """Return what a program hands to `validation.cli.run`."""
     module = import_module(f"validation.{program}.__main__")
-    name = {"recordings": "LOG_COMMANDS", "ros": "ROS_COMMANDS"}.get(program, "main")
+    name = {"recordings": "LOG_COMMANDS", "robots": "ROBOT_COMMANDS", "ros": "ROS_COMMANDS"}.get(program, "main")
     return module.program() if program == "study" else getattr(module, name)
 
 

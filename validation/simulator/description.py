@@ -414,9 +414,9 @@ def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, An
             fits = _is_number(value) and not math.isnan(value)
         if not fits:
             raise ValueError(f"{name}.{f.name} is {reprlib.repr(value)}, wanted {_wanted(kind, f.name)}")
-        given[f.name] = (
-            value if isinstance(f.default, str) else tuple(map(float, value)) if isinstance(value, list) else float(value)
-        )
+        # MuJoCo reads no number so small that a float has not all its digits: it becomes 0 here
+        numbers = tuple(round(float(v), 300) for v in value) if isinstance(value, list) else value
+        given[f.name] = numbers if isinstance(numbers, str | tuple) else round(float(numbers), 300)
     try:
         kind(**given)
     except ValueError as error:

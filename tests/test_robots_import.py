@@ -1,0 +1,255 @@
+"""`import` finds a robot's numbers in a URDF, whatever its names, order and frames, and refuses what is none."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.urdf_factory import UrdfRobot, extra_wheel
+from validation import load_robot
+from validation.robots import check_robot, import_robot
+from validation.robots.result import DraftedRobot
+from validation.robots.urdf import parse_urdf
+from validation.robots.wheels import find_wheels
+from validation.simulator.description import RobotError
+
+DIGITS = 1e-6
+"""Files of robots keep nine digits; a turned frame costs a few."""
+
+
+def imported(robot: UrdfRobot, folder: Path) -> DraftedRobot:
+    path = folder / "robot.urdf"
+    path.write_text(robot.text(), encoding="utf-8")
+    return import_robot(path)
+
+
+numbers = st.floats(0.0, 1.0)
+
+
+@st.composite
+def robots(draw: st.DrawFn) -> UrdfRobot:
+    size = draw(st.floats(0.2, 3.0))
+    radius = size * (0.05 + 0.15 * draw(numbers))
+    wheelbase = 2.0 * radius + size * (0.05 + 0.4 * draw(numbers))
+    width = size * (0.03 + 0.1 * draw(numbers))
+    track = width + size * (0.2 + 0.4 * draw(numbers))
+    mass, wheel = 400.0 * size**3 * (0.1 + draw(numbers)), 20.0 * size**3 * (0.05 + draw(numbers))
+    share = 0.5 + 0.3 * np.array([draw(numbers), draw(numbers), draw(numbers)])  # so that the body fits into the robot
+    box = share * np.array([wheelbase + 2.0 * radius, track, 1.2 * radius])
+    spread = box**2 / 12.0
+    inertia = mass * (spread.sum() - spread)
+    away = 0.2 * box * np.array([draw(numbers) - 0.5, draw(numbers) - 0.5, draw(numbers) - 0.5])
+    names = draw(st.permutations(["w1", "wheel_b", "front_right_wheel", "rueda"]))  # names that lie, or say nothing
+    flips = draw(st.lists(st.sampled_from([1.0, -1.0]), min_size=4, max_size=4))
+    rolls = draw(st.lists(st.sampled_from([0.0, math.pi, 0.5 * math.pi, -0.7]), min_size=4, max_size=4))
+    axle = size * (draw(numbers) - 0.5) * 0.2
+    return UrdfRobot(
+        wheelbase, track, radius, width, axle, mass,
+        (0.1 * wheelbase * draw(numbers), -0.1 * track * draw(numbers), axle + 0.3 * radius * draw(numbers)),
+        (float(inertia[0]), float(inertia[1]), float(inertia[2])), wheel, names, draw(st.permutations(range(4))),
+        tuple((0.0, f * math.cos(r), -f * math.sin(r)) for f, r in zip(flips, rolls, strict=True)), rolls,
+        draw(st.floats(-0.6, 0.6)), lumps=(tuple(away), tuple(-away)),
+    )  # fmt: skip
+
+
+@given(made=robots())
+def test_what_was_written_is_found(tmp_path_factory: pytest.TempPathFactory, made: UrdfRobot) -> None:
+    found = imported(made, tmp_path_factory.mktemp("urdf")).robot
+    g, m = found.geometry, found.masses
+    wanted = (made.wheelbase, made.track, made.radius, made.width, made.axle)
+    np.testing.assert_allclose(
+        [g.wheelbase, g.track, g.wheel_radius, g.wheel_width, g.axle_height], wanted, rtol=DIGITS, atol=1e-9
+    )
+    np.testing.assert_allclose([m.total, m.wheel], [made.mass + 4.0 * made.wheel, made.wheel], rtol=DIGITS)
+    np.testing.assert_allclose(m.com, made.com, rtol=DIGITS, atol=1e-7)
+    np.testing.assert_allclose(m.wheel_inertia, made.spin(), rtol=DIGITS)
+    np.testing.assert_allclose(m.inertia, made.inertia, rtol=1e-5)
+    assert found.source("geometry.wheelbase")[0] == "published"
+    assert found.source("drive.torque_limit")[0] == "assumed"
+
+
+def test_numbers_that_are_next_to_nothing_are_nothing(tmp_path: Path) -> None:
+    """MuJoCo refuses those that a double cannot hold with all its digits; xacro writes such angles now and then."""
+    found = imported(UrdfRobot(heading=2.2e-309), tmp_path).robot
+    assert found.geometry == imported(UrdfRobot(), tmp_path).robot.geometry
+
+
+def test_the_file_is_one_that_checks_without_a_fault(tmp_path: Path) -> None:
+    drafted = imported(UrdfRobot(), tmp_path)
+    path = drafted.save(tmp_path / "mine.toml")
+    assert load_robot(path) == drafted.robot
+    assert check_robot(path).ok
+    with pytest.raises(ValueError, match="not overwritten"):
+        drafted.save(path)
+    said = tomllib.loads(path.read_text())["sources"]
+    assert said["geometry.link"].startswith("assumed: ")
+    assert any("geometry.link" in remark for remark in drafted.remarks)
+
+
+def test_a_robot_that_drives_along_y_is_turned(tmp_path: Path) -> None:
+    straight = imported(
+        UrdfRobot(names=[f"{n}_wheel" for n in ("front_left", "front_right", "rear_left", "rear_right")]), tmp_path
+    )
+    turned = replace(UrdfRobot(), heading=0.5 * math.pi, names=("front_left", "front_right", "rear_left", "rear_right"))
+    found = imported(turned, tmp_path)
+    np.testing.assert_allclose(found.robot.masses.com, straight.robot.masses.com, atol=1e-8)
+    np.testing.assert_allclose(found.robot.masses.inertia, straight.robot.masses.inertia, rtol=1e-6)
+    assert any("forward is 90°" in remark and "names" in remark for remark in found.remarks)
+    backward = imported(replace(turned, heading=-0.5 * math.pi), tmp_path)
+    assert any("forward is -90°" in remark for remark in backward.remarks)
+
+
+def test_rockers_are_no_wheels(tmp_path: Path) -> None:
+    """As of a Warthog: revolute joints across the robot that carry the wheels."""
+    text = UrdfRobot().text()
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        rocker = extra_wheel(f"{side}_rocker", 0.0, y, kind="revolute")
+        text = text.replace("</robot>", f"{rocker}</robot>")
+        for end in ("front", "rear"):
+            x = 0.25 if end == "front" else -0.25
+            text = text.replace(
+                f'<parent link="base_link"/><child link="{end}_{side}"/><origin xyz="{x} {y} 0.03" rpy="0.0 0 0.0"/>',
+                f'<parent link="{side}_rocker"/><child link="{end}_{side}"/><origin xyz="{x} 0 0"/>',
+            )
+    assert text.count('<parent link="left_rocker"/>') == 2
+    found = find_wheels(parse_urdf(text))
+    assert [link.name for link in found.links.values()] == ["front_left", "front_right", "rear_left", "rear_right"]
+    assert found.wheelbase == pytest.approx(0.5)
+
+
+def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
+    arm = extra_wheel("shoulder", 0.1, 0.0, axis="0 0 1", kind="revolute") + extra_wheel(
+        "elbow", 0.1, 0.0, "shoulder", kind="revolute"
+    )
+    found = imported(UrdfRobot(more=arm + extra_wheel("laser", 0.0, 0.0, axis="0 0 1")), tmp_path).robot
+    assert found.masses.total == pytest.approx(40.0 + 8.0 + 3.0)
+    x = (40.0 * 0.02 + 1.0 * 0.1 + 1.0 * 0.2) / 43.0
+    assert found.masses.com[0] == pytest.approx(x)
+
+
+@pytest.mark.parametrize(
+    ("limit", "torque", "speed"),
+    [
+        ('<limit effort="20" velocity="10"/>', 20.0, 1.5),
+        ('<limit effort="1000" velocity="10"/>', None, math.inf),
+        ("", None, math.inf),
+    ],
+)
+def test_limits_of_joints_are_taken_where_they_can_be_meant(
+    tmp_path: Path, limit: str, torque: float | None, speed: float
+) -> None:
+    found = imported(UrdfRobot(limit=limit), tmp_path)
+    assert found.robot.drive.v_max == pytest.approx(speed)
+    assert (found.robot.source("drive.torque_limit")[0] == "published") == (torque is not None)
+    if torque is not None:
+        assert found.robot.drive.torque_limit == torque
+    assert any("effort limit of 1000" in remark for remark in found.remarks) == ("1000" in limit)
+
+
+def test_tyres_that_are_meshes_are_guessed_from_what_there_is(tmp_path: Path) -> None:
+    bare = UrdfRobot(shape="mesh")
+    by_inertia = imported(bare, tmp_path)
+    assert by_inertia.robot.geometry.wheel_radius == pytest.approx(0.15)  # the factory's wheels are solid cylinders
+    assert by_inertia.robot.geometry.wheel_width == pytest.approx(0.1)
+    assert by_inertia.robot.source("geometry.wheel_radius")[0] == "assumed"
+    ground = (
+        '<link name="base_footprint"/><joint name="f" type="fixed"><parent link="base_link"/><child link="base_footprint"/>'
+    )
+    ground += '<origin xyz="0 0 -0.14"/></joint>'
+    assert imported(replace(bare, more=ground), tmp_path).robot.geometry.wheel_radius == pytest.approx(0.17)
+    nothing = imported(replace(bare, wheel=0.0), tmp_path)
+    assert nothing.robot.geometry.wheel_radius == pytest.approx(0.33 * 0.5)
+    assert any("--wheel-radius" in remark for remark in nothing.remarks)
+    path = tmp_path / "robot.urdf"
+    given_one = import_robot(path, wheel_radius=0.12, wheel_width=0.07).robot
+    assert (given_one.geometry.wheel_radius, given_one.geometry.wheel_width) == (0.12, 0.07)
+    assert given_one.source("geometry.wheel_radius") == ("measured", "given to `import`")
+
+
+def test_inertia_that_cannot_be_is_left_out_and_told(tmp_path: Path) -> None:
+    huge = imported(UrdfRobot(inertia=(80.0, 120.0, 160.0)), tmp_path)
+    assert "mass.inertia" not in huge.robot.said
+    assert any("left out the inertia of the body" in remark for remark in huge.remarks)
+    assert check_robot(huge.robot).ok
+    text = UrdfRobot().text().replace(f'iyy="{UrdfRobot().spin()[1]}"', 'iyy="9"')
+    path = tmp_path / "spun.urdf"
+    path.write_text(text)
+    spun = import_robot(path)
+    assert "mass.wheel_inertia" not in spun.robot.said
+    assert any("left out the wheels' inertia" in remark for remark in spun.remarks)
+
+
+def test_the_name_of_a_shipped_robot_is_not_taken(tmp_path: Path) -> None:
+    path = tmp_path / "husky.urdf"
+    path.write_text(UrdfRobot().text().replace('name="factory"', 'name="husky"'))
+    assert import_robot(path).robot.name == "husky-urdf"
+    with pytest.raises(ValueError, match="belongs to a robot that comes with the package"):
+        import_robot(path, name="husky")
+
+
+WHEELS = UrdfRobot().text()
+ON_BASE = '<parent link="base_link"/><child link="'
+LOOP, END = '<joint name="l" type="fixed"><parent link="part0"/><child link="', '"/></joint></robot>'
+BOMB = '<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY c "&a;&a;">]><robot name="&c;"/>'
+REFUSED = {
+    "six wheels": (UrdfRobot(more=extra_wheel("m1", 0, 0.3) + extra_wheel("m2", 0, -0.3)).text(), "it has 6 joints"),
+    "three wheels": (WHEELS.replace('rear_left_joint" type="continuous"', 'rear_left_joint" type="fixed"'), "has 3 joints"),
+    "no wheels": (UrdfRobot(kind="fixed").text(), "it has no wheels"),
+    "mecanum": (UrdfRobot(names=("a_mecanum", "b", "c", "d")).text(), "mecanum or omni wheels"),
+    "rollers": (
+        UrdfRobot(more="".join(extra_wheel(f"r{k}", 0, 0, "front_left", "1 1 0") for k in range(5))).text(),
+        "has rollers, as mecanum wheels have",
+    ),
+    "steered": (
+        WHEELS.replace(f"{ON_BASE}front_left", f"{ON_BASE.replace('base_link', 'knuckle')}front_left")
+        .replace("</robot>", extra_wheel("knuckle", 0, 0, axis="0 0 1", kind="revolute") + "</robot>"),
+        "can be steered by joint 'knuckle_joint'",
+    ),
+    "askew": (WHEELS.replace('xyz="0.25 0.3 0.03"', 'xyz="0.35 0.3 0.03"'), "do not stand at the corners of a rectangle"),
+    "no masses": (WHEELS.replace('<mass value="40.0"/>', '<mass value="0"/>'), "its body has no mass"),
+    "not XML": ("schema = 1", "this is no XML"),
+    "other XML": ("<mujoco/>", "this is no URDF"),
+    "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><xacro:a/></robot>', "expand it first"),
+    "a bomb": (BOMB, "declares a document type or entities"),
+    "depth": ('<robot name="a"><link name="a"/>' + "<a>" * 5000 + "</a>" * 5000 + "</robot>", "deep inside one another"),
+    "a loop": (WHEELS.replace("</robot>", f"{LOOP}base_link{END}"), "no tree"),
+    "two parents": (
+        WHEELS.replace("</robot>", f"{LOOP}front_left{END}"),
+        "hangs on two joints",
+    ),
+    "a number": (WHEELS.replace('<mass value="40.0"/>', '<mass value="heavy"/>'), "value is 'heavy', wanted 1 number"),
+    "infinity": (WHEELS.replace('<mass value="40.0"/>', '<mass value="inf"/>'), "value is 'inf'"),
+    "twice": (WHEELS.replace('link name="part0"', 'link name="front_left"'), "there are two links 'front_left'"),
+    "a stranger": (WHEELS.replace('<child link="front_left"/>', '<child link="stranger"/>'), "there is no such link"),
+    "another joint": (WHEELS.replace('type="continuous"', 'type="ball"'), "has the type 'ball'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_such_robot_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    text, message = REFUSED[name]
+    path = tmp_path / "r.urdf"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RobotError) as refused:
+        import_robot(path)
+    assert message in str(refused.value)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match="there is no such file"):
+        import_robot(tmp_path / "nowhere.urdf")
+    with pytest.raises(RobotError, match="this is a folder"):
+        import_robot(tmp_path)
+    large = tmp_path / "large.urdf"
+    large.write_bytes(b" " * (5 << 20))
+    with pytest.raises(RobotError, match="more than the"):
+        import_robot(large)

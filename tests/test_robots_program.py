@@ -1,0 +1,321 @@
+"""`list`, `check` and `new`: what they find out, what they say, and what they write."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.urdf_factory import UrdfRobot
+from validation import cli, load_robot
+from validation.plants.profile import load_profile, shipped
+from validation.robots import TapeMeasure, check_robot, draft_from_tape, list_robots
+from validation.robots.__main__ import ROBOT_COMMANDS
+from validation.robots.mechanics import load_shares, spot_turn, tyre_hull_overlap
+from validation.robots.raster import rasterised
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import WHEELS, Robot, parse_robot, shipped_robots
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.turning import spin
+
+SHIPPED = ("husky", "jackal", "warthog", "pioneer3at")
+KEYS = {
+    "schema", "name", "mass_kg", "wheelbase_m", "track_m", "wheel_radius_m", "turning_multiplier", "closed_form",
+    "yaw_ripple", "static_loads_N", "apparent_mass_kg", "ok", "advice",
+}  # fmt: skip
+"""Of robot.json, as the contract has them."""
+TAPE = TapeMeasure(0.5, 0.6, 0.15, 0.1, 60.0)
+
+
+def changed(name: str = "warthog", **sections: Mapping[str, Any]) -> Robot:
+    """Return a shipped robot with some numbers of its file changed."""
+    document = load_robot(name).as_document()
+    for section, numbers in sections.items():
+        document[section] = {**document.get(section, {}), **numbers}
+    document.pop("mjcf", None)
+    return parse_robot({**document, "name": "changed"})
+
+
+def run(*arguments: str) -> None:
+    cli.run(ROBOT_COMMANDS, "robots", arguments)
+
+
+# ------------------------------------------------------------------------------------------- list
+def test_all_robots_and_all_profiles_are_listed() -> None:
+    found = list_robots()
+    assert [known.robot.name for known in found.robots] == shipped_robots()
+    assert set(SHIPPED) <= set(shipped_robots())
+    for known in found.robots:
+        assert known.multiplier >= 1.0
+        for profile in known.profiles:
+            assert load_profile(profile).robot == known.robot
+    assert sum(len(known.profiles) for known in found.robots) == len(shipped())
+    assert all(name in found.table() for name in SHIPPED)
+    assert set(found.as_dict()) == set(shipped_robots())
+
+
+# ------------------------------------------------------------------------------------------- check
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_robot_is_without_a_fault(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run("check", name, "--out", str(tmp_path))
+    document = json.loads((tmp_path / "robot.json").read_text())
+    assert set(document) >= KEYS
+    assert document["schema"] == "ssmr.robot/1"
+    assert document["ok"] is True
+    assert document["faults"] == 0
+    assert document["turning_multiplier"] == pytest.approx(document["closed_form"], rel=0.02)
+    assert document["yaw_ripple"] < 0.01
+    weight = 9.81 * document["mass_kg"]
+    assert sum(document["static_loads_N"]) == pytest.approx(weight, rel=0.01)
+    robot = load_robot(name)
+    np.testing.assert_allclose(document["static_loads_N"], load_shares(robot) * weight, rtol=0.01)
+    turning = robot.masses.wheel_inertia[1] + robot.simulation.armature
+    apparent = robot.masses.total + 4.0 * turning / robot.geometry.wheel_radius**2
+    assert document["apparent_mass_kg"] == pytest.approx(apparent, rel=0.01)
+    assert (tmp_path / "robot.png").read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr().out
+    for number in document["numbers"].values():
+        assert number["key"] in said
+        assert number["grade"] in said
+        assert number["source"]
+
+
+def test_a_centred_robot_needs_the_torque_of_the_formula() -> None:
+    robot = changed()
+    g, mu = robot.geometry, 1.0
+    spot = spot_turn(robot)
+    assert spot is not None
+    formula = g.wheel_radius * mu * 0.5 * robot.masses.total * 9.81 * g.wheelbase / math.hypot(g.wheelbase, g.track)
+    assert spot.side_torque == pytest.approx(formula, rel=1e-6)
+
+
+@pytest.mark.parametrize("com", [(0.0, 0.0), (0.15, 0.1), (-0.3, 0.0)])
+def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[float, float]) -> None:
+    """Also where the rear wheels carry so much that they roll and only the front ones skid."""
+    robot = changed(mass={"com": [*com, 0.1]}, drive={"torque_limit": 1000.0, "command_half_track": 0.56821})
+    spot = spot_turn(robot)
+    assert spot is not None
+    found = spin(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
+    torque = np.abs(found.motion.channels["torque_N_m"][found.motion.t > 8.0]).mean(axis=0)
+    np.testing.assert_allclose(torque, robot.simulation.friction * spot.side_torque, rtol=0.03)
+
+
+FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
+    "front and rear tyres": ({"geometry": {"wheel_radius": 0.46}}, "front and rear tyres touch", "less than 0.4574 m"),
+    "left and right tyres": ({"geometry": {"wheel_width": 1.2}}, "left and right tyres touch", "not 1.2 m"),
+    "tyres and hull": ({"geometry": {"body_size": [1.3, 0.95, 0.3]}}, "all tyres reach 32 mm into", "0.8864 m wide"),
+    "two tyres and hull": (
+        {"geometry": {"body_size": [1.3, 0.80, 0.3], "body_centre": [0.0, 0.1, 0.17]}},
+        "the front left and rear left tyres reach 57 mm into the hull",
+        "0.6864 m wide",
+    ),
+    "hull in the ground": ({"geometry": {"body_centre": [0.0, 0.0, -0.2]}}, "below the ground", "axle_height or"),
+    "inertia of no body": ({"mass": {"inertia": [10.0, 10.0, 60.0]}}, "no body has the moments of inertia", "20 kg m2"),
+    "centre of mass outside": ({"mass": {"com": [0.0, 0.0, 2.0]}}, "lies outside of the robot: z is 2 m", "from -0.288 to"),
+    "inertia about the axle": ({"mass": {"wheel_inertia": [1.0, 1.5]}}, "cannot have 1.5 kg m2 about", "m r^2 = 1.35"),
+    "inertia about a diameter": (
+        {"mass": {"wheel_inertia": [2.0, 0.6]}}, "cannot have 2 kg m2 about a diameter", "= 0.9094",
+    ),
+    "swapped inertia": ({"mass": {"wheel_inertia": [0.3, 0.7]}}, "at most twice the second", "swapped"),
+    "loads": ({"mass": {"com": [0.6, 0.0, 0.1]}}, "wheel carries nothing", "must be less than 1, not 1.03"),
+    "torque": ({"drive": {"torque_limit": 80.0}}, "cannot turn on the spot on ground", "at least 89.13 N m"),
+    "step": ({"drive": {"hold": 0.0213}}, "no model can be built of it: the drive's hold", "physics steps of 0.002 s"),
+}  # fmt: skip
+"""What is changed, and parts of the sentence that say what is wrong and what would be right."""
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_told_with_what_would_be_right(name: str) -> None:
+    sections, wrong, right = FAULTS[name]
+    found = check_robot(changed(**sections))
+    assert not found.ok
+    told = [each.text for each in found.advice if each.fault]
+    (sentence,) = [text for text in told if wrong in text]
+    assert right in sentence
+    assert "\n" not in sentence
+    document = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    assert document["ok"] is False
+    assert sentence in document["advice"]
+    assert document["faults"] == len(told)
+    assert (found.measured is None) == (document["turning_multiplier"] is None)
+    assert len(document["static_loads_N"]) == 4
+
+
+HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
+    "little load": ({"mass": {"com": [0.35, 0.1, 0.1]}}, "carries only"),
+    "great inertia": ({"mass": {"inertia": [400.0, 398.0, 679.0]}}, "need mass"),
+    "small inertia": ({"mass": {"inertia": [1.0, 1.0, 1.2]}}, "those of a much smaller body"),
+    "driver": ({"drive": {"command_half_track": 0.3}}, "of the yaw rate that is commanded"),
+    "high": ({"mass": {"com": [0.0, 0.0, 0.5], "inertia": [40.0, 40.0, 60.0]}, "geometry": {"track": 0.6, "wheel_width": 0.2,
+             "body_size": [1.3, 0.35, 0.7], "body_centre": [0, 0, 0.2]}}, "tips over on a side slope"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HINTS)
+def test_a_hint_is_no_fault(name: str) -> None:
+    sections, words = HINTS[name]
+    found = check_robot(changed(**sections))
+    assert any(words in each.text and not each.fault for each in found.advice), [each.text for each in found.advice]
+
+
+def test_a_robot_without_a_limit_of_torque_is_told_of_it() -> None:
+    document = load_robot("warthog").as_document()
+    del document["drive"]["torque_limit"]
+    found = check_robot(parse_robot({**document, "name": "strong"}))
+    assert found.ok
+    assert any("no torque_limit is given" in each.text for each in found.advice)
+    assert found.as_dict()["side_torque_N_m"] is None
+
+
+def test_a_robot_that_jerks_or_does_not_turn_as_mechanics_says_is_told_of_it() -> None:
+    """A cylinder touches along a line, and its multiplier is not that of tyres that touch in a point."""
+    found = check_robot(changed(simulation={"wheel_shape": "cylinder"}))
+    assert any("turns with a multiplier of" in each.text for each in found.advice)
+
+
+def test_overlaps_are_those_of_a_cylinder_and_a_box() -> None:
+    robot = changed(geometry={"body_size": [0.6, 0.95, 0.3], "body_centre": [0.0, 0.0, 0.012023]})
+    for across, along in tyre_hull_overlap(robot).values():
+        assert across == pytest.approx(0.5 * (0.25 + 0.95 - 1.13642))
+        assert along == pytest.approx(0.3 - (0.5 * 0.914734 - 0.3))
+    high = changed(geometry={"body_size": [0.6, 0.95, 0.3], "body_centre": [0.0, 0.0, 0.012023 + 0.15 + 0.301]})
+    assert all(min(both) < 0.0 for both in tyre_hull_overlap(high).values())
+
+
+@settings(max_examples=12)
+@given(
+    size=st.floats(0.0, 1.0), longer=st.floats(0.5, 1.6), share=st.floats(0.2, 0.45), x=st.floats(-0.15, 0.15),
+    friction=st.floats(0.2, 0.9), link=st.sampled_from(["belt", "none"]),
+)  # fmt: skip
+def test_robots_of_every_size_turn_as_mechanics_says(
+    size: float, longer: float, share: float, x: float, friction: float, link: str
+) -> None:
+    """8 to 800 kg, wheels of 0.05 to 0.35 m."""
+    mass, radius = 8.0 * 100.0**size, 0.05 * 7.0**size
+    wheelbase = radius / share
+    tape = TapeMeasure(wheelbase, wheelbase / longer, radius, 0.4 * radius, mass, friction=friction)
+    document = draft_from_tape("random", tape).as_dict()
+    document["geometry"]["link"] = link
+    document["mass"]["com"] = [x * wheelbase, 0.0, 0.2 * radius]
+    found = check_robot(parse_robot(document))
+    assert found.measured is not None, [each.text for each in found.advice]
+    assert found.spot is not None
+    assert found.measured.multiplier == pytest.approx(found.spot.turn.multiplier, rel=0.02)
+    assert sum(found.measured.loads) == pytest.approx(9.81 * mass, rel=0.01)
+    assert not [each.text for each in found.advice if each.fault and "hull" not in each.text]
+
+
+@pytest.mark.parametrize("timestep", [0.003, 0.0007])
+def test_a_step_that_divides_no_sample_is_no_fault(timestep: float) -> None:
+    found = check_robot(changed(simulation={"timestep": timestep}, drive={"hold": 20.0 * timestep}))
+    assert found.ok, [each.text for each in found.advice]
+    assert found.measured is not None
+
+
+def test_numbers_that_a_float_has_no_digits_for_are_nothing() -> None:
+    assert changed(mass={"com": [2.2e-313, 0.0, 0.1]}).masses.com == (0.0, 0.0, 0.1)
+
+
+def test_the_picture_of_a_robot_without_a_model_is_drawn_all_the_same(tmp_path: Path) -> None:
+    found = check_robot(changed(mass={"inertia": [10.0, 10.0, 60.0]}))
+    assert found.measured is None
+    assert {path.name for path in found.save(tmp_path)} == {"robot.png", "robot.json"}
+    gids = {artist.get_gid() for artist in found.figure().findobj()}
+    assert {"hull", "com", *WHEELS} <= gids
+
+
+def test_the_nearest_triangle_is_seen() -> None:
+    square = np.array([[[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]]] * 2)
+    depth, colours = np.array([[1.0] * 3, [2.0] * 3]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    span = np.array([[0.0, 0.0], [1.0, 1.0]])
+    for order in ([0, 1], [1, 0]):
+        image = rasterised(square[order], depth[order], colours[order], span, (4, 6))
+        assert image.shape == (4, 6, 4)
+        np.testing.assert_array_equal(image[..., 3], 1.0)
+        np.testing.assert_array_equal(image[..., 1], 1.0)
+        np.testing.assert_array_equal(image[..., 0], 0.0)
+    empty = rasterised(square[:1] + 5.0, depth[:1], colours[:1], span, (4, 6))
+    assert not empty.any()
+
+
+# ------------------------------------------------------------------------------------------- new, and the command line
+def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                             capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    numbers = "--wheelbase 0.5 --track 0.6 --wheel-radius 0.15 --wheel-width 0.1 --mass 60"
+    run("new", "mine", *numbers.split(), "--friction", "0.5", "--title", "Mine [red]\x1b")
+    said = capsys.readouterr().out
+    assert "next: python -m validation.robots check mine.toml" in said
+    assert "weigh each of the four wheels" in said
+    text = Path("mine.toml").read_text()
+    document = tomllib.loads(text)
+    assert document["geometry"]["wheelbase"] == 0.5
+    assert document["simulation"] == {"friction": 0.5}
+    assert "com" not in document["mass"]
+    assert "# com = [" in text
+    robot = load_robot("mine.toml")
+    assert robot.source("mass.total") == ("measured", "given to `new`")
+    assert robot.source("mass.com")[0] == "assumed"
+    for line in (line for line in text.splitlines() if line.startswith("# ") and "estimated" in line):
+        tomllib.loads(line.removeprefix("# "))  # take the mark away, and it is a number
+    run("check", "mine.toml")
+    assert json.loads(Path("runs/robots/mine/robot.json").read_text())["ok"] is True
+    with pytest.raises(SystemExit) as left:
+        run("new", "mine", *numbers.split())
+    assert left.value.code == cli.EXIT_USER_ERROR
+    assert Path("mine.toml").read_text() == text
+
+
+def test_import_writes_a_file_that_check_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("r.urdf").write_text(UrdfRobot().text())
+    run("import", "r.urdf", "--name", "mine", "--out", "there/m.toml")
+    said = capsys.readouterr().out
+    assert "guessed geometry.link" in said
+    assert "next: python -m validation.robots check there/m.toml" in said
+    run("check", "there/m.toml", "--out", "c")
+    assert json.loads(Path("c/robot.json").read_text())["name"] == "mine"
+
+
+MISTAKES = {
+    "no robot": (("check", "nowhere"), "no robot 'nowhere'; there are: husky, jackal"),
+    "no TOML": (("check", "bad.toml"), "bad.toml"),
+    "a folder": (("check", "."), "this is a folder"),
+    "a shipped name": (("new", "husky", "{five}"), "belongs to a robot that comes with the package"),
+    "a name": (("new", "my robot", "{five}"), "wanted letters, digits"),
+    "a length": (("new", "x", "--wheelbase", "-1", "--track", "1", "--wheel-radius", "1", "--wheel-width", "1",
+                  "--mass", "1"),
+                 "Geometry.wheelbase = -1.0 lies outside"),
+    "no URDF": (("import", "bad.toml"), "this is no XML"),
+    "no file": (("import", "nowhere.urdf"), "there is no such file"),
+    "a missing option": (("new", "x"), "--wheelbase"),
+    "no command": (("draw",), "draw"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes_end_in_one_line_and_write_nothing(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, message = MISTAKES[name]
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text("name = 1")
+    five = ("--wheelbase", "0.5", "--track", "0.6", "--wheel-radius", "0.15", "--wheel-width", "0.1", "--mass", "60")
+    with pytest.raises(SystemExit) as left:
+        run(*(part for a in arguments for part in (five if a == "{five}" else (a,))))
+    assert left.value.code == cli.EXIT_USER_ERROR
+    said = capsys.readouterr()
+    assert message in said.err
+    assert said.err.startswith("error: ")
+    assert said.err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]

@@ -267,7 +267,7 @@ def candidate_row(repeats: int) -> Row:
         mujoco.mj_step(model, mujoco.MjData(model), nstep=round(1.0 / calibration.timestep))
 
     now, then = alternate(lambda: plant.renumber(next(others), section.drive), former, repeats=5 * repeats)
-    return Row("mujoco candidate: built and settled / renumbered", then / now, ">= 10", now, then, then >= 10.0 * now)
+    return Row("mujoco candidate: built and settled / renumbered", then / now, ">= 5", now, then, then >= 5.0 * now)
 
 
 def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:

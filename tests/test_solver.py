@@ -24,7 +24,7 @@ from validation import load_robot
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import bare_profile, load_profile, shipped
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import SCHEMA, WHEELS, Robot, parse_robot
+from validation.simulator.description import SCHEMA, WHEELS, Robot, parse_robot, shipped_robots
 from validation.simulator.model import controls
 from validation.simulator.physics import SHIPPED, SOLVING, PhysicsSettings, Solver, solver_for
 from validation.simulator.plant import MujocoPlant
@@ -65,8 +65,8 @@ def sized(mass: float) -> Robot:
 @pytest.mark.parametrize("scenario", ["traj2", "traj4"])
 @pytest.mark.parametrize(
     "robot",
-    [sized(8.0), sized(800.0), load_robot("jackal"), load_robot("warthog")],
-    ids=["8 kg", "800 kg", "jackal", "warthog"],
+    [sized(8.0), sized(800.0), *map(load_robot, shipped_robots())],
+    ids=["8 kg", "800 kg", *shipped_robots()],
 )
 def test_robots_of_any_size_drive_the_same_paths_with_either_solver(robot: Robot, scenario: str) -> None:
     """MuJoCo's tolerance is relative to the robot's inertia, so one tolerance does for all."""

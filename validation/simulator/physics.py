@@ -64,7 +64,7 @@ class PhysicsSettings:
 SHIPPED = PhysicsSettings()
 """A robot's MJCF as it is, solved as `solver_for` says."""
 
-SOLVING: Mapping[Solver, tuple[float, int]] = {"CG": (1e-9, 200), "Newton": (1e-10, 50), "PGS": (1e-10, 50)}
+SOLVING: Mapping[Solver, tuple[float, int]] = {"CG": (3e-10, 200), "Newton": (1e-10, 50), "PGS": (1e-10, 50)}
 """Tolerance and greatest number of iterations of each solver. Conjugate gradients take five iterations in the mean and a
 hundred in some; stopped at 50, they move a path by 0.2 mm."""
 EASY_RATIO = 0.5

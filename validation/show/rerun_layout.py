@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import rerun.blueprint as rrb  # after rerun_file, which switches its analytics off
@@ -25,7 +25,7 @@ _SKY: Rgb = (238, 240, 243)
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Lines of one entity: k values over the same stamps."""
+    """Lines of one entity: k values over the same stamps. Of very many samples it keeps those that outline the lines."""
 
     names: Sequence[str]
     """k names, with unit."""
@@ -36,18 +36,25 @@ class Series:
     """(M,) or (M, k)."""
     held: bool = False
     """True where each value holds until the next, as commands do."""
+    samples: int = field(init=False)
+    """Number of samples that there were."""
+
+    def __post_init__(self) -> None:
+        """Keep what is drawn: copies, so that the rest can be forgotten."""
+        kept = outline_of(self.values)
+        for name, value in (("samples", len(self.t)), ("t", self.t[kept]), ("values", self.values[kept])):
+            object.__setattr__(self, name, value)
 
 
 def write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
-    """Send the samples, many of them thinned to their outline; at each instant of `gaps` [s] the lines are interrupted."""
+    """Send the samples; at each instant of `gaps` [s] the lines are interrupted."""
     mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
     names, colours = list(map(one_line, series.names)), list(series.colours)
     widths = [1.0 if series.held else 1.5] * len(names)
     style = rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode)
     recording.log(entity, style, static=True)
-    kept = outline_of(series.values)
-    time = rr.TimeColumn(TIMELINE, duration=series.t[kept])
-    recording.send_columns(entity, [time], rr.Scalars.columns(scalars=series.values[kept]))
+    time = rr.TimeColumn(TIMELINE, duration=series.t)
+    recording.send_columns(entity, [time], rr.Scalars.columns(scalars=series.values))
     if len(gaps):
         time = rr.TimeColumn(TIMELINE, duration=gaps)
         recording.send_columns(entity, [time], rr.Clear.columns(is_recursive=[False] * len(gaps)))
@@ -56,7 +63,7 @@ def write_series(recording: rr.RecordingStream, entity: str, series: Series, gap
 def thinning_note(tracks: Sequence[Track], plots: Mapping[str, Series]) -> str:
     """Return a paragraph that says how a recording of these robots and plots is thinned; empty where it is not."""
     period = max(track.pose_period for track in tracks)
-    return note(period, max((len(series.t) for series in plots.values()), default=0))
+    return note(period, max((series.samples for series in plots.values()), default=0))
 
 
 def plot_view(plots: Mapping[str, Series], entity: str, title: str, span: tuple[float, float]) -> list[rrb.TimeSeriesView]:

@@ -80,12 +80,12 @@ class Track:
         """(M, 3) poses [m, m, rad]."""
         return np.concatenate([p.pose for p in self.pieces])
 
-    @cached_property
+    @property
     def body(self) -> FloatArray:
         """(M, 3) poses of the body's own reference point, the middle between the axles [m, m, rad]."""
         return self.localiser.body_pose(self.pose)
 
-    @cached_property
+    @property
     def raised(self) -> FloatArray:
         """(M, 3) height [m], roll and pitch [rad]: as simulated, or as four wheels lie on the ground."""
         height, tilt = self.channel("height_m"), self.channel("roll_pitch_rad")
@@ -93,7 +93,7 @@ class Track:
             return np.column_stack([height, tilt])
         return self.terrain.lie(self.body, self.robot.geometry.wheelbase, self.robot.geometry.track)
 
-    @cached_property
+    @property
     def turns(self) -> FloatArray:
         """(M, 2) angles through which the left and right wheels have turned since their piece began [rad]."""
         return np.concatenate([wheel_turns(p.t, p.wheels) for p in self.pieces])

@@ -9,7 +9,8 @@ import mujoco
 
 from ssmr.errors import SsmrError
 
-_NO_MEMORY = "Could not allocate memory"
+_NO_MEMORY = ("Could not allocate memory", "Caught an unknown exception")
+"""What its messages say then; the second is that of its bindings where a copy of a model does not fit."""
 
 
 @contextlib.contextmanager
@@ -22,8 +23,8 @@ def mujoco_failures() -> Iterator[None]:
     """
     try:
         yield
-    except (mujoco.FatalError, ValueError) as error:
-        if _NO_MEMORY in str(error):
+    except (mujoco.FatalError, ValueError, RuntimeError) as error:
+        if any(words in str(error) for words in _NO_MEMORY):
             raise MemoryError("there is not enough memory for the simulator") from error
         if isinstance(error, mujoco.FatalError):
             raise SsmrError(f"mujoco gave up: {' '.join(str(error).split())}") from error

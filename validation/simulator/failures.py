@@ -9,6 +9,7 @@ import mujoco
 
 from ssmr.errors import SsmrError
 
+_SAID = "there is not enough memory for the simulator"
 _NO_MEMORY = ("Could not allocate memory", "Caught an unknown exception")
 """What its messages say then; the second is that of its bindings where a copy of a model does not fit."""
 
@@ -23,9 +24,13 @@ def mujoco_failures() -> Iterator[None]:
     """
     try:
         yield
+    except MemoryError as error:
+        if str(error):
+            raise
+        raise MemoryError(_SAID) from error  # Python's own says nothing
     except (mujoco.FatalError, ValueError, RuntimeError) as error:
         if any(words in str(error) for words in _NO_MEMORY):
-            raise MemoryError("there is not enough memory for the simulator") from error
+            raise MemoryError(_SAID) from error
         if isinstance(error, mujoco.FatalError):
             raise SsmrError(f"mujoco gave up: {' '.join(str(error).split())}") from error
         raise

@@ -1,4 +1,4 @@
-"""What a robot does in the simulator beside what mechanics says: turn, roll, stand on a slope, slide to a stop.
+"""Measurements that set the simulator beside mechanics: a robot turns, rolls, stands on a slope and slides to a stop.
 
 Speeds and times are those of the robot's size: Froude numbers, and multiples of sqrt(wheel radius / g).
 `python -m tests.robot_measures 500` prints the tables of docs/physics.md, "Other robots".

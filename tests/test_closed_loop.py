@@ -88,7 +88,7 @@ def husky() -> MujocoPlant:
 
 @pytest.fixture(scope="module")
 def exact_husky() -> MujocoPlant:
-    """The same with a solver that is exact: the shipped one's tolerance makes micrometres of a difference in rounding."""
+    """Return the plant with an exact solver: the shipped one's tolerance turns rounding into micrometres."""
     section = load_profile("thesis-lab").plants["mujoco"]
     return MujocoPlant(section.parameters, section.drive, settings=PhysicsSettings(solver="Newton"))
 

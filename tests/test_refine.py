@@ -23,7 +23,7 @@ from validation.plants.searchable import find, make_space
 
 FREE = ("u_x", "gain", "effective_half_track", "delay")
 RECOVERED = 1e-3
-"""Of the width of the bounds: noise-free motions leave least squares only their own tolerance."""
+"""Greatest error of a recovered number, as a share of the width of its bounds; the motions have no noise."""
 
 
 def quick(**more: Any) -> dict[str, Any]:

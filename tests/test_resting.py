@@ -1,4 +1,4 @@
-"""How a robot rests is computed, and is how it settles; a plant that gets other numbers is a plant built with them."""
+"""The computed rest of a robot is where it settles, and a plant that is given other numbers equals one built with them."""
 
 from __future__ import annotations
 

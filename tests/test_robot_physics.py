@@ -1,4 +1,4 @@
-"""What physics demands of any robot, shipped or drawn at random; tests/test_husky_physics.py has the Husky's own."""
+"""Laws of physics hold for every robot, shipped or drawn at random; tests/test_husky_physics.py tests the Husky further."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 
 SIMILAR = 1e-7
-"""Of similar motions, over their size: rounding, where the solver does not stop before it must."""
+"""Greatest difference of similar motions over their size: rounding, with a solver that is given no tolerance."""
 
 TURN_ERROR = 0.02
 """Relative, of the multiplier against its closed form, where that hardly depends on loads that the turn itself shifts: the
@@ -34,19 +34,19 @@ CALM = 0.02
 SOFTNESS = 0.01
 """The error, relative, that comes on top of the sensitivity of others."""
 WEIGHT = 1e-6
-"""Of the loads' sum at rest, relative: the constraint solver's tolerance."""
+"""Greatest relative error of the loads' sum at rest, which the constraint solver's tolerance leaves."""
 RIPPLE, LOAD_DEVIATION = 1e-3, 1e-3
-"""Of yaw rate and loads in a steady turn, relative."""
+"""Greatest relative variation of the yaw rate and of the loads in a steady turn."""
 STEP_SPREAD = 1e-4
 """Relative, between time steps: steady turning is a fixed point of the simulation, which robots that barely turn approach so
 slowly that 2e-5 are left when it is measured."""
 CREEP = 7e-5
 """Down a slope of 8 degrees, over sqrt(g wheel radius) [1]; 0.09 mm/s for a Husky."""
 STOP_ERROR, STEADY = 0.035, 0.7
-"""Of a slide's length, relative; tyres that begin to slide rise out of their impression. It holds for robots that come no
+"""Greatest relative error of a slide's length; tyres that begin to slide rise. It holds for robots that come no
 nearer to lifting wheels than 0.7."""
 ROLLING, REST_LOADS = 1e-5, 0.05
-"""Of the rolling radius, relative, and of a wheel's load at rest, over a quarter of the weight: the contact stiffens with
+"""Greatest errors of the rolling radius and of a wheel's load at rest, over a quarter of the weight: contact stiffens with
 load, so with the centre of mass far off towards a corner the four springs are not alike."""
 SAME = 1e-3
 """Between two motors with belts and four motors [m, rad and relative]: a belt is a soft constraint."""

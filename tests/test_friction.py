@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.models.friction import coulomb_friction, improved_friction, sign, stop_at_zero_crossing
+from ssmr.models.friction import (
+    arctangent_friction,
+    arctangent_slope,
+    coulomb_friction,
+    hyperviscous_friction,
+    implied_steepness,
+    improved_friction,
+    sign,
+    stop_at_zero_crossing,
+)
+from tests.conftest import DERIVATIVE, ROUNDOFF
 
 loads = st.floats(0.0, 1e3)
 coefficients = st.floats(0.0, 2.0)
 speeds = st.floats(-5.0, 5.0)
+steepnesses = st.floats(0.01, 1e4)
 
 
 @given(mu=coefficients, load=loads, v=speeds)
@@ -49,3 +62,50 @@ def test_a_velocity_stops_where_its_sign_changes_and_nowhere_else(before: float,
 
 def test_sign_at_zero_is_zero() -> None:
     assert (sign(-2.0), sign(0.0), sign(3.0)) == (-1.0, 0.0, 1.0)
+
+
+@given(mu=coefficients, load=loads, v=speeds, k=steepnesses)
+def test_the_arctangent_is_odd_never_drives_and_stays_below_coulomb(mu: float, load: float, v: float, k: float) -> None:
+    force = arctangent_friction(mu, load, v, k)
+    assert force == -arctangent_friction(mu, load, -v, k)
+    assert force * v >= 0.0  # it is subtracted
+    assert abs(force) <= abs(coulomb_friction(mu, load, v)) * (1.0 + ROUNDOFF)
+
+
+@given(mu=coefficients, load=loads, v=st.floats(1e-3, 5.0), k=st.floats(1.0, 1e6))
+def test_the_arctangent_tends_to_coulomb_as_the_steepness_grows(mu: float, load: float, v: float, k: float) -> None:
+    """Eq. 2.34, with the rate: arctan(z) = pi/2 - arctan(1/z), so mu N 2/(pi k_s v) is missing, less for small k_s v."""
+    missing = coulomb_friction(mu, load, v) - arctangent_friction(mu, load, v, k)
+    most = mu * load * 2.0 / (math.pi * k * v)
+    assert -ROUNDOFF * mu * load <= missing <= most + ROUNDOFF * mu * load
+    if k * v > 100.0:
+        assert missing == pytest.approx(most, rel=1e-4, abs=1e-9 * mu * load)  # next term: 1/(3 z^2), 3e-5 of it
+    assert arctangent_friction(mu, load, math.inf, k) == pytest.approx(mu * load, rel=ROUNDOFF)
+
+
+@given(mu=st.floats(0.01, 2.0), load=st.floats(1.0, 1e3), v=st.floats(-2.0, 2.0), k=st.floats(0.1, 50.0))
+def test_the_slope_is_the_derivative_and_greatest_at_rest(mu: float, load: float, v: float, k: float) -> None:
+    """Eq. 2.38, and Eq. 2.39 for its value at rest."""
+    step = 1e-5 / k
+    rise = arctangent_friction(mu, load, v + step, k) - arctangent_friction(mu, load, v - step, k)
+    at_rest = 2.0 / math.pi * k * mu * load
+    assert rise / (2.0 * step) == pytest.approx(arctangent_slope(mu, load, v, k), rel=DERIVATIVE, abs=DERIVATIVE * at_rest)
+    assert arctangent_slope(mu, load, v, k) <= arctangent_slope(mu, load, 0.0, k)
+    assert arctangent_slope(mu, load, 0.0, k) == pytest.approx(at_rest, rel=ROUNDOFF)
+
+
+@given(mu=st.floats(0.01, 2.0), load=st.floats(1.0, 1e3), share=st.floats(-1.0, 1.0), k=steepnesses)
+def test_the_line_is_right_about_rest_and_too_great_beyond(mu: float, load: float, share: float, k: float) -> None:
+    """For small z = k_s v the arctangent is z - z^3/3 + ..., so the line is too great by z^2/3 of itself at most."""
+    v = share / k
+    line, law = hyperviscous_friction(mu, load, v, k), arctangent_friction(mu, load, v, k)
+    assert line == -hyperviscous_friction(mu, load, -v, k)
+    assert abs(law) <= abs(line) * (1.0 + ROUNDOFF)
+    assert abs(line - law) <= (share**2 / 3.0 + ROUNDOFF) * abs(line)
+    crossing = math.pi / 2.0 / k  # the speed at which the line passes Coulomb friction
+    assert hyperviscous_friction(mu, load, crossing, k) == pytest.approx(mu * load, rel=ROUNDOFF)
+
+
+@given(mu=st.floats(0.01, 2.0), k=steepnesses)
+def test_the_steepness_is_found_again_from_the_viscous_coefficient(mu: float, k: float) -> None:
+    assert implied_steepness(hyperviscous_friction(mu, 1.0, 1.0, k), mu) == pytest.approx(k, rel=ROUNDOFF)

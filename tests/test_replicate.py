@@ -61,7 +61,7 @@ from validation.thesis.verdicts import STATUSES, Pair
 
 SMALL = ReplicationSettings(fit_population=8, fit_generations=4, noise_seeds=1, repeats=1)
 WANTED = {
-    *("3.8", "3.9", "3.11", "3.12", "3.14", "3.15", "4.4", "4.21", "4.37", "4.38", "Sec. 3.6", "Fig. 3.33"),
+    *("3.8", "3.9", "3.11", "3.12", "3.14", "3.15", "4.4", "4.21", "4.37", "4.38", "Sec. 3.6", "Fig. 2.9", "Fig. 3.33"),
     *(f"4.{i}" for i in (*range(5, 20), *range(22, 37))),
 }
 
@@ -241,6 +241,17 @@ def test_chattering_coulomb_and_smooth_improved_as_in_figure_3_33(accelerations:
     assert counts["coulomb"] > 100.0
     delays = [rows[name]["speed_delay_s"].ours for name in ("coulomb", "improved", "linear", "mujoco")]
     assert all(d is not None and 0.2 < d < 0.3 for d in delays)  # 0.22 s of Tab. 3.8, and the first tenth of the rise
+
+
+def test_the_published_lines_meet_the_published_dry_friction_where_the_section_says(tmp_path: Path) -> None:
+    """And with their slopes at rest they would be those of arctangents far less steep than the one of Fig. 2.9."""
+    (findings,) = run(["friction"], folders(tmp_path / "out")).values()
+    found = {name: row["value"].ours for name, row in findings.tables["Fig. 2.9"].rows.items()}
+    u_x, mu_c, k_u, k_y = 0.0727, 0.0254, 0.0277, 0.0298  # Tab. 3.8, 3.14
+    assert list(found.values()) == pytest.approx(
+        [math.pi / 2 * k_u / u_x, math.pi / 2 * k_y / mu_c, u_x / (4.0 * k_u), mu_c * 0.256 / (k_y * 0.275)], rel=ROUNDOFF
+    )
+    assert [p.file for p in findings.pictures] == ["friction-laws.png"]
 
 
 def test_delay_and_rise_of_known_answers() -> None:

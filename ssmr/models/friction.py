@@ -1,10 +1,13 @@
-"""The dry-friction laws of the thesis as functions of numbers: Coulomb (Eq. 2.18) and improved (Eq. 2.29-2.31).
+"""The friction laws of the thesis as functions of numbers.
 
-The linear model's hyperviscous friction, N K v with K = (2/pi) k_s mu, is the slope at rest of a Coulomb law whose signum is
-an arctangent of steepness k_s (Eq. 2.33-2.40); it is part of that model's matrices.
+They are Coulomb friction (Eq. 2.18), its smooth form with an arctangent (Eq. 2.33-2.38), the line of that about rest, called
+hyperviscous (Eq. 2.39, 2.40), and the improved dry friction (Eq. 2.29-2.31). The linear model has the hyperviscous law in
+its matrices, with the coefficients K = (2/pi) k_s mu as free parameters.
 """
 
 from __future__ import annotations
+
+import math
 
 from ssmr._jit import jit
 
@@ -23,6 +26,33 @@ def sign(x: float) -> float:
 def coulomb_friction(coefficient: float, load: float, v: float) -> float:
     """Return the friction force [N] of a load [N] at sliding speed v, to be subtracted: mu N sgn(v) (Eq. 2.18)."""
     return coefficient * load * sign(v)
+
+
+@jit
+def arctangent_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
+    """Return the friction force [N] with sgn(v) as (2/pi) arctan(k_s v), to be subtracted (Eq. 2.33, 2.35).
+
+    It tends to `coulomb_friction` as the steepness k_s [s/m] grows (Eq. 2.34). It has no stiction: its force at rest is 0.
+    """
+    return coefficient * load * (2.0 / math.pi) * math.atan(steepness * v)
+
+
+@jit
+def arctangent_slope(coefficient: float, load: float, v: float, steepness: float) -> float:
+    """Return the derivative of `arctangent_friction` with respect to v [N s/m] (Eq. 2.38)."""
+    return coefficient * load * (2.0 / math.pi) * steepness / (1.0 + (steepness * v) * (steepness * v))
+
+
+@jit
+def hyperviscous_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
+    """Return the force of the arctangent's line about rest [N], to be subtracted: (2/pi) k_s mu N v (Eq. 2.39)."""
+    return arctangent_slope(coefficient, load, 0.0, steepness) * v
+
+
+@jit
+def implied_steepness(viscous: float, coefficient: float) -> float:
+    """Return the k_s [s/m] at which a hyperviscous coefficient [s/m] is the slope of Coulomb friction at rest (Eq. 2.40)."""
+    return 0.5 * math.pi * viscous / coefficient
 
 
 @jit

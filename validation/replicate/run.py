@@ -18,12 +18,13 @@ from validation.replicate.evidence import (
     Section,
     chosen_sections,
 )
+from validation.replicate.friction import FRICTION_SECTIONS
 from validation.replicate.keeping import keep, kept
 from validation.replicate.models import MODEL_SECTIONS
 from validation.replicate.real import REAL_SECTIONS
 from validation.replicate.result import Replication
 
-ALL_SECTIONS: tuple[Section, ...] = (*MODEL_SECTIONS, *CONTROL_SECTIONS, *REAL_SECTIONS)
+ALL_SECTIONS: tuple[Section, ...] = (*FRICTION_SECTIONS, *MODEL_SECTIONS, *CONTROL_SECTIONS, *REAL_SECTIONS)
 """Every section, in the order of the report."""
 
 _DEFAULT = ReplicationSettings()

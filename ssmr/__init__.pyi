@@ -10,8 +10,15 @@ from .control.pid import PidGains as PidGains
 from .control.population import Loop as Loop
 from .control.population import run_loops as run_loops
 from .control.references import circle as circle
+from .control.references import eight as eight
 from .control.references import line as line
+from .control.references import long_line as long_line
 from .control.references import sine as sine
+from .control.references import slalom as slalom
+from .control.references import spiral as spiral
+from .control.references import square as square
+from .control.references import stop_and_go as stop_and_go
+from .control.references import u_turn as u_turn
 from .control.scheduled import ScheduledGains as ScheduledGains
 from .control.smc import SmcGains as SmcGains
 from .control.waypoints import Waypoints as Waypoints
@@ -90,8 +97,10 @@ __all__ = [
     "Waypoints",
     "circle",
     "compare_paths",
+    "eight",
     "horizon_errors",
     "line",
+    "long_line",
     "make_gains",
     "measure",
     "relative_pose_error",
@@ -101,5 +110,10 @@ __all__ = [
     "run_population",
     "simulate",
     "sine",
+    "slalom",
+    "spiral",
+    "square",
+    "stop_and_go",
+    "u_turn",
     "yaw_disturbance",
 ]

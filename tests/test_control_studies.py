@@ -15,7 +15,7 @@ from validation.study.gains.run import GAIN_SPEEDS
 from validation.study.tables import ControlTables, TablesOptions, study_tables
 from validation.thesis.verdicts import FACTOR
 from validation.track.gains import names
-from validation.track.waypoint_files import REFERENCES
+from validation.track.waypoint_files import SAMPLES
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_documents_and_tables_hold_every_row(few: ControlTables) -> None:
 def test_every_shipped_set_is_driven_along_every_reference(lab: Profile) -> None:
     study = study_gains(GainsOptions(lab, ("kinematic",), 1, 5))
     assert set(study.sets) == set(names())
-    assert len(study.scores) == len(names()) * len(REFERENCES) * len(GAIN_SPEEDS)
+    assert len(study.scores) == len(names()) * len(SAMPLES) * len(GAIN_SPEEDS)
     again = study_gains(GainsOptions(lab, ("kinematic",), 1, 5), workers=1)
     for a, b in zip(study.scores, again.scores, strict=True):
         assert (a.cost is None) == (b.cost is None)
@@ -77,5 +77,5 @@ def test_every_shipped_set_is_driven_along_every_reference(lab: Profile) -> None
     assert len(document["scores"]) == len(study.scores)
     for table in study.grids():
         assert "kinematic" in table.title
-        assert sum(cell.best for row in table.groups[0] for cell in row) >= len(REFERENCES)
+        assert sum(cell.best for row in table.groups[0] for cell in row) >= len(SAMPLES)
     assert len(study.figure().axes) >= 2

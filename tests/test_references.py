@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.control import references
-from ssmr.control.references import SPACING, circle, line, sine
+from ssmr.control.references import SPACING, circle, eight, line, sine, spiral, square, stop_and_go, u_turn
 from ssmr.control.waypoints import Waypoints
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
@@ -28,17 +28,21 @@ LAST_DIGIT = 0.5e-4
 """Half a unit of the last digit that the thesis prints of d_haus and d_ratio."""
 
 
+SMOOTH = ("sine", "eight", "slalom", "square", "spiral", "u-turn", "stop-and-go", "long-line")
+"""References whose curvature does not jump."""
+
+
 def curvatures(waypoints: Waypoints) -> FloatArray:
-    """(N - 2,) signed, at the waypoints between the ends [1/m]."""
-    lengths = waypoints.lengths
-    return np.diff(waypoints.headings) / (0.5 * (lengths[1:] + lengths[:-1]))
+    """Signed, at the waypoints between the ends, each once, however long the target waits there [1/m]."""
+    lengths, headings = waypoints.lengths[waypoints.moving], waypoints.headings[waypoints.moving]
+    return np.diff(headings) / (0.5 * (lengths[1:] + lengths[:-1]))
 
 
 @pytest.mark.parametrize("speed", [0.25, 0.5])
 @pytest.mark.parametrize("name", REFERENCES)
 def test_references_are_dense_smooth_and_as_fast_as_asked(name: str, speed: float) -> None:
     waypoints = REFERENCES[name](speed)
-    steps = waypoints.lengths
+    steps = waypoints.lengths[waypoints.moving]
     assert np.max(steps) <= SPACING + PRINTED
     assert np.min(steps) > 0.5 * SPACING
     assert np.max(np.abs(np.diff(waypoints.headings)), initial=0.0) < math.radians(5.0)  # no kink
@@ -50,7 +54,75 @@ def test_references_are_dense_smooth_and_as_fast_as_asked(name: str, speed: floa
 def test_speed_changes_times_only(name: str) -> None:
     slow, fast = REFERENCES[name](0.25), REFERENCES[name](0.5)
     assert np.array_equal(slow.xy, fast.xy)
-    assert np.allclose(slow.t, 2.0 * fast.t, rtol=ROUNDOFF)
+    waits = np.concatenate([[0.0], np.cumsum(np.where(slow.moving, 0.0, np.diff(slow.t)))])
+    assert np.allclose(slow.t - waits, 2.0 * (fast.t - waits), rtol=ROUNDOFF, atol=ROUNDOFF)
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_curvature_is_continuous(name: str) -> None:
+    """From waypoint to waypoint it changes by the slope of the curvature times a step: 15 1/m2 in a slalom's crests."""
+    assert np.max(np.abs(np.diff(curvatures(REFERENCES[name](0.25)))), initial=0.0) < 15.0 * SPACING
+
+
+@pytest.mark.parametrize(("name", "turns"), [("circle", 1.0), ("eight", 0.0), ("square", 1.0)])
+def test_closed_references_end_where_they_begin_and_as_they_begin(name: str, turns: float) -> None:
+    waypoints = REFERENCES[name](0.25)
+    assert np.allclose(waypoints.xy[-1], waypoints.xy[0], atol=ROUNDOFF)
+    turned = waypoints.headings[-1] - waypoints.headings[0]
+    one_step = np.max(np.abs(np.diff(waypoints.headings)))  # the first and the last chord are a step apart
+    assert abs(turned - 2.0 * math.pi * turns) <= one_step + ROUNDOFF
+
+
+@given(st.floats(0.5, 10.0))
+def test_an_eight_is_the_lemniscate(half_width: float) -> None:
+    """(x^2 + y^2)^2 = a^2 (x^2 - y^2), of length 5.244 a, and its curvature is 3 r / a^2."""
+    waypoints = eight(0.25, half_width)
+    x, y = waypoints.xy.T
+    assert np.allclose((x**2 + y**2) ** 2, half_width**2 * (x**2 - y**2), rtol=1e-9, atol=1e-9)
+    short = (SPACING * 3.0 / half_width) ** 2 / 24.0  # the greatest share by which a chord is shorter than its arc
+    assert (1.0 - short) * 5.244115 < waypoints.length / half_width < 5.244116
+    expected = 3.0 * np.hypot(x, y)[1:-1] / half_width**2
+    assert np.allclose(np.abs(curvatures(waypoints)), expected, atol=4e-3 * 3.0 / half_width)
+
+
+@given(st.floats(2.0, 6.0), st.floats(2.0, 10.0))
+def test_a_square_touches_its_sides_and_closes(side: float, curvature: float) -> None:
+    waypoints = square(0.25, side, curvature)
+    low, high = waypoints.xy.min(axis=0), waypoints.xy.max(axis=0)
+    assert np.allclose((*low, *high), (-0.5 * side, 0.0, 0.5 * side, side), atol=1e-9)
+    assert np.allclose(waypoints.xy[-1], 0.0, atol=1e-9)
+    assert np.max(curvatures(waypoints)) <= curvature * (1.0 + 1e-9)
+
+
+def test_a_square_whose_corners_do_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"corners take 1\.87 m of a side of 1 m; lengthen it, or raise the curvature"):
+        square(0.25, 1.0, 2.0)
+
+
+@given(st.floats(1.0, 20.0), st.floats(0.5, 3.0))
+def test_the_curvature_of_a_spiral_grows_evenly(length: float, curvature: float) -> None:
+    waypoints = spiral(0.25, length, curvature)
+    at = np.arange(1, len(waypoints) - 1) / (len(waypoints) - 1)
+    assert np.allclose(curvatures(waypoints), curvature * at, atol=1e-3 * curvature)
+    assert waypoints.length == pytest.approx(length, rel=2e-4)
+
+
+@given(st.floats(0.4, 3.0), st.floats(0.1, 5.0))
+def test_a_u_turn_comes_back_at_its_width(width: float, straight: float) -> None:
+    waypoints = u_turn(0.25, width, straight)
+    assert np.allclose(waypoints.xy[-1], (0.0, width), atol=1e-9)
+    assert waypoints.headings[-1] == pytest.approx(math.pi, abs=1e-9)
+    assert waypoints.xy[:, 1].max() <= width + 1e-9
+
+
+@given(st.floats(0.1, 2.0), st.floats(0.2, 3.0), st.floats(0.1, 5.0), st.integers(1, 6))
+def test_stop_and_go_drives_at_its_speed_and_waits(speed: float, leg: float, wait: float, legs: int) -> None:
+    waypoints = stop_and_go(speed, leg, wait, legs)
+    assert waypoints.duration == pytest.approx(legs * (leg / speed + wait), rel=1e-9)
+    assert waypoints.speed == pytest.approx(speed, rel=1e-9)
+    stops = waypoints.xy[:-1][~waypoints.moving]
+    assert np.allclose(stops, [((k + 1) * leg, 0.0) for k in range(legs)], atol=1e-9)
+    assert not np.any(waypoints.headings)
 
 
 @given(st.floats(0.1, 30.0))
@@ -118,7 +190,18 @@ def test_the_sine_is_far_from_saturation_at_half_a_metre_a_second() -> None:
 
 @pytest.mark.parametrize(
     ("maker", "numbers"),
-    [(line, {"length": 0.0}), (circle, {"radius": -1.0}), (circle, {"turns": math.nan}), (sine, {"amplitude": math.inf})],
+    [
+        (line, {"length": 0.0}),
+        (circle, {"radius": -1.0}),
+        (circle, {"turns": math.nan}),
+        (sine, {"amplitude": math.inf}),
+        (eight, {"half_width": 0.0}),
+        (square, {"side": -1.0}),
+        (spiral, {"curvature": 0.0}),
+        (u_turn, {"width": math.nan}),
+        (stop_and_go, {"wait": 0.0}),
+        (stop_and_go, {"legs": 0}),
+    ],
 )
 def test_geometry_must_be_positive_and_finite(maker: Callable[..., Waypoints], numbers: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=f"{next(iter(numbers))} must be positive and finite"):
@@ -190,7 +273,7 @@ def test_the_page_lists_the_defaults(row: list[str]) -> None:
 def test_every_default_is_on_the_page() -> None:
     listed = {row[0].strip("`") for row in tables("parameters.md")["References"]}
     there = {
-        f"{name}.{p.name}"
+        f"{name.replace('-', '_')}.{p.name}"
         for name, maker in REFERENCES.items()
         if name != "generic"
         for p in inspect.signature(maker).parameters.values()

@@ -70,7 +70,7 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "nan": (HEADER + "0,0,0\n\nnan,1,1\n", ", line 4, column t: there is 'nan', wanted a finite number [s]"),
     "far": (HEADER + "0,0,0\n1,1e300,0\n", ", line 3, column x: x is 1e+300, wanted a finite number [m] no larger"),
     "ragged": (HEADER + "0,0,0\n1,1\n", ", line 3: there are 2 fields, wanted 3 as in the header"),
-    "same place": (HEADER + "0,0,0\n1,1,2\n2,1,2\n", ", line 4: it is where the one before is, at (1, 2) m"),
+    "one place": (HEADER + "0,1,2\n1,1,2\n2,1,2\n", ", line 4: no waypoint is away from the first, so there is no heading"),
     "time back": (HEADER + "0,0,0\n\n2,1,2\n1,2,2\n", ", line 5, column t: time must increase, but 1 s follows 2 s"),
     "time twice": (HEADER + "0,0,0\n0,1,2\n", ", line 3, column t: time must increase, but 0 s follows 0 s"),
     "rubbish": (bytes(range(256)), ", line 2: there is a byte that is not UTF-8"),
@@ -94,7 +94,7 @@ BAD_SHEETS: dict[str, tuple[Sequence[Sequence[object]], str]] = {
     "date": ((("t", "x", "y"), (datetime.datetime(2020, 1, 31), 0, 0)), ", row 2, column t: there is '2020-01-31"),
     "nothing": ((("t", "x", "y"), (0, 0), (1, 1, 1)), ", row 2, column y: there is nothing"),
     "formula": ((("t", "x", "y"), (0, 0, 0), (1, "=1+1", 0)), ", row 3, column x: there is nothing"),
-    "same place": ((("t", "x", "y"), (0, 1, 2), (1, 1, 2)), ", row 3: it is where the one before is"),
+    "one place": ((("t", "x", "y"), (0, 1, 2), (1, 1, 2)), ", row 3: no waypoint is away from the first"),
     "time back": ((("t", "x", "y"), (1, 1, 2), (0, 2, 2)), ", row 3, column t: time must increase"),
 }
 
@@ -206,6 +206,21 @@ def test_a_speed_replaces_the_times_of_a_file(tmp_path: Path) -> None:
         read_waypoints(on_file(tmp_path, "x,y\n0,0\n3,4\n"), -1.0)
 
 
+def test_waypoints_at_one_place_are_a_wait_that_a_speed_leaves_as_long_as_it_is(tmp_path: Path) -> None:
+    path = on_file(tmp_path, HEADER + "7,0,0\n9,3,4\n12,3,4\n13,3,5\n")
+    own, asked = read_waypoints(path), read_waypoints(path, 0.5)
+    assert np.array_equal(own.t, [7.0, 9.0, 12.0, 13.0])
+    assert np.array_equal(asked.t, [0.0, 10.0, 13.0, 15.0])
+    assert np.array_equal(own.moving, [True, False, True])
+
+
+def test_places_that_repeat_without_times_are_refused(tmp_path: Path) -> None:
+    path = on_file(tmp_path, "x,y\n0,0\n3,4\n3,4\n")
+    expected = "line 4: it is where the one before is, at \\(3, 4\\) m; give times, to wait, or leave out one of them"
+    with pytest.raises(WaypointError, match=expected):
+        read_waypoints(path, 0.5)
+
+
 @given(st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.floats(-1e6, 1e6)), min_size=2, max_size=9))
 def test_both_kinds_of_file_give_the_waypoints_back(
     tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[float, float, float]]
@@ -240,8 +255,26 @@ def test_files_open_by_path(tmp_path: Path) -> None:
     assert open_reference(str(path), 0.25)[1].duration == 4.0
 
 
+def test_a_reference_is_opened_with_the_speed_behind_its_name(tmp_path: Path) -> None:
+    label, waypoints = open_reference("eight@0.4")
+    assert label == "eight"
+    assert waypoints.speed == pytest.approx(0.4, rel=ROUNDOFF)
+    path = on_file(tmp_path, "x,y\n0,0\n2,0\n")
+    assert open_reference(f"{path}@0.5")[1].duration == 4.0
+    assert open_reference("eight@0.4", 0.4)[1].speed == pytest.approx(0.4, rel=ROUNDOFF)
+    with pytest.raises(ValueError, match=r"two speeds are given, 0.4 m/s in 'eight@0.4' and 0.5 m/s"):
+        open_reference("eight@0.4", 0.5)
+    with pytest.raises(ValueError, match="'eight@fast' is no REFERENCE@SPEED"):
+        open_reference("eight@fast")
+    at = tmp_path / "me@home.csv"
+    at.write_text(HEADER + "0,0,0\n2,1,0\n")
+    assert open_reference(str(at))[0] == "me@home"
+
+
 def test_an_unknown_name_lists_those_there_are() -> None:
-    with pytest.raises(ValueError, match="no reference 'square'; there are: line, circle, sine, generic, and paths of"):
-        open_reference("square", 0.25)
+    with pytest.raises(
+        ValueError, match=r"no reference 'oval'; there are: line, circle, sine, generic, eight, .*, and paths of"
+    ):
+        open_reference("oval", 0.25)
     with pytest.raises(WaypointError, match="no such file"):
         open_reference("nowhere.csv", 0.25)

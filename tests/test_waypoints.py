@@ -50,7 +50,11 @@ NOT_WAYPOINTS: dict[str, tuple[ArrayLike, ArrayLike, str]] = {
     "nan time": ([0, np.nan], [[0, 0], [1, 0]], r"waypoint 2: t is nan, wanted a finite number \[s\]"),
     "time twice": ([0, 1, 1], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 1 s follows 1 s"),
     "time back": ([0, 1, 0.5], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 0.5 s follows 1 s"),
-    "same place": ([0, 1, 2], [[0, 0], [1, 2], [1, 2]], r"waypoint 3: it is where the one before is, at \(1, 2\) m"),
+    "one place": (
+        [0, 1, 2],
+        [[1, 2], [1, 2], [1, 2]],
+        "waypoint 3: no waypoint is away from the first, so there is no heading",
+    ),
     "lengths": ([0, 1, 2], [[0, 0], [1, 0]], r"2 waypoints need as many times, got an array of shape \(3,\)"),
     "three coordinates": ([0, 1], [[0, 0, 0], [1, 0, 0]], r"shape \(2, 3\), wanted Nx2"),
 }
@@ -79,10 +83,57 @@ def test_a_speed_that_makes_no_times_is_refused() -> None:
 
 def test_a_path_that_stands_still_or_is_no_number_is_refused_as_such() -> None:
     """And not for the times that follow from it."""
-    with pytest.raises(ValueError, match="waypoint 2: it is where the one before is"):
+    with pytest.raises(ValueError, match=r"waypoint 2: it is where the one before is, .* give times, to wait"):
         Waypoints.from_path([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]], 0.5)
     with pytest.raises(ValueError, match="waypoint 2: x is nan"):
         Waypoints.from_path([[0.0, 0.0], [np.nan, 0.0], [1.0, 0.0]], 0.5)
+
+
+def test_waits_keep_the_heading_and_stand_still() -> None:
+    """Before the first move the target has the heading with which it leaves; after that, the one that it came with."""
+    xy = np.array([[0, 0], [0, 0], [0, 1], [0, 1], [0, 1], [1, 1], [1, 1]], dtype=float)
+    waypoints = Waypoints(np.array([5.0, 7.0, 8.0, 9.0, 10.0, 12.0, 13.0]), xy)
+    up = 0.5 * math.pi
+    assert np.array_equal(waypoints.headings, [up, up, up, up, 0.0, 0.0])
+    assert np.array_equal(waypoints.segment_speeds, [0.0, 1.0, 0.0, 0.0, 0.5, 0.0])
+    assert np.array_equal(waypoints.course()["w"], np.zeros(7))
+    assert waypoints.start.yaw == up
+    assert waypoints.speed == pytest.approx(2.0 / 3.0, rel=ROUNDOFF)
+    assert waypoints.rms_speed == pytest.approx(math.sqrt((1.0 + 0.25 * 2.0) / 8.0), rel=ROUNDOFF)
+    for t, expected in ((1.0, (0.0, 0.0, up, 0.0, 0.0)), (4.5, (0.0, 1.0, up, 0.0, 0.0)), (6.0, (0.5, 1.0, 0.0, 0.5, 0.0))):
+        assert at(waypoints, t) == expected
+    motion = waypoints.trajectory(0.1)
+    assert np.all(np.isfinite(motion.pose))
+    assert np.all(np.isfinite(motion.twist))
+
+
+@given(paths, st.lists(st.floats(0.01, 3.0), min_size=1, max_size=5), st.data())
+def test_a_wait_shifts_what_comes_after_it(
+    moves: list[tuple[float, float, float]], waits: list[float], data: st.DataObject
+) -> None:
+    """Places, headings and speeds are those of the same path without its waits, each wait later."""
+    plain = wander(moves)
+    t, xy, later = list(plain.t), plain.xy.tolist(), []
+    for wait in waits:
+        k = data.draw(st.integers(0, len(t) - 1))
+        later.append((t[k], wait))
+        t[k + 1 : k + 1] = [t[k]]
+        xy[k + 1 : k + 1] = [xy[k]]
+        t[k + 1 :] = [s + wait for s in t[k + 1 :]]
+    waypoints = Waypoints(np.array(t), np.array(xy))
+    assert np.array_equal(waypoints.headings[waypoints.moving], plain.headings)
+    assert waypoints.length == pytest.approx(plain.length, rel=1e-9)
+    assert waypoints.duration == pytest.approx(plain.duration + sum(waits), rel=1e-9)
+    assert waypoints.speed == pytest.approx(plain.speed, rel=1e-6)
+    assert np.all(np.isfinite(waypoints.course()["w"]))
+
+
+@given(paths, st.floats(0.05, 2.0))
+def test_a_speed_replaces_times_but_no_waits(moves: list[tuple[float, float, float]], speed: float) -> None:
+    plain = wander(moves)
+    waiting = Waypoints(np.append(plain.t, plain.t[-1] + 2.5), np.vstack([plain.xy, plain.xy[-1:]])).at_speed(speed)
+    assert np.allclose(waiting.t[:-1], Waypoints.from_path(plain.xy, speed).t, rtol=ROUNDOFF)
+    assert waiting.t[-1] - waiting.t[-2] == pytest.approx(2.5, rel=1e-9)
 
 
 def test_arrays_are_copied_and_read_only() -> None:

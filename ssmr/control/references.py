@@ -1,11 +1,13 @@
-"""The sample trajectories of Sec. 4.1.3 that a formula gives: a line, a circle and a sine, as dense waypoints.
+"""Reference trajectories that a formula gives, as dense waypoints.
 
-All begin at the origin. Speeds are those of the caller: the thesis ran each at 0.25 and 0.50 m/s.
+A line, a circle and a sine are sample trajectories of Sec. 4.1.3; the others are this project's, and the curvature of each
+is continuous. All begin at the origin. Speeds are those of the caller: the thesis ran each at 0.25 and 0.50 m/s.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -77,6 +79,167 @@ def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods:
     arc = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(x))])
     along = np.interp(_spread(float(arc[-1])), arc, x)
     return Waypoints.from_path(np.column_stack([along, amplitude * np.sin(k * along)]), speed)
+
+
+def slalom(speed: float, amplitude: float = 0.35, wavelength: float = 2.4, periods: float = 4.0) -> Waypoints:
+    """Return a slalom along x, a sine twice as curved as `sine`: its greatest curvature is 2.40 1/m.
+
+    Args:
+        speed: reference speed [m/s].
+        amplitude: of the sine [m].
+        wavelength: of the sine [m].
+        periods: how many wavelengths long.
+
+    Raises:
+        ValueError: a number that is not positive and finite.
+    """
+    return sine(speed, amplitude, wavelength, periods)
+
+
+def eight(speed: float, half_width: float = 1.25) -> Waypoints:
+    """Return the lemniscate of Bernoulli, from its crossing once around both loops, the first to the left.
+
+    With r the distance from the crossing and a the half width, its curvature is 3 r / a^2: zero at the crossing, and at most
+    3 / a = 2.40 1/m. The path is x = a cos(u) / (1 + sin(u)^2), y = x sin(u), and its arc ds = a du / sqrt(1 + sin(u)^2).
+
+    Args:
+        speed: reference speed [m/s].
+        half_width: a, the distance from the crossing to each end [m].
+
+    Raises:
+        ValueError: a number that is not positive and finite.
+    """
+    _require_positive(half_width=half_width)
+    u = np.linspace(-0.5 * math.pi, 1.5 * math.pi, 2 * _REFINEMENT * _count(6.0 * half_width) + 1)  # 5.244 a is its length
+    rate = half_width / np.hypot(1.0, np.sin(u))
+    arc = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(u))])
+    at = np.interp(_spread(float(arc[-1])), arc, u)
+    x = half_width * np.cos(at) / (1.0 + np.sin(at) ** 2)
+    x[[0, -1]] = 0.0  # the cosine of a rounded right angle is not quite zero
+    return Waypoints.from_path(np.column_stack([x, x * np.sin(at)]), speed)
+
+
+def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints:
+    """Return a square to the left with rounded corners, from the middle of a side once around.
+
+    In a corner the curvature grows linearly, and falls as it grew (two clothoids of a turn by 45 degrees each).
+
+    Args:
+        speed: reference speed [m/s].
+        side: length of a side, measured to the sharp corner that is cut [m].
+        curvature: greatest curvature, in the middle of a corner [1/m].
+
+    Raises:
+        ValueError: a number that is not positive and finite, or corners that do not fit between the sides.
+    """
+    _require_positive(side=side, curvature=curvature)
+    ramp = 0.5 * math.pi / curvature
+    corner = [(ramp, 0.0, curvature), (ramp, curvature, 0.0)]
+    x, y = _curved(corner)[-1]
+    cut = 0.5 * (x + y)  # by symmetry both are the length of a side that the corner takes, up to rounding
+    if not cut < 0.5 * side:
+        raise ValueError(f"corners take {2.0 * cut:.3g} m of a side of {side:g} m; lengthen it, or raise the curvature")
+    straight = (0.5 * side - cut, 0.0, 0.0)
+    return Waypoints.from_path(_curved([straight, *corner, straight] * 4), speed)
+
+
+def spiral(speed: float, length: float = 10.0, curvature: float = 2.5) -> Waypoints:
+    """Return a spiral to the left whose curvature grows evenly from zero, along x, to its end (a clothoid).
+
+    Args:
+        speed: reference speed [m/s].
+        length: of the path [m].
+        curvature: at the end [1/m].
+
+    Raises:
+        ValueError: a number that is not positive and finite.
+    """
+    _require_positive(length=length, curvature=curvature)
+    return Waypoints.from_path(_curved([(length, 0.0, curvature)]), speed)
+
+
+def u_turn(speed: float, width: float = 0.8, straight: float = 2.0) -> Waypoints:
+    """Return a straight along x, a turn to the left by 180 degrees, and as long a straight back.
+
+    Over the first quarter of the turn's length the curvature grows evenly; then it stays; over the last quarter it falls.
+
+    Args:
+        speed: reference speed [m/s].
+        width: distance between the straights [m].
+        straight: length of each straight [m].
+
+    Raises:
+        ValueError: a number that is not positive and finite.
+    """
+    _require_positive(width=width, straight=straight)
+    wide = float(_curved(_half_turn(1.0))[-1, 1])
+    way = (straight, 0.0, 0.0)
+    return Waypoints.from_path(_curved([way, *_half_turn(wide / width), way]), speed)
+
+
+def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4) -> Waypoints:
+    """Return a straight along x in legs; after each of them the target waits.
+
+    Args:
+        speed: reference speed while the target moves [m/s].
+        leg: length between stops [m].
+        wait: time at each stop [s].
+        legs: number of legs.
+
+    Raises:
+        ValueError: a number that is not positive and finite.
+    """
+    _require_positive(leg=leg, wait=wait, legs=legs)
+    one = Waypoints.from_path(np.column_stack([_spread(leg), np.zeros(_count(leg) + 1)]), speed)
+    t, xy = np.append(one.t, one.duration + wait), np.vstack([one.xy, one.xy[-1:]])
+    times = [t[1:] + k * t[-1] for k in range(legs)]
+    places = [xy[1:] + np.array([k * leg, 0.0]) for k in range(legs)]
+    return Waypoints(np.concatenate([[0.0], *times]), np.vstack([np.zeros((1, 2)), *places]))
+
+
+def long_line(speed: float, length: float = 200.0) -> Waypoints:
+    """Return a long straight line along x, on which errors that grow slowly show.
+
+    Args:
+        speed: reference speed [m/s].
+        length: of the line [m].
+
+    Raises:
+        ValueError: a number that is not positive and finite.
+    """
+    return line(speed, length)
+
+
+def _half_turn(curvature: float) -> list[tuple[float, float, float]]:
+    """Return the pieces of a turn by 180 degrees with this greatest curvature [1/m]; see `u_turn`."""
+    quarter = math.pi / curvature / 3.0
+    return [(quarter, 0.0, curvature), (2.0 * quarter, curvature, curvature), (quarter, curvature, 0.0)]
+
+
+def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
+    """Return (N, 2) places along pieces whose curvature is linear in their arc length, from the origin along x [m].
+
+    Each piece is divided evenly. A step's chord is the integral of its direction, by a Gauss rule whose error is far below
+    rounding at these lengths.
+
+    Args:
+        pieces: length [m] of each piece, and the curvature at its begin and its end [1/m].
+    """
+    steps, begins, ends = [], [], []
+    for length, begin, end in pieces:
+        n = _count(length)
+        edges = np.linspace(begin, end, n + 1)
+        steps.append(np.full(n, length / n))
+        begins.append(edges[:-1])
+        ends.append(edges[1:])
+    ds, k0, k1 = map(np.concatenate, (steps, begins, ends))
+    turns = 0.5 * (k0 + k1) * ds
+    headings = np.cumsum(turns) - turns
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    u = 0.5 * (1.0 + nodes)
+    along = headings[:, None] + ds[:, None] * (k0[:, None] * u + 0.5 * (k1 - k0)[:, None] * u**2)
+    chords = 0.5 * ds[:, None] * np.column_stack([np.cos(along) @ weights, np.sin(along) @ weights])
+    return np.vstack([np.zeros((1, 2)), np.cumsum(chords, axis=0)])
 
 
 def _require_positive(**numbers: float) -> None:

@@ -19,7 +19,7 @@ from ssmr.types import FloatArray, State, Trajectory, frozen_array
 ALPHA_SWITCH = 0.4
 """A target farther than this is first approached: the error of heading is zero there [m]; Sec. 4.1.2."""
 SAME_PLACE = 1e-9
-"""Neighbouring waypoints no farther apart than this are one point, and give no heading [m]."""
+"""Neighbouring waypoints no farther apart than this are one place, where the target waits [m]."""
 SAME_TIME = 1e-9
 """Neighbouring waypoints no later than this are at one time, and give no speed [s]."""
 LARGEST_NUMBER = 1e12
@@ -40,7 +40,8 @@ class Fault(NamedTuple):
 COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
 """One waypoint as the kernels take it, in mission time: t [s], zero at the first waypoint; place x, y [m]; phi, heading of
 the segment that begins here [rad, unwrapped], at the end that of the segment before; v_ref, speed on the segment that begins
-here [m/s], zero at the end, where the target stands still; w_ref, yaw rate at the waypoint [rad/s], zero at both ends."""
+here [m/s], zero at the end and where the target waits; w_ref, yaw rate at the waypoint [rad/s], zero at both ends and where
+the target waits."""
 
 
 class Target(NamedTuple):
@@ -71,41 +72,54 @@ class Errors(NamedTuple):
     """e_alpha, heading of the target's segment less the robot's [rad]."""
 
 
-def find_fault(t: FloatArray, xy: FloatArray) -> Fault | None:
-    """Return the first point that makes (N,) times [s] and (N, 2) places [m] no trajectory, or None."""
+def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
+    """Return the first point that makes (N,) times [s] and (N, 2) places [m] no trajectory, or None.
+
+    Without times, neighbours at one place are a fault too: a speed gives them no time to wait.
+    """
     for column, values, unit in (("x", xy[:, 0], "m"), ("y", xy[:, 1], "m"), ("t", t, "s")):
+        if values is None:
+            continue
         bad = np.flatnonzero(~(np.abs(values) <= LARGEST_NUMBER))
         if len(bad):
             what = f"{column} is {values[bad[0]]:g}, wanted a finite number [{unit}] no larger than {LARGEST_NUMBER:g}"
             return Fault(int(bad[0]), column, what)
-    still = np.flatnonzero(_lengths(xy) <= SAME_PLACE)
-    if len(still):
-        k = int(still[0]) + 1
-        x, y = xy[k]
-        what = f"it is where the one before is, at ({x:.6g}, {y:.6g}) m, so there is no heading; leave out one of the two"
-        return Fault(k, None, what)
+    if t is None:
+        still = np.flatnonzero(_lengths(xy) <= SAME_PLACE)
+        if len(still):
+            k = int(still[0]) + 1
+            x, y = xy[k]
+            what = f"it is where the one before is, at ({x:.6g}, {y:.6g}) m; give times, to wait, or leave out one of them"
+            return Fault(k, None, what)
+        return None
     back = np.flatnonzero(np.diff(t) <= SAME_TIME)
     if len(back):
         k = int(back[0]) + 1
         return Fault(k, "t", f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s")
+    if not np.any(_lengths(xy) > SAME_PLACE):
+        return Fault(len(xy) - 1, None, "no waypoint is away from the first, so there is no heading; name a second place")
     return None
 
 
 @dataclass(frozen=True, eq=False)
 class Waypoints:
-    """Places to be at, each at its time; checked, copied and read-only."""
+    """Places to be at, each at its time; checked, copied and read-only.
+
+    Neighbours at one place are a wait: the target stands there from the time of the first to that of the second, and keeps
+    the heading that it came with (before the first move, the heading with which it leaves).
+    """
 
     t: FloatArray
     """(N,) strictly increasing, from any start [s]; N at least 2."""
     xy: FloatArray
-    """(N, 2) places in the world [m]; no two neighbours are the same."""
+    """(N, 2) places in the world [m], not all of them the same."""
 
     def __post_init__(self) -> None:
         """Check and freeze.
 
         Raises:
-            ValueError: fewer than two points, lengths that differ, numbers that are not finite, neighbours at one place or
-                time, or time that goes back; the message counts waypoints from 1.
+            ValueError: fewer than two points, lengths that differ, numbers that are not finite, one place only, or time that
+                does not increase; the message counts waypoints from 1.
         """
         t, xy = np.asarray(self.t, dtype=np.float64), _places(self.xy)
         if t.shape != (len(xy),):
@@ -125,14 +139,30 @@ class Waypoints:
             speed: reference speed [m/s].
 
         Raises:
-            ValueError: a speed that is not positive and finite, or places that are no path.
+            ValueError: a speed that is not positive and finite, places that are no path, or neighbours at one place.
         """
+        places = _places(xy)
+        fault = find_fault(None, places)
+        if fault is not None:
+            raise ValueError(f"waypoint {fault.row + 1}: {fault.what}")
+        return cls._timed(places, speed, np.zeros(len(places) - 1))
+
+    @classmethod
+    def _timed(cls, places: FloatArray, speed: float, waits: FloatArray) -> Waypoints:
+        """Return places that are `speed` [m/s] times their (N - 1,) segments apart, and (N - 1,) `waits` [s] in addition."""
         if not (math.isfinite(speed) and speed > 0.0):
             raise ValueError(f"the reference speed must be positive and finite, got {speed} m/s")
-        places = _places(xy)
-        with np.errstate(all="ignore"):  # what overflows here is found, and named, below
-            t = np.concatenate([[0.0], np.cumsum(_lengths(places) / speed)])
+        with np.errstate(all="ignore"):  # what overflows here is found, and named, by the check of the times
+            t = np.concatenate([[0.0], np.cumsum(_lengths(places) / speed + waits)])
         return cls(t, places)
+
+    def at_speed(self, speed: float) -> Waypoints:
+        """Return the same path, driven at a mean speed [m/s] on each segment; its waits stay as long as they are.
+
+        Raises:
+            ValueError: a speed that is not positive and finite.
+        """
+        return self._timed(self.xy, speed, np.where(self.moving, 0.0, np.diff(self.t)))
 
     def __len__(self) -> int:
         """Return the number of waypoints, N."""
@@ -154,15 +184,31 @@ class Waypoints:
         return float(self.t[-1] - self.t[0])
 
     @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(N - 1,) whether the target moves on each segment; it waits on the others."""
+        return np.asarray(self.lengths > SAME_PLACE)
+
+    @property
     def speed(self) -> float:
-        """Average speed [m/s]."""
-        return self.length / self.duration
+        """Average speed while the target moves [m/s]."""
+        moving = self.moving
+        return self.length / (self.duration if np.all(moving) else float(np.sum(np.diff(self.t)[moving])))
+
+    @property
+    def rms_speed(self) -> float:
+        """Root mean square of the target's speed over the whole time [m/s]; waits count as zero."""
+        return math.sqrt(float(np.average(self.segment_speeds**2, weights=np.diff(self.t))))
 
     @property
     def headings(self) -> FloatArray:
-        """(N - 1,) angle phi of each segment to the world's x axis, unwrapped [rad] (Alg. 5, lines 8-10)."""
-        steps = np.diff(self.xy, axis=0)
-        return np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        """(N - 1,) angle phi of each segment to the world's x axis, unwrapped [rad] (Alg. 5, lines 8-10).
+
+        A wait has the heading of the last move before it, or before the first move of that move.
+        """
+        steps, moves = np.diff(self.xy, axis=0), np.flatnonzero(self.moving)
+        latest = np.clip(np.cumsum(self.moving) - 1, 0, None)  # number of the move that each segment takes its heading from
+        angles: FloatArray = np.unwrap(np.arctan2(steps[moves, 1], steps[moves, 0]))
+        return np.asarray(angles[latest])
 
     @property
     def start(self) -> State:
@@ -171,22 +217,24 @@ class Waypoints:
 
     @property
     def segment_speeds(self) -> FloatArray:
-        """(N - 1,) reference speed v_ref of each segment [m/s]."""
-        return np.asarray(self.lengths / np.diff(self.t - self.t[0]))
+        """(N - 1,) reference speed v_ref of each segment [m/s], zero where the target waits."""
+        return np.where(self.moving, self.lengths / np.diff(self.t - self.t[0]), 0.0)
 
     def course(self) -> NDArray[np.void]:
         """Return (N,) the waypoints as the kernels take them; see `COURSE` for the fields of each.
 
         w_ref is the change of heading from the middle of one segment to the middle of the next over the time between. It
         is zero at both ends, where one of the two is missing, so that its integral, linear between waypoints, is the whole
-        change of heading.
+        change of heading. It is also zero at both ends of a wait: a target that leaves in another direction than it came
+        turns at once, as at a corner.
         """
         t, phi = self.t - self.t[0], self.headings
         middles = t[:-1] + 0.5 * np.diff(t)
         course = np.zeros(len(t), COURSE)
         course["t"], course["x"], course["y"] = t, self.xy[:, 0], self.xy[:, 1]
         course["heading"], course["v"][:-1] = np.append(phi, phi[-1]), self.segment_speeds
-        course["w"][1:-1] = np.diff(phi) / np.diff(middles)
+        on_the_way = self.moving[:-1] & self.moving[1:]
+        course["w"][1:-1] = np.where(on_the_way, np.diff(phi) / np.diff(middles), 0.0)
         return course
 
     def trajectory(self, dt: float) -> Trajectory:

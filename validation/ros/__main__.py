@@ -151,7 +151,7 @@ def control(options: ControlOptions) -> None:
         pilot = Pilot(make_controller(chosen, wanted), waypoints, settings)
         pose = o.topics.pose or robot_topic(RobotTopics.pose, chosen.robot.name)
         topics = RobotTopics(o.topics.odometry, pose, o.topics.command, o.topics.feedback == "pose")
-        folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{o.controller}-{Path(o.reference).stem}"))
+        folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{o.controller}-{label}"))
     with _on_a_graph() as interrupt:
         result = control_robot(pilot, wanted, chosen, label, topics, drive.patience)
         interrupt.wait_a_while()

@@ -59,7 +59,8 @@ class TrackOptions:
     """Controller. pid and lqr are those of the thesis; lqr-scheduled (linearised about the operating speed) and smc (sliding
     mode) go beyond it."""
     reference: Annotated[str, tyro.conf.Positional, cli.option(metavar="REFERENCE")]
-    """Path to follow: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
+    """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go, long-line, each also
+    with its speed, as eight@0.5; or a file of waypoints (.csv, .xlsx: x, y[, t]). Waypoints at one place are a wait."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="the times of the file; 0.25 for a named reference")] = (
         None
     )
@@ -97,7 +98,7 @@ def main(options: TrackOptions) -> None:
         )
     with cli.shown("tracking") as progress:
         tracked = asked.run(options.run.workers, progress)
-    stem = file_name(f"{options.controller}-{Path(options.reference).stem}")
+    stem = file_name(f"{options.controller}-{asked.label}")
     folder = cli.output_folder(output.out or Path("runs") / "track" / stem)
     cli.report_result(tracked, tracked.save(folder, recording=not output.no_rerun))
     output.show(folder / "track.rrd")

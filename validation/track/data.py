@@ -41,7 +41,7 @@ TRACK_METRICS: Mapping[str, Metric] = {
         ),
         Metric(
             "u_rms_ratio", "u rms ratio", "1", "one",
-            "root mean square of the robot's speed over the mean speed of the reference (Sec. 4.4.3)",
+            "root mean square of the robot's speed over that of the reference, its mean where it is steady (Sec. 4.4.3)",
         ),
         Metric(
             "saturated_fraction", "saturated", "share", "low",
@@ -142,7 +142,7 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "e_rho_rms_m": rms("e_rho"),
             "e_y_rms_m": rms("e_y"),
             "e_alpha_rms_rad": rms("e_alpha"),
-            "u_rms_ratio": rms("v_x") / max(waypoints.speed, 1e-9),
+            "u_rms_ratio": rms("v_x") / max(waypoints.rms_speed, 1e-9),
             "saturated_fraction": float(np.mean(saturated(run, limits))),
         }
     )

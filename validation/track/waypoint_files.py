@@ -13,8 +13,20 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ssmr.control.references import circle, line, sine
+from ssmr.control.references import (
+    circle,
+    eight,
+    line,
+    long_line,
+    sine,
+    slalom,
+    spiral,
+    square,
+    stop_and_go,
+    u_turn,
+)
 from ssmr.control.waypoints import Waypoints, find_fault
+from ssmr.types import FloatArray
 from validation.logs.csv_table import CellTable, read_csv_table
 from validation.logs.files import TableError, quoted
 from validation.logs.limits import USUAL, LogLimits
@@ -47,7 +59,8 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
 
     Args:
         path: a CSV or xlsx file.
-        speed: reference speed [m/s]: it gives the times, and replaces those of the file. None: the file's own.
+        speed: reference speed [m/s]: it gives the times, and replaces those of the file, except the lengths of its waits.
+            None: the file's own.
         limits: greatest sizes of a file; the usual ones if not given.
 
     Raises:
@@ -60,19 +73,28 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
     if ending not in (".csv", ".xlsx") and not path.is_dir():
         raise error(path, f"files ending in '{path.suffix}' are not read; wanted {error.wanted}")
     table = (read_sheet if ending == ".xlsx" else read_csv_table)(path, error, limits)
-    columns = {}
-    for name, place in _places_of_columns(table, ("x", "y", "t") if speed is None else ("x", "y")).items():
-        values = table.numbers(place, name, _UNITS)
+    places = _places_of_columns(table, speed is None)
+
+    def column(name: str) -> FloatArray:
+        values = table.numbers(places[name], name, _UNITS)
         assert values is not None  # x, y and t are numbers, or an error
-        columns[name] = values
-    if len(table.lines) < 2:
-        some = "is one waypoint" if table.lines else "are no waypoints"
+        return values
+
+    t = column("t") if speed is None else None
+    xy = np.column_stack([column("x"), column("y")])
+    if len(xy) < 2:
+        some = "is one waypoint" if len(xy) else "are no waypoints"
         raise error(path, f"there {some} after the header; a trajectory needs at least two")
-    xy = np.column_stack([columns["x"], columns["y"]])
-    fault = find_fault(columns.get("t", np.arange(len(xy), dtype=np.float64)), xy)
+    fault = find_fault(t, xy)
+    if t is None and fault is not None and fault.column is None and "t" in places:  # it waits: the times say how long
+        t = column("t")
+        fault = find_fault(t, xy)
     if fault is not None:
         raise error(path, fault.what, table.lines[fault.row], fault.column)
-    return Waypoints(columns["t"], xy) if speed is None else Waypoints.from_path(xy, speed)
+    if speed is None:
+        assert t is not None  # the file has times, or an error
+        return Waypoints(t, xy)
+    return Waypoints.from_path(xy, speed) if t is None else Waypoints(t, xy).at_speed(speed)
 
 
 def generic(speed: float) -> Waypoints:
@@ -87,45 +109,76 @@ def generic(speed: float) -> Waypoints:
         return read_waypoints(path, speed)
 
 
-REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
+SAMPLES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
     {"line": line, "circle": circle, "sine": sine, "generic": generic}
 )
 """The four sample trajectories of Sec. 4.1.3 by name, each a function of the reference speed [m/s]."""
+REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({
+    **SAMPLES,
+    "eight": eight,
+    "slalom": slalom,
+    "square": square,
+    "spiral": spiral,
+    "u-turn": u_turn,
+    "stop-and-go": stop_and_go,
+    "long-line": long_line,
+})  # fmt: skip
+"""All references that have a name: those of the thesis, and this project's own."""
+
+
+def split_speed(reference: str) -> tuple[str, float | None]:
+    """Return the name or path and the speed [m/s] of a reference such as `circle@0.5`; None where it names no speed.
+
+    Raises:
+        ValueError: what follows the name of a reference is no number.
+    """
+    name, at, given = reference.rpartition("@")
+    try:
+        return (name, float(given)) if at else (reference, None)
+    except ValueError as error:
+        if name in REFERENCES:
+            raise ValueError(f"'{reference}' is no REFERENCE@SPEED such as circle@0.5") from error
+        return reference, None
 
 
 def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, Waypoints]:
-    """Return what to follow: a sample trajectory by name, or the waypoints of a file.
+    """Return what to follow: a reference by name, or the waypoints of a file.
 
     Args:
-        name_or_path: a name of `REFERENCES`, or the path of a CSV or xlsx file.
-        speed: reference speed [m/s]; None for the times of the file, or `DEFAULT_SPEED` for a sample trajectory.
+        name_or_path: a name of `REFERENCES`, or the path of a CSV or xlsx file; with a speed behind it, as `circle@0.5`.
+        speed: reference speed [m/s]; None for that behind the name, else the times of the file, or `DEFAULT_SPEED` for a
+            reference that has a name.
 
     Returns:
         The name in tables and pictures, and the waypoints.
 
     Raises:
-        ValueError: an unknown name, a file without times where there is no speed, or one that cannot be read.
+        ValueError: an unknown name, two different speeds, a file without times where there is no speed, or one that cannot
+            be read.
     """
-    if name_or_path in REFERENCES:
-        return name_or_path, REFERENCES[name_or_path](DEFAULT_SPEED if speed is None else speed)
-    path = Path(name_or_path)
+    name, own = split_speed(name_or_path)
+    if own is not None and speed is not None and own != speed:
+        raise ValueError(f"two speeds are given, {own:g} m/s in '{name_or_path}' and {speed:g} m/s; leave out one of them")
+    speed = own if speed is None else speed
+    if name in REFERENCES:
+        return name, REFERENCES[name](DEFAULT_SPEED if speed is None else speed)
+    path = Path(name)
     if not path.suffix and not path.exists():
-        raise ValueError(
-            f"no reference '{name_or_path}'; there are: {', '.join(REFERENCES)}, and paths of .csv and .xlsx files"
-        )
+        raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}, and paths of .csv and .xlsx files")
     return path.stem, read_waypoints(path, speed)
 
 
-def _places_of_columns(table: CellTable, wanted: tuple[str, ...]) -> dict[str, int]:
+def _places_of_columns(table: CellTable, times: bool) -> dict[str, int]:
+    """Return the places of the columns x, y and, if it is there, t; without it there is an error if `times` are needed."""
     path, line, error = table.path, table.header_line, table.error
     names = [cell.strip().lower() for cell in table.header]
     for name in ("x", "y"):
         if name not in names:
             what = f"there is no column {name} among {quoted(map(str.strip, table.header))}; {error.header}"
             raise error(path, what, line)
-    if "t" in wanted and "t" not in names:
+    if times and "t" not in names:
         raise error(path, "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s", line)
-    for name in wanted:
+    for name in ("x", "y", "t") if times else ("x", "y"):
         if names.count(name) > 1:
             raise error(path, "the header names this column twice; each needs a name of its own", line, name)
-    return {name: names.index(name) for name in wanted}
+    return {name: names.index(name) for name in ("x", "y", "t") if names.count(name) == 1}

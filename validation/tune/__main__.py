@@ -87,7 +87,8 @@ class Options:
     controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
     """Controller to tune."""
     reference: Annotated[cli.Names, cli.option(metavar="REF,...")] = ("generic",)
-    """Paths to follow, separated by commas: line, circle, sine, generic, circle@0.5 with its speed, or waypoint files."""
+    """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go,
+    long-line, circle@0.5 with its speed, or waypoint files."""
     robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     task: Annotated[_Task, tyro.conf.OmitArgPrefixes] = _Task()

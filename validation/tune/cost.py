@@ -45,7 +45,7 @@ class TuneCost:
     k_bend: float = 10.0
     """Weight of |1 - e_bend_ratio|."""
     k_u: float | None = None
-    """Weight of |1 - u_RMS|, the speed's RMS over the reference's mean speed."""
+    """Weight of |1 - u_RMS|, the speed's RMS over that of the reference."""
 
     def __post_init__(self) -> None:
         """Check names and weights.
@@ -75,7 +75,7 @@ def _path_measures(poses, truth):
 
 
 def costs_of(runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost) -> FloatArray:
-    """Return the (S,) costs of runs along one reference of a mean speed [m/s]; infinite for a robot that was lost."""
+    """Return the (S,) costs of runs along one reference, whose speed has this RMS [m/s]; infinite where a robot was lost."""
     out = np.full(len(runs), np.inf)
     kept = [i for i, run in enumerate(runs) if not run.lost]
     if not kept:

@@ -141,7 +141,7 @@ class TuneProblem:
             return run_robots([robot] * n, some, [case.settings] * n, case.waypoints, seeds, workers)
 
         for seed in self._seeds:
-            costs = costs_of(runs(case.robot, laws, [seed]), target, case.waypoints.speed, self.cost)
+            costs = costs_of(runs(case.robot, laws, [seed]), target, case.waypoints.rms_speed, self.cost)
             found += costs / len(self._seeds)
         some = [int(i) for i in np.flatnonzero(np.isfinite(found))]
         if late is not None and guarded and some:
@@ -164,7 +164,7 @@ class TuneProblem:
             (run,) = run_robots([case.robot], [law], [case.settings], case.waypoints, self._seeds[:1], workers)
             runs.append(run)
             measures.append(rate(run, case.waypoints, case.robot))
-            costs.append(float(costs_of([run], case.target, case.waypoints.speed, self.cost)[0]))
+            costs.append(float(costs_of([run], case.target, case.waypoints.rms_speed, self.cost)[0]))
         return TunedRun(
             case.label, case.reference, case.waypoints.speed, case.robot.name, case.target, runs[0], measures[0], costs[0],
             runs[1], measures[1], costs[1],

@@ -20,7 +20,7 @@ from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
 from validation.track.gains import DEFAULT, GainSet, load_gains, names
 from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, odometry_of, require_practicable
-from validation.track.waypoint_files import open_reference
+from validation.track.waypoint_files import open_reference, split_speed
 from validation.tune.cost import TuneCost
 from validation.tune.options import TuneParameters, TuneTask
 from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space
@@ -125,14 +125,8 @@ def _base_gains(controller: str, parameters: TuneParameters) -> GainSet:
 
 def _references(wanted: Sequence[str], speed: float) -> list[tuple[str, float]]:
     """Return names and speeds [m/s] of references such as `circle@0.5`; `speed` where none is named."""
-    out = []
-    for text in wanted:
-        name, at, given = text.rpartition("@")
-        try:
-            out.append((name, float(given)) if at else (text, speed))
-        except ValueError as error:
-            raise ValueError(f"'{text}' is no REFERENCE@SPEED such as circle@0.5") from error
-    return out
+    pairs = [split_speed(text) for text in wanted]
+    return [(name, speed if own is None else own) for name, own in pairs]
 
 
 def _cases(

@@ -1,4 +1,4 @@
-"""Drive every shipped set of gains along every named reference, at both of the thesis' speeds."""
+"""Drive every shipped set of gains along the thesis' sample trajectories, at both of its speeds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from validation.study.gains.result import GainScore, GainsOptions, GainStudy
 from validation.study.result import keeping, profile_of
 from validation.track.gains import load_gains, names
 from validation.track.loops import make_controller, make_robot, rate, run_robots
-from validation.track.waypoint_files import REFERENCES, open_reference
+from validation.track.waypoint_files import SAMPLES, open_reference
 from validation.tune.cost import TuneCost, costs_of
 
 GAIN_SPEEDS = (0.25, 0.5)
@@ -21,7 +21,7 @@ _COST = TuneCost(guard=0.0)
 
 
 def study_gains(options: GainsOptions | None = None, *, workers: int | None = None, progress: Report = silent) -> GainStudy:
-    """Drive every shipped set of gains along every named reference.
+    """Drive every shipped set of gains along the thesis' sample trajectories.
 
     Args:
         options: profile, plants and seeds; the defaults if not given.
@@ -39,7 +39,7 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
     sets = [load_gains(name.rpartition("-")[0], name) for name in names()]
     laws, n = [make_controller(profile, g) for g in sets], len(seeds)
     robots = {plant: make_robot(profile, plant) for plant in o.plants}
-    places = [(plant, reference, speed) for plant in o.plants for reference in REFERENCES for speed in GAIN_SPEEDS]
+    places = [(plant, reference, speed) for plant in o.plants for reference in SAMPLES for speed in GAIN_SPEEDS]
     scores = list[GainScore]()
     with keeping(scores) as course:
         for done, (plant, reference, speed) in enumerate(places):
@@ -53,7 +53,7 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
                 mine = runs[k * n : (k + 1) * n]
                 lost = sum(run.lost for run in mine)
                 rated = [] if lost else [rate(run, waypoints, robot) for run in mine]
-                cost = None if lost else float(np.mean(costs_of(mine, target, waypoints.speed, _COST)))
+                cost = None if lost else float(np.mean(costs_of(mine, target, waypoints.rms_speed, _COST)))
                 d_rms, e_rho = (float(np.mean([r[m] for r in rated])) if rated else None for m in ("d_rms_m", "e_rho_rms_m"))
                 place.append(GainScore(g.name, plant, reference, speed, cost, d_rms, e_rho, lost))
             scores += place

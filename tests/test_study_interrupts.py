@@ -22,6 +22,7 @@ from validation.study.drivetrain import DriveTrainOptions
 from validation.study.filter import FilterOptions
 from validation.study.gains import GainsOptions
 from validation.study.gains import run as gains_run
+from validation.study.noise import NoiseOptions
 from validation.study.result import StudyResult, keeping
 from validation.study.tables import TablesOptions
 
@@ -39,6 +40,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
         lambda s: len(s.drives), 1,
     ),
     "drivetrain": (DriveTrainOptions(in_the_air(), on_grass(), resamples=2), lambda s: len(s.parts), 5),
+    "noise": (NoiseOptions("traj1@kinematic"), lambda s: len(s.signals), 1),
 }  # fmt: skip
 """Short options of each study, the function that counts its cases, and the progress at which the first is finished."""
 

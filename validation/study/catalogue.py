@@ -44,5 +44,6 @@ STUDIES = (
     Study("gains", "Which of the shipped sets of gains follows which reference best, on which plant?"),
     Study("filter", "How fast does the pose drift that the state filter estimates from wheels and gyro?"),
     Study("drivetrain", "What are the driver, the friction, the losses and the inertia of a real robot's drive train?"),
+    Study("noise", "How noisy is each signal of a log, by what a high-pass filter leaves of it (Sec. 3.4.4)?"),
 )
 """Every study, in the order of the help text."""

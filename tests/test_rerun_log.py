@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
 from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
@@ -384,8 +386,31 @@ def test_rerun_accepts_the_file_and_finds_a_layout_in_it(shown: tuple[Comparison
     done = run_rerun("rrd", "verify", path)
     assert done.returncode == 0, done.stderr
     reader = RrdReader(path)
-    assert [entry.application_id for entry in reader.recordings()] == ["ssmr-testbed"]
-    assert [entry.application_id for entry in reader.blueprints()] == ["ssmr-testbed"]
+    assert [entry.application_id for entry in reader.recordings()] == ["ssmr-testbed compare"]
+    assert [entry.application_id for entry in reader.blueprints()] == ["ssmr-testbed compare"]
+    printed = run_rerun("rrd", "print", path).stdout  # a viewer that still holds another layout takes this one
+    assert "make_active: true" in printed
+    assert "make_default: true" in printed
+
+
+@pytest.mark.slow
+def test_a_viewer_without_a_window_shows_the_layout(shown: tuple[Comparison, Path, Read]) -> None:
+    """The real viewer holds the views that were asked for; it renders by software where there is no graphics card."""
+    _, path, _ = shown
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    try:
+        viewer = ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True)
+    except ConnectionError as error:
+        pytest.skip(f"no viewer starts here ({error}); on Debian, mesa-vulkan-drivers lets it render without a card")
+    try:
+        viewer.open(str(path))
+        layout = viewer.get_blueprint().blueprint
+    finally:
+        viewer.quit()
+    names = {parts["ViewBlueprint"].get("display_name") for parts in layout.values() if "ViewBlueprint" in parts}
+    assert {"Scene (grid 1 m)", "From above", "Report", "Following mujoco", "Position error to mujoco [m]"} <= names, names
 
 
 def test_a_repeated_run_compares_equal_and_another_has_another_id(

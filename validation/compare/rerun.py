@@ -105,7 +105,7 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
         for track in tracks:
             plots.update(_plots_of(track))
         gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)])
-        recording.send_blueprint(_layout(tracks, plots, histories), make_active=False, make_default=True)
+        recording.send_blueprint(_layout(tracks, plots, histories))
         about: dict[str, object] = {"source": c.source, "profile": c.profile, "robot": c.robot.name}
         about |= {"reference": c.reference_name, "seed": c.seed}
         options = {name: str(value) for name, value in c.options.items()}
@@ -119,7 +119,7 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
             _write_history(recording, history)
 
     identity = identify((c.source, c.profile, c.robot.name, c.reference_name, c.seed, sorted(c.options.items())), tracks)
-    data = encode(identity, fill)
+    data = encode("compare", identity, fill)
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 

@@ -15,12 +15,13 @@ import rerun as rr
 
 from validation.words import each_line, one_line
 
-_APPLICATION = "ssmr-testbed"
 TIMELINE = "sim_time"
 
 
-def encode(identity: uuid.UUID, fill: Callable[[rr.RecordingStream], None]) -> bytes:
+def encode(program: str, identity: uuid.UUID, fill: Callable[[rr.RecordingStream], None]) -> bytes:
     """Return what `fill` sends to a recording of this id, as the bytes of a file; misuse of rerun raises.
+
+    Recordings of one program share a layout in the viewer, so that each program counts as an application of its own.
 
     Rerun keeps what is sent to a stream as it is until it is read, and compresses at once what is sent to a file. So there
     is a file where that can be one in memory, which no full disk cuts short: a long recording takes 0.3 GB less.
@@ -28,7 +29,7 @@ def encode(identity: uuid.UUID, fill: Callable[[rr.RecordingStream], None]) -> b
     Raises:
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    recording = rr.RecordingStream(_APPLICATION, recording_id=identity, send_properties=False)
+    recording = rr.RecordingStream(f"ssmr-testbed {program}", recording_id=identity, send_properties=False)
     if not recording.is_enabled():
         raise RuntimeError("rerun is switched off: unset the environment variable RERUN to write recordings")
     with _file_in_memory() as path:

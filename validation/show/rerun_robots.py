@@ -275,9 +275,9 @@ def outline(robot: RobotMesh, height: float, rgb: Rgb) -> rr.LineStrips3D:
 
 
 def labels(points: Sequence[ArrayLike], texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
-    """Return texts at (N, 3) points, bright, since the viewer writes them on dark patches."""
+    """Return texts at (N, 3) points, dark: the viewer writes them on grey patches, or on white ones in its light theme."""
     texts, radii = [one_line(text) for text in texts], rr.Radius.ui_points(0.1)
-    return rr.Points3D(points, labels=texts, colors=[mix(rgb, WHITE, 0.6)], radii=radii, show_labels=True)
+    return rr.Points3D(points, labels=texts, colors=[mix(rgb, BLACK, 0.7)], radii=radii, show_labels=True)
 
 
 def write_ground(recording: rr.RecordingStream, entity: str, terrain: Terrain, extent: Extent) -> None:

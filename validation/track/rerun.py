@@ -83,7 +83,7 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
 
     def fill(recording: rr.RecordingStream) -> None:
         plots = _plots(results, reference)
-        recording.send_blueprint(_layout([reference, *robots], plots), make_active=False, make_default=True)
+        recording.send_blueprint(_layout([reference, *robots], plots))
         options = {name: str(value) for name, value in first.options.items()}
         properties: dict[str, Mapping[str, object]] = {"tracking": about, "options": options, "versions": first.versions}
         report = track_markdown(results) + thinning_note([reference, *robots], plots)
@@ -94,7 +94,7 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
 
     whose = first.profile, first.body.name, first.seed
     asked = (first.controller, sorted(first.gains.items()), first.reference, first.speed, *whose)
-    data = encode(identify((*asked, sorted(map(repr, first.options.items()))), [reference, *robots]), fill)
+    data = encode("track", identify((*asked, sorted(map(repr, first.options.items()))), [reference, *robots]), fill)
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 

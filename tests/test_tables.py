@@ -96,7 +96,9 @@ def markdown_tables(text: str) -> list[tuple[list[str], list[list[str]], set[tup
 
 def in_si(header: str, text: str) -> tuple[float, float]:
     """The number a cell stands for, and half of its last digit: what rounding may have taken."""
-    scale = {"mm": 1e-3, "m": 1.0, "deg": math.pi / 180.0, "1": 1.0, "×": 1.0, "s": 1.0}[header.split("[")[1].rstrip("]")]
+    scale = {"mm": 1e-3, "m": 1.0, "deg": math.pi / 180.0, "1": 1.0, "×": 1.0, "s": 1.0, "1/s²": 1.0}[
+        header.split("[")[1].rstrip("]")
+    ]
     decimals = len(text.partition(".")[2])
     return float(text) * scale, 0.5 * 10.0**-decimals * scale * (1.0 + 1e-9)
 

@@ -15,6 +15,7 @@ import pytest
 
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.references import circle, line
+from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
 from tests.conftest import EXACT, ROUNDOFF
 from validation import cli
@@ -25,6 +26,7 @@ from validation.simulator.terrain import parse_terrain
 from validation.track import __main__ as track
 from validation.track.gains import GainSet, dump_gains, load_gains
 from validation.track.loops import make_controller, make_robot, rate, require_practicable, run_robots
+from validation.track.run import track as track_robots
 from validation.tune import __main__ as tune
 from validation.tune.cost import TuneCost, costs_of
 from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space
@@ -211,16 +213,40 @@ def test_track_writes_what_the_contract_says(controller: str, tmp_path: Path, ca
         assert (tmp_path / name).stat().st_size > 10_000
 
 
-def test_a_lost_loop_says_when_and_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_lost_loop_says_when_and_where_and_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A robot that is never asked to drive: its target leaves, and is lost after 3 m."""
     lazy = {**load_gains("pid", "published").values, "k_p_rho": 0.0, "k_i_rho": 0.0}
     gains, out = tmp_path / "lazy.toml", tmp_path / "out"
     gains.write_text(dump_gains(GainSet("pid", "lazy", lazy)))
     assert call(track.main, "pid", "line", "--gains", str(gains), "--out", str(out), "--plant", "improved") == 1
-    told = capsys.readouterr().err.strip()
-    assert told.startswith("run failed: pid on line with the plant improved left its bounds at t = 12.0")
-    assert "\n" not in told
-    assert not out.exists()
+    told = capsys.readouterr()
+    assert told.err.startswith("run failed: pid on line with the plant improved left its bounds at t = 12.0")
+    assert "\n" not in told.err.strip()
+    assert "improved was lost at t = 12.0" in told.out
+    found = json.loads((out / "track.json").read_text())
+    assert found["lost"] is True
+    assert found["metrics"]["lost"] is True
+    assert all(math.isfinite(v) for v in found["metrics"].values())
+    for name in ("track.png", "track.rrd"):
+        assert (out / name).stat().st_size > 10_000
+
+
+def test_a_robot_that_starts_beside_its_reference_comes_back_to_it(tmp_path: Path) -> None:
+    args = ["smc", "line", "--speed", "0.5", "--plant", "linear", "--no-noise", "--no-rerun", "--start", "-0.1,0.3,0.5"]
+    assert call(track.main, *args, "--out", str(tmp_path)) == 0
+    found = json.loads((tmp_path / "track.json").read_text())
+    assert found["options"]["start"] == [-0.1, 0.3, 0.5]
+    assert found["metrics"]["cross_track_max_m"] >= 0.3
+    assert found["metrics"]["d_rms_m"] < 0.15
+    assert found["metrics"]["lost"] is False
+
+
+@pytest.mark.parametrize("plant", ["linear", "mujoco"])
+def test_a_start_is_seen_from_that_of_the_reference(lab: Profile, plant: str) -> None:
+    """A quarter turn to the left of the reference's own heading, 1 m ahead of it and 0.5 m to its left."""
+    up = Waypoints.from_path([[2.0, 3.0], [2.0, 4.0]], 0.5)
+    robot = track_robots("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[0]
+    assert np.allclose(robot.run.table[0, :3], (1.5, 4.0, math.pi), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -233,6 +259,11 @@ def test_a_lost_loop_says_when_and_where(tmp_path: Path, capsys: pytest.CaptureF
         (track.main, ["pid", "line", "--speed", "-1"], "speed"),
         (track.main, ["pid", "line", "--speed", "1.5"], "asks for 1.5 m/s"),
         (track.main, ["pid", "line", "--lookahead", "-1"], "lookahead"),
+        (track.main, ["pid", "line", "--start", "0,0"], "'0,0' is no pose X,Y,YAW"),
+        (track.main, ["pid", "line", "--start", "0,3,0"], "start is 3 m from the reference's; beyond 3 m"),
+        (track.main, ["pid", "line", "--start", "nan,0,0"], "start is nan m from the reference's"),
+        (track.main, ["pid", "line", "--start", "0,0,30"], "start has a yaw of 30 rad"),
+        (track.main, ["pid", "eight@0.5", "--speed", "0.4"], "two speeds are given"),
         (track.main, ["pid", "line", "--view", "--no-rerun"], "--view"),
         (track.main, ["pid", "line", "--seed", "-1"], "--seed: '-1' must be"),
         (tune.main, ["pid", "--free", "q_x"], "pid has no gain 'q_x' to tune"),

@@ -242,6 +242,8 @@ class ClosedRun:
         Raises:
             LostError: the robot was lost; the message says when and where.
         """
+        if self.lost and not len(self.t):
+            raise LostError(f"{what} was lost at once: its state or its command was no finite number", run=self)
         if self.lost:
             s, t = self.state, float(self.t[-1])
             away = math.hypot(*(self.columns("target_x", "target_y")[-1] - (s.x, s.y)))

@@ -17,7 +17,7 @@ import numpy as np
 from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasures, measure_paths
 from ssmr.types import Trajectory
 
-MetricUnit = Literal["m", "rad", "1", "share", "×"]
+MetricUnit = Literal["m", "rad", "1", "1/s²", "share", "×"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Metric:
     label: str
     """Heading of its column: `d_rms`."""
     unit: MetricUnit
-    """Unit of the value: metres, radians, a plain ratio, a share of time, or a multiple of real time."""
+    """Unit of the value: metres, radians, a plain ratio (by time squared), a share of time, or a multiple of real time."""
     wanted: Literal["low", "one", "high"]
     """Direction in which it is better: towards zero, towards one, or upwards."""
     meaning: str

@@ -146,6 +146,8 @@ def unit_of(unit: MetricUnit, values: Sequence[float]) -> Unit:
     largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
     if unit == "1":
         return Unit("1", 1.0, 4 if largest < 100.0 else 2)
+    if unit == "1/s²":
+        return Unit("1/s²", 1.0, 1)
     return Unit("×", 1.0, 0 if largest >= 100.0 else 2, significant=3)
 
 

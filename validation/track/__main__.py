@@ -16,6 +16,14 @@ from validation.track.run import TrackSettings, prepare_tracking
 from validation.words import file_name
 
 
+def _read_start(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, yaw = map(float, text.split(","))
+    except ValueError as error:
+        raise cli.UserError(f"'{text}' is no pose X,Y,YAW [m, m, rad] such as 0,0.5,0.52") from error
+    return x, y, yaw
+
+
 @dataclass(frozen=True)
 class LawOptions:
     """Options of the controller and of what it sees."""
@@ -29,6 +37,13 @@ class LawOptions:
     filter (EKF) on noisy encoders and gyro."""
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5)."""
+    start: Annotated[tuple[float, float, float], cli.parsed(_read_start, "X,Y,YAW"), cli.option(default="0,0,0")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad], such as
+    0,0.5,0.52."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +94,7 @@ class TrackOptions:
 def main(options: TrackOptions) -> None:
     """Let a robot follow a reference under a controller.
 
-    Prints tables and writes track.json, track.png and track.rrd.
+    Prints tables and writes track.json, track.png and track.rrd, also for a robot that was lost; then the exit status is 1.
     """
     control, world, output = options.control, options.environment, options.output
     with cli.mistakes_are_users():
@@ -92,6 +107,7 @@ def main(options: TrackOptions) -> None:
             parse_terrain(world.terrain),
             options.run.seed,
             options.robot,
+            control.start,
         )
         asked = prepare_tracking(
             options.controller, options.reference, options.plant, options.profile, control.gains, settings
@@ -102,6 +118,7 @@ def main(options: TrackOptions) -> None:
     folder = cli.output_folder(output.out or Path("runs") / "track" / stem)
     cli.report_result(tracked, tracked.save(folder, recording=not output.no_rerun))
     output.show(folder / "track.rrd")
+    tracked.require_kept()
 
 
 if __name__ == "__main__":

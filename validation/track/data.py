@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr.control.loop import ClosedRun
+from ssmr.control.loop import VELOCITY_PERIOD, ClosedRun
+from ssmr.control.lqr import V_LIMIT, W_LIMIT
+from ssmr.control.tick import LOST
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
 from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
+from ssmr.metrics.tracking import command_measures, cross_track_max
 from ssmr.types import Trajectory
 from validation.show.tables import with_robot
 from validation.simulator.description import Robot, load_robot
@@ -46,6 +49,18 @@ TRACK_METRICS: Mapping[str, Metric] = {
         Metric(
             "saturated_fraction", "saturated", "share", "low",
             "share of time in which a torque or a command was at its limit",
+        ),
+        Metric(
+            "cross_track_max_m", "cross track", "m", "low",
+            f"greatest distance of the robot from the path of its reference, within {LOST:g} m of way from its target",
+        ),
+        Metric(
+            "command_effort", "effort", "1", "low",
+            "root mean square of the commands, speed and yaw rate each as a share of its limit",
+        ),
+        Metric(
+            "command_jerk", "jerk", "1/s²", "low",
+            "root mean square of the second derivative in time of the commands as such shares: how restless they are",
         ),
     )},
 }  # fmt: skip
@@ -130,7 +145,11 @@ def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -
 def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, object]) -> Metrics:
     """Return how well a run followed its reference; a run that was lost is compared with the whole reference.
 
-    `limits` are the greatest torque of a side, speed and yaw rate, by the names in `LIMITED`.
+    Args:
+        run: at least one tick.
+        waypoints: the reference.
+        limits: the greatest torque of a side, speed and yaw rate, by the names in `LIMITED`, and the period of commands,
+            `velocity_period_s`, if it is not the usual one.
     """
 
     def rms(name: str) -> float:
@@ -144,5 +163,28 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "e_alpha_rms_rad": rms("e_alpha"),
             "u_rms_ratio": rms("v_x") / max(waypoints.rms_speed, 1e-9),
             "saturated_fraction": float(np.mean(saturated(run, limits))),
+            "cross_track_max_m": _cross_track_max(run, waypoints),
+            **_command_metrics(run, limits),
         }
     )
+
+
+def _cross_track_max(run: ClosedRun, waypoints: Waypoints) -> float:
+    along = np.concatenate([[0.0], np.cumsum(waypoints.lengths)])
+    aims = np.interp(run.t, waypoints.t - waypoints.t[0], along)
+    return cross_track_max(run.columns("x", "y"), waypoints.xy, along, aims, LOST)
+
+
+def _command_metrics(run: ClosedRun, limits: Mapping[str, object]) -> dict[str, float]:
+    """Return effort and jerk of the commands of a run; a limit that is off counts as the thesis' (1 m/s, 2 rad/s)."""
+
+    def number(name: str, usual: float) -> float:
+        value = limits.get(name)
+        return float(value) if isinstance(value, int | float) and math.isfinite(value) else usual
+
+    period = number("velocity_period_s", VELOCITY_PERIOD)
+    given = np.arange(0.0, run.t[-1] + 1e-9, period)  # a command is in the log from the first tick at or after its time
+    rows = np.minimum(np.searchsorted(run.t, given - 1e-9), len(run.t) - 1)
+    largest = np.array([number("v_max_m_s", V_LIMIT), number("w_max_rad_s", W_LIMIT)])
+    effort, jerk = command_measures(run.columns("v_cmd", "w_cmd")[rows] / largest, period)
+    return {"command_effort": effort, "command_jerk": jerk}

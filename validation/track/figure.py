@@ -96,8 +96,8 @@ def _draw_measures(results: Sequence[TrackedRobot], ax: Axes) -> None:
     step = (1.0 - _NAMES_SHARE) / len(SHOWN_METRICS)
     for k, (measure, unit) in enumerate(zip(SHOWN_METRICS, units, strict=True)):
         right = _NAMES_SHARE + (k + 1) * step
-        symbol = "" if unit.symbol == "1" else f" [{unit.symbol}]"
         words = "\n".join(filter(None, measure.label.rpartition(" ")[::2]))
+        symbol = "" if unit.symbol == "1" else f"{' ' if ' ' in measure.label else chr(10)}[{unit.symbol}]"
         ax.text(right, 0.36, f"{words}{symbol}", ha="right", va="bottom", fontsize=8.0, color=QUIET, linespacing=1.1)
         for row, r in enumerate(results, start=1):
             ax.text(right, row, unit.text(r.metrics[measure.name]), ha="right", va="center", fontsize=9.5)

@@ -20,6 +20,7 @@ from ssmr.models.linear import matrices
 from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel
+from ssmr.types import State
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
 from validation.simulator.loops import HuskyLoop, run_husky_loops
 from validation.simulator.plant import MujocoPlant
@@ -99,6 +100,7 @@ def run_robots(
     waypoints: Waypoints,
     seeds: Sequence[int],
     workers: int | None = None,
+    start: State | None = None,
 ) -> list[ClosedRun]:
     """Run closed loops of one kind of plant along one reference, all at once.
 
@@ -109,6 +111,7 @@ def run_robots(
         waypoints: the reference.
         seeds: seeds of noise and disturbance; loop i gets `seeds[i % len(seeds)]`.
         workers: threads; the result does not depend on it.
+        start: state to start in; at rest at the first waypoint if not given.
 
     Raises:
         ValueError: planar models and MuJoCo robots in one population, or settings that do not go together.
@@ -119,9 +122,9 @@ def run_robots(
     if planar and huskies:
         raise ValueError("a population is one kind of plant")
     if huskies:
-        return run_husky_loops(huskies, waypoints, seeds, workers)
+        return run_husky_loops(huskies, waypoints, seeds, workers, start)
     numba.set_num_threads(min(workers or os.cpu_count() or 1, config.NUMBA_NUM_THREADS))
-    return run_loops(planar, waypoints, seeds)
+    return run_loops(planar, waypoints, seeds, start=start)
 
 
 def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metrics:

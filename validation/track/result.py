@@ -53,6 +53,15 @@ class TrackResult(Result):
                 return robot
         raise ValueError(f"no robot was the plant '{plant}'; there are: {', '.join(r.plant for r in self.robots)}")
 
+    def require_kept(self) -> None:
+        """Do nothing if every robot came to the end of its reference.
+
+        Raises:
+            LostError: one was lost; the message says which, when and where.
+        """
+        for r in self.robots:
+            r.run.require_kept(f"{r.controller} on {r.reference} with the plant {r.plant}")
+
     def grids(self) -> Sequence[Grid]:
         """Return two tables: how well the path was followed, and the errors that the controller saw."""
         return track_grids(self.robots)
@@ -89,7 +98,7 @@ class TrackResult(Result):
             "gains_name": first.gains_name,
             "gains": dict(first.gains),
             "seed": first.seed,
-            "metrics": {name: own.pop(name) for name in first.metrics},
+            "metrics": {**{name: own.pop(name) for name in first.metrics}, "lost": first.run.lost},
             **own,
             "options": dict(first.options),
             "versions": dict(first.versions),

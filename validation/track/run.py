@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ssmr.control.laws import Controller
 from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
+from ssmr.geometry import rotate_body_to_world
+from ssmr.types import State
 from validation import store
 from validation.plants.profile import Profile, choose_profile
 from validation.progress import Progress, Report, silent
@@ -50,15 +56,25 @@ class TrackSettings:
     """Seed of noise and disturbance."""
     robot: Robot | str | Path | None = None
     """The robot: itself, its name or its path; None for that of the profile."""
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad]."""
 
     def __post_init__(self) -> None:
         """Check the values.
 
         Raises:
-            ValueError: a negative seed, an unknown feedback, or a look-ahead out of range.
+            ValueError: a negative seed, an unknown feedback, a look-ahead out of range, or a start from which the robot is
+                lost at once.
         """
         if self.seed < 0:
             raise ValueError(f"seed {self.seed} must not be negative")
+        x, y, yaw = self.start
+        if not math.hypot(x, y) < LOST:
+            raise ValueError(
+                f"start is {math.hypot(x, y):.3g} m from the reference's; beyond {LOST:g} m the robot is lost at once"
+            )
+        if not abs(yaw) <= math.pi:
+            raise ValueError(f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)")
         LoopSettings(self.feedback, lookahead=self.lookahead)
 
 
@@ -81,8 +97,10 @@ class PreparedTracking:
             workers: threads, None for all processors; the result does not depend on it.
             progress: told after each robot.
 
+        A robot that is lost on the way is part of the result, as far as it came; see `TrackResult.require_kept`.
+
         Raises:
-            LostError: a robot left its bounds.
+            LostError: a robot was lost before its first tick.
         """
         found = []
         for k, robot in enumerate(self.robots):
@@ -90,17 +108,25 @@ class PreparedTracking:
             found.append(self._drive(robot, workers))
         return TrackResult(tuple(found))
 
+    def _start(self) -> State:
+        """Return the state at which the robot starts, at rest."""
+        (x, y, yaw), at = self.settings.start, self.waypoints.start
+        dx, dy = rotate_body_to_world(np.array([x, y]), at.yaw)
+        return State(at.x + float(dx), at.y + float(dy), at.yaw + yaw)
+
     def _drive(self, robot: ClosedLoopRobot, workers: int | None) -> TrackedRobot:
         s, odometry = self.settings, odometry_of(robot.drive)
         around = LoopSettings(s.feedback, filter=odometry, disturbance=s.disturbance, lookahead=s.lookahead)
         began = time.perf_counter()
-        (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [s.seed], workers)
+        (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [s.seed], workers, self._start())
         wall = time.perf_counter() - began
-        run.require_kept(f"{self.controller.name} on {self.label} with the plant {robot.name}")
+        if not len(run.t):
+            run.require_kept(f"{self.controller.name} on {self.label} with the plant {robot.name}")
         options = {
             "feedback": around.feedback,
             "disturbance": around.disturbance,
             "lookahead_m": around.lookahead,
+            "start": list(s.start),
             **robot.limits,
             "position_period_s": around.position_period,
             "velocity_period_s": around.velocity_period,
@@ -157,10 +183,10 @@ def track(
 
     Returns:
         The result, which prints (`table()`), draws (`figure()`) and saves (`save(folder)`) itself. `metrics["d_rms_m"]` is
-        a metric of the first plant.
+        a metric of the first plant. A robot that was lost is in it as far as it came; `require_kept()` then raises.
 
     Raises:
-        LostError: a robot left its bounds.
+        LostError: a robot was lost before its first tick.
         ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
             that do not go together.
     """

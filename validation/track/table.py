@@ -31,10 +31,11 @@ _UNSETTLED = 0.5  # a speed whose root mean square differs from the reference's 
 
 SHOWN_METRICS = tuple(TRACK_METRICS[name] for name in (
     "d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad",
-    "e_rho_rms_m", "e_y_rms_m", "e_alpha_rms_rad", "u_rms_ratio", "saturated_fraction",
+    "cross_track_max_m", "e_rho_rms_m", "e_y_rms_m", "e_alpha_rms_rad", "u_rms_ratio", "saturated_fraction",
+    "command_effort", "command_jerk",
 ))  # fmt: skip
 """Metrics of each robot in tables and pictures."""
-_OF_THE_PATH = 6  # so many of them compare the robot's motion with the reference
+_OF_THE_PATH = 7  # so many of them compare the robot's motion with the reference
 
 
 def require_comparable(results: Sequence[TrackedRobot]) -> None:
@@ -115,6 +116,11 @@ def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
                 f"{r.plant}: the target was farther than {ALPHA_SWITCH:g} m for {max(beyond, 0.001):.1%} of the time, "
                 "where errors of heading count as zero."
             )
+    begin = results[0].options.get("start")
+    if isinstance(begin, list) and any(begin):
+        x, y, yaw = begin
+        apart = f"{math.hypot(x, y):.3g} m from the start of the reference and turned by {math.degrees(yaw):.3g} degrees"
+        notes.append(f"The robot begins {apart}.")
     lookahead = results[0].options.get("lookahead_m")
     if isinstance(lookahead, float) and lookahead > 0.0:
         notes.append(f"The robot is told to keep {lookahead:g} m behind its target: so e_rho should become that, not zero.")

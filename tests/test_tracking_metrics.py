@@ -1,0 +1,75 @@
+"""Measures of tracking: distance from the path beside the target, effort and restlessness of commands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.control.references import circle, eight, line, stop_and_go
+from ssmr.control.waypoints import Waypoints
+from ssmr.metrics.tracking import command_measures, cross_track_max
+from tests.conftest import ROUNDOFF
+
+
+def off(waypoints: Waypoints, xy: np.ndarray, t: np.ndarray, reach: float = 3.0) -> float:
+    """Greatest distance of places at times from the path."""
+    along = np.concatenate([[0.0], np.cumsum(waypoints.lengths)])
+    return cross_track_max(xy, waypoints.xy, along, np.interp(t, waypoints.t, along), reach)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3))
+def test_off_a_line_it_is_the_lateral_distance_whatever_the_lag(left: float, ahead: float) -> None:
+    waypoints = line(0.5, 4.0)
+    t = np.linspace(1.0, 7.0, 50)
+    assert off(waypoints, np.column_stack([0.5 * t + ahead, np.full(50, left)]), t) == pytest.approx(abs(left), abs=ROUNDOFF)
+
+
+def test_off_a_circle_it_is_the_difference_of_radii() -> None:
+    waypoints = circle(0.5, 1.5)
+    t = np.linspace(0.0, waypoints.duration, 400)
+    angle = 0.5 * t / 1.5 - 0.1  # behind its target
+    inner = 1.4 * np.column_stack([np.sin(angle), 1.0 / 1.4 * 1.5 - np.cos(angle)])
+    sag = 1.5 * (1.0 - math.cos(0.5 * 0.02 / 1.5))  # between the waypoints the path is a chord
+    assert off(waypoints, inner[20:], t[20:]) == pytest.approx(0.1, abs=sag + ROUNDOFF)
+
+
+def test_another_branch_of_the_path_is_no_way() -> None:
+    """A robot that waits at the crossing of an eight is on the path, but not where its target drives."""
+    waypoints = eight(0.5)
+    t = np.array([0.5 * waypoints.duration / 2.0])
+    crossing = np.zeros((1, 2))
+    assert off(waypoints, crossing, t, reach=10.0) == pytest.approx(0.0, abs=ROUNDOFF)
+    assert off(waypoints, crossing, t, reach=0.5) > 0.9
+
+
+def test_waits_are_points_of_the_path() -> None:
+    waypoints = stop_and_go(0.5)
+    t = np.linspace(0.0, waypoints.duration, 200)
+    target = np.interp(t, waypoints.t, waypoints.xy[:, 0])
+    assert off(waypoints, np.column_stack([target, np.full(200, 0.2)]), t) == pytest.approx(0.2, abs=ROUNDOFF)
+
+
+def test_without_samples_nothing_is_off() -> None:
+    assert off(line(0.5), np.zeros((0, 2)), np.zeros(0)) == 0.0
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.integers(1, 20))
+def test_constant_commands_have_the_effort_of_one_and_no_jerk(v: float, w: float, n: int) -> None:
+    effort, jerk = command_measures(np.full((n, 2), (v, w)), 0.05)
+    assert effort == pytest.approx(math.hypot(v, w), rel=1e-9, abs=ROUNDOFF)
+    assert jerk == 0.0
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.01, 0.2))
+def test_the_jerk_is_the_second_derivative(bend: float, slope: float, period: float) -> None:
+    t = period * np.arange(40)
+    _, jerk = command_measures(np.column_stack([0.5 * bend * t**2 + slope * t, np.zeros(40)]), period)
+    assert jerk == pytest.approx(abs(bend), abs=1e-9 / period**2)
+
+
+def test_no_commands_have_no_measures() -> None:
+    assert all(map(math.isnan, command_measures(np.zeros((0, 2)), 0.05)))

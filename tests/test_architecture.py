@@ -19,6 +19,7 @@ ROOMS = (
     {"ssmr.control"},
     {"validation.thesis", "validation.store", "validation.reading", "validation.progress", "validation.words"},
     {"validation.logs", "validation.simulator"},
+    {"validation.engines"},
     {"validation.plants"},
     {"validation.show"},
     {"validation.motion", "validation.cli"},
@@ -138,6 +139,7 @@ MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS, MEDIAN_LINES = 450, 80, 8, 180
 PROTOCOL = {
     "LAW": "the line of each planar model and of each controller in its table",
     "advance": "each planar model's step, and the function that chooses among them",
+    "declare": "the declaration of a plant, in the module of each family of plants",
     "SCHEMA": "the kind and version of each document that is written",
     "T": "a type variable",
 }

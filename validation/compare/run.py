@@ -24,6 +24,7 @@ from validation.logs.limits import USUAL, LogLimits
 from validation.motion.driving import drive, horizons_of, scoring_windows, standing_sentences, window_errors_of
 from validation.motion.sources import RECORDING, Source, open_source
 from validation.plants.profile import PLANTS, Profile, choose_profile, make_plant
+from validation.plants.table import ALL_PLANTS
 from validation.progress import Progress, Report, silent
 from validation.simulator.description import Robot
 from validation.simulator.health import Health, examine, run_health
@@ -108,7 +109,7 @@ class PreparedComparison:
         against = [piece.reference for piece in source.pieces] if recorded else motions[self.reference]
         truth = tuple(m for m in against if m is not None)
         simulated = sum(piece.commands.duration for piece in source.pieces)
-        every = self.profile.as_dict()
+        every = self.profile.as_dict(self.plants)
         results = {}
         for name in self.plants:
             plant, driven = self.plants[name], motions[name]
@@ -116,7 +117,7 @@ class PreparedComparison:
             loads = summarise(tuple(driven), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None
             results[name] = PlantResult(
                 name, tuple(driven), compare_pieces(driven, truth), horizons, wall[name], simulated / wall[name],
-                health[name], self.profile.plants[name].localiser, loads, every[name],
+                health[name], self.profile.section(name).localiser, loads, every[name],
                 window_errors_of([(source, driven)], settings.horizons) if recorded else {},
             )  # fmt: skip
         commands = tuple(piece.commands for piece in source.pieces)
@@ -131,7 +132,7 @@ class PreparedComparison:
 
     def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:
         """Return the verdict on a plant's run; None for a plant without wheel loads, and on ground that is not even."""
-        plant, localiser = self.plants[name], self.profile.plants[name].localiser
+        plant, localiser = self.plants[name], self.profile.section(name).localiser
         if not isinstance(plant, MujocoPlant) or not self.settings.terrain.even:
             return None
         bodies = [replace(motion, twist=localiser.body_twist(motion.twist)) for motion in motions]
@@ -145,7 +146,7 @@ class PreparedComparison:
 
         def one_plant(name: str) -> tuple[list[Trajectory], float]:
             nonlocal done
-            plant, localiser = self.plants[name], self.profile.plants[name].localiser
+            plant, localiser = self.plants[name], self.profile.section(name).localiser
             plant.run(WARM_UP, State(), 0.05)
             began = time.perf_counter()
             motions = []
@@ -230,9 +231,9 @@ def prepare(
     reference = reference or source.reference
     profile = choose_profile(profile, robot, "husky-tile" if source.reference == RECORDING else "thesis-lab")
     asked = {*plants, reference} - ({RECORDING} if source.reference == RECORDING else set())
-    if unknown := sorted(asked - set(PLANTS)):
-        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(PLANTS)}")
+    if unknown := sorted(asked - set(ALL_PLANTS)):
+        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(ALL_PLANTS)}")
     if not asked:
-        raise ValueError(f"plants is empty; there are: {', '.join(PLANTS)}")
-    made = {name: make_plant(profile, name, settings.terrain) for name in PLANTS if name in asked}
+        raise ValueError(f"plants is empty; there are: {', '.join(ALL_PLANTS)}")
+    made = {name: make_plant(profile, name, settings.terrain) for name in ALL_PLANTS if name in asked}
     return PreparedComparison(source, profile, reference, made, settings)

@@ -130,7 +130,7 @@ def _truth(profile: Profile) -> _Resolve:
     def resolve(source: Source, label: str) -> FitTarget:
         if source.reference == "recording":
             return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
-        made, localiser = plant(source.reference), profile.plants[source.reference].localiser
+        made, localiser = plant(source.reference), profile.section(source.reference).localiser
         return FitTarget(label, source, tuple(drive(made, piece, localiser, source.sample_dt) for piece in source.pieces))
 
     return resolve

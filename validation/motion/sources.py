@@ -21,7 +21,7 @@ from validation.logs.groups import groups_of
 from validation.logs.health import find_faults
 from validation.logs.limits import USUAL, LogLimits
 from validation.logs.recording import Recording, Segment
-from validation.plants.table import PLANTS, STANDARD
+from validation.plants.table import ALL_PLANTS, STANDARD
 
 _logger = logging.getLogger(__name__)
 
@@ -110,8 +110,8 @@ def open_source(
     """
     scenario, _, plant = name.partition("@")
     if scenario in TRAJECTORIES:
-        if plant and plant not in PLANTS:
-            raise ValueError(f"unknown plant '{plant}' in '{name}'; there are: {', '.join(PLANTS)}")
+        if plant and plant not in ALL_PLANTS:
+            raise ValueError(f"unknown plant '{plant}' in '{name}'; there are: {', '.join(ALL_PLANTS)}")
         if kind == "wheels":
             raise ValueError(f"{name} is a scenario and has no measured wheel rates; input by wheels needs a recording")
         if start is not None or stop is not None:

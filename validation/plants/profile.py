@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
@@ -25,7 +25,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import Plant
 from validation import reading, store
 from validation.plants.kind import PlantProfile
-from validation.plants.table import PLANTS, plant_kind
+from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kind
 from validation.simulator.description import USUAL_ROBOT, Robot, load_robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
@@ -57,9 +57,17 @@ class Profile:
         """The robot that the profile is of."""
         return next(iter(self.plants.values())).robot
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return all numbers, for a result to record."""
-        return {name: _finite(plant.numbers()) for name, plant in self.plants.items()}
+    def section(self, plant: str) -> PlantProfile:
+        """Return the numbers of a plant, of any of `ALL_PLANTS`: other engines' robots have those of the standard plant.
+
+        Raises:
+            KeyError: there is no such plant.
+        """
+        return self.plants[STANDARD if plant in SECOND_OPINIONS else plant]
+
+    def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
+        """Return all numbers, or those of some plants, for a result to record."""
+        return {name: _finite(self.section(name).numbers()) for name in (self.plants if plants is None else plants)}
 
     def save(self, path: str | Path) -> Path:
         """Write a TOML file without the numbers that the robot has anyway; return its path. `load_profile` reads it back."""
@@ -245,6 +253,6 @@ def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: P
     except ValueError as error:
         raise ProfileError(str(error)) from None
     try:
-        return kind.build(profile.plants[name], terrain, settings)
+        return kind.build(profile.section(name), terrain, settings)
     except ValueError as error:
         raise ProfileError(f"profile {profile.name}, plant {name}: {error}") from error

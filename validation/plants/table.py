@@ -21,7 +21,11 @@ SIMULATED = tuple(_ENGINES)
 STANDARD = SIMULATED[0]
 """The plant that stands for the robot where the user names none."""
 PLANTS = (*SIMULATED, *PLANAR_MODELS)
-"""Names of all plants, in the order of tables."""
+"""Names of the plants that profiles hold numbers of, in the order of tables; programs drive these unless told otherwise."""
+SECOND_OPINIONS = ("ode", "drake")
+"""Other engines' robots: they have the numbers of the standard plant, and need packages that this one does not bring."""
+ALL_PLANTS = (*PLANTS, *SECOND_OPINIONS)
+"""Names of all plants."""
 
 _kinds: dict[str, PlantKind] = {}
 
@@ -32,9 +36,10 @@ def plant_kind(name: str) -> PlantKind:
     Raises:
         ValueError: there is no such plant; the message lists the names.
     """
-    if name not in PLANTS:
-        raise ValueError(f"unknown plant '{name}'; there are: {', '.join(PLANTS)}")
+    if name not in ALL_PLANTS:
+        raise ValueError(f"unknown plant '{name}'; there are: {', '.join(ALL_PLANTS)}")
     if name not in _kinds:
-        planar = import_module("validation.plants.planar") if name in PLANAR_MODELS else None
-        _kinds[name] = planar.declare(name) if planar else import_module(_ENGINES[name]).KIND
+        families = (("validation.plants.planar", PLANAR_MODELS), ("validation.plants.engines", SECOND_OPINIONS))
+        family = next((module for module, names in families if name in names), None)
+        _kinds[name] = import_module(family).declare(name) if family else import_module(_ENGINES[name]).KIND
     return _kinds[name]

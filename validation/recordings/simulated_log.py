@@ -17,8 +17,8 @@ from validation.logs.groups import Group
 from validation.logs.recording import POSE_COLUMNS
 from validation.motion.driving import drive
 from validation.motion.sources import Piece
-from validation.plants.profile import PLANTS, Profile, make_plant
-from validation.plants.table import STANDARD
+from validation.plants.profile import Profile, make_plant
+from validation.plants.table import ALL_PLANTS, STANDARD
 
 _STANDING = 5.0
 """Time at rest before and after a logged drive [s], in which the gyro's bias shows."""
@@ -74,15 +74,15 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
     faults = settings or LogSettings()
     scenario, _, plant = name.partition("@")
     plant = plant or STANDARD
-    if scenario not in scenarios() or plant not in PLANTS:
+    if scenario not in scenarios() or plant not in ALL_PLANTS:
         raise ValueError(
-            f"no drive '{name}'; there are: {', '.join(scenarios())}, each with @ and any of {', '.join(PLANTS)}"
+            f"no drive '{name}'; there are: {', '.join(scenarios())}, each with @ and any of {', '.join(ALL_PLANTS)}"
         )
     driven = scenarios()[scenario]
     rest = np.zeros((math.ceil(_STANDING / driven.dt), 2))
     commands = Commands(driven.dt, np.concatenate([rest, driven.values, rest]))
     piece = Piece(commands, State(), None, None)
-    motion = drive(make_plant(profile, plant), piece, profile.plants[plant].localiser, SAMPLE_DT)
+    motion = drive(make_plant(profile, plant), piece, profile.section(plant).localiser, SAMPLE_DT)
     rng = np.random.default_rng(seed)
     shown = simulate_sensors(motion, rng, SensorModel(gyro_bias=faults.gyro_bias), SAMPLE_RATES_HZ["ekf"])
     pose = motion.pose + rng.standard_normal(motion.pose.shape) * [faults.pose_std, faults.pose_std, faults.yaw_std]

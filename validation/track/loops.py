@@ -65,7 +65,7 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
         ProfileError: an unknown name, or numbers that do not go together.
     """
     made = make_plant(profile, plant, terrain)
-    p: PlantProfile = profile.plants[plant]
+    p: PlantProfile = profile.section(plant)
     if isinstance(made, MujocoPlant):
         return ClosedLoopRobot(plant, made)
     if plant not in PLANAR_MODELS:

@@ -1,0 +1,157 @@
+"""ODE and Drake against closed forms and against MuJoCo; the laws of all plants are in test_plant_conformance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.types import Commands, Plant, State
+from tests.conftest import installed_plant
+from validation.compare import compare
+from validation.engines import ode_library
+from validation.engines.body import EngineBody, EngineMissingError, RigidNumbers
+from validation.engines.drake import DrakeBody, DrakeSettings
+from validation.engines.ode import OdeBody, OdeSettings, spring_erp_cfm
+from validation.engines.plant import EnginePlant
+from validation.plants.profile import Profile, ProfileError, make_plant
+from validation.plants.table import PLANTS, SECOND_OPINIONS, plant_kind
+from validation.simulator.description import GRAVITY
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import Terrain
+
+SPIN = Commands(0.05, np.tile([-4.0, 4.0], (80, 1)), "wheels")
+"""Four seconds of wheels that turn against each other at given rates."""
+
+
+def made(profile: Profile, name: str, body: Callable[[RigidNumbers], EngineBody], **changes: object) -> EnginePlant:
+    installed_plant(profile, name)
+    section = profile.section(name)
+    calibration = replace(section.parameters, **changes)  # type: ignore[arg-type]
+    return EnginePlant(name, body, calibration, section.drive)
+
+
+def multiplier(plant: EnginePlant) -> tuple[float, float]:
+    """Yaw rate that the wheels suggest over the body's in a turn on the spot, and the range of the latter over its mean."""
+    motion, c = plant.run(SPIN, State(), 0.01), plant.calibration
+    rate = motion.twist[motion.t > 1.0, 2]
+    return c.wheel_radius * 8.0 / (2.0 * c.half_track) / float(rate.mean()), float(np.ptp(rate) / rate.mean())
+
+
+@pytest.mark.parametrize("shape", ["ellipsoid", "cylinder"])
+@pytest.mark.parametrize("name", SECOND_OPINIONS)
+def test_a_turn_on_the_spot_is_that_of_the_closed_form(name: str, shape: str, lab: Profile) -> None:
+    """The closed form has dry friction with a circle, near-rigid contact and slow motion: 0.5 % for step and speed."""
+    body = {"ode": lambda n: OdeBody(n, OdeSettings()), "drake": lambda n: DrakeBody(n, DrakeSettings())}[name]
+    found, ripple = multiplier(made(lab, name, body, wheel_shape=shape))
+    geometry = lab.robot.geometry
+    half_width = 0.5 * geometry.wheel_width if shape == "cylinder" else 0.0
+    expected = turn_on_the_spot(geometry.wheelbase, geometry.track, half_width=half_width).multiplier
+    assert found == pytest.approx(expected, rel=5e-3)
+    assert ripple < 1e-3
+
+
+def test_a_friction_square_along_the_chassis_does_not_slip_forward(lab: Profile) -> None:
+    """Sideways friction is then the same for any forward slip, so wheels do not slip forward: the multiplier is 1."""
+    found, _ = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("body"))))
+    assert found == pytest.approx(1.0, abs=5e-3)
+
+
+def test_a_friction_square_along_the_world_s_axes_turns_unevenly(lab: Profile) -> None:
+    """Between M = 1 at heading 0 and 1 + L/B = 1.897 where a diagonal of the square points ahead (docs/contact.md)."""
+    found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("world"))))
+    assert 1.2 < found < 1.6
+    assert ripple > 0.3
+
+
+@pytest.mark.parametrize("name", SECOND_OPINIONS)
+def test_loads_at_rest_are_the_weight(name: str, lab: Profile) -> None:
+    plant = installed_plant(lab, name)
+    motion = plant.run(Commands(0.05, np.zeros((20, 2))), State(), 0.05)
+    loads = motion.channels["wheel_load_N"]
+    weight = lab.section(name).parameters.mass * GRAVITY
+    assert loads.sum(axis=1) == pytest.approx(np.full(len(loads), weight), rel=1e-4)
+    assert loads[-1] == pytest.approx(np.full(4, 0.25 * weight), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", SECOND_OPINIONS)
+def test_a_slope_of_8_degrees_holds_the_robot_and_one_beyond_friction_does_not(name: str, lab: Profile) -> None:
+    installed_plant(lab, name)
+    rest = Commands(0.05, np.zeros((40, 2)))
+    held = make_plant(lab, name, Terrain("ramp", slope=math.radians(8.0))).run(rest, State(yaw=0.5), 0.05)
+    friction = lab.section(name).parameters.friction
+    steep = math.atan(friction) + 0.1
+    slid = make_plant(lab, name, Terrain("ramp", slope=steep)).run(rest, State(yaw=0.5 * math.pi), 0.05)
+    assert np.hypot(*(held.xy[-1] - held.xy[0])) < 1e-3
+    down = GRAVITY * (math.sin(steep) - friction * math.cos(steep))  # sideways, so no wheel can roll
+    assert np.hypot(*slid.twist[-1, :2]) == pytest.approx(down * 2.0, rel=0.05)
+
+
+def test_three_engines_agree_on_a_trajectory(lab: Profile) -> None:
+    for name in SECOND_OPINIONS:
+        installed_plant(lab, name)
+    found = compare("traj4", lab, plants=("mujoco", *SECOND_OPINIONS), reference="mujoco")
+    ends = {name: result.pieces[0].pose[-1, :2] for name, result in found.plants.items()}
+    for name in SECOND_OPINIONS:
+        assert np.hypot(*(ends[name] - ends["mujoco"])) < 0.15
+    assert set(found.plants) == {"mujoco", *SECOND_OPINIONS}
+
+
+def test_second_opinions_have_the_standard_plant_s_numbers_and_are_driven_only_if_asked_for(lab: Profile) -> None:
+    assert not set(PLANTS) & set(SECOND_OPINIONS)
+    assert all(lab.section(name) is lab.plants["mujoco"] for name in SECOND_OPINIONS)
+    assert all(plant_kind(name).parameters is plant_kind("mujoco").parameters for name in SECOND_OPINIONS)
+
+
+def test_a_missing_engine_is_one_line_that_says_how_to_get_it(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
+    ode_library.ode.cache_clear()
+    monkeypatch.setattr(ode_library, "NAMES", ("libode_that_is_not.so.8",))
+    with pytest.raises(ProfileError, match=r"ODE is missing: install libode 0\.16") as caught:
+        make_plant(lab, "ode")
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value.__cause__, EngineMissingError)
+    monkeypatch.setitem(__import__("sys").modules, "pydrake", None)
+    monkeypatch.setitem(__import__("sys").modules, "pydrake.geometry", None)
+    with pytest.raises(ProfileError, match=r"Drake is missing: install it with pip install 'ssmr-testbed\[engines\]'"):
+        make_plant(lab, "drake")
+    ode_library.ode.cache_clear()
+
+
+def test_what_an_engine_cannot_have_is_refused(lab: Profile) -> None:
+    section = lab.section("ode")
+    for terrain in (Terrain("rough", height=0.005), Terrain("split", friction_ratio=0.5)):
+        with pytest.raises(ValueError, match="knows only an even plane"):
+            RigidNumbers.of(section.parameters, section.drive, terrain)
+    capsules = replace(section.parameters, wheel_shape="capsule", friction_ratio=1.2)
+    with pytest.raises(ValueError, match=r"friction_ratio 1\.2"):
+        RigidNumbers.of(capsules, section.drive, Terrain())
+    with pytest.raises(ValueError, match="unknown friction_law 'circle'"):
+        OdeSettings("circle")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="unknown approximation 'tamsi'"):
+        DrakeSettings("tamsi")  # type: ignore[arg-type]
+    light = replace(section.parameters, armature=1e-6, gain=1e4)
+    with pytest.raises(ValueError, match="too long for a gain of 10000"):
+        EnginePlant("ode", lambda n: OdeBody(n, OdeSettings()), light, section.drive)
+
+
+def test_springs_become_erp_and_cfm_as_ode_s_manual_has_them() -> None:
+    """Sec. 3.8.2 of its manual: ERP = h kp / (h kp + kd), CFM = 1 / (h kp + kd); here with the Gazebo Husky's."""
+    erp, cfm = spring_erp_cfm(1e7, 2.0, 1e-3)
+    assert erp == pytest.approx(1e4 / (1e4 + 2.0))
+    assert cfm == pytest.approx(1.0 / (1e4 + 2.0))
+
+
+def test_motion_is_that_of_the_standard_plant_where_nothing_slips(lab: Profile) -> None:
+    """Straight ahead, engines differ only by contact: 2 s of starting and driving end within 3 mm of MuJoCo."""
+    ahead, ends = Commands(0.05, np.tile([0.5, 0.0], (40, 1))), {}
+    for name in ("mujoco", *SECOND_OPINIONS):
+        plant: Plant = installed_plant(lab, name)
+        ends[name] = plant.run(ahead, State(), 0.05).pose[-1]
+        assert name != "mujoco" or isinstance(plant, MujocoPlant)
+    for name in SECOND_OPINIONS:
+        assert ends[name][0] == pytest.approx(ends["mujoco"][0], abs=3e-3)
+        assert np.abs(ends[name][1:]).max() < 1e-6

@@ -1,0 +1,119 @@
+"""What a rigid-body engine needs to know of a robot, and what it must be able to do to become a plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ssmr.robot.motor import motor_numbers
+from ssmr.robot.skid_turn import FRONT, LEFT
+from ssmr.robot.vehicle import Drive
+from ssmr.types import FloatArray
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import GRAVITY, WHEELS
+from validation.simulator.model import base_inertia, static_shares
+from validation.simulator.terrain import Terrain
+
+SINK_SHARE = 1e-3
+"""Depth to which a tyre sinks at rest where no stiffness is given, over its radius [1]; radii are larger by as much."""
+
+
+class EngineMissingError(ValueError):
+    """An engine is not installed; the message says in one line how to get it."""
+
+
+class Rigid(NamedTuple):
+    """Motion of a robot's bodies, in the world's axes; wheels are in the order of `WHEELS`."""
+
+    position: FloatArray  # (3,) of the base frame's origin [m]
+    quat_wxyz: FloatArray  # (4,) of the base
+    velocity: FloatArray  # (3,) of the base frame's origin [m/s]
+    spin: FloatArray  # (3,) angular velocity of the base [rad/s]
+    wheels: FloatArray  # (4,) wheel rates [rad/s]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidNumbers:
+    """Masses, lengths and friction of a robot, as every engine takes them; the base frame is that of its file."""
+
+    dt: float
+    """Physics step [s]."""
+    gravity: FloatArray
+    """(3,) gravity along the axes of the ground [m/s2]."""
+    base_mass: float
+    """Mass of the base without wheels [kg]."""
+    base_inertia: FloatArray
+    """(3,) its moments of inertia about its centre of mass [kg m2]."""
+    com: FloatArray
+    """(3,) its centre of mass [m]."""
+    yaw_inertia: float
+    """Moment of inertia of the whole robot about the vertical through the middle [kg m2]."""
+    height: float
+    """Height of the base frame's origin where tyres just touch the ground [m]."""
+    places: FloatArray
+    """(4, 3) middles of the wheels [m]."""
+    radii: FloatArray
+    """(4,) rolling radii [m]."""
+    width: float
+    """Width of the tyres [m]."""
+    cylinders: bool
+    """Whether tyres are cylinders; otherwise each touches the ground in one point."""
+    wheel_mass: float
+    """Mass of a wheel [kg]."""
+    wheel_inertia: tuple[float, float]
+    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]."""
+    armature: float
+    """Rotor inertia of a wheel through its gear [kg m2]."""
+    friction: float
+    """Sliding friction of tyre on ground [1]."""
+    loads: FloatArray
+    """(4,) wheel loads at rest on level ground [N]."""
+    dry: float
+    """Dry friction torque of a wheel: rolling resistance and its share of the gear's loss [N m]."""
+    groups: tuple[tuple[int, ...], ...]
+    """Indices of the wheels that each motor turns; a belt makes those of one motor turn together."""
+
+    @classmethod
+    def of(cls, calibration: Calibration, drive: Drive, terrain: Terrain) -> RigidNumbers:
+        """Return the numbers of a calibrated robot on even ground.
+
+        Raises:
+            ValueError: ground that is not one plane, friction that depends on direction, or an inertia that no body has.
+        """
+        if terrain.kind not in ("flat", "ramp"):
+            raise ValueError(f"terrain {terrain.words}: this engine knows only an even plane")
+        if calibration.friction_ratio != 1.0:
+            raise ValueError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
+        robot, c = calibration.robot, calibration
+        axle, weight = robot.geometry.axle_height, c.mass * GRAVITY
+        side_loss = c.rolling_resistance * 0.5 * weight * c.wheel_radius + motor_numbers(drive).gear_loss
+        places = [0.5 * FRONT * robot.geometry.wheelbase, LEFT * c.half_track, np.full(len(WHEELS), axle)]
+        return cls(
+            c.timestep, terrain.gravity(GRAVITY), c.mass - len(WHEELS) * robot.masses.wheel, base_inertia(c),
+            np.array([c.com_x, c.com_y, c.com_z]), c.yaw_inertia, c.wheel_radius - axle, np.column_stack(places),
+            c.wheel_radius + 0.5 * LEFT * c.radius_difference, robot.geometry.wheel_width, c.wheel_shape == "cylinder",
+            robot.masses.wheel, robot.masses.wheel_inertia, c.armature, c.friction,
+            np.maximum(static_shares(c), 0.0) * weight, 0.5 * side_loss,
+            tuple(tuple(WHEELS.index(wheel) for wheel in wheels) for wheels in robot.motors.values()),
+        )  # fmt: skip
+
+
+class EngineBody(Protocol):
+    """A robot inside an engine; its wheels are numbered as `WHEELS`."""
+
+    def place(self, motion: Rigid) -> None:
+        """Put the robot into a motion, without memory of what it did before; the angles of its wheels are 0."""
+
+    def motion(self) -> Rigid:
+        """Return how the robot moves now."""
+
+    def advance(self, torques: FloatArray, yaw_torque: float) -> None:
+        """Take one physics step under (4,) motor torques on the wheels [N m] and a torque on the base about z [N m]."""
+
+    def advance_turning(self, rates: FloatArray, yaw_torque: float) -> None:
+        """Take one physics step with wheels that turn at (4,) given rates [rad/s], whatever torque that takes."""
+
+    def wheel_loads(self) -> FloatArray:
+        """Return the (4,) normal forces on the wheels [N], as the last step had them."""

@@ -1,0 +1,223 @@
+"""The robot in Drake: discrete multibody dynamics with compliant point contacts and a convex friction solver.
+
+The wheels' actuators hold given rates, or rate 0 with the torque of dry friction; motor torques are generalised forces.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from ssmr.types import FloatArray
+from validation.engines.body import SINK_SHARE, EngineMissingError, Rigid, RigidNumbers
+from validation.simulator.description import WHEELS
+
+Approximation = Literal["lagged", "similar", "sap"]
+HOW_TO_GET_DRAKE = "Drake is missing: install it with pip install 'ssmr-testbed[engines]', and compare without it until then"
+"""Line that says how to get it."""
+_STRONG = 1e6
+"""Torque that given wheel rates may take [N m]."""
+_HOLD = 1e5
+"""Gain with which an actuator holds a wheel's rate [N m s/rad]."""
+
+
+@dataclass(frozen=True)
+class DrakeSettings:
+    """How Drake computes physics; the defaults are the best that were found (docs/engines.md)."""
+
+    approximation: Approximation = "lagged"
+    """Approximation of contact: `lagged`, `similar` or `sap`. TAMSI is left out: it ignores the wheels' servos silently."""
+    stiffness: float = 0.0
+    """Stiffness of a contact [N/m]; 0: such that tyres sink by `SINK_SHARE` of their radius."""
+    dissipation: float = 5.0
+    """Hunt and Crossley's dissipation of a contact [s/m], for `lagged` and `similar`."""
+    relaxation_time: float = 0.01
+    """Time constant of a contact's damping [s], for `sap`."""
+    stiction: float = 1e-4
+    """Slip below which a contact is taken to stick [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Check the name."""
+        if self.approximation not in get_args(Approximation):
+            names = ", ".join(get_args(Approximation))
+            raise ValueError(f"unknown approximation '{self.approximation}'; there are: {names}")
+
+
+class DrakeBody:
+    """The robot in a Drake diagram, see `EngineBody`; tyres are spheres, or pairs of spheres in the place of cylinders."""
+
+    def __init__(self, numbers: RigidNumbers, settings: DrakeSettings) -> None:
+        """Build the diagram.
+
+        Raises:
+            EngineMissingError: Drake is not installed.
+        """
+        self._n, self._settings = numbers, settings
+        self._free = _Diagram(numbers, settings, max(numbers.dry, 1e-9))
+        self._now = self._free
+
+    @cached_property
+    def _turning(self) -> _Diagram:
+        """The same robot with wheels that turn as they are told."""
+        return _Diagram(self._n, self._settings, _STRONG)
+
+    def place(self, motion: Rigid) -> None:
+        """Put the robot into a motion, see `EngineBody.place`."""
+        self._now = self._free
+        self._now.put(
+            np.concatenate([motion.quat_wxyz, motion.position, np.zeros(len(WHEELS))]),
+            np.concatenate([motion.spin, motion.velocity, motion.wheels]),
+        )
+
+    def motion(self) -> Rigid:
+        """Return how the robot moves now, see `EngineBody.motion`."""
+        q, v = self._now.positions(), self._now.velocities()
+        return Rigid(q[4:7], q[:4], v[3:6], v[:3], v[6:])
+
+    def advance(self, torques: FloatArray, yaw_torque: float) -> None:
+        """Take one physics step, see `EngineBody.advance`."""
+        self._advance(self._free, torques, np.zeros(len(WHEELS)), yaw_torque)
+
+    def advance_turning(self, rates: FloatArray, yaw_torque: float) -> None:
+        """Take one physics step with given wheel rates, see `EngineBody.advance_turning`."""
+        self._advance(self._turning, np.zeros(len(WHEELS)), rates, yaw_torque)
+
+    def _advance(self, diagram: _Diagram, torques: FloatArray, rates: FloatArray, yaw_torque: float) -> None:
+        if diagram is not self._now:
+            diagram.put(self._now.positions(), self._now.velocities())
+            self._now = diagram
+        diagram.step(np.concatenate([[0.0, 0.0, yaw_torque, 0.0, 0.0, 0.0], torques]), rates)
+
+    def wheel_loads(self) -> FloatArray:
+        """Return the loads of the last step, see `EngineBody.wheel_loads`."""
+        return self._now.loads()
+
+
+class _Diagram:
+    """A plant and its scene, with actuators of one strength [N m]."""
+
+    def __init__(self, numbers: RigidNumbers, settings: DrakeSettings, strength: float) -> None:
+        try:
+            from pydrake.geometry import HalfSpace, Sphere
+            from pydrake.math import RigidTransform
+            from pydrake.multibody import plant as multibody
+            from pydrake.systems.framework import DiagramBuilder
+        except ImportError as error:
+            raise EngineMissingError(HOW_TO_GET_DRAKE) from error
+        says = logging.getLogger("drake")
+        level = says.level
+        says.setLevel(logging.ERROR)  # it warns that half spaces touch no deformable bodies
+        builder, names = DiagramBuilder(), multibody.DiscreteContactApproximation
+        self._plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, multibody.MultibodyPlant(numbers.dt))
+        self._plant.set_discrete_contact_approximation(
+            {"lagged": names.kLagged, "similar": names.kSimilar, "sap": names.kSap}[settings.approximation]
+        )
+        self._plant.set_contact_model(multibody.ContactModel.kPoint)
+        self._plant.set_stiction_tolerance(settings.stiction)
+        self._plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
+        rubber = _rubber(numbers, settings)
+        world = self._plant.world_body()
+        self._plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", rubber)
+        self._wheels, sink = self._add_robot(numbers, strength), _sink(numbers, settings)
+        sides = (-0.5, 0.5) if numbers.cylinders else (0.0,)
+        for wheel, radius in zip(self._wheels, (numbers.radii + sink / len(sides)).tolist(), strict=True):
+            for side in sides:
+                place: Any = [0.0, side * numbers.width, 0.0]
+                at = RigidTransform(place)
+                self._plant.RegisterCollisionGeometry(wheel, at, Sphere(radius), f"tyre{side:+g}", rubber)
+        self._plant.Finalize()
+        diagram = builder.Build()
+        self._context = diagram.CreateDefaultContext()
+        says.setLevel(level)
+        self._mine, self._next = self._plant.GetMyMutableContextFromRoot(self._context), None
+        self._force = self._plant.get_applied_generalized_force_input_port()
+        self._wanted = self._plant.get_desired_state_input_port(self._wheels[0].model_instance())
+        self._results = self._plant.get_contact_results_output_port()
+        self._index = {wheel.index(): k for k, wheel in enumerate(self._wheels)}
+        self._force.FixValue(self._mine, np.zeros(6 + len(WHEELS)))
+        self._wanted.FixValue(self._mine, np.zeros(2 * len(WHEELS)))
+
+    def _add_robot(self, n: RigidNumbers, strength: float) -> list[Any]:
+        """Add base, wheels, axles and belts; return the wheels."""
+        from pydrake.math import RigidTransform
+        from pydrake.multibody.tree import (
+            FixedOffsetFrame,
+            PdControllerGains,
+            RevoluteJoint,
+            RotationalInertia,
+            SpatialInertia,
+        )
+
+        def body(name: str, mass: float, com: Any, inertia: FloatArray) -> Any:
+            central = SpatialInertia.MakeFromCentralInertia(mass, com, RotationalInertia(*inertia.tolist()))
+            return self._plant.AddRigidBody(name, central)
+
+        base, (across, spin) = body("base", n.base_mass, n.com, n.base_inertia), n.wheel_inertia
+        along_axle: Any = [0.0, 1.0, 0.0]
+        wheels, joints = [], []
+        for name, place in zip(WHEELS, n.places, strict=True):
+            wheel = body(name, n.wheel_mass, np.zeros(3), np.array([across, spin, across]))
+            axle = self._plant.AddFrame(FixedOffsetFrame(f"{name}_axle", base.body_frame(), RigidTransform(place)))
+            joint = self._plant.AddJoint(RevoluteJoint(f"{name}_joint", axle, wheel.body_frame(), along_axle))
+            motor = self._plant.AddJointActuator(f"{name}_motor", joint, strength)
+            motor.set_controller_gains(PdControllerGains(p=0.0, d=_HOLD))
+            motor.set_default_rotor_inertia(n.armature)
+            motor.set_default_gear_ratio(1.0)
+            wheels.append(wheel)
+            joints.append(joint)
+        for front, rear in (group for group in n.groups if len(group) == 2):
+            self._plant.AddCouplerConstraint(joints[front], joints[rear], 1.0)
+        return wheels
+
+    def put(self, positions: FloatArray, velocities: FloatArray) -> None:
+        """Set the state."""
+        self._plant.SetPositions(self._mine, positions)
+        self._plant.SetVelocities(self._mine, velocities)
+
+    def positions(self) -> FloatArray:
+        """Return (11,) attitude (w first), place and wheel angles."""
+        return np.array(self._plant.GetPositions(self._mine))
+
+    def velocities(self) -> FloatArray:
+        """Return (10,) angular velocity, velocity and wheel rates."""
+        return np.array(self._plant.GetVelocities(self._mine))
+
+    def step(self, forces: FloatArray, rates: FloatArray) -> None:
+        """Take one physics step under (10,) generalised forces with (4,) rates that the actuators hold."""
+        self._force.FixValue(self._mine, forces)
+        self._wanted.FixValue(self._mine, np.concatenate([np.zeros(len(WHEELS)), rates]))
+        self._plant.ExecuteForcedEvents(self._mine, publish=False)  # its discrete update; time stands still
+
+    def loads(self) -> FloatArray:
+        """Return the (4,) normal forces on the wheels [N]."""
+        found, results = np.zeros(len(WHEELS)), self._results.Eval(self._mine)
+        for i in range(results.num_point_pair_contacts()):
+            pair = results.point_pair_contact_info(i)
+            k = self._index.get(pair.bodyB_index(), self._index.get(pair.bodyA_index()))
+            if k is not None:
+                found[k] += abs(pair.contact_force()[2])
+        return found
+
+
+def _sink(numbers: RigidNumbers, settings: DrakeSettings) -> FloatArray:
+    """Return the (4,) depths to which tyres of one contact sink at rest [m]."""
+    return numbers.loads / _stiffness(numbers, settings)
+
+
+def _stiffness(numbers: RigidNumbers, settings: DrakeSettings) -> float:
+    return settings.stiffness or float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
+
+
+def _rubber(numbers: RigidNumbers, settings: DrakeSettings) -> Any:
+    """Return the contact's properties; two that touch are in series, so each has twice the stiffness."""
+    from pydrake.geometry import AddContactMaterial, ProximityProperties
+    from pydrake.multibody.plant import CoulombFriction
+
+    properties, friction = ProximityProperties(), CoulombFriction(numbers.friction, numbers.friction)
+    AddContactMaterial(settings.dissipation, 2.0 * _stiffness(numbers, settings), friction, properties)
+    properties.AddProperty("material", "relaxation_time", settings.relaxation_time)
+    return properties

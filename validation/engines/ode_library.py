@@ -1,0 +1,159 @@
+"""The functions of libode 0.16 that this project calls, bound by ctypes: no compiler is needed.
+
+The layout of its structures is that of ode/contact.h, ode/mass.h and ode/common.h of ODE 0.16 in double precision.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from functools import cache
+from typing import Any, ClassVar
+
+from validation.engines.body import EngineMissingError
+
+NAMES = ("libode.so.8", "libode.8.dylib")
+"""Names of the library's file; the number is that of its binary interface, which all versions 0.16 share."""
+HOW_TO_GET_ODE = (
+    "ODE is missing: install libode 0.16 (Debian, Ubuntu: apt install libode8), and compare without it until then"
+)
+"""Line that says how to get it."""
+VEL, F_MAX = 2, 5
+"""Parameters of motors: `dParamVel`, `dParamFMax`."""
+MU2, FDIR1, SOFT_ERP, SOFT_CFM, SLIP2, APPROX1 = 0x001, 0x002, 0x008, 0x010, 0x200, 0x7000
+"""Flags of a contact; without `APPROX1` friction would be a force [N]."""
+
+_D, _I, _P = c.c_double, c.c_int, c.c_void_p
+Vector = _D * 4
+"""`dVector3`: three numbers and one for alignment; `dQuaternion`, w first."""
+
+
+class Mass(c.Structure):
+    """`dMass`."""
+
+    _fields_ = (("mass", _D), ("centre", Vector), ("inertia", _D * 12))
+
+
+class ContactGeom(c.Structure):
+    """`dContactGeom`."""
+
+    _fields_ = (
+        ("pos", Vector),
+        ("normal", Vector),
+        ("depth", _D),
+        ("geom1", _P),
+        ("geom2", _P),
+        ("side1", _I),
+        ("side2", _I),
+    )
+
+
+_SURFACE = ("mu", "mu2", "rho", "rho2", "rho_n", "bounce", "bounce_vel", "soft_erp", "soft_cfm")
+_MOTION = ("motion1", "motion2", "motion_n", "slip1", "slip2")
+
+
+class Contact(c.Structure):
+    """`dContact` with the fields of its `dSurfaceParameters`."""
+
+    _fields_: ClassVar[list[Any]] = [
+        ("mode", _I),
+        *((n, _D) for n in (*_SURFACE, *_MOTION)),
+        ("geom", ContactGeom),
+        ("fdir1", Vector),
+    ]
+
+
+class JointFeedback(c.Structure):
+    """`dJointFeedback`: force and torque on both bodies."""
+
+    _fields_ = (("f1", Vector), ("t1", Vector), ("f2", Vector), ("t2", Vector))
+
+
+_SIGNATURES = {
+    "dInitODE2": (_I, [c.c_uint]),
+    "dAllocateODEDataForThread": (_I, [c.c_uint]),
+    "dRandSetSeed": (None, [c.c_ulong]),
+    "dWorldCreate": (_P, []),
+    "dWorldDestroy": (None, [_P]),
+    "dWorldSetGravity": (None, [_P, _D, _D, _D]),
+    "dWorldSetERP": (None, [_P, _D]),
+    "dWorldSetCFM": (None, [_P, _D]),
+    "dWorldSetContactMaxCorrectingVel": (None, [_P, _D]),
+    "dWorldSetContactSurfaceLayer": (None, [_P, _D]),
+    "dWorldSetQuickStepNumIterations": (None, [_P, _I]),
+    "dWorldSetQuickStepW": (None, [_P, _D]),
+    "dWorldStep": (_I, [_P, _D]),
+    "dWorldQuickStep": (_I, [_P, _D]),
+    "dMassSetParameters": (None, [c.POINTER(Mass), *[_D] * 10]),
+    "dBodyCreate": (_P, [_P]),
+    "dBodySetMass": (None, [_P, c.POINTER(Mass)]),
+    "dBodySetGyroscopicMode": (None, [_P, _I]),
+    "dBodySetPosition": (None, [_P, _D, _D, _D]),
+    "dBodySetQuaternion": (None, [_P, Vector]),
+    "dBodySetLinearVel": (None, [_P, _D, _D, _D]),
+    "dBodySetAngularVel": (None, [_P, _D, _D, _D]),
+    "dBodyAddTorque": (None, [_P, _D, _D, _D]),
+    **{
+        f"dBodyGet{what}": (c.POINTER(_D), [_P])
+        for what in ("Position", "Quaternion", "LinearVel", "AngularVel", "Rotation")
+    },
+    "dGeomSetBody": (None, [_P, _P]),
+    "dGeomDestroy": (None, [_P]),
+    "dGeomSetOffsetQuaternion": (None, [_P, Vector]),
+    "dCreatePlane": (_P, [_P, _D, _D, _D, _D]),
+    "dCreateSphere": (_P, [_P, _D]),
+    "dCreateCylinder": (_P, [_P, _D, _D]),
+    "dCollide": (_I, [_P, _P, _I, _P, _I]),
+    "dJointGroupCreate": (_P, [_I]),
+    "dJointGroupEmpty": (None, [_P]),
+    "dJointGroupDestroy": (None, [_P]),
+    "dJointCreateContact": (_P, [_P, _P, c.POINTER(Contact)]),
+    "dJointCreateHinge": (_P, [_P, _P]),
+    "dJointCreateAMotor": (_P, [_P, _P]),
+    "dJointAttach": (None, [_P, _P, _P]),
+    "dJointSetFeedback": (None, [_P, c.POINTER(JointFeedback)]),
+    "dJointSetHingeAnchor": (None, [_P, _D, _D, _D]),
+    "dJointSetHingeAxis": (None, [_P, _D, _D, _D]),
+    "dJointSetHingeParam": (None, [_P, _I, _D]),
+    "dJointAddHingeTorque": (None, [_P, _D]),
+    "dJointSetAMotorNumAxes": (None, [_P, _I]),
+    "dJointSetAMotorAxis": (None, [_P, _I, _I, _D, _D, _D]),
+    "dJointSetAMotorParam": (None, [_P, _I, _D]),
+}
+
+
+failures = 0
+"""Steps of all worlds in which a solver gave up and said so."""
+
+
+@c.CFUNCTYPE(None, _I, c.c_char_p, _P)
+def _count(number: int, text: bytes, arguments: int) -> None:
+    """Count a message of the library, which would write it to standard error otherwise."""
+    global failures
+    failures += 1
+
+
+@cache
+def ode() -> c.PyDLL:
+    """Return the library, with the types of its functions set.
+
+    Its calls are short, and some change state that all worlds share, so they keep Python's lock.
+
+    Raises:
+        EngineMissingError: it is not there, or is one of single precision.
+    """
+    for name in NAMES:
+        try:
+            library = c.PyDLL(name)
+            break
+        except OSError:
+            continue
+    else:
+        raise EngineMissingError(HOW_TO_GET_ODE)
+    library.dGetConfiguration.restype = c.c_char_p
+    if b"ODE_double_precision" not in library.dGetConfiguration().split():
+        raise EngineMissingError(f"{HOW_TO_GET_ODE}; the one that is installed is of single precision")
+    for function, (result, arguments) in _SIGNATURES.items():
+        getattr(library, function).restype, getattr(library, function).argtypes = result, arguments
+    library.dSetMessageHandler(_count)
+    library.dInitODE2(0)
+    return library

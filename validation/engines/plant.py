@@ -1,0 +1,185 @@
+"""A robot inside another engine as a `Plant`: driver, motors and sampling are those of all plants."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import astuple
+
+import numpy as np
+
+from ssmr.errors import DivergedError
+from ssmr.geometry import yaw_to_quat_wxyz
+from ssmr.robot.drive import Driver, Sides, wheel_references, whole_steps
+from ssmr.robot.motor import advance_integral, motor_numbers, side_torque
+from ssmr.robot.vehicle import Drive
+from ssmr.types import Commands, FloatArray, State, Trajectory
+from validation.engines.body import EngineBody, Rigid, RigidNumbers
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import SIDES, WHEELS
+from validation.simulator.terrain import FLAT, Terrain
+
+MOST_GAIN = 1.0
+"""Greatest gain of a side's speed loop times the step over the inertia that spins with the side's wheels [1]: motors act on
+the rates at the start of a step, and a loop that is faster would swing."""
+SETTLE_TIME = 1.0
+"""Time for which the robot stands before its resting height is taken [s]."""
+_LEFT = np.array([wheel.endswith(SIDES[0]) for wheel in WHEELS])
+_TURN = 2.0 * math.pi
+
+
+class EnginePlant:
+    """A calibrated robot in an engine. Wheels of a side have the torque of `ssmr.robot.motor`, half for each."""
+
+    def __init__(
+        self,
+        name: str,
+        make: Callable[[RigidNumbers], EngineBody],
+        calibration: Calibration,
+        drive: Drive,
+        terrain: Terrain = FLAT,
+    ) -> None:
+        """Build the robot and find out how it rests; it stands at the origin.
+
+        Args:
+            name: name of the plant.
+            make: function that builds the robot inside the engine.
+            calibration: the robot's numbers.
+            drive: saturation, delays and conversions between command and wheels.
+            terrain: level ground or a ramp.
+
+        Raises:
+            EngineMissingError: the engine is not installed.
+            ValueError: numbers that do not go together, or that the engine cannot have.
+        """
+        self.name, self.dt, self.drive, self.calibration = name, calibration.timestep, drive, calibration
+        whole_steps(drive.hold, self.dt, "the drive's hold")
+        self._numbers, self._motor = RigidNumbers.of(calibration, drive, terrain), motor_numbers(drive)
+        inertia = 2.0 * (calibration.armature + self._numbers.wheel_inertia[1])
+        if calibration.gain * self.dt > MOST_GAIN * inertia:
+            raise ValueError(
+                f"timestep {self.dt:g} s is too long for a gain of {calibration.gain:g} N m s/rad on wheels of "
+                f"{inertia:.3g} kg m2 a side: {name} needs at most {MOST_GAIN * inertia / calibration.gain:.2g} s"
+            )
+        self._body: EngineBody = make(self._numbers)
+        self._rest = self._settled()
+        self.reset(State())
+
+    def _settled(self) -> tuple[float, FloatArray]:
+        """Return the height and the (4,) attitude of the robot at rest, facing along x."""
+        n = self._numbers
+        still = np.zeros(3)
+        start = Rigid(np.array([0.0, 0.0, n.height]), np.array([1.0, 0.0, 0.0, 0.0]), still, still, np.zeros(len(WHEELS)))
+        self._body.place(start)
+        for _ in range(round(SETTLE_TIME / self.dt)):
+            self._body.advance_turning(np.zeros(len(WHEELS)), 0.0)
+        found, self._rest_loads = self._body.motion(), self._body.wheel_loads()
+        turned = yaw_to_quat_wxyz(-_yaw(found.quat_wxyz))
+        return float(found.position[2]), _product(turned, found.quat_wxyz)
+
+    def reset(self, state: State) -> State:
+        """Start from `state`, at rest on its tyres, with empty delay lines and no memory of former runs."""
+        height, attitude = self._rest
+        c, s = math.cos(state.yaw), math.sin(state.yaw)
+        velocity = np.array([c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y, 0.0])
+        wheels = np.where(_LEFT, state.wheel_left, state.wheel_right)
+        spin = np.array([0.0, 0.0, state.yaw_rate])
+        quat = _product(yaw_to_quat_wxyz(state.yaw), attitude)
+        self._body.place(Rigid(np.array([state.x, state.y, height]), quat, velocity, spin, wheels))
+        self._integrals = [0.0] * len(self._numbers.groups)
+        self._torques, self._spun, self._loads = np.zeros(len(WHEELS)), 0.0, self._rest_loads
+        self._yaw, self._driver = state.yaw, Driver(self.drive, self.dt, state)
+        self._read()
+        return self._state
+
+    def _read(self) -> None:
+        """Take over where the robot is now; yaw is unwrapped from the last step."""
+        now = self._body.motion()
+        yaw = _yaw(now.quat_wxyz)
+        self._yaw = yaw + _TURN * round((self._yaw - yaw) / _TURN)
+        x, y, c, s = *now.velocity[:2], math.cos(self._yaw), math.sin(self._yaw)
+        self._rates = now.wheels
+        left, right = now.wheels[_LEFT].mean(), now.wheels[~_LEFT].mean()
+        self._state = State(
+            float(now.position[0]), float(now.position[1]), self._yaw, float(c * x + s * y), float(c * y - s * x),
+            float(now.spin[2]), float(left), float(right),
+        )  # fmt: skip
+
+    def _advance(self, wanted: Sides, push: float, prescribed: bool) -> None:
+        """Take one physics step towards wheel rates [rad/s] under a disturbing yaw acceleration [rad/s2]."""
+        before, turning = self._state, self._numbers.yaw_inertia * push
+        if prescribed:
+            self._body.advance_turning(np.where(_LEFT, wanted.left, wanted.right), turning)
+            self._read()
+        else:
+            errors = []
+            for k, group in enumerate(self._numbers.groups):
+                wheels = list(group)
+                asked = wanted.left if _LEFT[wheels[0]] else wanted.right
+                rate = float(self._rates[wheels].mean())
+                errors.append(asked - rate)
+                torque = side_torque(asked, rate, self._integrals[k], self.calibration.gain, self._motor)
+                self._torques[wheels] = 0.5 * torque
+            self._body.advance(self._torques, turning)
+            self._read()
+            if self._motor.integral_gain > 0.0:
+                for k, error in enumerate(errors):
+                    self._integrals[k] = advance_integral(self._integrals[k], error, self.dt, self._motor)
+        self._spun = (self._state.yaw_rate - before.yaw_rate) / self.dt
+        now = self._state
+        if not math.isfinite(now.x + now.y + now.v_x + now.v_y + now.yaw_rate):
+            raise DivergedError(f"{self.name} gave up: no finite state", state=before)
+
+    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
+        """Hold a twist command for `dt` [s].
+
+        Raises:
+            DivergedError: the engine left the finite numbers.
+        """
+        for left, right in self._driver.references(command, whole_steps(dt, self.dt, "the step")):
+            self._advance(Sides(float(left), float(right)), yaw_acceleration, False)
+        return self._state
+
+    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+        """Drive `commands` at once.
+
+        Returns: The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear right),
+            `torque_N_m` (M, 2; 0 where wheel rates are given) and `yaw_acceleration_rad_s2` (M,), each of the step that ends
+            at the sample.
+
+        Raises:
+            DivergedError: the engine left the finite numbers.
+        """
+        stride = whole_steps(sample_dt, self.dt, "the sample period")
+        references = wheel_references(commands, self.drive, self.dt, state)
+        push = np.zeros(len(references)) if disturbance is None else np.asarray(disturbance, dtype=np.float64)
+        if len(push) != len(references):
+            raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
+        self.reset(state)
+        rows = [self._row()]
+        prescribed = commands.kind == "wheels"
+        for k, (left, right) in enumerate(references):
+            self._advance(Sides(float(left), float(right)), float(push[k]), prescribed)
+            if (k + 1) % stride == 0:
+                self._loads = self._body.wheel_loads()
+                rows.append(self._row())
+        table = np.array(rows)
+        channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
+        t = sample_dt * np.arange(len(rows), dtype=np.float64)
+        return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
+
+    def _row(self) -> list[float]:
+        torques = self._torques[_LEFT].sum(), self._torques[~_LEFT].sum()
+        return [*astuple(self._state), *self._loads, *torques, self._spun]
+
+
+def _yaw(quat: FloatArray) -> float:
+    """Return the heading of a rotation [rad], which need not be of length 1."""
+    w, x, y, z = map(float, quat)
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the (4,) product of two rotations, w first: b, then a."""
+    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
+    return np.array([w, *v])

@@ -12,9 +12,9 @@ from validation.fit.search import SearchOptions
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.study.result import INTERRUPTED
 from validation.study.tables import TablesOptions, study_tables
-from validation.study.tables.result import CONTROL_TABLES, TABLE_METRICS, TableEntry
+from validation.study.tables.result import ALL_LOST, CONTROL_TABLES, TABLE_METRICS, TableEntry
 from validation.thesis import published
-from validation.thesis.verdicts import Pair, Rule
+from validation.thesis.verdicts import Pair
 from validation.tune.result import TuneResult
 from validation.tune.run import tune
 
@@ -36,8 +36,6 @@ GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
     },
 }  # fmt: skip
 """Names of the thesis' gains in our gain sets, by controller."""
-_RULE_OF: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
-_ALL_LOST = "every seed lost the reference"
 _CAPTIONS: Mapping[str, str] = {
     "reference_vs_simulated": "the improved model against the reference (beside it the MuJoCo Husky against the reference)",
     "simulated_vs_real": "the improved model against the robot (ours: against the MuJoCo Husky)",
@@ -120,14 +118,14 @@ def _tracked(context: Context) -> Findings:
     found = {
         e.table: Table(
             f"{e.controller.upper()}, {e.reference} at {e.speed:g} m/s: {_CAPTIONS[e.comparison]}",
-            {f"{e.reference}_{e.speed:.2f}": _pairs(e)},
+            {e.row: e.pairs},
         )
         for e in study.entries
     }
     by_place = {(e.controller, e.reference, e.speed): e for e in study.entries if e.comparison == "simulated_vs_real"}
     repeated: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table("4.37")["rows"].items():
-        own = _pairs(by_place[printed["controller"], printed["trajectory"], float(printed["speed_m_s"])])
+        own = by_place[printed["controller"], printed["trajectory"], float(printed["speed_m_s"])].pairs
         repeated[row] = {metric: replace(pair, published=float(printed[metric])) for metric, pair in own.items()}
     found["4.37"] = Table("Simulated against real, both controllers: repeats Tab. 4.13-4.19 and 4.30-4.36", repeated)
     changes: dict[str, dict[str, Pair]] = {}
@@ -138,7 +136,7 @@ def _tracked(context: Context) -> Findings:
         for metric in TABLE_METRICS:
             name = f"{metric.removesuffix('_m')}_change_percent"
             change, spread = change_percent(pid, lqr, metric)
-            obstacle = "" if change is not None else _ALL_LOST
+            obstacle = "" if change is not None else ALL_LOST
             changes[row][name] = Pair(float(printed[name]), change, "spread", "%", spread, {}, obstacle)
     found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", changes)
     note = (
@@ -149,21 +147,6 @@ def _tracked(context: Context) -> Findings:
     lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in study.entries if e.lost]
     caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {study.seeds} seeds), one table a row."
     return Findings(found, notes=(note, *lost), pictures=(context.picture("d_rms", study.figure(), caption),))
-
-
-def _pairs(entry: TableEntry) -> dict[str, Pair]:
-    return {
-        metric: Pair(
-            entry.printed.get(metric),
-            entry.mean.get(metric),
-            _RULE_OF[metric],
-            "m" if metric.endswith("_m") else "1",
-            entry.deviation.get(metric) if entry.n > 1 else None,
-            {"mujoco": entry.mujoco[metric]} if metric in entry.mujoco else {},
-            "" if entry.mean else _ALL_LOST,
-        )
-        for metric in TABLE_METRICS
-    }
 
 
 def change_percent(before: TableEntry, after: TableEntry, metric: str) -> tuple[float | None, float | None]:

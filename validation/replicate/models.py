@@ -24,7 +24,7 @@ from validation.plants.profile import load_profile, make_plant
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
 from validation.replicate.figures import draw_responses
 from validation.thesis import published
-from validation.thesis.verdicts import Pair, Rule
+from validation.thesis.verdicts import RULE_OF, Pair, Rule
 
 _PROFILE = "thesis-lab"
 _FITTED_TO, _HELD_OUT = "traj4@mujoco", ("traj1", "traj2", "traj3")
@@ -37,7 +37,7 @@ _NAMES: Mapping[str, str] = {
     "K_y": "k_y", "K_P_tau": "gain",
 }  # fmt: skip
 """Names of the thesis' parameters in a fit, which has one delay for both of the thesis'."""
-_METRICS: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio", "e_bend_ratio": "none"}
+_METRICS: Mapping[str, Rule] = {**RULE_OF, "e_bend_ratio": "none"}
 _TIMED = ("coulomb", "improved", "linear", "mujoco")
 _STEP = (0.5, 0.5)
 """Steps of speed [m/s] and of yaw rate [rad/s] for the step responses, about as great as in the trajectories."""

@@ -15,9 +15,9 @@ from markupsafe import Markup, escape
 from validation import store
 from validation.replicate.evidence import Answer, Findings, Picture, ReplicationSettings, Section
 from validation.replicate.keeping import picture_bytes
-from validation.replicate.tables import REMARKS, Part, is_printed, parts_of, row_verdict, verdicts_of
+from validation.replicate.tables import Part, is_printed, parts_of
 from validation.show.tables import Cell, Grid, markdown_table
-from validation.thesis.verdicts import RULES, STATUSES, UNEXPLAINED, short
+from validation.thesis.verdicts import STATUSES, UNEXPLAINED, judge_rows, row_verdict, rules_in_words, short
 from validation.words import markdown, one_line
 
 _TITLE = "The thesis' results beside this project's"
@@ -60,7 +60,7 @@ def tally(findings: Findings) -> Counter[str]:
     """Return how many of the rows that the thesis prints have which verdict."""
     count: Counter[str] = Counter()
     for number, table in findings.tables.items():
-        verdicts = verdicts_of(number, table)
+        verdicts = judge_rows(number, table.rows)
         for row, pairs in table.rows.items():
             if is_printed(number, row, pairs):
                 count[row_verdict(pairs, verdicts[row]).status] += 1
@@ -73,8 +73,9 @@ def unexplained(answers: Sequence[Answer]) -> list[str]:
     for answer in answers:
         for number, table in answer.findings.tables.items():
             several = len(table.rows) > 1
-            for row, verdicts in verdicts_of(number, table).items():
-                names = [short(m) for m, v in verdicts.items() if v.reason == UNEXPLAINED]
+            for row, verdicts in judge_rows(number, table.rows).items():
+                row_agrees = row_verdict(table.rows[row], verdicts).status == "agrees if"
+                names = [short(m) for m, v in verdicts.items() if v.reason == UNEXPLAINED and not row_agrees]
                 if names:
                     out.append(" ".join([f"Tab. {number}", *([row.replace("_", " ")] * several), ", ".join(names)]))
     return out
@@ -90,17 +91,15 @@ def document_of(answers: Sequence[Answer], settings: ReplicationSettings, left_o
     """
     chapters = []
     for section, findings, _, _ in answers:
-        notes = (*findings.notes, *REMARKS.get(section.key, ()))
-        chapters.append(Chapter(section.key, _title(section), notes, parts_of(section, findings), findings.pictures))
+        parts = parts_of(section, findings)
+        chapters.append(Chapter(section.key, _title(section), findings.notes, parts, findings.pictures))
     lead = [
         _GENERATED
         + (" It was made with `--quick`: fewer generations and seeds, so less can be concluded." if settings.quick else ""),
         "Every table of the thesis that reports a result, with what this project gets for it. The thesis' robot is not "
         "available. The MuJoCo Husky of profile thesis-lab takes its place, so our distances between simulation and "
         "robot are distances between two simulations.",
-        "Verdicts. " + "; ".join(RULES.values()).capitalize() + ". Where ours has a spread, "
-        "distances and ratios within two standard deviations agree too, since the thesis prints a single run. A row "
-        "gets the verdict of its worst number. Reasons stand below each table, with the page of docs/ that shows them; "
+        f"Verdicts. {rules_in_words()} Reasons stand below each table, with the page of docs/ that shows them; "
         "a difference without a known reason is called unexplained.",
     ]
     if open_ := unexplained(answers):

@@ -19,15 +19,13 @@ from validation.plants.profile import PLANTS
 from validation.replicate.evidence import FIGURE_FOLDER, Answer, ReplicationSettings
 from validation.replicate.keeping import picture_bytes
 from validation.replicate.report import Document, document_html, document_markdown, document_of, tally
-from validation.replicate.tables import row_verdict, verdicts_of
 from validation.show.drawing import draw_section, inset, put_together, side_by_side, text_row
+from validation.show.palette import VERDICT_INKS
 from validation.show.result import Result
 from validation.show.tables import Grid
-from validation.thesis.verdicts import RULES, STATUSES, Pair, RowVerdict, Verdict
+from validation.thesis.verdicts import RULES, STATUSES, Pair, RowVerdict, Verdict, judge_rows, row_verdict
 
 _SCHEMA = "ssmr.replicate/1"
-_INKS = {"agrees": "#5fb894", "nearer": "#7fb0e6", "differs": "#e8935c", "not compared": "#c8c8ce"}
-"""Colours of the verdicts: those of the HTML page, a little darker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +63,7 @@ class Replication(Result):
         tables: dict[str, Any] = {}
         for answer in self.answers:
             for number, table in answer.findings.tables.items():
-                verdicts = verdicts_of(number, table)
+                verdicts = judge_rows(number, table.rows)
                 tables[number] = {
                     "caption": table.caption,
                     "rows": {
@@ -135,7 +133,7 @@ def _draw_bars(summary: Grid, ax: Axes) -> None:
     left = [0.0] * len(rows)
     for column, (status, _) in enumerate(summary.header[1:], 1):
         counts = [float(row[column].text) for row in rows]
-        ax.barh(range(len(rows)), counts, left=left, color=_INKS.get(status, "0.5"), label=status)
+        ax.barh(range(len(rows)), counts, left=left, color=VERDICT_INKS[status], label=status)
         left = [start + count for start, count in zip(left, counts, strict=True)]
     inset(ax, left=3.2)
     ax.set_yticks(range(len(rows)), [row[0].text for row in rows], fontsize=9.0)
@@ -169,4 +167,6 @@ def _as_words(verdict: RowVerdict | Verdict) -> dict[str, str]:
 def _as_entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
     entry: dict[str, Any] = {"published": pair.published, "ours": pair.ours, "unit": pair.unit, "spread": pair.spread}
     entry |= {f"ours_{name}" if name in PLANTS else name: value for name, value in pair.beside.items()}
+    if pair.supposed is not None:
+        entry |= {"supposed": pair.supposed.value, "supposed_spread": pair.supposed.spread, "if": pair.supposed.text}
     return entry | _as_words(verdict)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from validation.fit.table import number_text, unit_text
 from validation.replicate.evidence import Findings, Section, Table
 from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid, Unit
-from validation.thesis.verdicts import FACTOR, Pair, RowVerdict, Verdict, judge, of_row, short
+from validation.thesis.verdicts import Pair, RowVerdict, Verdict, is_told, judge, judge_rows, row_verdict, short
 
 _RATIO = Unit("", 1.0, 4)
 
@@ -24,25 +24,6 @@ class Part:
     """Header and cells."""
     reasons: tuple[str, ...] = ()
     """Reasons below the table, in the order of the numbers in its verdicts."""
-
-
-def verdicts_of(number: str, table: Table) -> dict[str, dict[str, Verdict]]:
-    """Return the verdict on every number of a table, by row and metric."""
-    return {row: {m: judge(number, row, m, pair) for m, pair in pairs.items()} for row, pairs in table.rows.items()}
-
-
-def row_verdict(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> RowVerdict:
-    """Return the verdict on a row.
-
-    It is that of the numbers which the thesis gives; where it gives none, of those that are lost; else of all.
-    """
-    printed = {m: v for m, v in verdicts.items() if is_told(pairs[m]) and pairs[m].rule != "none"}
-    return of_row(printed or {m: v for m, v in verdicts.items() if v.see} or dict(verdicts))
-
-
-def is_told(pair: Pair) -> bool:
-    """Return whether the thesis gives it, in numbers or in words."""
-    return pair.published is not None or pair.rule == "at_least"
 
 
 def is_printed(number: str, row: str, pairs: Mapping[str, Pair]) -> bool:
@@ -93,6 +74,7 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
     shown = {m: next(p[m] for p in pairs_of if m in p) for m in metrics}
     printed = {m for m in metrics if any(m in p and is_told(p[m]) for p in pairs_of)}
     beside = {m: [n for n in ("mujoco",) if any(m in p and n in p[m].beside for p in pairs_of)] for m in metrics}
+    supposed = {m for m in metrics if any(m in p and p[m].supposed is not None for p in pairs_of)}
     several = len(tables) > 1
     header: list[tuple[str, str]] = [("Tab.", "")] * several + [("row", ""), ("verdict", "")]
     for m in metrics:
@@ -100,9 +82,10 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
         name = short(m).replace("_", " ") if m.endswith(("_s", "_percent")) else short(m)
         header += [(f"{name} printed", unit)] if m in printed else []
         header += [("ours" if m in printed else name, unit), *((n, unit) for n in beside[m])]
+        header += [("supposed", unit)] * (m in supposed)
     reasons, groups = _Reasons(), []
     for number, table in tables.items():
-        verdicts, rows = verdicts_of(number, table), []
+        verdicts, rows = judge_rows(number, table.rows), []
         for row, pairs in table.rows.items():
             cells = [Cell(number)] * several + [Cell(row.replace("_", " ")), reasons.cell(row_verdict(pairs, verdicts[row]))]
             for m in metrics:
@@ -114,6 +97,9 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
                 error = "" if spread is None else f" ± {_metric_text(m, spread, pair.unit)}"
                 cells.append(Cell(_metric_text(m, pair.ours, pair.unit) + error))
                 cells += [Cell(_metric_text(m, pair.beside.get(name), pair.unit)) for name in beside[m]]
+                if m in supposed:
+                    under = pair.supposed
+                    cells.append(Cell(_metric_text(m, under.value, pair.unit) if under is not None else NOTHING))
             rows.append(tuple(cells))
         groups.append(tuple(rows))
     if all(len(group) == 1 for group in groups):
@@ -133,7 +119,7 @@ def tall_grid(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
     searched, mixed = any("lower" in pair.beside for pair in shown.values()), len(set(first.values())) > 1
     titles = ["row", *["what"] * mixed, "unit", "verdict", "printed", "ours", *["searched"] * searched]
     titles += [n.replace("_", " ").replace("published", "printed") for n in names] + [f"{m} printed" for m in others]
-    verdicts, reasons, rows = verdicts_of(number, table), _Reasons(), []
+    verdicts, reasons, rows = judge_rows(number, table.rows), _Reasons(), []
     for row, pairs in table.rows.items():
         metric, pair = first[row], shown[row]
         texts = [row, *[short(metric).replace("_", " ")] * mixed, pair.unit]
@@ -168,15 +154,6 @@ _WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
     ),
 }
 """Tables of the thesis that are shown as one, by section."""
-
-REMARKS: Mapping[str, tuple[str, ...]] = {
-    "tables": (
-        "The picture is that of `python -m validation.study tables`, which only asks whether the printed accuracy is "
-        f"reached. A row is green where d_rms is at most {FACTOR:g} times the printed one (simulated against real: at most "
-        "equal).",
-    )
-}
-"""Remarks on the pictures of a section, by section."""
 
 
 def parts_of(section: Section, findings: Findings) -> tuple[Part, ...]:

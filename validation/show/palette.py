@@ -42,3 +42,13 @@ def mix(a: Rgb, b: Rgb, share: float) -> Rgb:
     """Colour `a` with `share` of it (0 to 1) replaced by `b`."""
     red, green, blue = (round(x + share * (y - x)) for x, y in zip(a, b, strict=True))
     return red, green, blue
+
+
+VERDICT_INKS = {
+    "agrees": "#5fb894",
+    "agrees if": "#b5d98f",
+    "nearer": "#7fb0e6",
+    "differs": "#e8935c",
+    "not compared": "#c8c8ce",
+}
+"""Colours of the verdicts, as on the page of a replication but a little darker."""

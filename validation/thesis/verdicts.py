@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from typing import Any, Literal, get_args
@@ -28,8 +28,9 @@ Rule = Literal["distance", "ratio", "spread", "at_least", "none"]
 """Rule by which two numbers are compared. `distance` compares by their ratio, `ratio` by their difference because one is
 perfect, `spread` by the uncertainty of ours. `at_least` is for numbers that the thesis calls large in words: ours must reach
 `beside["at_least"]`. `none` compares nothing and shows the number for the record."""
-Status = Literal["agrees", "nearer", "differs", "not compared"]
-"""`nearer`: it differs, but a distance of ours is smaller than the printed one."""
+Status = Literal["agrees", "agrees if", "nearer", "differs", "not compared"]
+"""`nearer`: it differs, but a distance of ours is smaller than the printed one. `agrees if`: a row that does not agree as
+printed, but agrees in every number under one supposition about what the thesis does not print."""
 STATUSES: tuple[Status, ...] = get_args(Status)
 
 RULES: Mapping[Rule, str] = {
@@ -38,8 +39,33 @@ RULES: Mapping[Rule, str] = {
     "spread": f"a parameter or a gain agrees within {SPREADS:g} standard errors, or standard deviations over seeds",
     "at_least": "what the thesis says in words agrees if ours is at least what the words are taken to mean",
 }
-"""The rules in words. Where ours has a spread, distances and ratios within two standard deviations agree too, since the
-thesis prints a single run."""
+"""The rules in words."""
+RULE_OF: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
+"""Rules of the metrics of a path, whatever table they stand in."""
+
+
+def rules_in_words() -> str:
+    """Return what the verdicts mean, in sentences, for every report that shows them."""
+    return (
+        "; ".join(RULES.values()).capitalize() + ". Where ours has a spread, distances and ratios within two standard "
+        "deviations agree too, since the thesis prints a single run. A row gets the verdict of its worst number. A row that "
+        "does not agree as printed, but in all its numbers under one supposition about what the thesis does not print, is "
+        "called agrees if; the supposition stands below."
+    )
+
+
+@dataclass(frozen=True)
+class Supposed:
+    """A number of ours under a supposition about what the thesis does not print."""
+
+    value: float
+    """The number."""
+    spread: float | None
+    """Its standard deviation; None if it is not known."""
+    text: str
+    """The supposition in words, without a full stop; it ends a sentence that begins with "it agrees if"."""
+    see: str = ""
+    """Page of docs/ that shows it."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +86,15 @@ class Pair:
     """Further numbers of ours by name, for the record."""
     obstacle: str = ""
     """Reason found by the run why they cannot be compared; empty if they can."""
+    supposed: Supposed | None = None
+    """Our number under a supposition, the same for all numbers of a row; None if there is none."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown rule, or a number that is not finite."""
         if self.rule not in get_args(Rule):
             raise ValueError(f"unknown rule '{self.rule}'; there are: {', '.join(get_args(Rule))}")
-        for number in (self.published, self.ours, self.spread, *self.beside.values()):
+        under = () if self.supposed is None else (self.supposed.value, self.supposed.spread)
+        for number in (self.published, self.ours, self.spread, *under, *self.beside.values()):
             if number is not None and not math.isfinite(number):
                 raise ValueError(f"{number} is no number to compare; None says that there is none")
 
@@ -198,6 +227,32 @@ def of_row(verdicts: Mapping[str, Verdict]) -> RowVerdict:
         (() if len(metrics) == len(judged) else tuple(metrics), judged[metrics[0]]) for metrics in found.values()
     )
     return RowVerdict(worst, because)
+
+
+def is_told(pair: Pair) -> bool:
+    """Return whether the thesis gives it, in numbers or in words."""
+    return pair.published is not None or pair.rule == "at_least"
+
+
+def judge_rows(table: str, rows: Mapping[str, Mapping[str, Pair]]) -> dict[str, dict[str, Verdict]]:
+    """Return the verdict on every number of a table, by row and metric."""
+    return {row: {m: judge(table, row, m, pair) for m, pair in pairs.items()} for row, pairs in rows.items()}
+
+
+def row_verdict(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> RowVerdict:
+    """Return the verdict on a row.
+
+    It is that of the numbers which the thesis gives; where it gives none, of those that are lost; else of all.
+    """
+    printed = {m: v for m, v in verdicts.items() if is_told(pairs[m]) and pairs[m].rule != "none"}
+    found = of_row(printed or {m: v for m, v in verdicts.items() if v.see} or dict(verdicts))
+    compared = [pairs[m] for m, v in printed.items() if v.status != "not compared"]
+    under = [replace(p, ours=p.supposed.value, spread=p.supposed.spread) for p in compared if p.supposed is not None]
+    if found.status in ("nearer", "differs") and len(under) == len(compared) and all(map(agrees, under)):
+        supposed = compared[0].supposed
+        assert supposed is not None
+        return RowVerdict("agrees if", (((), Verdict("agrees if", f"it agrees if {supposed.text}", supposed.see)),))
+    return found
 
 
 def short(metric: str) -> str:

@@ -8,12 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from validation.show.drawing import draw_footer, inset, plain_ticks, put_together, side_by_side, text_row
+from validation.show.palette import VERDICT_INKS
 from validation.study.tables.result import TABLE_CAPTIONS, ControlTables, TableEntry
 
 
 def _draw(entries: Sequence[TableEntry], title: str, ax: Axes) -> None:
     for k, e in enumerate(entries):
-        ink = {"agrees": "#009e73", "differs": "#d55e00"}.get(e.verdict, "#777777")
+        ink = VERDICT_INKS[e.verdict.status]
         if e.mean:
             ax.errorbar(e.mean["d_rms_m"] * 1e3, k, xerr=e.deviation["d_rms_m"] * 1e3, fmt="o", color=ink, ms=6, capsize=3)
         if e.printed:
@@ -35,7 +36,7 @@ def draw_tables(study: ControlTables) -> Figure:
         title = comparison.replace("_", " ").replace("vs", "against")
         panels.append(lambda ax, some=some, title=title: _draw(some, title, ax))
     foot = (
-        f"bar: printed · dot: ours, mean and standard deviation of {study.seeds} seeds · green: agrees · red: differs · "
-        f"grey: print lost or suspect, or a geometry that the thesis does not give · {study.of_profile(study.profile)}"
+        f"bar: printed · dot: ours, mean and standard deviation of {study.seeds} seeds, {study.of_profile(study.profile)} · "
+        "the whole row: green agrees, light green agrees if, blue nearer, orange differs, grey not compared"
     )
     return put_together([side_by_side(5.2, panels), text_row(0.3, lambda ax: draw_footer(foot, ax))])

@@ -7,7 +7,7 @@ real: the MuJoCo robot takes the place of the real robot, with the lab's noise a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from ssmr.parameters import require_within
@@ -15,14 +15,14 @@ from validation.plants.profile import Profile
 from validation.show.tables import NOTHING, Cell, Grid
 from validation.simulator.description import Robot
 from validation.study.result import MOST_RUNS, StudyResult
-from validation.thesis.verdicts import FACTOR
+from validation.thesis.verdicts import RULE_OF, Pair, RowVerdict, Supposed, judge_rows, row_verdict, rules_in_words, short
 
 CONTROL_TABLES = tuple(f"4.{i}" for i in (*range(5, 20), *range(22, 37)))
 """Numbers of the tables of single references; 4.37 and 4.38 repeat them."""
-TABLE_METRICS = ("d_rms_m", "d_haus_m", "d_ratio")
-"""Metrics of each row. Reference against simulated: a d_rms of at most `FACTOR` times the printed one agrees."""
-_KNOWN = ("line", "circle")
-"""References whose geometry the thesis gives."""
+TABLE_METRICS = tuple(RULE_OF)
+"""Metrics of each row."""
+ALL_LOST = "every seed lost the reference"
+"""Reason why a row without any number of ours cannot be compared."""
 
 TableComparison = Literal["reference_vs_simulated", "simulated_vs_real"]
 
@@ -66,8 +66,6 @@ class TableEntry:
     """Speed along the reference [m/s]."""
     printed: Mapping[str, float]
     """Printed numbers by metric; empty if the table is lost."""
-    suspect: str
-    """Reason why the print cannot be right; empty if there is none."""
     mean: Mapping[str, float]
     """Means by metric over the seeds that kept the reference; empty if none did."""
     deviation: Mapping[str, float]
@@ -78,20 +76,35 @@ class TableEntry:
     """Number of seeds."""
     mujoco: Mapping[str, float]
     """Reference against simulated: means by metric of the MuJoCo robot, without disturbance; else empty."""
+    supposed: Mapping[str, Supposed] = field(default_factory=dict)
+    """Numbers by metric under the supposition for this table, see `SUPPOSITIONS`; empty if there is none."""
 
     @property
-    def verdict(self) -> str:
-        """Verdict in words."""
-        if not self.printed:
-            return "print lost"
-        if not self.mean:
-            return "lost the reference"
-        limit = self.printed["d_rms_m"] * (FACTOR if self.comparison == "reference_vs_simulated" else 1.0)
-        if self.mean["d_rms_m"] <= limit:
-            return "agrees"
-        if self.suspect:
-            return "print is suspect"
-        return "differs" if self.reference in _KNOWN else "other geometry"
+    def row(self) -> str:
+        """Name of the row, as the thesis' tables of several references call it."""
+        return f"{self.reference}_{self.speed:.2f}"
+
+    @property
+    def pairs(self) -> Mapping[str, Pair]:
+        """Printed and own numbers by metric, ready to be judged."""
+        return {
+            metric: Pair(
+                self.printed.get(metric),
+                self.mean.get(metric),
+                rule,
+                "m" if metric.endswith("_m") else "1",
+                self.deviation.get(metric) if self.n > 1 else None,
+                {"mujoco": self.mujoco[metric]} if metric in self.mujoco else {},
+                "" if self.mean else ALL_LOST,
+                self.supposed.get(metric),
+            )
+            for metric, rule in RULE_OF.items()
+        }
+
+    @property
+    def verdict(self) -> RowVerdict:
+        """Verdict on the row, by the rules that a replication has too."""
+        return row_verdict(self.pairs, judge_rows(self.table, {self.row: self.pairs})[self.row])
 
 
 TABLE_CAPTIONS: Mapping[TableComparison, str] = {
@@ -123,8 +136,13 @@ class ControlTables(StudyResult):
         return [self._grid(comparison) for comparison in TABLE_CAPTIONS]
 
     def notes(self) -> list[str]:
-        """Return what the numbers are means of."""
-        return [f"Means over {self.seeds} seeds, {self.of_profile(self.profile)}; ± is the standard deviation over seeds."]
+        """Return what the numbers are means of, the rules, and why rows do not agree."""
+        means = f"Means over {self.seeds} seeds, {self.of_profile(self.profile)}; ± is the standard deviation over seeds."
+        because = dict[str, list[str]]()
+        for e in self.entries:
+            if e.verdict.reason:
+                because.setdefault(e.verdict.reason, []).append(e.table)
+        return [means, f"Verdicts. {rules_in_words()}", *(f"{', '.join(t)}: {reason}." for reason, t in because.items())]
 
     def findings(self) -> dict[str, Any]:
         """Return printed and own numbers of each table, with verdicts."""
@@ -138,13 +156,15 @@ class ControlTables(StudyResult):
                     "gains": e.gains,
                     "reference": e.reference,
                     "speed_m_s": e.speed,
-                    "verdict": e.verdict,
-                    "note": e.suspect,
+                    "verdict": e.verdict.status,
+                    "reason": e.verdict.reason,
+                    "see": e.verdict.see,
                     "lost": e.lost,
                     "printed": dict(e.printed),
                     "ours": dict(e.mean),
                     "deviation": dict(e.deviation),
                     "mujoco": dict(e.mujoco),
+                    "supposed": {m: {"value": v.value, "deviation": v.spread} for m, v in e.supposed.items()},
                 }
                 for e in self.entries
             },
@@ -154,7 +174,9 @@ class ControlTables(StudyResult):
         rows = []
         for e in self.entries:
             if e.comparison == comparison:
-                texts = [e.table, e.controller, f"{e.reference} {e.speed:g}", e.verdict]
+                about = [short(m) for m in TABLE_METRICS if any(m in metrics for metrics, _ in e.verdict.because)]
+                verdict = e.verdict.status + (f": {', '.join(about)}" if about else "")
+                texts = [e.table, e.controller, f"{e.reference} {e.speed:g}", verdict]
                 for name in TABLE_METRICS:
                     spread = f" ± {1e3 * e.deviation['d_rms_m']:.1f}" if e.deviation and name == "d_rms_m" else ""
                     texts += [_text(e.printed, name), _text(e.mean, name) + spread]

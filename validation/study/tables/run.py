@@ -7,11 +7,15 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ssmr.control.loop import ClosedRun, LoopSettings
-from ssmr.metrics.declared import Metrics, compare_paths
+from ssmr.metrics.declared import compare_paths
+from ssmr.types import FloatArray, Trajectory
 from validation.progress import Progress, Report, silent
 from validation.study.result import keeping, profile_of
 from validation.study.tables.result import TABLE_METRICS, ControlTables, TableEntry, TablesOptions
+from validation.study.tables.suppositions import supposed_gains, supposed_path, supposition
 from validation.thesis import published
+from validation.thesis.verdicts import Supposed
+from validation.track.data import reference_of
 from validation.track.gains import GainSet, load_gains
 from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import open_reference
@@ -63,33 +67,44 @@ def _entry(number: str, seeds: int, robots: Mapping[str, ClosedLoopRobot], drive
     """Return the row of one table."""
     content = published.table(number)
     controller, reference, speed = content["controller"], content["trajectory"], float(content["speed_m_s"])
-    gains = load_gains(controller, content.get("gains", "published"))
+    comparison, gains = content["comparison"], load_gains(controller, content.get("gains", "published"))
     _, waypoints = open_reference(reference, speed)
-    simulated, real = (drive(gains, reference, speed, plant) for plant in ("improved", "mujoco"))
-    simulated_robot: list[Metrics] = []
-    if content["comparison"] == "reference_vs_simulated":
-        found = [rate(run, waypoints, robots["improved"]) for run in simulated if not run.lost]
-        simulated_robot = [rate(run, waypoints, robots["mujoco"]) for run in real if not run.lost]
-    else:
-        both = zip(simulated, real, strict=True)
-        found = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
-    table = np.array([[m[name] for name in TABLE_METRICS] for m in found]).reshape(-1, len(TABLE_METRICS))
+
+    def compare(gains: GainSet, path_of: Callable[[Trajectory], Trajectory]) -> FloatArray:
+        """Return (n, 3) metrics of the runs that kept the reference."""
+        simulated = drive(gains, reference, speed, "improved")
+        if comparison == "reference_vs_simulated":
+            wanted = reference_of(simulated[0], waypoints, whole=True)
+            found = [compare_paths(path_of(s.motion), wanted) for s in simulated if not s.lost]
+        else:
+            both = zip(simulated, drive(gains, reference, speed, "mujoco"), strict=True)
+            found = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
+        return np.array([[m[name] for name in TABLE_METRICS] for m in found]).reshape(-1, len(TABLE_METRICS))
+
+    table = compare(gains, lambda motion: motion)
+    supposed, mujoco = dict[str, Supposed](), dict[str, float]()
+    if text := supposition(content):
+        under = compare(supposed_gains(gains) if controller == "lqr" else gains, supposed_path)
+        spreads = under.std(axis=0) if seeds > 1 else [None] * len(TABLE_METRICS)
+        if len(under):
+            of_each = zip(TABLE_METRICS, map(float, under.mean(axis=0)), spreads, strict=True)
+            supposed = {m: Supposed(v, None if s is None else float(s), text, "tracking.md") for m, v, s in of_each}
+    if comparison == "reference_vs_simulated":
+        driven = [rate(r, waypoints, robots["mujoco"]) for r in drive(gains, reference, speed, "mujoco") if not r.lost]
+        mujoco = {name: float(np.mean([m[name] for m in driven])) for name in TABLE_METRICS} if driven else {}
     rows = list(content["rows"])
-    suspect = content.get("note", "") if content.get("suspect") else ""
-    if number == "4.23":
-        suspect = "its gap is not that of the printed gains (docs/errata.md, 43)"
     return TableEntry(
         number,
-        content["comparison"],
+        comparison,
         controller,
         gains.name,
         reference,
         speed,
         {m: published.value(number, rows[0], m) for m in TABLE_METRICS} if rows else {},
-        suspect,
         dict(zip(TABLE_METRICS, map(float, table.mean(axis=0)), strict=True)) if len(table) else {},
         dict(zip(TABLE_METRICS, map(float, table.std(axis=0)), strict=True)) if len(table) else {},
         seeds - len(table),
         seeds,
-        {name: float(np.mean([m[name] for m in simulated_robot])) for name in TABLE_METRICS} if simulated_robot else {},
+        mujoco,
+        supposed,
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,15 @@ import pytest
 from ssmr.types import Trajectory
 from tests.conftest import EXACT
 from validation.plants.profile import Profile
+from validation.replicate.control import CONTROL_SECTIONS
+from validation.replicate.evidence import Answer, Findings, ReplicationSettings, Table
+from validation.replicate.result import Replication
 from validation.study.gains import GainsOptions, study_gains
 from validation.study.gains.run import GAIN_SPEEDS
 from validation.study.tables import ControlTables, TablesOptions, study_tables
-from validation.study.tables.result import ALL_LOST, CONTROL_TABLES, TABLE_METRICS
+from validation.study.tables.result import ALL_LOST, TABLE_METRICS
 from validation.study.tables.suppositions import K_11, K_33, PATH_RATE_HZ, supposed_gains, supposed_path
-from validation.thesis.verdicts import FACTOR, RATIO_REACH, STATUSES
+from validation.thesis.verdicts import FACTOR, RATIO_REACH
 from validation.track.gains import load_gains, names
 from validation.track.loops import make_controller
 from validation.track.waypoint_files import SAMPLES
@@ -95,16 +97,13 @@ def test_the_supposed_path_has_its_rate_and_both_ends() -> None:
     assert len(sampled.t) == pytest.approx(8.0 * PATH_RATE_HZ, abs=2)
 
 
-def test_both_pages_of_the_docs_give_every_row_one_verdict() -> None:
-    """The rows of docs/tracking.md come from this study, those of docs/results.md from a replication."""
-    docs = Path(__file__).resolve().parents[1] / "docs"
-    words = "|".join(STATUSES)
-    found = [
-        dict(re.findall(rf"^\| (4\.\d+) \|.*? \| ({words})\b", (docs / page).read_text(encoding="utf-8"), re.MULTILINE))
-        for page in ("tracking.md", "results.md")
-    ]
-    assert sorted(found[0]) == sorted(CONTROL_TABLES)
-    assert found[0] == {number: verdict for number, verdict in found[1].items() if number in CONTROL_TABLES}
+def test_a_replication_gives_every_row_the_verdict_of_this_study(few: ControlTables, tmp_path: Path) -> None:
+    section = next(s for s in CONTROL_SECTIONS if s.key == "tables")
+    found = Findings({e.table: Table("a caption", {e.row: e.pairs}) for e in few.entries})
+    document = Replication(ReplicationSettings(), tmp_path, (Answer(section, found, 0.0, 0.0),)).as_dict()
+    for entry in few.entries:
+        (verdict,) = document["tables"][entry.table]["verdicts"].values()
+        assert (verdict["verdict"], verdict["reason"]) == (entry.verdict.status, entry.verdict.reason)
 
 
 def test_documents_and_tables_hold_every_row(few: ControlTables) -> None:

@@ -24,6 +24,8 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
+from validation.plants.profile import Profile
+from validation.study.tables import TablesOptions, study_tables
 from validation.thesis.published import table, value
 
 AGREEMENT = 0.03
@@ -267,3 +269,15 @@ def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
         printed = value(number, row, "d_haus_m")
         assert gaps["manual"] > 1.6 * printed
         assert gaps["optimised"] == pytest.approx(printed, rel=0.1)
+
+
+def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both(lab: Profile) -> None:
+    """The printed lengths and gaps of line and circle at 0.25 m/s, with the weights printed and with those supposed."""
+    study = study_tables(TablesOptions(lab, 2, ("4.22", "4.24")))
+    for entry in study.entries:
+        printed, manual, supposed = entry.printed, entry.mean, {m: s.value for m, s in entry.supposed.items()}
+        assert manual["d_haus_m"] > 1.8 * printed["d_haus_m"]
+        assert abs(manual["d_ratio"] - printed["d_ratio"]) > 0.005
+        assert supposed["d_haus_m"] == pytest.approx(printed["d_haus_m"], rel=0.2)
+        assert abs(supposed["d_ratio"] - printed["d_ratio"]) < 0.005
+    assert supposed["d_rms_m"] == pytest.approx(printed["d_rms_m"], rel=0.1)

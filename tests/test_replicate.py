@@ -270,7 +270,7 @@ def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None
 
 def entry(controller: str, mean: float, deviation: float, n: int = 10) -> TableEntry:
     values = {m: mean for m in ("d_rms_m", "d_haus_m", "d_ratio")}
-    return TableEntry("4.13", "simulated_vs_real", controller, controller, "line", 0.25, values, "", values,
+    return TableEntry("4.13", "simulated_vs_real", controller, controller, "line", 0.25, values, values,
                  {m: deviation for m in values}, 0, n, {})  # fmt: skip
 
 

@@ -99,7 +99,9 @@ def wide_grid(tables: Mapping[str, Table]) -> tuple[Grid, tuple[str, ...]]:
                 cells += [Cell(_metric_text(m, pair.beside.get(name), pair.unit)) for name in beside[m]]
                 if m in supposed:
                     under = pair.supposed
-                    cells.append(Cell(_metric_text(m, under.value, pair.unit) if under is not None else NOTHING))
+                    cells.append(Cell(_metric_text(m, None if under is None else under.value, pair.unit)))
+                    if under is not None and under.spread is not None:
+                        cells[-1] = Cell(f"{cells[-1].text} ± {_metric_text(m, under.spread, pair.unit)}")
             rows.append(tuple(cells))
         groups.append(tuple(rows))
     if all(len(group) == 1 for group in groups):

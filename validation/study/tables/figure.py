@@ -17,6 +17,8 @@ def _draw(entries: Sequence[TableEntry], title: str, ax: Axes) -> None:
         ink = VERDICT_INKS[e.verdict.status]
         if e.mean:
             ax.errorbar(e.mean["d_rms_m"] * 1e3, k, xerr=e.deviation["d_rms_m"] * 1e3, fmt="o", color=ink, ms=6, capsize=3)
+        if e.supposed:
+            ax.plot(e.supposed["d_rms_m"].value * 1e3, k, "o", mfc="none", color="#444444", ms=6)
         if e.printed:
             ax.plot(e.printed["d_rms_m"] * 1e3, k, "|", color="black", ms=14, mew=2)
     ax.set_yticks(range(len(entries)), [f"{e.table}  {e.controller} {e.reference} {e.speed:g} m/s" for e in entries])
@@ -33,10 +35,10 @@ def draw_tables(study: ControlTables) -> Figure:
     panels = []
     for comparison in TABLE_CAPTIONS:
         some = [e for e in study.entries if e.comparison == comparison]
-        title = comparison.replace("_", " ").replace("vs", "against")
+        title = f"{comparison.replace('_', ' ').replace('vs', 'against')}, {study.of_profile(study.profile)}"
         panels.append(lambda ax, some=some, title=title: _draw(some, title, ax))
     foot = (
-        f"bar: printed · dot: ours, mean and standard deviation of {study.seeds} seeds, {study.of_profile(study.profile)} · "
-        "the whole row: green agrees, light green agrees if, blue nearer, orange differs, grey not compared"
+        f"bar: printed · dot: ours, mean and deviation of {study.seeds} seeds · ring: ours under the supposition · "
+        "the row: green agrees, light green agrees if, blue nearer, orange differs, grey not compared"
     )
     return put_together([side_by_side(5.2, panels), text_row(0.3, lambda ax: draw_footer(foot, ax))])

@@ -137,6 +137,7 @@ def test_one_module_knows_rospy() -> None:
 
 MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS, MEDIAN_LINES = 450, 80, 8, 180
 PROTOCOL = {
+    "KIND": "the declaration of each plant that has a module of its own",
     "LAW": "the line of each planar model and of each controller in its table",
     "advance": "each planar model's step, and the function that chooses among them",
     "declare": "the declaration of a plant, in the module of each family of plants",

@@ -21,6 +21,7 @@ from ssmr.control.laws import LAWS
 from ssmr.estimation.bias import BiasSettings
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.estimation.sensing import SensorModel
+from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -39,6 +40,7 @@ DOCUMENTED = (
     Vehicle,
     Drive,
     *(planar_law(name).parameters for name in PLANAR_MODELS),
+    FourWheelParameters,
     Calibration,
     SineScenario,
     SensorNoise,

@@ -6,13 +6,14 @@ from dataclasses import dataclass, fields, replace
 
 import pytest
 
+from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.parameters import check_parameters, described, packed, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
 from tests.robots import HUSKY
 from validation.simulator.calibration import Calibration
 
-SETS = (*(planar_law(name).parameters for name in PLANAR_MODELS), Vehicle, Drive, Calibration)
+SETS = (*(planar_law(name).parameters for name in PLANAR_MODELS), Vehicle, Drive, FourWheelParameters, Calibration)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr._jit import jit, jit_parallel, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command
@@ -28,6 +29,7 @@ from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, Mind, Tracker, Truth, tic
 from ssmr.control.waypoints import Target, Waypoints
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, DriveNumbers, Sides, drive_numbers, follow, rolling
+from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_from_row, robot_row, turning_wheels
 from ssmr.types import FloatArray, State
 
@@ -193,6 +195,81 @@ def plan_period(
             batch.memories[i, j] = number
         for j, number in enumerate(asked):
             batch.asked[i, j] = number
+
+
+class Bodies(Protocol):
+    """S robots that something else moves, each with its own physics."""
+
+    @property
+    def gave_up(self) -> NDArray[np.bool_]:
+        """(S,) robots whose physics failed since the last tick."""
+        ...
+
+    def states(self) -> FloatArray:
+        """Return (S, 10) the fields of `Truth`."""
+        ...
+
+    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
+        """Take (S, n, 2) wheel-rate references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+        ...
+
+
+def run_bodies(
+    bodies_at: Callable[[State], Bodies],
+    drives: Sequence[Drive],
+    dt: float,
+    controllers: Sequence[Controller],
+    settings: Sequence[LoopSettings],
+    waypoints: Waypoints,
+    seeds: Sequence[int],
+    start: State | None = None,
+) -> list[ClosedRun]:
+    """Run many closed loops, whole periods of the position loop at a time: what is asked of the wheels is known ahead.
+
+    Args:
+        bodies_at: function that places the S robots in a state.
+        drives: their drives.
+        dt: physics step [s].
+        controllers: their laws.
+        settings: feedback, noise and periods of each.
+        waypoints: the reference.
+        seeds: seeds of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
+        start: state to start in; at rest at the first waypoint if not given.
+
+    Raises:
+        ValueError: several kinds of feedback or disturbance, or sets of periods; periods that are no whole number of steps;
+            no loops or no seeds.
+    """
+    first, count = common_settings(settings, seeds), len(settings)
+    clock = make_clock(waypoints, first, dt)
+    drawn = [draw(clock, first, seed) for seed in seeds]
+    draws, pushes = np.array([d for d, _ in drawn]), np.array([np.resize(d, clock.n) for _, d in drawn])
+    turn, state = np.arange(count) % len(seeds), start or waypoints.start
+    bodies, numbers = bodies_at(state), [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
+    batch = Batch(
+        np.tile(EMPTY_MEMORY, (count, 1)),
+        np.zeros(count, dtype=np.int64),
+        np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in numbers]),
+        np.zeros((count, 1 + clock.n // clock.velocity, 2)),
+        np.ones(count, dtype=np.bool_),
+        np.empty((count, clock.ticks, len(LOG_COLUMNS))),
+        np.zeros((count, clock.position, 2)),
+    )
+    trackers, rows = make_trackers(controllers, settings, waypoints, clock, state), np.array(numbers, dtype=np.float64)
+    ticks = np.full(count, clock.ticks)
+    for tick_number in range(clock.ticks):
+        k, n = tick_number * clock.position, clock.position if tick_number < clock.ticks - 1 else 0
+        before = batch.alive.copy()
+        plan_period(k, n, trackers, rows, bodies.states(), draws, batch)
+        ticks[before & ~batch.alive] = tick_number + 1
+        batch.references[~batch.alive] = 0.0
+        if not batch.alive.any():
+            break
+        if n:
+            bodies.advance(batch.references, np.where(batch.alive[:, None], pushes[turn, k : k + n], 0.0))
+            gave_up = batch.alive & bodies.gave_up
+            ticks[gave_up], batch.alive[gave_up] = tick_number + 1, False
+    return [closed_run(log[:n], clock) for log, n in zip(batch.logs, ticks, strict=True)]
 
 
 @dataclass(frozen=True)

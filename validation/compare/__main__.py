@@ -55,8 +55,8 @@ class CompareOptions:
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, or the path of a recording."""
     robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
-    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="all")] = ()
-    """Plants to drive, separated by commas, such as mujoco,improved. A wrong name lists all."""
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="mujoco and the planar models")] = ()
+    """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong name lists all there are."""
     reference: Annotated[
         str | None, cli.option(metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording")
     ] = None
@@ -78,19 +78,18 @@ def main(options: CompareOptions) -> None:
     Prints tables and writes compare.json, compare.png and compare.rrd.
     """
     from validation.compare.run import CompareSettings, prepare
-    from validation.plants.table import PLANTS
+    from validation.plants.table import PLANTS, USUAL_PLANTS
     from validation.simulator.terrain import parse_terrain
 
     log, environment, output = options.recording, options.environment, options.output
+    plants = PLANTS if options.plants == ("all",) else options.plants or USUAL_PLANTS
     with cli.mistakes_are_users():
         output.check()
         settings = CompareSettings(
             log.input, log.horizons, log.start, log.until, environment.noise, environment.disturbance,
             options.run.seed, parse_terrain(environment.terrain), log.limits,
         )  # fmt: skip
-        prepared = prepare(
-            options.source, options.profile, options.plants or PLANTS, options.reference, settings, robot=options.robot
-        )
+        prepared = prepare(options.source, options.profile, plants, options.reference, settings, robot=options.robot)
     with cli.shown("comparing") as progress:
         comparison = prepared.run(options.run.workers, progress)
     folder = cli.output_folder(options.folder())

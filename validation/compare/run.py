@@ -23,8 +23,8 @@ from validation.compare.table import headline_horizon
 from validation.logs.limits import USUAL, LogLimits
 from validation.motion.driving import drive, horizons_of, scoring_windows, standing_sentences, window_errors_of
 from validation.motion.sources import RECORDING, Source, open_source
-from validation.plants.profile import PLANTS, Profile, choose_profile, make_plant
-from validation.plants.table import ALL_PLANTS
+from validation.plants.profile import Profile, choose_profile, make_plant
+from validation.plants.table import ALL_PLANTS, USUAL_PLANTS
 from validation.progress import Progress, Report, silent
 from validation.simulator.description import Robot
 from validation.simulator.health import Health, examine, run_health
@@ -177,7 +177,7 @@ class PreparedComparison:
 def compare(
     source: str | Path | Source,
     profile: str | Path | Profile | None = None,
-    plants: Sequence[str] = PLANTS,
+    plants: Sequence[str] = USUAL_PLANTS,
     reference: str | None = None,
     settings: CompareSettings | None = None,
     workers: int | None = None,
@@ -211,7 +211,7 @@ def compare(
 def prepare(
     source: str | Path | Source,
     profile: str | Path | Profile | None = None,
-    plants: Sequence[str] = PLANTS,
+    plants: Sequence[str] = USUAL_PLANTS,
     reference: str | None = None,
     settings: CompareSettings | None = None,
     *,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,8 +15,8 @@ from ssmr.geometry import shift_reference
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant, run_population
-from ssmr.types import FloatArray
+from ssmr.simulation import PlanarModel, PlanarPlant, run_population
+from ssmr.types import Commands, FloatArray, State
 from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
 from validation.simulator.description import Robot
 from validation.simulator.physics import PhysicsSettings
@@ -83,12 +83,21 @@ def _build(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -
 
 
 class PlanarPopulation:
-    """Candidates of a planar model, driven by one compiled loop on all threads."""
+    """Candidates of a model that one compiled loop drives on all threads."""
 
-    def __init__(self, candidates: Sequence[PlantProfile | None], workers: int) -> None:
-        """Keep the candidates; None stands for one that cannot be built."""
-        self._candidates, self._workers = candidates, workers
-        self._models = [None if c is None else model_of(c) for c in candidates]
+    def __init__(
+        self,
+        candidates: Sequence[PlantProfile | None],
+        workers: int,
+        make: Callable[[PlantProfile], Any] = model_of,
+        run: Callable[[Sequence[Any], Commands, Sequence[State], float], FloatArray] = run_population,
+    ) -> None:
+        """Keep the candidates; None stands for one that cannot be built.
+
+        `make` returns the model with a candidate's numbers, and `run` drives models as `run_population` does.
+        """
+        self._candidates, self._workers, self._run = candidates, workers, run
+        self._models = [None if c is None else make(c) for c in candidates]
 
     def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.poses`."""
@@ -101,7 +110,7 @@ class PlanarPopulation:
         localisers = [candidate.localiser for _, _, candidate in known]
         starts = [localiser.body_state(piece.start) for localiser in localisers]
         numba.set_num_threads(min(self._workers, config.NUMBA_NUM_THREADS))
-        poses = run_population([model for _, model, _ in known], piece.commands, starts, sample_dt, PLANAR_DT)
+        poses = self._run([model for _, model, _ in known], piece.commands, starts, sample_dt)
         late = np.array([[t.position_late, t.yaw_late] for t in localisers]) / sample_dt
         told = poses
         if piece.t is not None or late.any():

@@ -17,11 +17,14 @@ _ENGINES: Mapping[str, str] = {
 """Module of each simulated plant, which declares it as `KIND`; imported when the plant is first used."""
 
 SIMULATED = tuple(_ENGINES)
-"""Plants that are simulated bodies: they stand on terrain, have wheel loads, and obey physics settings."""
+"""Plants that are simulated in space: they stand on terrain and obey physics settings."""
 STANDARD = SIMULATED[0]
 """The plant that stands for the robot where the user names none."""
-PLANTS = (*SIMULATED, *PLANAR_MODELS)
-"""Names of the plants that profiles hold numbers of, in the order of tables; programs drive these unless told otherwise."""
+USUAL_PLANTS = (*SIMULATED, *PLANAR_MODELS)
+"""Plants that programs drive unless told otherwise, in the order of tables."""
+_TYRED = {"four_wheel": "validation.plants.four_wheel"}
+PLANTS = (*USUAL_PLANTS, *_TYRED)
+"""Names of the plants that profiles hold numbers of, in the order of tables."""
 SECOND_OPINIONS = ("ode", "drake")
 """Other engines' robots: they have the numbers of the standard plant, and need packages that this one does not bring."""
 ALL_PLANTS = (*PLANTS, *SECOND_OPINIONS)
@@ -41,5 +44,6 @@ def plant_kind(name: str) -> PlantKind:
     if name not in _kinds:
         families = (("validation.plants.planar", PLANAR_MODELS), ("validation.plants.engines", SECOND_OPINIONS))
         family = next((module for module, names in families if name in names), None)
-        _kinds[name] = import_module(family).declare(name) if family else import_module(_ENGINES[name]).KIND
+        own = {**_ENGINES, **_TYRED}
+        _kinds[name] = import_module(family).declare(name) if family else import_module(own[name]).KIND
     return _kinds[name]

@@ -18,7 +18,8 @@ from validation.compare.run import CompareSettings, compare
 from validation.logs.formats import read_recording
 from validation.logs.recording import Recording
 from validation.motion.sources import Source, source_of
-from validation.plants.profile import PLANTS, Profile, load_profile
+from validation.plants.profile import Profile, load_profile
+from validation.plants.table import USUAL_PLANTS
 from validation.replicate.evidence import Context, Findings, Section
 from validation.replicate.figures import BinnedErrors, draw_residuals
 from validation.show.tables import Cell, Grid
@@ -63,7 +64,7 @@ def _real(context: Context) -> Findings:
         sources = {part: source_of(piece, "recording", kind) for part, piece in parts.items()}
         for part, source in sources.items():
             how = CompareSettings(input=input_, horizons=_HORIZONS)
-            found[input_, part] = compare(source, profile, PLANTS, None, how, context.workers)
+            found[input_, part] = compare(source, profile, USUAL_PLANTS, None, how, context.workers)
         last = list(parts)[-1]
         caption = f"The plants driven by {words}, {last}: paths over windows, errors by horizon, yaw rate and speed."
         pictures.append(context.picture(f"paths-{input_}", comparison_figure(found[input_, last]), caption))

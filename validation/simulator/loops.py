@@ -1,7 +1,7 @@
 """Closed loops around MuJoCo Huskies: a whole population, each with its own body, controller and noise, in one batch.
 
-Everything between two ticks of the position loop is known at the first, so a batch advances by whole periods, as fast as an
-open-loop rollout; `ssmr.control.population.plan_period` is the robots' side.
+A batch advances by whole periods of the position loop, as fast as an open-loop rollout; `ssmr.control.population.run_bodies`
+is the robots' side.
 """
 
 from __future__ import annotations
@@ -15,14 +15,11 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from ssmr.control.law import EMPTY_MEMORY
 from ssmr.control.laws import Controller
-from ssmr.control.loop import ClosedRun, LoopSettings, closed_run, common_settings, draw, make_clock, make_trackers
-from ssmr.control.population import Batch, plan_period
-from ssmr.control.tick import LOG_COLUMNS
+from ssmr.control.loop import ClosedRun, LoopSettings, common_settings
+from ssmr.control.population import run_bodies
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
-from ssmr.robot.drive import Sides, drive_numbers, rolling
 from ssmr.robot.motor import motor_numbers
 from ssmr.types import FloatArray, State
 from validation.simulator.failures import mujoco_failures
@@ -118,40 +115,12 @@ def run_husky_loops(
             number of steps; no loops or no seeds.
         MemoryError: the batch does not fit into memory.
     """
-    settings = common_settings([p.settings for p in loops], seeds)
+    common_settings([p.settings for p in loops], seeds)
     plants = [p.plant for p in loops]
     if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
         raise ValueError("a population of Huskies has one time step, one terrain, one shape of tyre and one kind of motor")
-    dt = loops[0].plant.dt
-    clock = make_clock(waypoints, settings, dt)
-    drawn = [draw(clock, settings, seed) for seed in seeds]
-    draws, pushes = np.array([d for d, _ in drawn]), np.array([np.resize(d, clock.n) for _, d in drawn])
-    turn = np.arange(len(loops)) % len(seeds)
-    state = start or waypoints.start
-    bodies = _Bodies(loops, state, workers or os.cpu_count() or 1)
-    drives = [drive_numbers(p.plant.drive, settings.velocity_period, dt) for p in loops]
-    batch = Batch(
-        np.tile(EMPTY_MEMORY, (len(loops), 1)),
-        np.zeros(len(loops), dtype=np.int64),
-        np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in drives]),
-        np.zeros((len(loops), 1 + clock.n // clock.velocity, 2)),
-        np.ones(len(loops), dtype=np.bool_),
-        np.empty((len(loops), clock.ticks, len(LOG_COLUMNS))),
-        np.zeros((len(loops), clock.position, 2)),
-    )
-    trackers = make_trackers([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state)
-    numbers = np.array(drives, dtype=np.float64)
-    ticks = np.full(len(loops), clock.ticks)
-    for tick in range(clock.ticks):
-        k, n = tick * clock.position, clock.position if tick < clock.ticks - 1 else 0
-        before = batch.alive.copy()
-        plan_period(k, n, trackers, numbers, bodies.states(), draws, batch)
-        ticks[before & ~batch.alive] = tick + 1
-        batch.references[~batch.alive] = 0.0
-        if not batch.alive.any():
-            break
-        if n:
-            bodies.advance(batch.references, np.where(batch.alive[:, None], pushes[turn, k : k + n], 0.0))
-            gave_up = batch.alive & bodies.gave_up
-            ticks[gave_up], batch.alive[gave_up] = tick + 1, False
-    return [closed_run(log[:n], clock) for log, n in zip(batch.logs, ticks, strict=True)]
+    controllers, settings = [p.controller for p in loops], [p.settings for p in loops]
+    return run_bodies(
+        lambda state: _Bodies(loops, state, workers or os.cpu_count() or 1),
+        [p.drive for p in plants], plants[0].dt, controllers, settings, waypoints, seeds, start,
+    )  # fmt: skip

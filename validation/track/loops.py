@@ -12,10 +12,11 @@ import numpy as np
 from ssmr._jit import config
 from ssmr.control.laws import Controller, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
-from ssmr.control.population import Loop, run_loops
+from ssmr.control.population import Loop, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings
 from ssmr.metrics.declared import Metrics
+from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
 from ssmr.models.linear import matrices
 from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
@@ -35,8 +36,8 @@ class ClosedLoopRobot:
 
     name: str
     """Name of the plant."""
-    body: PlanarModel | MujocoPlant
-    """The planar model, or the simulated robot."""
+    body: PlanarModel | FourWheelModel | MujocoPlant
+    """The model, or the simulated robot."""
 
     @property
     def drive(self) -> Drive:
@@ -68,6 +69,8 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
     p: PlantProfile = profile.section(plant)
     if isinstance(made, MujocoPlant):
         return ClosedLoopRobot(plant, made)
+    if isinstance(made, FourWheelPlant):
+        return ClosedLoopRobot(plant, made.model)
     if plant not in PLANAR_MODELS:
         raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it")
     return ClosedLoopRobot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
@@ -114,16 +117,22 @@ def run_robots(
         start: state to start in; at rest at the first waypoint if not given.
 
     Raises:
-        ValueError: planar models and MuJoCo robots in one population, or settings that do not go together.
+        ValueError: several kinds of plant in one population, or settings that do not go together.
     """
     each = list(zip(robots, controllers, settings, strict=True))
     planar = [Loop(r.body, c, s) for r, c, s in each if isinstance(r.body, PlanarModel)]
     huskies = [HuskyLoop(r.body, c, s) for r, c, s in each if isinstance(r.body, MujocoPlant)]
-    if planar and huskies:
+    tyred = [r.body for r in robots if isinstance(r.body, FourWheelModel)]
+    if len(each) not in (len(planar), len(huskies), len(tyred)):
         raise ValueError("a population is one kind of plant")
     if huskies:
         return run_husky_loops(huskies, waypoints, seeds, workers, start)
     numba.set_num_threads(min(workers or os.cpu_count() or 1, config.NUMBA_NUM_THREADS))
+    if tyred:
+        return run_bodies(
+            lambda state: FourWheelBodies(tyred, state),
+            [model.drive for model in tyred], FOUR_WHEEL_DT, controllers, settings, waypoints, seeds, start,
+        )  # fmt: skip
     return run_loops(planar, waypoints, seeds, start=start)
 
 

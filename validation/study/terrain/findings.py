@@ -9,16 +9,15 @@ from typing import Literal
 
 import numpy as np
 
+from ssmr.models.table import PLANAR_MODELS
 from ssmr.types import FloatArray, Trajectory
-from validation.plants.profile import PLANTS, Profile
-from validation.plants.table import SIMULATED
+from validation.plants.profile import Profile
 from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC
 from validation.study.result import require_seeds
 
-PLANAR = tuple(name for name in PLANTS if name not in SIMULATED)
-"""Planar models, in the order of tables."""
+PLANAR = PLANAR_MODELS
 AxisName = Literal["speed", "slope", "roughness", "friction"]
 
 AXES: Mapping[AxisName, tuple[str, str, float]] = {

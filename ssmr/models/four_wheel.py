@@ -1,0 +1,387 @@
+"""A planar body on four tyres with slip: the rung between the planar models, which know no slip, and MuJoCo.
+
+The body has three velocities, each wheel its own rate and a tyre (`ssmr.models.tyre`), each motor the loop of every plant
+(`ssmr.robot.motor`). Wheel loads follow the forces of the ground, as a rigid body on four equal springs has them, with a
+short lag that stands for the tyres' own give; their sum is always the weight. docs/four_wheel.md derives the equations.
+
+Wheels in order front left, front right, rear left, rear right.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+from ssmr._jit import jit
+from ssmr.models.friction import improved_friction, sign, stop_at_zero_crossing
+from ssmr.models.tyre import AlongAcross, Tyre, bend, felt_slip, steady_bend, tyre_force
+from ssmr.parameters import check_parameters, parameter, require_in_range
+from ssmr.robot.drive import saturate
+from ssmr.robot.motor import Motor, advance_integral, motor_numbers
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.types import FloatArray
+
+_GRAVITY = Vehicle().gravity  # [m/s2]
+STIFFEST = 1.0
+"""Greatest h^2 w^2 + 2 h d w^2 of a step h, for a stiffest motion of frequency w and damping time d [1]: stable below 4."""
+_Link = Literal["belt", "none"]
+
+
+@dataclass(frozen=True)
+class FourWheelParameters:
+    """The numbers of a robot on four tyres; what drives it is a `ssmr.Drive`, as for every plant.
+
+    Those without a default are the robot's own: `validation.plants.four_wheel` takes them from its file.
+    """
+
+    mass: float = parameter(unit="kg", low=0.1, high=1e5, search=(0.68, 1.64), of="mass")
+    """Total mass m [kg]."""
+    yaw_inertia: float = parameter(unit="kg m2", low=0.0, high=1e6, open_low=True, search=(0.73, 1.2), of="yaw_inertia")
+    """Moment of inertia I of the whole robot about the vertical through its centre of mass [kg m2]."""
+    wheelbase: float = parameter(unit="m", low=0.01, high=20.0)
+    """Distance of the axles [m]."""
+    half_track: float = parameter(unit="m", low=0.005, high=10.0)
+    """Half the distance between left and right wheels [m]."""
+    wheel_radius: float = parameter(unit="m", low=0.005, high=5.0, search=(0.85, 1.09), of="wheel_radius")
+    """Effective rolling radius r [m]."""
+    com_x: float = parameter(unit="m", low=-10.0, high=10.0, search=(-0.59, 0.59), of="half_wheelbase")
+    """Centre of mass of the whole robot ahead of the middle between the axles [m]."""
+    com_y: float = parameter(unit="m", low=-10.0, high=10.0, search=(-0.53, 0.53), of="half_track")
+    """Centre of mass of the whole robot to the left of that middle [m]."""
+    com_height: float = parameter(unit="m", low=0.0, high=20.0, search=(0.5, 2.8), of="wheel_radius")
+    """Height of the centre of mass above the ground [m]."""
+    gain: float = parameter(unit="N m s/rad", low=0.0, high=1e10, open_low=True, search=(0.25, 25.0), scale="log", of="gain")
+    """K_P of a side's velocity servo [N m s/rad]."""
+    armature: float = parameter(
+        unit="kg m2", low=0.0, high=1e7, open_low=True, search=(0.17, 6.7), scale="log", of="rotor_inertia"
+    )
+    """Rotor inertia of a wheel through the gearbox [kg m2]."""
+    wheel_inertia: float = parameter(unit="kg m2", low=0.0, high=1e6)
+    """Moment of inertia of a wheel about its axle [kg m2]; it loads the axles when it spins up, a rotor does not."""
+    link: _Link = "belt"
+    """Link between the wheels of a side: `belt`, they turn together; `none`, each has its own motor of half the strength."""
+    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.1, 1.2))
+    """Friction of tyre on ground, mu [1]."""
+    stiffness_x: float = parameter(7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log")
+    """Slip stiffness along the wheel, C_x: force over load and slip at little slip [1]."""
+    stiffness_y: float = parameter(7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log")
+    """Slip stiffness across the wheel, C_y [1]."""
+    relaxation: float = parameter(0.5, unit="1", low=0.01, high=100.0, search=(0.1, 3.0), scale="log")
+    """Way that a tyre rolls until its force has built up, over the wheel radius [1]."""
+    tyre_damping: float = parameter(0.05, unit="1", low=0.0, high=10.0)
+    """Time by which the force of a standing tyre leads its bend, over sqrt(wheel radius / g) [1]."""
+    load_lag: float = parameter(0.15, unit="1", low=0.0, high=100.0)
+    """Time constant with which wheel loads follow the forces of the ground, over sqrt(wheel radius / g) [1]."""
+    radius_difference: float = parameter(0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius")
+    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped alike."""
+    strength_difference: float = parameter(0.0, unit="1", low=-1.0, high=1.0, search=(-0.5, 0.5))
+    """Torque of the left motor less that of the right, over their mean, at equal demand [1]."""
+    rolling_resistance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
+    """Rolling resistance over wheel load [1]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges, and that the robot does not fall over where it stands."""
+        check_parameters(self)
+        require_in_range(self, "radius_difference", -self.wheel_radius, self.wheel_radius)
+        if self.link not in get_args(_Link):
+            raise ValueError(f"unknown link '{self.link}'; there are: {', '.join(get_args(_Link))}")
+        if abs(self.com_x) / (0.5 * self.wheelbase) + abs(self.com_y) / self.half_track >= 1.0:
+            raise ValueError(f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load")
+
+
+class FourWheels(NamedTuple):
+    """All numbers of a robot on four tyres for one physics step, for compiled functions."""
+
+    mass: float  # [kg]
+    yaw_inertia: float  # about the centre of mass [kg m2]
+    com_x: float  # centre of mass ahead of the middle between the axles [m]
+    com_y: float  # centre of mass to the left of it [m]
+    com_height: float  # [m]
+    half_base: float  # [m]
+    half_track: float  # [m]
+    radius_left: float  # [m]
+    radius_right: float  # [m]
+    strength_left: float  # torque of the left motors over their nominal one [1]
+    strength_right: float  # torque of the right motors over their nominal one [1]
+    gain: float  # of one wheel's share of its motor [N m s/rad]
+    limit: float  # likewise [N m]
+    braking: float  # likewise [N m s/rad]
+    integral_gain: float  # likewise [N m/rad]
+    leak: float  # [1/s]
+    gear_loss: float  # of one wheel [N m]
+    spin_inertia: float  # of wheel and rotor [kg m2]
+    wheel_inertia: float  # of the wheel alone [kg m2]
+    friction: float  # [1]
+    stiffness_x: float  # [1]
+    stiffness_y: float  # [1]
+    relaxation: float  # [m]
+    damping: float  # [s]
+    rolling_resistance: float  # [1]
+    following: float  # share of their way that the loads go in a step [1]
+    dt: float  # inner step [s]
+    inner: int  # inner steps in a physics step
+    linked: bool  # whether the wheels of a side turn together
+    given: bool  # whether the wheels turn as they are told, whatever torque that takes
+
+
+TEMPLATE = FourWheels(*(0.0,) * 27, 1, True, False)
+"""Template for `ssmr._jit.named_like`."""
+
+
+def four_wheels(p: FourWheelParameters, drive: Drive, dt: float, *, given: bool = False) -> FourWheels:
+    """Return the numbers for physics steps `dt` [s], which are divided where the tyres are too stiff for them."""
+    motor, half = motor_numbers(drive), 0.5 * p.wheelbase
+    spin, relaxation = p.armature + p.wheel_inertia, p.relaxation * p.wheel_radius
+    unit = math.sqrt(p.wheel_radius / _GRAVITY)  # of time
+    damping = p.tyre_damping * unit
+    lightness = 1.0 + p.mass * (half**2 + p.half_track**2) / p.yaw_inertia + 0.25 * p.mass * p.wheel_radius**2 / spin
+    stiffest = max(p.stiffness_x, p.stiffness_y) * _GRAVITY / relaxation * lightness  # square of a frequency [1/s2]
+    root = math.sqrt(damping * damping * stiffest * stiffest + STIFFEST * stiffest)
+    inner = max(1, math.ceil(dt * (damping * stiffest + root) / STIFFEST))  # h^2 w^2 + 2 h d w^2 = STIFFEST
+    lag = p.load_lag * unit
+    return FourWheels(
+        p.mass, p.yaw_inertia, p.com_x, p.com_y, p.com_height, half, p.half_track,
+        p.wheel_radius + 0.5 * p.radius_difference, p.wheel_radius - 0.5 * p.radius_difference,
+        1.0 + 0.5 * p.strength_difference, 1.0 - 0.5 * p.strength_difference,
+        0.5 * p.gain, 0.5 * motor.limit, 0.5 * motor.braking, 0.5 * motor.integral_gain, motor.leak, 0.5 * motor.gear_loss,
+        spin, p.wheel_inertia, p.friction, p.stiffness_x, p.stiffness_y, relaxation, damping, p.rolling_resistance,
+        1.0 if lag == 0.0 else -math.expm1(-dt / inner / lag), dt / inner, inner, p.link == "belt", given,
+    )  # fmt: skip
+
+
+class Body(NamedTuple):
+    """The state of a robot on four tyres, as views of one row of numbers that compiled functions change in place."""
+
+    motion: FloatArray
+    """(6,) x, y [m], yaw [rad] of the middle between the axles; forward and leftward speed of the centre of mass [m/s], yaw
+    rate [rad/s]."""
+    spin: FloatArray
+    """(4,) wheel rates [rad/s]."""
+    integral: FloatArray
+    """(4,) integral parts of the motors' torques [N m]."""
+    torque: FloatArray
+    """(4,) torques of the motors in the last step, each wheel's share [N m]."""
+    slip_x: FloatArray
+    """(4,) bends of the tyres along the wheel over the relaxation length [1]."""
+    slip_y: FloatArray
+    """(4,) bends across the wheel [1]."""
+    load: FloatArray
+    """(4,) wheel loads in the last step [N]."""
+    shift: FloatArray
+    """(2,) load that has moved to the front and to the left, over the weight [1]; 1 where the others carry nothing."""
+    force_x: FloatArray
+    """(4,) forces of the ground along the wheels in the last step [N]."""
+    force_y: FloatArray
+    """(4,) forces of the ground across the wheels [N]."""
+    turn: FloatArray
+    """(1,) yaw acceleration in the last step [rad/s2]."""
+
+
+STATE_NUMBERS = 41
+"""Length of the row of numbers that a `Body` shows."""
+
+
+@jit
+def body_of(row: FloatArray) -> Body:
+    """Return the views of a row of `STATE_NUMBERS` numbers."""
+    return Body(
+        row[0:6], row[6:10], row[10:14], row[14:18], row[18:22], row[22:26], row[26:30], row[30:32], row[32:36], row[36:40],
+        row[40:41],
+    )  # fmt: skip
+
+
+@jit
+def tyre_of(robot: FourWheels) -> Tyre:
+    """Return the numbers of a tyre; all four are alike."""
+    return Tyre(robot.friction, robot.stiffness_x, robot.stiffness_y, robot.relaxation, robot.damping)
+
+
+@jit
+def sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWheels) -> AlongAcross:
+    """Return the velocity of wheel i's rim over the ground where they touch [m/s]; the rim rolls at `rolling` [m/s]."""
+    x = (robot.half_base if i < 2 else -robot.half_base) - robot.com_x
+    y = (robot.half_track if i % 2 == 0 else -robot.half_track) - robot.com_y
+    return AlongAcross(motion[3] - motion[5] * y - rolling, motion[4] + motion[5] * x)
+
+
+@jit
+def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
+    """Put the robot into a state, (8,) as `ssmr.State` has it, with loads as at rest and tyres bent as in steady rolling."""
+    tyre, (w, w_l, w_r) = tyre_of(robot), (start[5], start[6], start[7])
+    body.motion[:3] = start[:3]
+    body.motion[3], body.motion[4], body.motion[5] = start[3] - w * robot.com_y, start[4] + w * robot.com_x, w
+    body.shift[0], body.shift[1] = robot.com_x / robot.half_base, robot.com_y / robot.half_track
+    for i in range(4):
+        body.spin[i] = w_l if i % 2 == 0 else w_r
+        rolling = body.spin[i] * (robot.radius_left if i % 2 == 0 else robot.radius_right)
+        bent = steady_bend(sliding_velocity(body.motion, rolling, i, robot), rolling, tyre)
+        body.slip_x[i], body.slip_y[i] = bent.x, bent.y
+        body.integral[i] = body.torque[i] = body.force_x[i] = body.force_y[i] = 0.0
+    body.turn[0] = 0.0
+    spread_load(body, robot)
+
+
+@jit
+def spread_load(body: Body, robot: FourWheels) -> None:
+    """Spread the weight over the wheels as a rigid body on four equal springs does; a wheel that would hang, lifts.
+
+    Then the robot stands on three wheels: the lack goes to the opposite wheel and is taken off both neighbours, which
+    changes neither the sum nor the moments.
+    """
+    ahead, aside = saturate(body.shift[0], 1.0), saturate(body.shift[1], 1.0)
+    lack = max(abs(ahead) + abs(aside) - 1.0, 0.0) * sign(ahead) * sign(aside)
+    for i in range(4):
+        front, left = (1.0 if i < 2 else -1.0), (1.0 if i % 2 == 0 else -1.0)
+        share = 1.0 + front * ahead + left * aside + front * left * lack
+        body.load[i] = 0.25 * robot.mass * _GRAVITY * max(share, 0.0)  # what is below zero is rounding
+
+
+@jit
+def turn_wheel(
+    rate: float, integral: float, wanted: float, pull: float, dry: float, strength: float, robot: FourWheels
+) -> tuple[float, float]:
+    """Return a wheel's rate after a step [rad/s] and the mean torque of its motor [N m].
+
+    The speed loop is stepped exactly for a load that is constant over the step. Dry friction holds a wheel that stands and
+    stops one that would turn back (Eq. 2.29, 2.31).
+
+    Args:
+        rate: rate of the wheel [rad/s].
+        integral: integral part of its motor's torque, before `strength` [N m].
+        wanted: reference of the rate [rad/s].
+        pull: moment with which the ground brakes the wheel [N m].
+        dry: greatest moment of dry friction [N m].
+        strength: torque of the motor over its nominal one [1].
+        robot: numbers of the robot.
+    """
+    gain, back, limit = strength * robot.gain, strength * robot.braking * rate, strength * robot.limit
+    own = strength * integral
+    driving = saturate(gain * (wanted - rate) + own + back, limit) - back - pull
+    if rate == 0.0 and abs(driving) <= dry:
+        return 0.0, driving + pull
+    load = pull - improved_friction(driving, dry, dry, rate)
+    free = wanted + (own - load) / gain
+    faster = free + (rate - free) * math.exp(-gain * robot.dt / robot.spin_inertia)
+    torque = robot.spin_inertia * (faster - rate) / robot.dt + load
+    if abs(torque + back) > limit:
+        torque = saturate(torque + back, limit) - back
+        faster = rate + robot.dt * (torque - load) / robot.spin_inertia
+    return (stop_at_zero_crossing(faster, rate) if dry > 0.0 else faster), torque
+
+
+@jit
+def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> float:
+    """Advance all wheels under wheel-rate references [rad/s]; return the sum of their angular accelerations [rad/s2]."""
+    motor, total = Motor(robot.limit, robot.braking, robot.integral_gain, robot.leak, robot.gear_loss), 0.0
+    for i in range(4):
+        on_left, other = i % 2 == 0, (i + 2) % 4
+        wanted, radius = (left, robot.radius_left) if on_left else (right, robot.radius_right)
+        pull, load, rate = body.force_x[i], body.load[i], body.spin[i]
+        if robot.linked:
+            pull, load = 0.5 * (pull + body.force_x[other]), 0.5 * (load + body.load[other])
+        if robot.given:
+            faster, torque = wanted, pull * radius
+        else:
+            strength = robot.strength_left if on_left else robot.strength_right
+            dry = robot.gear_loss + robot.rolling_resistance * load * radius
+            faster, torque = turn_wheel(rate, body.integral[i], wanted, pull * radius, dry, strength, robot)
+            if robot.integral_gain > 0.0:
+                error = wanted - 0.5 * (rate + faster)
+                body.integral[i] = advance_integral(body.integral[i], error, robot.dt, motor)
+        total += (faster - rate) / robot.dt
+        body.spin[i], body.torque[i] = faster, torque
+    return total
+
+
+@jit
+def advance_body(body: Body, left: float, right: float, disturbance: float, robot: FourWheels) -> None:
+    """Advance the robot by one inner step under wheel-rate references [rad/s] and a disturbing yaw acceleration [rad/s2].
+
+    Tyres bend with the velocities at the start of the step, and their forces then change the velocities (symplectic Euler).
+    """
+    motion, tyre, dt = body.motion, tyre_of(robot), robot.dt
+    spread_load(body, robot)
+    force_x, force_y, moment = 0.0, 0.0, 0.0
+    for i in range(4):
+        x = (robot.half_base if i < 2 else -robot.half_base) - robot.com_x
+        y = (robot.half_track if i % 2 == 0 else -robot.half_track) - robot.com_y
+        rolling = body.spin[i] * (robot.radius_left if i % 2 == 0 else robot.radius_right)
+        sliding = sliding_velocity(motion, rolling, i, robot)
+        bent = bend(AlongAcross(body.slip_x[i], body.slip_y[i]), sliding, rolling, dt, tyre)
+        force = tyre_force(felt_slip(bent, sliding, rolling, tyre), body.load[i], tyre)
+        body.slip_x[i], body.slip_y[i], body.force_x[i], body.force_y[i] = bent.x, bent.y, force.x, force.y
+        force_x, force_y, moment = force_x + force.x, force_y + force.y, moment + x * force.y - y * force.x
+    spun_up = turn_wheels(body, left, right, robot)
+    w = motion[5]
+    body.turn[0] = moment / robot.yaw_inertia + disturbance
+    w_next = w + dt * body.turn[0]
+    turned = 0.5 * dt * (w + w_next)
+    u, v = motion[3] + dt * force_x / robot.mass, motion[4] + dt * force_y / robot.mass
+    cos, sin = math.cos(turned), math.sin(turned)
+    u, v = cos * u + sin * v, cos * v - sin * u  # the body turns under its velocity
+    ahead = 0.5 * (motion[3] + u) + 0.5 * (w + w_next) * robot.com_y  # of the middle between the axles
+    aside = 0.5 * (motion[4] + v) - 0.5 * (w + w_next) * robot.com_x
+    cos, sin = math.cos(motion[2] + 0.5 * turned), math.sin(motion[2] + 0.5 * turned)
+    motion[0] += dt * (ahead * cos - aside * sin)
+    motion[1] += dt * (ahead * sin + aside * cos)
+    motion[2] += turned
+    motion[3], motion[4], motion[5] = u, v, w_next
+    weight, spin = robot.mass * _GRAVITY, body.spin[0] + body.spin[1] + body.spin[2] + body.spin[3]
+    about_y = weight * robot.com_x - robot.com_height * force_x - robot.wheel_inertia * spun_up
+    about_x = weight * robot.com_y - robot.com_height * force_y - robot.wheel_inertia * spin * w
+    body.shift[0] += robot.following * (about_y / (weight * robot.half_base) - body.shift[0])
+    body.shift[1] += robot.following * (about_x / (weight * robot.half_track) - body.shift[1])
+
+
+SAMPLE_COLUMNS = 25
+"""x, y, yaw, v_x, v_y, yaw rate of the middle between the axles, wheel left, wheel right, torque left, torque right, yaw
+acceleration, its least and greatest value since the last sample, loads, forces along and across the four wheels."""
+
+
+@jit
+def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
+    """Write the state into a row of `SAMPLE_COLUMNS` numbers, but for the range of the yaw acceleration."""
+    motion, w = body.motion, body.motion[5]
+    row[:3] = motion[:3]
+    row[3], row[4], row[5] = motion[3] + w * robot.com_y, motion[4] - w * robot.com_x, w
+    row[6], row[7] = 0.5 * (body.spin[0] + body.spin[2]), 0.5 * (body.spin[1] + body.spin[3])
+    row[8], row[9], row[10] = body.torque[0] + body.torque[2], body.torque[1] + body.torque[3], body.turn[0]
+    row[13:17], row[17:21], row[21:25] = body.load, body.force_x, body.force_y
+
+
+@jit
+def run_wheels(
+    references: FloatArray, disturbance: FloatArray, stride: int, robot: FourWheels, body: Body, out: FloatArray
+) -> int:
+    """Advance a robot over all references in place, writing every `stride`-th state.
+
+    Args:
+        references: (n, 2) wheel-rate references [rad/s].
+        disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
+        stride: physics steps between samples.
+        robot: numbers of the robot.
+        body: state at the first step; at the last step afterwards.
+        out: (1 + n // stride, 25) samples, see `SAMPLE_COLUMNS`; row 0 is the start.
+
+    Returns:
+        The first step after which a number is not finite, or -1.
+    """
+    write_sample(body, out[0], robot)
+    out[0, 11] = out[0, 12] = body.turn[0]
+    least, most = math.inf, -math.inf
+    for k in range(len(references)):
+        push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
+        before = body.motion[5]
+        for _ in range(robot.inner):
+            advance_body(body, references[k, 0], references[k, 1], push, robot)
+        if not math.isfinite(body.motion[3] + body.motion[4] + body.motion[5]):
+            return k
+        turn = (body.motion[5] - before) / (robot.inner * robot.dt)
+        least, most = min(least, turn), max(most, turn)
+        if (k + 1) % stride == 0:
+            row = out[(k + 1) // stride]
+            write_sample(body, row, robot)
+            row[11], row[12] = least, most
+            least, most = math.inf, -math.inf
+    return -1

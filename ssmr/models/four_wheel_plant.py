@@ -1,0 +1,223 @@
+"""The robot on four tyres as a `Plant`, as a population for fits, and as bodies of closed loops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr._jit import jit_parallel, named_like
+from ssmr.errors import DivergedError
+from ssmr.models.four_wheel import (
+    SAMPLE_COLUMNS,
+    STATE_NUMBERS,
+    TEMPLATE,
+    FourWheelParameters,
+    FourWheels,
+    body_of,
+    four_wheels,
+    place,
+    run_wheels,
+    write_sample,
+)
+from ssmr.robot.drive import DRIVE_TEMPLATE, Driver, Sides, drive_numbers, fill_references, wheel_references, whole_steps
+from ssmr.robot.vehicle import Drive
+from ssmr.types import Commands, FloatArray, State, Trajectory
+
+FOUR_WHEEL_DT = 0.001
+"""Physics step [s], that of the planar models; stiff tyres divide it further."""
+
+
+@dataclass(frozen=True)
+class FourWheelModel:
+    """A robot on four tyres with all its numbers: everything that defines the plant, and no state."""
+
+    parameters: FourWheelParameters
+    """Body, tyres and motors."""
+    drive: Drive
+    """Saturation, delays and conversions between command and wheels."""
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return "four_wheel"
+
+
+class FourWheelPlant:
+    """A robot on four tyres as a `Plant`; its reference point is the middle between the axles."""
+
+    name = "four_wheel"
+    dt: float
+    """Physics step [s]."""
+
+    def __init__(self, model: FourWheelModel, dt: float = FOUR_WHEEL_DT) -> None:
+        """Start at rest at the origin.
+
+        Args:
+            model: what to simulate.
+            dt: physics step [s].
+
+        Raises:
+            ValueError: the drive's hold is no whole number of steps.
+        """
+        whole_steps(model.drive.hold, dt, "the drive's hold")
+        self.dt, self.model = dt, model
+        self._robot = four_wheels(model.parameters, model.drive, dt)
+        self.reset(State())
+
+    def _run(self, references: FloatArray, push: FloatArray, stride: int, robot: FourWheels, row: FloatArray) -> FloatArray:
+        """Return the samples of a run that changes the state in `row`."""
+        out = np.empty((1 + len(references) // stride, SAMPLE_COLUMNS))
+        failed = run_wheels(references, push, stride, robot, body_of(row), out)
+        if failed >= 0:
+            t = failed * self.dt
+            raise DivergedError(f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)", step=failed, t=t)
+        return out
+
+    def reset(self, state: State) -> State:
+        """Start from `state` with empty delay lines."""
+        self._row = _placed(state, self._robot)
+        self._driver = Driver(self.model.drive, self.dt, state)
+        out = self._run(np.empty((0, 2)), np.zeros(1), 1, self._robot, self._row)
+        return State(*map(float, out[0, :8]))
+
+    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
+        """Hold a twist command for `dt` [s]."""
+        n = whole_steps(dt, self.dt, "the step")
+        references = self._driver.references(command, n)
+        out = self._run(references, np.array([float(yaw_acceleration)]), n, self._robot, self._row)
+        return State(*map(float, out[-1, :8]))
+
+    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+        """Drive `commands` at once.
+
+        Returns:
+            The motion, with channels `torque_N_m` (M, 2), `yaw_acceleration_rad_s2` (M,) and its range between samples
+            (M, 2), and for the wheels front left, front right, rear left, rear right `wheel_load_N` (M, 4) and the forces of
+            the ground in the body's axes, `force_x_N` and `force_y_N` (M, 4).
+
+        Raises:
+            DivergedError: a velocity is no longer finite.
+            ValueError: periods that are no whole number of steps, or disturbances that are not one a step.
+        """
+        stride, given = whole_steps(sample_dt, self.dt, "the sample period"), commands.kind == "wheels"
+        references = wheel_references(commands, self.model.drive, self.dt, state)
+        push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
+        if disturbance is not None and len(push) != len(references):
+            raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
+        robot = self._robot._replace(given=given)
+        out = self._run(references, push, stride, robot, _placed(state, robot))
+        channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
+        channels |= {"yaw_acceleration_range_rad_s2": out[:, 11:13], "wheel_load_N": out[:, 13:17]}
+        channels |= {"force_x_N": out[:, 17:21], "force_y_N": out[:, 21:25]}
+        return Trajectory(sample_dt * np.arange(len(out), dtype=np.float64), out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+
+
+def _placed(state: State, robot: FourWheels) -> FloatArray:
+    """Return the row of numbers of a robot that is put into a state."""
+    row = np.zeros(STATE_NUMBERS)
+    place(np.array(astuple(state), dtype=np.float64), robot, body_of(row))
+    return row
+
+
+@jit_parallel
+def _advance_all(
+    references: FloatArray, pushes: FloatArray, robots: FloatArray, rows: FloatArray, now: FloatArray, failed: Any
+) -> None:
+    """Advance S robots in place, one a thread; write (S, 25) samples of their ends, and where they failed."""
+    for i in numba.prange(len(robots)):
+        robot, out = named_like(TEMPLATE, robots[i]), np.empty((2, SAMPLE_COLUMNS))
+        failed[i] = run_wheels(references[i], pushes[i], len(references[i]), robot, body_of(rows[i]), out)
+        now[i] = out[1]
+
+
+class FourWheelBodies:
+    """S robots that advance together under wheel-rate references, on all threads (`numba.set_num_threads`)."""
+
+    def __init__(self, models: Sequence[FourWheelModel], state: State, dt: float = FOUR_WHEEL_DT) -> None:
+        """Put every robot into `state`."""
+        robots = [four_wheels(model.parameters, model.drive, dt) for model in models]
+        self._robots, self._rows = np.array(robots, dtype=np.float64), np.array([_placed(state, r) for r in robots])
+        self._failed, self._now = np.full(len(robots), -1), np.zeros((len(robots), SAMPLE_COLUMNS))
+        for row, robot, now in zip(self._rows, robots, self._now, strict=True):
+            write_sample(body_of(row), now, robot)
+
+    @property
+    def gave_up(self) -> NDArray[np.bool_]:
+        """(S,) robots whose numbers were no longer finite in the last run."""
+        return np.asarray(self._failed >= 0)
+
+    def states(self) -> FloatArray:
+        """Return (S, 10) the fields of `ssmr.control.tick.Truth`."""
+        return np.ascontiguousarray(self._now[:, :10])
+
+    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
+        """Take (S, n, 2) references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+        _advance_all(references, pushes, self._robots, self._rows, self._now, self._failed)
+
+
+class _Inputs(NamedTuple):
+    """Inputs of a whole population."""
+
+    values: FloatArray  # (N, 2) commands
+    before: FloatArray  # (2,) twist commanded before the first command
+    given: bool  # whether the values are the wheel rates themselves
+    stride: int  # steps between samples
+
+
+@jit_parallel
+def _run_population(inputs: _Inputs, drives: FloatArray, robots: FloatArray, rows: FloatArray, poses: FloatArray) -> None:
+    """Drive S robots at once, one a thread; write (S, M, 3) poses, NaN where a robot diverges."""
+    for i in numba.prange(len(robots)):
+        robot, drive, body = named_like(TEMPLATE, robots[i]), named_like(DRIVE_TEMPLATE, drives[i]), body_of(rows[i])
+        references = np.empty((len(inputs.values) * drive.period, 2))
+        if inputs.given:
+            for k in range(len(references)):
+                references[k] = inputs.values[k // drive.period]
+        else:
+            wheels = Sides(body.spin[0], body.spin[1])
+            fill_references(inputs.values, drive, (inputs.before[0], inputs.before[1]), wheels, references)
+        out = np.empty((1 + len(references) // inputs.stride, SAMPLE_COLUMNS))
+        if run_wheels(references, np.zeros(1), inputs.stride, robot, body, out) >= 0:
+            poses[i] = np.nan
+        else:
+            poses[i] = out[:, :3]
+
+
+def run_four_wheels(
+    models: Sequence[FourWheelModel],
+    commands: Commands,
+    starts: Sequence[State],
+    sample_dt: float,
+    dt: float = FOUR_WHEEL_DT,
+) -> FloatArray:
+    """Drive many robots with the same inputs, one a thread (`numba.set_num_threads`).
+
+    Args:
+        models: S robots.
+        commands: commands that all of them get.
+        starts: state from which each starts.
+        sample_dt: time between samples [s].
+        dt: physics step [s].
+
+    Returns:
+        (S, M, 3) poses; a robot that diverges is NaN throughout, for the caller to rate.
+
+    Raises:
+        ValueError: periods that are no whole number of steps.
+    """
+    stride, given = whole_steps(sample_dt, dt, "the sample period"), commands.kind == "wheels"
+    robots = [four_wheels(model.parameters, model.drive, dt, given=given) for model in models]
+    poses = np.empty((len(models), 1 + commands.n * whole_steps(commands.dt, dt, "the command period") // stride, 3))
+    _run_population(
+        _Inputs(commands.values, np.array(commands.before, dtype=np.float64), given, stride),
+        np.array([drive_numbers(model.drive, commands.dt, dt) for model in models], dtype=np.float64),
+        np.array(robots, dtype=np.float64),
+        np.array([_placed(state, robot) for state, robot in zip(starts, robots, strict=True)]),
+        poses,
+    )
+    return poses

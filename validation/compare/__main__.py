@@ -56,7 +56,7 @@ class CompareOptions:
     robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="mujoco and the planar models")] = ()
-    """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong name lists all there are."""
+    """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong name lists all names."""
     reference: Annotated[
         str | None, cli.option(metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording")
     ] = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -298,6 +297,11 @@ def test_closed_loops_equal_the_slow_loop() -> None:
     assert np.abs(wrap_angle(fast[1].table[:, 2] - fast[0].table[:, 2])).max() > 1e-3
 
 
-def recovered(names: Sequence[str], start: dict[str, float]) -> dict[str, float]:
-    found = fit("four_wheel", "traj4@four_wheel", free=tuple(names), start=start, method="lsq", generations=30)
-    return {p.name: p.value for p in found.parameters}
+def test_a_fit_finds_the_tyres_again() -> None:
+    """From tyres twice as stiff along and half as stiff across; 0.1 mm of path are left, which hardly tell more."""
+    start = {"stiffness_x": 15.0, "stiffness_y": 4.0, "wheel_radius": 0.158}
+    found = fit("four_wheel", "traj4@four_wheel", free=tuple(start), start=start, method="lsq", generations=12)
+    values = {p.name: p.value for p in found.parameters}
+    assert values["wheel_radius"] == pytest.approx(0.161315, rel=1e-3)
+    for name in ("stiffness_x", "stiffness_y"):
+        assert values[name] == pytest.approx(7.0, rel=0.1), name

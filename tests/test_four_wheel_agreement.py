@@ -1,0 +1,102 @@
+"""MuJoCo and the robot on four tyres, two independent computations of one robot: what docs/four_wheel.md says of them."""
+
+from __future__ import annotations
+
+import math
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ssmr.robot.skid_turn import turn_on_the_spot
+from validation.simulator.physics import PhysicsSettings
+
+page = SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_four_wheel_figure.py")))
+"""The script that prints the page's numbers."""
+SOFT, CAR, STIFF, RIGID = page.STIFFNESSES
+
+
+def test_both_turn_on_the_spot_as_the_closed_form_says() -> None:
+    expected = turn_on_the_spot(page.NUMBERS.wheelbase, 2.0 * page.NUMBERS.half_track).multiplier
+    assert expected == pytest.approx(1.8046, abs=1e-4)
+    for stiffness in (SOFT, RIGID):
+        assert page.multiplier(stiffness, 0.0, 0.6) == pytest.approx(expected, rel=1e-4)
+    for rate, apart in ((0.3, 7e-4), (2.4, 5e-3)):
+        found = page.multiplier("mujoco", 0.0, rate)
+        assert found == pytest.approx(expected, rel=apart)
+        assert found < expected
+        lifted = found * (1.0 + 0.5 * page.rise(rate) / page.NUMBERS.wheel_radius)
+        assert lifted == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(("v", "w"), page.CURVES)
+def test_curves_agree_but_for_the_lag_of_mujocos_friction(v: float, w: float) -> None:
+    (ahead, aside, turning), _, loads = page.steady("mujoco", v, w)
+    (_, rigid, rate), _, others = page.steady(RIGID, v, w)
+    assert turning == pytest.approx(rate, rel=2.5e-3)
+    assert aside < 1.09 * rigid < 0.0
+    assert aside == pytest.approx(rigid - page.LAG * ahead * turning, rel=0.012)
+    outwards = np.array([-1.0, 1.0, -1.0, 1.0])
+    assert loads @ outwards == pytest.approx(others @ outwards, rel=0.01)
+    robot, wheels = page.NUMBERS, page.steady(RIGID, v, w)[1]
+    tipping = robot.mass * robot.com_height * ahead * turning + robot.wheel_inertia * 2.0 * wheels.sum() * turning
+    assert others @ outwards == pytest.approx(tipping / robot.half_track, rel=0.01)
+
+
+def test_the_lag_is_that_of_the_contacts_time_constant() -> None:
+    (_, rigid, _), _, _ = page.steady(RIGID, 1.0, 1.2)
+    lags = []
+    for constant in (0.04, 0.02):
+        (ahead, aside, turning), _, _ = page.steady("mujoco", 1.0, 1.2, PhysicsSettings(solref=(constant, 1.0)))
+        lags.append((rigid - aside) / (ahead * turning))
+    assert lags[0] / lags[1] == pytest.approx(2.0, rel=0.1)
+
+
+def test_soft_tyres_turn_more_in_a_gentle_curve() -> None:
+    assert page.steady(SOFT, 0.5, 0.3)[0][2] > 1.08 * page.steady("mujoco", 0.5, 0.3)[0][2]
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.98])
+def test_starts_agree_but_for_the_slip_of_tyres(share: float) -> None:
+    reached, slip, moved = page.thrust("mujoco", share)
+    assert abs(slip) < 0.0025
+    assert reached == pytest.approx(share, rel=1e-3)
+    stiff, _, others = page.thrust(RIGID, share)
+    assert moved / reached == pytest.approx(others / stiff, rel=1e-3)
+    for stiffness in (SOFT, CAR, STIFF):
+        less, slipping, _ = page.thrust(stiffness, share)
+        assert slipping == pytest.approx(page.brush_slip(less, stiffness), rel=0.02)  # while the tyres roll on
+        assert less < reached
+
+
+def test_neither_accelerates_beyond_the_friction_limit() -> None:
+    for which in ("mujoco", RIGID):
+        reached, slip, _ = page.thrust(which, 1.05)
+        assert reached == pytest.approx(1.0, rel=1e-3)
+        assert slip > 0.02
+
+
+@pytest.mark.parametrize("speed", [1.0, 2.0])
+def test_both_stop_in_the_distance_that_friction_needs(speed: float) -> None:
+    needed = speed**2 / (2.0 * page.MU * page.G)
+    assert page.stop("mujoco", speed) == pytest.approx(needed, rel=0.01)
+    assert needed < page.stop(RIGID, speed) < 1.03 * needed
+    assert page.stop(RIGID, speed) < page.stop(SOFT, speed) < 1.05 * needed
+
+
+def test_an_arc_of_twenty_seconds_ends_near_the_others_end() -> None:
+    one, other, soft = (page.arc(which) for which in ("mujoco", RIGID, SOFT))
+    assert np.hypot(*(one.xy - other.xy).T).max() < 0.02
+    assert np.abs(one.yaw - other.yaw).max() < math.radians(0.2)
+    assert 0.03 < np.hypot(*(one.xy - soft.xy).T).max() < 0.1
+
+
+def test_loads_of_a_start_a_curve_and_a_stop_agree() -> None:
+    one, other = (page.manoeuvre(which) for which in ("mujoco", RIGID))
+    quiet = ((one.t > 0.2) & (one.t < 0.5)) | ((one.t > 3.0) & (one.t < 4.4)) | ((one.t > 4.8) & (one.t < 5.0))
+    loads, others = one.channels["wheel_load_N"][quiet], other.channels["wheel_load_N"][quiet]
+    moved = np.abs(loads - loads.mean()).max()
+    assert np.abs(loads - others).max() < 0.06 * moved
+    assert np.abs(others - page.quasi_static(other)[quiet]).max() < 0.02 * moved

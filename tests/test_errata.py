@@ -11,6 +11,8 @@ import pytest
 
 from ssmr.control.law import Observation
 from ssmr.control.waypoints import Target, position_errors
+from ssmr.estimation.ekf import EkfSettings, run_ekf
+from ssmr.estimation.sensing import simulate_sensors
 from ssmr.geometry import wrap_angle
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.paths import path_length
@@ -25,6 +27,9 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import Profile
+from validation.replicate.noise import late
+from validation.replicate.stability import bounds_table
+from validation.study.noise.filtering import HighPass, estimate_noise
 from validation.study.tables import TablesOptions, study_tables
 from validation.thesis.published import table, value
 
@@ -281,3 +286,38 @@ def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both(lab: Profile) 
         assert supposed["d_haus_m"] == pytest.approx(printed["d_haus_m"], rel=0.2)
         assert abs(supposed["d_ratio"] - printed["d_ratio"]) < 0.005
     assert supposed["d_rms_m"] == pytest.approx(printed["d_rms_m"], rel=0.1)
+
+
+def test_44_the_high_pass_filter_takes_noise_away_too() -> None:
+    """White noise of the printed variance leaves less than that behind the printed filter."""
+    printed = value("3.4", "dx")
+    for rate, share in ((50.0, 0.623), (120.0, 0.843)):
+        noise = np.random.default_rng(44).normal(0.0, math.sqrt(printed), 100_000)
+        assert estimate_noise([noise], HighPass(rate, exact=False)).variance == pytest.approx(share * printed, rel=0.02)
+
+
+def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
+    """A state filter's output in a straight run at 0.5 m/s, and the same with stamps that are wrong by 10 ms."""
+    t = np.arange(0.0, 40.0, 0.02)
+    straight = np.column_stack([0.5 * t, 0.0 * t, 0.0 * t])
+    motion = Trajectory(t, straight, np.tile([0.5, 0.0, 0.0], (len(t), 1)), np.full((len(t), 2), 0.5 / 0.1651))
+    log = simulate_sensors(motion, np.random.default_rng(1), rate=50.0)
+    seen = run_ekf(log.t, log.left, log.right, log.gyro, EkfSettings(), State(v_x=0.5))
+    off = late(motion, seen, 0.010, np.random.default_rng(2))
+    filter = HighPass(50.0)
+    (x, y, dx), (x_off, y_off, dx_off) = (
+        [estimate_noise([values], filter).variance for values in (m.pose[:, 0], m.pose[:, 1], m.twist[:, 0])]
+        for m in (seen, off)
+    )
+    assert x < value("3.4", "X") / 1e3
+    assert y < value("3.4", "Y")
+    assert value("3.4", "X") < x_off < 2.5 * value("3.4", "X")  # at the faster of the speeds of Tab. 3.3
+    assert (y_off, dx_off) == pytest.approx((y, dx), rel=0.05)
+
+
+def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
+    """The printed upper ends, one gain at a time; the eigenvalues are tested in test_stability.py."""
+    rows, gains = bounds_table().rows, table("4.4")["rows"]
+    beyond = {row: pairs["value"].ours for row, pairs in rows.items() if pairs["value"].ours < gains[row]["search"][1]}
+    assert beyond == pytest.approx({"K_P_rho": 5.17, "K_P_u": 0.914, "K_P_omega": 1.010}, rel=2e-3)
+    assert all(gains[row]["optimised"] < pairs["value"].ours for row, pairs in rows.items())

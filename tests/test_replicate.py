@@ -61,7 +61,23 @@ from validation.thesis.verdicts import STATUSES, Pair
 
 SMALL = ReplicationSettings(fit_population=8, fit_generations=4, noise_seeds=1, repeats=1)
 WANTED = {
-    *("3.8", "3.9", "3.11", "3.12", "3.14", "3.15", "4.4", "4.21", "4.37", "4.38", "Sec. 3.6", "Fig. 2.9", "Fig. 3.33"),
+    *(
+        "3.8",
+        "3.9",
+        "3.11",
+        "3.12",
+        "3.14",
+        "3.15",
+        "4.4",
+        "4.21",
+        "4.37",
+        "4.38",
+        "Sec. 3.6",
+        "Fig. 2.9",
+        "3.4",
+        "Fig. 3.33",
+        "Sec. 4.3.3",
+    ),
     *(f"4.{i}" for i in (*range(5, 20), *range(22, 37))),
 }
 
@@ -252,6 +268,18 @@ def test_the_published_lines_meet_the_published_dry_friction_where_the_section_s
         [math.pi / 2 * k_u / u_x, math.pi / 2 * k_y / mu_c, u_x / (4.0 * k_u), mu_c * 0.256 / (k_y * 0.275)], rel=ROUNDOFF
     )
     assert [p.file for p in findings.pictures] == ["friction-laws.png"]
+
+
+def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(tmp_path: Path) -> None:
+    """White noise of the printed variances leaves the share that the filter lets pass; wrong stamps are noise of X alone."""
+    (findings,) = run(["noise"], folders(tmp_path / "out"), replace(SMALL, noise_seeds=3)).values()
+    rows, kept = {name: pairs["variance"] for name, pairs in findings.tables["3.4"].rows.items()}, 0.623
+    for name, pair in rows.items():
+        assert pair.published is not None
+        assert pair.ours is not None
+        assert pair.beside["of what is simulated"] == pytest.approx(kept * pair.published, rel=0.15), name
+        assert (pair.beside["with jitter"] > 100.0 * pair.ours) == (name == "X")
+    assert len(next(iter(findings.grids.values())).groups[0]) == len(published.table("3.3")["rows"])
 
 
 def test_delay_and_rise_of_known_answers() -> None:

@@ -21,10 +21,19 @@ from validation.replicate.evidence import (
 from validation.replicate.friction import FRICTION_SECTIONS
 from validation.replicate.keeping import keep, kept
 from validation.replicate.models import MODEL_SECTIONS
+from validation.replicate.noise import NOISE_SECTIONS
 from validation.replicate.real import REAL_SECTIONS
 from validation.replicate.result import Replication
+from validation.replicate.stability import STABILITY_SECTIONS
 
-ALL_SECTIONS: tuple[Section, ...] = (*FRICTION_SECTIONS, *MODEL_SECTIONS, *CONTROL_SECTIONS, *REAL_SECTIONS)
+ALL_SECTIONS: tuple[Section, ...] = (
+    *FRICTION_SECTIONS,
+    *NOISE_SECTIONS,
+    *MODEL_SECTIONS,
+    *STABILITY_SECTIONS,
+    *CONTROL_SECTIONS,
+    *REAL_SECTIONS,
+)
 """Every section, in the order of the report."""
 
 _DEFAULT = ReplicationSettings()

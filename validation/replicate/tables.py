@@ -12,6 +12,8 @@ from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid, Unit
 from validation.thesis.verdicts import Pair, RowVerdict, Verdict, is_told, judge, judge_rows, row_verdict, short
 
 _RATIO = Unit("", 1.0, 4)
+_MOST_DECIMALS = 6
+"""Numbers with more decimals than this are written with a power of ten."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,8 @@ def _with_error(pair: Pair) -> str:
     if pair.spread is None or not pair.spread > 0.0:
         return number_text(pair.ours)
     decimals = max(0, 1 - math.floor(math.log10(pair.spread)))
+    if decimals > _MOST_DECIMALS:
+        return f"{number_text(pair.ours)} ± {pair.spread:.1e}"
     return f"{pair.ours:.{decimals}f} ± {pair.spread:.{decimals}f}"
 
 

@@ -77,6 +77,7 @@ WANTED = {
         "3.4",
         "Fig. 3.33",
         "Sec. 4.3.3",
+        "Sec. 4.5",
     ),
     *(f"4.{i}" for i in (*range(5, 20), *range(22, 37))),
 }
@@ -280,6 +281,14 @@ def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(
         assert pair.beside["of what is simulated"] == pytest.approx(kept * pair.published, rel=0.15), name
         assert (pair.beside["with jitter"] > 100.0 * pair.ours) == (name == "X")
     assert len(next(iter(findings.grids.values())).groups[0]) == len(published.table("3.3")["rows"])
+
+
+def test_missed_ticks_shorten_the_way_that_the_filter_believes_in(tmp_path: Path) -> None:
+    (findings,) = run(["faults"], folders(tmp_path / "out")).values()
+    rows = next(iter(findings.grids.values())).groups[0]
+    share, along = np.array([[float(row[0].text), float(row[1].text)] for row in rows]).T
+    length = 10.8e3
+    assert -np.diff(along) / np.diff(share) == pytest.approx(0.5 * length / 100.0, rel=0.1)
 
 
 def test_delay_and_rise_of_known_answers() -> None:

@@ -20,6 +20,7 @@ from ssmr.control.tick import (
     LOG_COLUMNS,
     LOST,
     NO_DRAWS,
+    NO_ERRORS,
     NO_NUMBERS,
     SPINNING,
     Draws,
@@ -85,7 +86,7 @@ class LoopSettings:
 
     def deviations(self) -> Draws:
         """Return the standard deviations of the feedback and of the sensors, zero where there is no noise."""
-        n, (wheel, gyro, _) = self.noise, self.sensors.packed()
+        n, (wheel, gyro, *_) = self.noise, self.sensors.packed()
         noisy = np.sqrt([n.x, n.y, n.yaw, n.v_x, n.yaw_rate]) * (self.feedback == "noisy")
         x, y, yaw, v, w = map(float, noisy)
         return Draws(x, y, yaw, v, w, wheel, wheel, gyro)
@@ -159,7 +160,7 @@ class Trackers(NamedTuple):
     """(S, 5, 5) covariances of the beliefs."""
     filters: FloatArray
     noises: FloatArray
-    gyro_biases: FloatArray
+    sensors: FloatArray
     position_steps: int
     velocity_steps: int
     dt: float
@@ -171,7 +172,7 @@ def tracker_of(trackers: Trackers, i: int) -> Tracker:
     return Tracker(
         trackers.laws[i], trackers.gains[i], trackers.course, trackers.lookaheads[i], trackers.by_filter,
         Belief(trackers.means[i], trackers.covariances[i]), named_like(NO_NUMBERS, trackers.filters[i]),
-        named_like(NO_DRAWS, trackers.noises[i]), trackers.gyro_biases[i], trackers.position_steps,
+        named_like(NO_DRAWS, trackers.noises[i]), named_like(NO_ERRORS, trackers.sensors[i]), trackers.position_steps,
         trackers.velocity_steps, trackers.dt,
     )  # fmt: skip
 
@@ -198,7 +199,7 @@ def make_trackers(
         np.array([belief.covariance] * len(settings)),
         np.array([s.filter.packed() for s in settings]),
         np.array([s.deviations() for s in settings]),
-        np.array([s.sensors.gyro_bias for s in settings]),
+        np.array([s.sensors.packed() for s in settings]),
         clock.position,
         clock.velocity,
         clock.dt,

@@ -74,8 +74,8 @@ class Tracker(NamedTuple):
     """`EkfSettings.packed()`."""
     noise: Draws
     """Standard deviations of the feedback and of the sensors."""
-    gyro_bias: float
-    """[rad/s]"""
+    sensors: SensorErrors
+    """`SensorModel.packed()`."""
     position_steps: int
     """Physics steps of the position loop's period."""
     velocity_steps: int
@@ -126,6 +126,7 @@ class LogRow(NamedTuple):
 
 NO_DRAWS = Draws(*(0.0,) * 8)
 NO_NUMBERS = FilterNumbers(*(0.0,) * 9)
+NO_ERRORS = SensorErrors(*(0.0,) * 5)
 """Templates for `named_like`."""
 LOG_COLUMNS = LogRow._fields
 """Names of the columns of a run's log."""
@@ -146,7 +147,7 @@ def observe(tracker: Tracker, truth: Truth, draws: Draws, elapsed: float) -> Obs
     if tracker.by_filter:
         sample = sense(
             truth.left, truth.right, truth.w, (draws.left, draws.right, draws.gyro),
-            SensorErrors(noise.left, noise.gyro, tracker.gyro_bias),
+            tracker.sensors,
         )  # fmt: skip
         filter_step(tracker.belief, sample, elapsed, tracker.filter)
         mean = tracker.belief.mean

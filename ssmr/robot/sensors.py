@@ -61,6 +61,27 @@ def measure(
     return Trajectory(trajectory.t, pose, twist, trajectory.wheels, trajectory.channels)
 
 
+def tracker_swing(t: FloatArray, amplitude: float, frequency: float, rng: np.random.Generator) -> FloatArray:
+    """Return an oscillation of a motion capture that is no motion of the robot, as Sec. 4.5 reports one.
+
+    Args:
+        t: (M,) instants [s].
+        amplitude: amplitude [m].
+        frequency: frequency [Hz].
+        rng: generator of its direction in the world and of its phase.
+
+    Returns: (M, 2) what the tracker adds to x and y [m]: A sin(2 pi f t + phase) along one direction.
+
+    Raises:
+        ValueError: a negative amplitude or frequency.
+    """
+    if amplitude < 0.0 or frequency < 0.0:
+        raise ValueError(f"amplitude {amplitude} m and frequency {frequency} Hz must not be negative")
+    direction, phase = rng.uniform(0.0, 2.0 * math.pi, 2)
+    swing = amplitude * np.sin(2.0 * math.pi * frequency * t + phase)
+    return np.column_stack([swing * math.cos(direction), swing * math.sin(direction)])
+
+
 YAW_DISTURBANCE_VARIANCE = 25.0
 """Variance of the disturbing yaw acceleration [rad2/s4]; Sec. 3.4.5."""
 

@@ -14,6 +14,7 @@ from validation.logs.formats import check_apart
 from validation.logs.limits import USUAL
 from validation.logs.log import ReadOptions, Stamps
 from validation.recordings.run import ConvertSettings, convert, info
+from validation.recordings.simulated_log import LogSettings
 from validation.words import file_name
 
 
@@ -60,6 +61,19 @@ class SimulationOptions:
     """Name of a shipped robot, or path of a robot's file (.toml)."""
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     seed: cli.Seed = 0
+    missed_left: Annotated[cli.Number, cli.option(metavar="SHARE", default="0")] = None
+    """Share of their ticks that damaged encoders of the left side miss (Sec. 4.5)."""
+    missed_right: Annotated[cli.Number, cli.option(metavar="SHARE", default="0")] = None
+    """Share of their ticks that damaged encoders of the right side miss (Sec. 4.5)."""
+    swing: Annotated[cli.Number, cli.option(metavar="METRES", default="0")] = None
+    """Amplitude of an oscillation of the localiser that is no motion of the robot (Sec. 4.5)."""
+    swing_hz: Annotated[cli.Number, cli.option(metavar="HZ", default="1")] = None
+    """Frequency of that oscillation."""
+
+    def faults(self) -> LogSettings:
+        """Return the faults of the simulated log as the library takes them."""
+        asked = {name: getattr(self, name) for name in ("missed_left", "missed_right", "swing", "swing_hz")}
+        return LogSettings(**{name: value for name, value in asked.items() if value is not None})
 
 
 LogSource = Annotated[
@@ -129,7 +143,14 @@ def _info(options: InfoOptions) -> None:
     with cli.mistakes_are_users():
         if options.json is not None:
             check_apart(options.json, options.source)
-        found = info(options.source, bag.reading(), simulation.profile, simulation.seed, robot=simulation.robot)
+        found = info(
+            options.source,
+            bag.reading(),
+            simulation.profile,
+            simulation.seed,
+            robot=simulation.robot,
+            faults=simulation.faults(),
+        )
     for fault in found.log.faults:
         cli.warn(fault)
     if options.json is not None:
@@ -152,7 +173,14 @@ def _convert(options: ConvertOptions) -> None:
     with cli.mistakes_are_users():
         settings = ConvertSettings(*astuple(changes))
         converted = convert(
-            options.source, settings, bag.reading(), simulation.profile, simulation.seed, target, robot=simulation.robot
+            options.source,
+            settings,
+            bag.reading(),
+            simulation.profile,
+            simulation.seed,
+            target,
+            robot=simulation.robot,
+            faults=simulation.faults(),
         )
         try:
             converted.save(target)

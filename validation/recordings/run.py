@@ -17,7 +17,7 @@ from validation.logs.recording import Recording, RecordingError
 from validation.logs.rest import STOCK, find_rest, unbiased
 from validation.plants.profile import Profile, choose_profile
 from validation.recordings.result import ConvertedLog, LogInfo
-from validation.recordings.simulated_log import is_simulated, simulated_log
+from validation.recordings.simulated_log import LogSettings, is_simulated, simulated_log
 from validation.simulator.description import Robot, load_robot
 
 
@@ -61,6 +61,7 @@ def open_log(
     seed: int = 0,
     *,
     robot: str | Path | Robot | None = None,
+    faults: LogSettings | None = None,
 ) -> Log:
     """Read a log, or drive a plant and log it.
 
@@ -72,6 +73,7 @@ def open_log(
         seed: seed of its sensors' noise.
         robot: the robot that is driven, its name or its path; None for that of the profile. The dead reckoning on a log uses
             its driver's wheel radius and half-track, a stock Husky's if it is None.
+        faults: faults of its log; `LogSettings()` if not given.
 
     Raises:
         ValueError: the log cannot be opened, or the seed is negative.
@@ -80,7 +82,7 @@ def open_log(
     if seed < 0:
         raise ValueError(f"seed {seed} must not be negative")
     if is_simulated(str(source)):
-        return Log(Path(source), simulated_log(str(source), choose_profile(profile, robot, "thesis-lab"), seed))
+        return Log(Path(source), simulated_log(str(source), choose_profile(profile, robot, "thesis-lab"), seed, faults))
     return read_log(source, options)
 
 
@@ -99,6 +101,7 @@ def info(
     seed: int = 0,
     *,
     robot: str | Path | Robot | None = None,
+    faults: LogSettings | None = None,
 ) -> LogInfo:
     """Say what a log holds: topics or columns, rates, gaps, faults, offsets of time, the gyro's bias, dead reckoning.
 
@@ -108,7 +111,7 @@ def info(
         ValueError: the log cannot be opened.
         SsmrError: the plant diverged.
     """
-    log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed, robot=robot)
+    log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed, robot=robot, faults=faults)
     groups = log.groups
     return LogInfo(
         log, tuple(estimate_offsets(groups)), find_rest(groups), reckon(groups, _odometry(robot)), find_faults(groups)
@@ -124,6 +127,7 @@ def convert(
     target: str | Path | None = None,
     *,
     robot: str | Path | Robot | None = None,
+    faults: LogSettings | None = None,
 ) -> ConvertedLog:
     """Bring a log onto one clock, and change it as asked; `ConvertedLog.save(path)` writes it in the format of `path`.
 
@@ -138,7 +142,7 @@ def convert(
     wanted = settings or ConvertSettings()
     if target is not None:
         check_target(target, source)
-    log = open_log(source, options, profile, seed, robot=robot)
+    log = open_log(source, options, profile, seed, robot=robot, faults=faults)
     offsets = tuple(estimate_offsets(log.groups))
     groups = synchronised(log.groups, offsets) if wanted.sync else log.groups
     if wanted.unbias:

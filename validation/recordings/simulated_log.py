@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssmr.estimation.sensing import SensorModel, simulate_sensors
-from ssmr.robot.sensors import SAMPLE_RATES_HZ
+from ssmr.robot.sensors import SAMPLE_RATES_HZ, tracker_swing
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State
@@ -36,6 +36,14 @@ class LogSettings:
     """Standard deviation of the localiser's yaw [rad]."""
     pose_late: float = 0.05
     """Delay of a pose's stamp behind its measurement [s]."""
+    missed_left: float = 0.0
+    """Share of their ticks that damaged encoders of the left side miss [1] (Sec. 4.5)."""
+    missed_right: float = 0.0
+    """Share of their ticks that damaged encoders of the right side miss [1] (Sec. 4.5)."""
+    swing: float = 0.0
+    """Amplitude of an oscillation of the localiser that is no motion of the robot [m] (Sec. 4.5)."""
+    swing_hz: float = 1.0
+    """Frequency of that oscillation [Hz]."""
 
 
 def varied() -> Commands:
@@ -84,8 +92,10 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
     piece = Piece(commands, State(), None, None)
     motion = drive(make_plant(profile, plant), piece, profile.section(plant).localiser, SAMPLE_DT)
     rng = np.random.default_rng(seed)
-    shown = simulate_sensors(motion, rng, SensorModel(gyro_bias=faults.gyro_bias), SAMPLE_RATES_HZ["ekf"])
+    sensors = SensorModel(gyro_bias=faults.gyro_bias, missed_left=faults.missed_left, missed_right=faults.missed_right)
+    shown = simulate_sensors(motion, rng, sensors, SAMPLE_RATES_HZ["ekf"])
     pose = motion.pose + rng.standard_normal(motion.pose.shape) * [faults.pose_std, faults.pose_std, faults.yaw_std]
+    pose[:, :2] += tracker_swing(motion.t, faults.swing, faults.swing_hz, np.random.default_rng([seed, 1]))
     stamps = np.asarray(np.arange(len(commands.values)) * commands.dt, dtype=np.float64)
     return {
         "cmd": Group("commands", stamps, dict(zip(("cmd_v", "cmd_w"), commands.values.T, strict=True))),

@@ -18,6 +18,7 @@ from validation.replicate.evidence import (
     Section,
     chosen_sections,
 )
+from validation.replicate.faults import FAULT_SECTIONS
 from validation.replicate.friction import FRICTION_SECTIONS
 from validation.replicate.keeping import keep, kept
 from validation.replicate.models import MODEL_SECTIONS
@@ -32,6 +33,7 @@ ALL_SECTIONS: tuple[Section, ...] = (
     *MODEL_SECTIONS,
     *STABILITY_SECTIONS,
     *CONTROL_SECTIONS,
+    *FAULT_SECTIONS,
     *REAL_SECTIONS,
 )
 """Every section, in the order of the report."""

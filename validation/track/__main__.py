@@ -24,6 +24,14 @@ def _read_start(text: str) -> tuple[float, float, float]:
     return x, y, yaw
 
 
+def _read_shares(text: str) -> tuple[float, float]:
+    try:
+        left, right = map(float, text.split(","))
+    except ValueError as error:
+        raise cli.UserError(f"'{text}' is no pair of shares LEFT,RIGHT such as 0.02,0") from error
+    return left, right
+
+
 @dataclass(frozen=True)
 class LawOptions:
     """Options of the controller and of what it sees."""
@@ -54,6 +62,11 @@ class World:
     """Switch noise and disturbance off: the controller sees the truth."""
     no_disturbance: cli.Flag = False
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
+    missed_ticks: Annotated[
+        tuple[float, float], cli.parsed(_read_shares, "LEFT,RIGHT"), cli.option(default="0,0, sound encoders")
+    ] = (0.0, 0.0)
+    """Damaged encoders: the share of their ticks that those of the left and of the right side miss (Sec. 4.5), such as
+    0.02,0. It needs --feedback ekf, which alone reads the encoders."""
     terrain: Annotated[str, cli.option(metavar="GROUND")] = "flat"
     """Ground that the MuJoCo robot stands on: flat, ramp:SLOPE_DEG, rough:HEIGHT_MM or split:FRICTION_RATIO, with more keys
     as in validation.compare."""
@@ -108,6 +121,7 @@ def main(options: TrackOptions) -> None:
             options.run.seed,
             options.robot,
             control.start,
+            world.missed_ticks,
         )
         asked = prepare_tracking(
             options.controller, options.reference, options.plant, options.profile, control.gains, settings

@@ -15,6 +15,7 @@ from ssmr.control.laws import Controller
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
+from ssmr.estimation.sensing import SensorModel
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import State
 from validation import store
@@ -58,6 +59,9 @@ class TrackSettings:
     """The robot: itself, its name or its path; None for that of the profile."""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad]."""
+    missed_ticks: tuple[float, float] = (0.0, 0.0)
+    """Share of their ticks that damaged encoders of the left and of the right side miss [1] (Sec. 4.5); for the feedback
+    `ekf`, which alone reads them."""
 
     def __post_init__(self) -> None:
         """Check the values.
@@ -75,7 +79,15 @@ class TrackSettings:
             )
         if not abs(yaw) <= math.pi:
             raise ValueError(f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)")
-        LoopSettings(self.feedback, lookahead=self.lookahead)
+        LoopSettings(self.feedback, sensors=self.sensors, lookahead=self.lookahead)
+        if any(self.missed_ticks) and self.feedback != "ekf":
+            raise ValueError(f"missed_ticks needs the feedback ekf; nobody reads the encoders under {self.feedback}")
+
+    @property
+    def sensors(self) -> SensorModel:
+        """Encoders and gyro of the state filter."""
+        left, right = self.missed_ticks
+        return SensorModel(missed_left=left, missed_right=right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +128,9 @@ class PreparedTracking:
 
     def _drive(self, robot: ClosedLoopRobot, workers: int | None) -> TrackedRobot:
         s, odometry = self.settings, odometry_of(robot.drive)
-        around = LoopSettings(s.feedback, filter=odometry, disturbance=s.disturbance, lookahead=s.lookahead)
+        around = LoopSettings(
+            s.feedback, sensors=s.sensors, filter=odometry, disturbance=s.disturbance, lookahead=s.lookahead
+        )
         began = time.perf_counter()
         (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [s.seed], workers, self._start())
         wall = time.perf_counter() - began
@@ -126,6 +140,7 @@ class PreparedTracking:
             "feedback": around.feedback,
             "disturbance": around.disturbance,
             "lookahead_m": around.lookahead,
+            "missed_ticks": list(s.missed_ticks),
             "start": list(s.start),
             **robot.limits,
             "position_period_s": around.position_period,

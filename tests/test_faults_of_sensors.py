@@ -1,0 +1,79 @@
+"""Damaged encoders and a tracker that swings: each by its law, and in the programs that switch them on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.control.loop import LoopSettings
+from ssmr.control.references import circle
+from ssmr.estimation.sensing import SensorModel, simulate_sensors
+from ssmr.robot.sensors import tracker_swing
+from ssmr.types import Trajectory
+from tests.conftest import ROUNDOFF
+from validation.plants.profile import load_profile
+from validation.recordings.simulated_log import LogSettings, simulated_log
+from validation.track import track
+
+T = np.arange(0.0, 20.0, 0.008)
+
+
+def test_damaged_encoders_show_their_share_of_the_rate_and_the_noise_stays() -> None:
+    rates = np.column_stack([3.0 + np.sin(T), 3.0 - np.sin(T)])
+    motion = Trajectory(T, np.zeros((len(T), 3)), np.zeros((len(T), 3)), rates)
+    sound, damaged = (
+        simulate_sensors(motion, np.random.default_rng(1), SensorModel(missed_left=share, missed_right=2.0 * share))
+        for share in (0.0, 0.1)
+    )
+    at = np.searchsorted(T, sound.t - 1e-9)
+    assert sound.left - damaged.left == pytest.approx(0.1 * rates[at, 0], rel=1e-9)
+    assert sound.right - damaged.right == pytest.approx(0.2 * rates[at, 1], rel=1e-9)
+    assert np.array_equal(sound.gyro, damaged.gyro)
+    with pytest.raises(ValueError, match="missed_left"):
+        SensorModel(missed_left=1.1)
+
+
+def test_a_swinging_tracker_adds_one_sine_along_one_direction() -> None:
+    off = tracker_swing(T, 0.004, 1.5, np.random.default_rng(3))
+    size, directions = np.linalg.svd(off, full_matrices=False)[1:]
+    assert size[1] < ROUNDOFF * size[0]
+    along = off @ directions[0]
+    basis = np.column_stack([np.sin(2.0 * np.pi * 1.5 * T), np.cos(2.0 * np.pi * 1.5 * T)])
+    found = np.linalg.lstsq(basis, along, rcond=None)[0]
+    assert np.hypot(*found) == pytest.approx(0.004, rel=1e-9)
+    assert along == pytest.approx(basis @ found, abs=1e-12)
+    assert not np.allclose(off, tracker_swing(T, 0.004, 1.5, np.random.default_rng(4)))
+    assert np.array_equal(off, tracker_swing(T, 0.004, 1.5, np.random.default_rng(3)))
+    with pytest.raises(ValueError, match="amplitude"):
+        tracker_swing(T, -1.0, 1.0, np.random.default_rng(3))
+
+
+def test_a_simulated_log_has_the_faults_and_otherwise_stays_as_it_was() -> None:
+    lab = load_profile("thesis-lab")
+    sound, faulty = (
+        simulated_log("traj4@kinematic", lab, 7, settings)
+        for settings in (None, LogSettings(missed_right=0.05, swing=0.003, swing_hz=2.0))
+    )
+    for group, column in (("wheels", "enc_left"), ("imu", "gyro_z"), ("pose", "yaw"), ("cmd", "cmd_v")):
+        assert np.array_equal(sound[group].columns[column], faulty[group].columns[column])
+    driven = sound["wheels"].columns["enc_right"] > 1.0
+    lost = 1.0 - faulty["wheels"].columns["enc_right"][driven] / sound["wheels"].columns["enc_right"][driven]
+    assert np.mean(lost) == pytest.approx(0.05, abs=0.002)
+    off = np.hypot(*(faulty["pose"].columns[n] - sound["pose"].columns[n] for n in ("x", "y")))
+    assert off.max() == pytest.approx(0.003, rel=1e-3)
+
+
+def test_a_robot_with_damaged_encoders_drives_farther_than_it_believes(tmp_path: Path) -> None:
+    """Both sides miss a twentieth: the filter's speed is a twentieth too small, and so is the way that it believes in."""
+    result = track("pid", circle(speed=0.5), gains="published", feedback="ekf", disturbance=False, missed_ticks=(0.05, 0.05))
+    run = result.robots[0].run
+    late = run.t > 5.0
+    assert np.mean(run.column("seen_v")[late] / run.column("v_x")[late]) == pytest.approx(0.95, abs=0.005)
+    result.save(tmp_path, recording=False)
+    assert json.loads((tmp_path / "track.json").read_text(encoding="utf-8"))["options"]["missed_ticks"] == [0.05, 0.05]
+    with pytest.raises(ValueError, match="missed_ticks needs the feedback ekf"):
+        track("pid", "circle", missed_ticks=(0.05, 0.0))
+    assert LoopSettings(sensors=SensorModel(missed_left=0.2)).deviations() == LoopSettings().deviations()

@@ -29,7 +29,7 @@ from validation.track.loops import make_controller, make_robot, rate, require_pr
 from validation.track.run import track as track_robots
 from validation.tune import __main__ as tune
 from validation.tune.cost import TuneCost, costs_of
-from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space
+from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space, widened_sentences
 from validation.tune.run import tune as tune_gains
 
 QUIET = LoopSettings("truth", disturbance=False)
@@ -170,6 +170,78 @@ def test_a_tuning_is_a_function_whose_result_shows_and_saves_itself(lab: Profile
     assert load_gains("lqr", str(tmp_path / "gains.toml")).values == found.gains
     with pytest.raises(TypeError, match=r"no option 'plant'; there are: .*plants"):
         tune_gains("lqr", plant="linear")
+
+
+def test_bounds_hold_the_start_and_are_widened_for_it() -> None:
+    """The tuned LQR lies outside of Tab. 4.21's bounds: a start moved into them costs 3.6 times as much."""
+    start = load_gains("lqr", "tuned").values
+    usual, wide = make_tuning_space("lqr", None, False, {}), make_tuning_space("lqr", None, False, {}, start=start)
+    outside = [p.name for p in usual.parameters if not p.lower <= start[p.name] <= p.upper]
+    assert outside == ["q_yaw", "q_w", "r_v"]
+    assert [p.name for p, q in zip(wide.parameters, usual.parameters, strict=True) if p != q] == outside
+    assert all(p.lower < start[p.name] < p.upper for p in wide.parameters)
+    said = widened_sentences("lqr", wide, start)
+    assert [s.partition(" ")[0] for s in said] == outside
+    assert "its usual bounds, 5 to 15, leave out 3.3723 1/rad2" in said[0]
+    assert widened_sentences("lqr", usual, load_gains("lqr", "published").values) == []
+    with pytest.raises(
+        ValueError, match=r"the bounds of q_yaw, 5 to 15, leave out 3.3723, where the search begins; widen them"
+    ):
+        make_tuning_space("lqr", None, False, {"q_yaw": (5.0, 15.0)}, start=start)
+
+
+def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(lab: Profile, tmp_path: Path) -> None:
+    """One gain, in bounds that hold the start at their end and beyond it only what is worse."""
+    start = load_gains("lqr", "published").values["r_v"]
+    options = {"plants": ("linear",), "free": ("r_v",), "bounds": {"r_v": (start, 400.0)}, "held_out": ("line@0.5",)}
+    found = tune_gains("lqr", "circle@0.5", lab, noise=False, population=8, generations=1, **options)
+    assert dict(found.gains) == dict(load_gains("lqr", "published").values)
+    assert found.cost == found.baseline_cost
+    assert found.worse_than_start is False
+    assert any("No candidate costs less than lqr-published" in note for note in found.notes())
+    assert found.parameters[0].value == start
+
+
+def test_the_cost_of_gains_has_the_guard_only_if_asked(lab: Profile) -> None:
+    fierce = GainSet("pid", "fierce", {**load_gains("pid", "published").values, "k_p_u": 1.5, "k_i_u": 2.0})
+    p = problem(lab, TuneCost(guard=0.4), "pid", case(lab, "improved"))
+    assert p.cost_of(fierce, 1) < math.inf
+    assert p.cost_of(fierce, 1, guarded=True) == math.inf
+
+
+def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
+    options = {"plants": ("linear",), "free": ("q_x",), "population": 5, "generations": 1, "held_out": ("square@0.5",)}
+    found = tune_gains("lqr", "circle@0.5", lab, noise=False, **options)
+    assert found.shipped_name == "lqr-tuned"
+    (trained,), (held,) = found.train, found.held_out
+    assert trained.shipped is not None
+    assert found.shipped_cost == pytest.approx(trained.shipped.cost, rel=ROUNDOFF)
+    assert held.shipped is not None
+    document = found.as_dict()
+    assert document["shipped_cost"] == found.shipped_cost
+    assert document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"] == held.shipped.cost
+    assert found.table().count("shipped") >= 2
+    own = tune_gains("lqr", "circle@0.5", lab, noise=False, gains="tuned", **options)
+    assert own.train[0].shipped is None, "the shipped gains are what it began with"
+    assert own.shipped_cost == own.baseline_cost
+
+
+def test_a_gain_on_the_tuned_path_that_others_pay_for_is_said(lab: Profile) -> None:
+    options = {"plants": ("linear",), "free": ("q_x",), "population": 5, "generations": 1, "held_out": ("line@0.5",)}
+    found = tune_gains("lqr", "circle@0.5", lab, noise=False, **options)
+    (held,) = found.held_out
+    worse = replace(held, tuned_cost=4.0 * held.baseline_cost)
+    told = " ".join(replace(found, held_out=(worse,)).notes())
+    assert "are worse on other references: line at 0.5 m/s, linear +300.0%" in told
+    fine = replace(held, tuned_cost=held.baseline_cost)
+    assert "worse on other references" not in " ".join(replace(found, held_out=(fine,)).notes())
+
+
+def test_held_out_references_are_of_other_kinds_than_those_tuned_on(lab: Profile) -> None:
+    options = {"plants": ("linear",), "free": ("q_x",), "population": 5, "generations": 1}
+    found = tune_gains("lqr", ("line@0.25", "slalom@0.4"), lab, noise=False, **options)
+    assert {run.reference for run in found.held_out} == {"circle", "generic", "square", "u-turn", "stop-and-go"}
+    assert all(run.speed == pytest.approx(0.4, rel=1e-9) for run in found.held_out)
 
 
 def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path) -> None:

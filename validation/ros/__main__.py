@@ -137,7 +137,8 @@ def control(options: ControlOptions) -> None:
     """
     o, drive = options, options.drive
     with cli.mistakes_are_users():
-        chosen, wanted = choose_profile(o.profile, o.robot, "thesis-lab"), load_gains(o.controller, o.gains)
+        chosen = choose_profile(o.profile, o.robot, "thesis-lab")
+        wanted = load_gains(o.controller, o.gains, chosen.name)
         label, waypoints = open_reference(o.reference, o.speed)
         own = chosen.robot.drive
         settings = PilotSettings(

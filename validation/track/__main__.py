@@ -37,9 +37,14 @@ class LawOptions:
     """Options of the controller and of what it sees."""
 
     gains: Annotated[
-        str | None, cli.option(metavar="GAINS", default="published where the thesis has any, else tuned, else default")
+        str | None,
+        cli.option(
+            metavar="GAINS",
+            default="the profile's own if shipped, else published where the thesis has any, else tuned, else default",
+        ),
     ] = None
-    """Gains of the controller: published, manual (lqr only), tuned, default (the law's own), or the path of a TOML file."""
+    """Gains of the controller: published, manual (lqr only), tuned, default (the law's own), those of a profile by its name
+    (husky-tile, warthog-grass), or the path of a TOML file."""
     feedback: Annotated[Feedback, cli.option()] = "noisy"
     """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the estimate of a state
     filter (EKF) on noisy encoders and gyro."""
@@ -126,6 +131,8 @@ def main(options: TrackOptions) -> None:
         asked = prepare_tracking(
             options.controller, options.reference, options.plant, options.profile, control.gains, settings
         )
+    for remark in asked.remarks:
+        cli.warn(remark)
     with cli.shown("tracking") as progress:
         tracked = asked.run(options.run.workers, progress)
     stem = file_name(f"{options.controller}-{asked.label}")

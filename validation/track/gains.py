@@ -78,26 +78,54 @@ def names(controller: str | None = None) -> list[str]:
     return found if controller is None else [name for name in found if name.rpartition("-")[0] == controller]
 
 
-def load_gains(controller: str, name_or_path: str | None = None) -> GainSet:
+def profile_sets(controller: str) -> list[str]:
+    """Return the names of the profiles that a set of gains is shipped for: `gain_sets/PROFILE/CONTROLLER.toml`."""
+    folder = resources.files("validation.track").joinpath("gain_sets")
+    return sorted(p.name for p in folder.iterdir() if p.is_dir() and p.joinpath(f"{controller}.toml").is_file())
+
+
+def shipped_gains(controller: str, profile: str) -> GainSet | None:
+    """Return the tuned gains that are shipped for a profile, else the usual tuned ones; None where there are none."""
+    if profile in profile_sets(controller):
+        return load_gains(controller, profile)
+    return load_gains(controller, "tuned") if f"{controller}-tuned" in names(controller) else None
+
+
+def origin_sentence(gains: GainSet, profile: str) -> str | None:
+    """Return a sentence on gains that were found on another profile than this; None where they were not, or do not say."""
+    found = gains.provenance.get("profile")
+    known = [found] if isinstance(found, str) else list(found) if isinstance(found, list) else []
+    if not known or profile in known:
+        return None
+    own = f"; there are {profile} gains of its own" if profile in profile_sets(gains.controller) else ""
+    return f"The gains {gains.name} were found on the profile {known[0]}, not on {profile}{own}."
+
+
+def load_gains(controller: str, name_or_path: str | None = None, profile: str | None = None) -> GainSet:
     """Return the gains of a controller: a shipped set by name, or a TOML file by path.
 
     Args:
         controller: one of `FIELDS`.
-        name_or_path: a name with the controller's in front (`lqr-manual`) or without (`manual`), `default`, or a path.
-            None: `published` where the thesis has gains for that controller, else `tuned`, else `default`, the law's own.
+        name_or_path: a name with the controller's in front (`lqr-manual`) or without (`manual`), `default`, the name of a
+            profile that gains are shipped for, or a path. None: those of `profile` if there are any, else `published` where
+            the thesis has gains for that controller, else `tuned`, else `default`, the law's own.
+        profile: name of the profile that the gains are for.
 
     Raises:
         GainsError: there is none, it belongs to another controller, or it says something that cannot be; one line that
             names file and gain.
     """
     _gains_of(controller)
+    own = profile_sets(controller)
     if name_or_path is None:
         there = names(controller)
-        name_or_path = next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)
+        usual = next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)
+        name_or_path = profile if profile in own else usual
     if name_or_path == DEFAULT:
         values = asdict(LAWS[controller].gains())
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller")
     shipped = next((n for n in (f"{controller}-{name_or_path}", name_or_path) if n in names()), None)
+    shipped = f"{name_or_path}/{controller}" if shipped is None and name_or_path in own else shipped
     try:
         if shipped is not None:
             file = resources.files("validation.track").joinpath("gain_sets", f"{shipped}.toml")
@@ -105,9 +133,9 @@ def load_gains(controller: str, name_or_path: str | None = None) -> GainSet:
         elif os.path.exists(name_or_path):
             document = reading.read_toml(name_or_path)
         else:
-            own = ", ".join([*(n.removeprefix(f"{controller}-") for n in names(controller)), DEFAULT])
+            every = ", ".join([*(n.removeprefix(f"{controller}-") for n in names(controller)), *own, DEFAULT])
             raise GainsError(
-                f"{controller} has no gains '{name_or_path}'; there are: {own}; or give the path of a TOML file"
+                f"{controller} has no gains '{name_or_path}'; there are: {every}; or give the path of a TOML file"
             )
     except GainsError:
         raise

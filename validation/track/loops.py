@@ -20,7 +20,7 @@ from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWhe
 from ssmr.models.linear import matrices
 from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
-from ssmr.simulation import PlanarModel
+from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import State
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
 from validation.simulator.loops import HuskyLoop, run_husky_loops
@@ -28,6 +28,7 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import track_metrics
 from validation.track.gains import GainSet
+from validation.track.reach import demand_sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +140,13 @@ def run_robots(
 def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metrics:
     """Return how well a run followed its reference; a run that was lost is compared with the whole reference."""
     return track_metrics(run, waypoints, robot.limits)
+
+
+def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: str) -> str | None:
+    """Return a sentence on a reference that asks for more than the robot can do, with the speed that it could follow at."""
+    body, drive = robot.body, robot.drive
+    plant = body if isinstance(body, MujocoPlant) else PlanarPlant(body)
+    return demand_sentence(plant, waypoints, (drive.v_max, drive.w_max), f"{robot.name} of {profile}", what)
 
 
 def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:

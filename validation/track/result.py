@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -26,6 +26,8 @@ class TrackResult(Result):
 
     robots: tuple[TrackedRobot, ...]
     """The robots, each another plant."""
+    remarks: tuple[str, ...] = field(default=(), kw_only=True)
+    """Sentences on what was known before the run: gains of another profile, a reference that asks for too much."""
 
     program: ClassVar[str] = "track"
 
@@ -68,7 +70,7 @@ class TrackResult(Result):
 
     def notes(self) -> Sequence[str]:
         """Return sentences on losses, saturation and other things that the tables do not say."""
-        return track_notes(self.robots)
+        return [*self.remarks, *track_notes(self.robots)]
 
     def figure(self) -> Figure:
         """Return the picture: paths, velocities and errors."""
@@ -100,6 +102,7 @@ class TrackResult(Result):
             "seed": first.seed,
             "metrics": {**{name: own.pop(name) for name in first.metrics}, "lost": first.run.lost},
             **own,
+            "notes": list(self.notes()),
             "options": dict(first.options),
             "versions": dict(first.versions),
         }

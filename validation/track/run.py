@@ -24,9 +24,10 @@ from validation.progress import Progress, Report, silent
 from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import TrackedRobot, reference_of
-from validation.track.gains import GainSet, load_gains
+from validation.track.gains import GainSet, load_gains, origin_sentence
 from validation.track.loops import (
     ClosedLoopRobot,
+    demand_of,
     make_controller,
     make_robot,
     odometry_of,
@@ -101,6 +102,8 @@ class PreparedTracking:
     profile: Profile
     robots: tuple[ClosedLoopRobot, ...]
     settings: TrackSettings
+    remarks: tuple[str, ...] = ()
+    """Sentences that should be known before it is driven: gains of another profile, a reference that asks for too much."""
 
     def run(self, workers: int | None = None, progress: Report = silent) -> TrackResult:
         """Drive every robot along the reference.
@@ -118,7 +121,7 @@ class PreparedTracking:
         for k, robot in enumerate(self.robots):
             progress(Progress(k, len(self.robots), f"{robot.name} drives"))
             found.append(self._drive(robot, workers))
-        return TrackResult(tuple(found))
+        return TrackResult(tuple(found), remarks=self.remarks)
 
     def _start(self) -> State:
         """Return the state at which the robot starts, at rest."""
@@ -189,8 +192,8 @@ def track(
         plant: name of the plant that is the robot, or names of several, which are driven one beside the other.
         profile: parameters of the plants: a profile, its name or its path; None for `thesis-lab`, or the robot's own
             numbers if that is of another robot than `robot`.
-        gains: a set of gains, its name (`published`, `manual`, `tuned`) or its path; None for the published ones where the
-            thesis has any, else the tuned ones.
+        gains: a set of gains, its name (`published`, `manual`, `tuned`, a profile's) or its path; None for those of the
+            profile if any are shipped, else the published ones where the thesis has any, else the tuned ones.
         settings: speed, feedback, disturbance, look-ahead, terrain, seed and robot.
         workers: threads, None for all processors; the result does not depend on it.
         progress: told how far the work is.
@@ -227,7 +230,7 @@ def prepare_tracking(
     if not plants or len(set(plants)) < len(plants):
         raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
     chosen = choose_profile(profile, settings.robot, "thesis-lab")
-    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None)
+    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None, chosen.name)
     if wanted.controller != controller:
         raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
     if isinstance(reference, Waypoints):
@@ -242,4 +245,6 @@ def prepare_tracking(
     robots = tuple(make_robot(chosen, name, settings.terrain) for name in plants)
     for made in robots:
         require_practicable(waypoints, made.drive, label)
-    return PreparedTracking(law, wanted, label, waypoints, chosen, robots, settings)
+    said = [origin_sentence(wanted, chosen.name), *(demand_of(waypoints, made, chosen.name, label) for made in robots)]
+    remarks = tuple(sentence for sentence in said if sentence is not None)
+    return PreparedTracking(law, wanted, label, waypoints, chosen, robots, settings, remarks)

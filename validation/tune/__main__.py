@@ -25,7 +25,9 @@ class _Task(TuneTask):
     robot: tyro.conf.Suppress[str | None] = None
     held_out: Annotated[
         cli.Names | None,
-        cli.option(metavar="REF,...", default="line, circle, sine and generic at 0.25 and 0.5 m/s that are not tuned on"),
+        cli.option(
+            metavar="REF,...", default="line, circle, generic, slalom, square, u-turn, stop-and-go without those tuned on"
+        ),
     ] = None
     """References to judge the gains on, in the form of --reference."""
     noise: Annotated[bool, tyro.conf.FlagCreatePairsOff, cli.option(default="off")] = True
@@ -40,7 +42,9 @@ class _Parameters(TuneParameters):
     """Gains to search, separated by commas. A wrong name lists all."""
     fix: Annotated[cli.Values, cli.option(default="none")] = field(default_factory=dict)
     """Gains to hold, such as ff_w=1; these are not searched."""
-    bounds: Annotated[cli.Bounds, cli.option(default="those of Tab. 4.4 and 4.21")] = field(default_factory=dict)
+    bounds: Annotated[cli.Bounds, cli.option(default="those of Tab. 4.4 and 4.21, widened to hold the start")] = field(
+        default_factory=dict
+    )
     """Bounds of the search, such as k_p_y=0:10."""
     gains: Annotated[str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any")] = None
     all: cli.Flag = False

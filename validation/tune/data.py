@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ssmr.control.loop import ClosedRun
 from ssmr.metrics.declared import Metrics
@@ -12,9 +14,20 @@ from validation.fit.data import SearchData
 from validation.track.gains import GainSet
 
 
+class Followed(NamedTuple):
+    """One run along a reference, and how well it went."""
+
+    run: ClosedRun
+    """The run; it may have been lost."""
+    metrics: Metrics
+    """Metrics of the run."""
+    cost: float
+    """Cost of the run; infinite where it was lost."""
+
+
 @dataclass(frozen=True, eq=False)
 class TunedRun:
-    """One reference, followed with the tuned gains and with those of before."""
+    """One reference, followed with the tuned gains, with those of before, and with those that are shipped."""
 
     label: str
     """Reference, speed and plant in words: `generic at 0.25 m/s, improved`."""
@@ -38,6 +51,8 @@ class TunedRun:
     """Metrics of `baseline`."""
     baseline_cost: float
     """Cost of `baseline`; infinite where it was lost."""
+    shipped: Followed | None = None
+    """The run with the shipped gains; None where those are the gains of before, or where there are none."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,6 +67,12 @@ class TuneData(SearchData):
     """Name of the gain set that the tuned one is compared with."""
     baseline_cost: float
     """Cost of that gain set; infinite where it loses a reference."""
+    shipped_name: str = ""
+    """Name of the gain set that is shipped for this controller and profile; empty where there is none."""
+    shipped_cost: float = math.nan
+    """Cost of that gain set; infinite where it loses a reference, NaN where there is none."""
+    worse_than_start: bool = False
+    """Whether the search began with gains that cost less. It never does: the better of both are kept."""
     train: tuple[TunedRun, ...]
     """Runs along the references that it was tuned on."""
     held_out: tuple[TunedRun, ...]

@@ -20,8 +20,8 @@ class TuneTask:
     speed: float = 0.25
     """Speed of references that name none [m/s]."""
     held_out: tuple[str, ...] | None = None
-    """References to judge the gains on. None takes line, circle, sine and generic at 0.25 and 0.5 m/s, except those that are
-    tuned on."""
+    """References to judge the gains on. None takes line, circle, generic, slalom, square, u-turn and stop-and-go, at the
+    greatest speed that is tuned on, except those that are tuned on."""
     feedback: Feedback = "noisy"
     """Pose and speed that the controller sees: truth, noisy or ekf."""
     noise: bool = True

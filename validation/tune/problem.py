@@ -18,7 +18,7 @@ from validation.simulator.plant import MujocoPlant
 from validation.track.gains import GainSet
 from validation.track.loops import ClosedLoopRobot, make_controller, rate, run_robots
 from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
-from validation.tune.data import TunedRun
+from validation.tune.data import Followed, TunedRun
 
 
 def make_tuning_space(
@@ -27,13 +27,15 @@ def make_tuning_space(
     everything: bool,
     bounds: Mapping[str, tuple[float, float]],
     fixed: Collection[str] = (),
+    start: Mapping[str, float] | None = None,
 ) -> ParameterSpace:
     """Return the gains that are searched, with their usual bounds or those given.
 
     They are those that are free, or the usual ones, or `everything`, also what the thesis sets by hand; without the fixed.
+    Usual bounds that leave out the gains to `start` with are widened beyond them.
 
     Raises:
-        ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no sense.
+        ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no sense or leave out the start.
     """
     law = LAWS[controller]
     known = {name: d for name, d in described(law.gains).items() if d.search is not None}
@@ -44,7 +46,33 @@ def make_tuning_space(
             raise ValueError(f"{controller} has no gain '{name}' to tune; there are: {', '.join(known)}")
         if name not in names:
             raise ValueError(f"bounds are given for {name}, which is not free")
-    return ParameterSpace(tuple(declared(known[name], bounds.get(name)) for name in names))
+    found = []
+    for name in names:
+        usual = declared(known[name], bounds.get(name))
+        value = usual.lower if start is None else start[name]
+        if usual.lower <= value <= usual.upper:
+            found.append(usual)
+        elif name in bounds:
+            own = f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search begins"
+            raise ValueError(f"{own}; widen them, begin with other gains, or begin from scratch")
+        else:
+            found.append(replace(usual, lower=min(usual.lower, 0.5 * value), upper=max(usual.upper, 1.5 * value)))
+    return ParameterSpace(tuple(found))
+
+
+def widened_sentences(controller: str, space: ParameterSpace, start: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each gain whose usual bounds had to be widened to hold the `start`."""
+    usual = described(LAWS[controller].gains)
+    out = []
+    for p in space.parameters:
+        low, high = usual[p.name].search or (p.lower, p.upper)
+        if not low <= start[p.name] <= high and (p.lower, p.upper) in (
+            (low, 1.5 * start[p.name]),
+            (0.5 * start[p.name], high),
+        ):
+            was = f"its usual bounds, {low:g} to {high:g}, leave out {p.text(start[p.name])}, which the search began with"
+            out.append(f"{p.name} was searched from {p.lower:g} to {p.upper:g}: {was}.")
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +107,21 @@ class TuneProblem:
     """A `SearchProblem`: how well candidates for a controller's gains follow references."""
 
     def __init__(
-        self, profile: Profile, base: GainSet, space: ParameterSpace, cases: Sequence[TuneCase], cost: TuneCost
+        self,
+        profile: Profile,
+        base: GainSet,
+        space: ParameterSpace,
+        cases: Sequence[TuneCase],
+        cost: TuneCost,
+        shipped: GainSet | None = None,
     ) -> None:
         """Sample the references, and delay each robot for the stability guard.
 
-        The profile gives model-based laws their model; the tuned gains are compared with those of `base`.
+        The profile gives model-based laws their model; the tuned gains are compared with those of `base`, and with those
+        that are `shipped` if these are others.
         """
         self.profile, self.base, self.space, self.cases, self.cost = profile, base, space, tuple(cases), cost
+        self.shipped = shipped
         self._seeds = cost.seeds or (0,)
         self._targets = [case.target for case in self.cases]
         self._late = [delayed(case.robot, cost.guard) if cost.guard > 0.0 else None for case in self.cases]
@@ -150,25 +186,24 @@ class TuneProblem:
                     found[i] = np.inf
         return found
 
-    def base_cost(self, workers: int) -> float:
-        """Return the cost of the gains of before, without the guard; infinite where they lose a reference."""
-        law = make_controller(self.profile, self.base)
-        costs = [float(self._case_costs(k, [law], workers, guarded=False)[0]) for k in range(len(self.cases))]
+    def cost_of(self, gains: GainSet, workers: int, guarded: bool = False) -> float:
+        """Return the cost of gains, by default without the guard; infinite where they lose a reference or fail the guard."""
+        law = make_controller(self.profile, gains)
+        costs = [float(self._case_costs(k, [law], workers, guarded)[0]) for k in range(len(self.cases))]
         return float(np.mean(costs))
 
     def compared(self, case: TuneCase, tuned: GainSet, workers: int) -> TunedRun:
-        """Drive one case with the tuned gains and with those of before, with the first seed's noise."""
-        runs, measures, costs = [], [], []
-        for gains in (tuned, self.base):
-            law = make_controller(self.profile, gains)
-            (run,) = run_robots([case.robot], [law], [case.settings], case.waypoints, self._seeds[:1], workers)
-            runs.append(run)
-            measures.append(rate(run, case.waypoints, case.robot))
-            costs.append(float(costs_of([run], case.target, case.waypoints.rms_speed, self.cost)[0]))
+        """Drive one case with the tuned gains, those of before and the shipped ones, with the first seed's noise."""
+        sets = [tuned, self.base, *([] if self.shipped is None else [self.shipped])]
+        laws, n = [make_controller(self.profile, gains) for gains in sets], len(sets)
+        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self._seeds[:1], workers)
+        costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
+        new, before, *shipped = (
+            Followed(run, rate(run, case.waypoints, case.robot), float(cost)) for run, cost in zip(runs, costs, strict=True)
+        )
         return TunedRun(
-            case.label, case.reference, case.waypoints.speed, case.robot.name, case.target, runs[0], measures[0], costs[0],
-            runs[1], measures[1], costs[1],
-        )  # fmt: skip
+            case.label, case.reference, case.waypoints.speed, case.robot.name, case.target, *new, *before, *shipped
+        )
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""

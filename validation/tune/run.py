@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -18,17 +20,27 @@ from validation.fit.uncertainty import bound_sentences, found_parameters
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
-from validation.track.gains import DEFAULT, GainSet, load_gains, names
-from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, odometry_of, require_practicable
+from validation.track.gains import DEFAULT, GainSet, load_gains, names, origin_sentence, shipped_gains
+from validation.track.loops import (
+    ClosedLoopRobot,
+    demand_of,
+    make_controller,
+    make_robot,
+    odometry_of,
+    require_practicable,
+)
 from validation.track.waypoint_files import open_reference, split_speed
 from validation.tune.cost import TuneCost
 from validation.tune.options import TuneParameters, TuneTask
-from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space
+from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space, widened_sentences
 from validation.tune.result import TuneResult
 
+_logger = logging.getLogger(__name__)
+
 _SIMULATED_SIZE = (24, 20)  # population and generations: a simulated run costs a hundred times that of a planar model
-HELD_OUT = tuple(f"{name}@{speed}" for name in ("line", "circle", "sine", "generic") for speed in (0.25, 0.5))
-"""References that a tuning is judged on unless others are named, except those it is tuned on."""
+HELD_OUT = ("line", "circle", "generic", "slalom", "square", "u-turn", "stop-and-go")
+"""References that a tuning is judged on unless others are named: paths of every kind, without those that it is tuned on, at
+the greatest speed that it is tuned on."""
 
 
 def tune(
@@ -75,7 +87,8 @@ def tune(
     chosen = choose_profile(profile, task.robot, "thesis-lab")
     base = _base_gains(controller, parameters)
     make_controller(chosen, base)
-    space = make_tuning_space(controller, parameters.free, parameters.all, parameters.bounds, parameters.fix)
+    begun = None if parameters.from_scratch else base.values
+    space = make_tuning_space(controller, parameters.free, parameters.all, parameters.bounds, parameters.fix, begun)
     law = LAWS[controller]
     heavy = any(name in SIMULATED for name in task.plants)
     settings = search.settings(*(_SIMULATED_SIZE if heavy else (law.population, law.generations)))
@@ -83,17 +96,38 @@ def tune(
     if not references:
         raise ValueError("no reference is named; name one such as generic or circle@0.5")
     wanted = _references([references] if isinstance(references, str) else references, task.speed)
-    judged = _references(HELD_OUT if task.held_out is None else task.held_out, task.speed)
-    judged = [pair for pair in judged if task.held_out is not None or pair not in wanted]
+    cases = _cases(wanted, robots, task.loop())
+    if task.held_out is None:
+        fastest = max(case.waypoints.speed for case in cases)
+        judged = [(name, fastest) for name in HELD_OUT if name not in [wanted_name for wanted_name, _ in wanted]]
+    else:
+        judged = _references(task.held_out, task.speed)
     cost = replace(cost, k_u=law.k_u if cost.k_u is None else cost.k_u, seeds=cost.seeds or (search.seed,))
-    problem = TuneProblem(chosen, base, space, _cases(wanted, robots, task.loop()), cost)
+    told = [origin_sentence(base, chosen.name), *(demand_of(c.waypoints, c.robot, chosen.name, c.reference) for c in cases)]
+    said = [sentence for sentence in told if sentence is not None]
+    for sentence in said:
+        _logger.warning(sentence)
+    shipped = shipped_gains(controller, chosen.name)
+    other = shipped if shipped is not None and shipped.values != base.values else None
+    problem = TuneProblem(chosen, base, space, cases, cost, other)
     held_out = _cases(judged, robots, task.loop())
     start = None if parameters.from_scratch else _first_point(problem)
     found = search_for(problem, settings, search, start, progress)
     total = settings.generations + 1
     progress(Progress(total, total, "tuned and earlier gains on every reference"))
-    point, threads = found.jde.best, search.threads
-    tuned = problem.gains(point)
+    threads, outcome = search.threads, found.outcome()
+    point, tuned, remarks = found.jde.best, problem.gains(found.jde.best), said
+    baseline_cost = problem.cost_of(base, threads)
+    least = math.inf if begun is None else problem.cost_of(base, threads, guarded=True)
+    if begun is not None:
+        remarks += widened_sentences(controller, space, begun)
+        if least <= outcome["cost"]:
+            point, tuned, outcome["cost"] = space.points([begun[name] for name in space.names]), base, least
+            remarks.append(f"No candidate costs less than {base.name}, with which the search began: those gains are kept.")
+        elif not np.isfinite(least) and np.isfinite(baseline_cost):
+            remarks.append(
+                f"{base.name}, with which the search began, fails the stability guard, so the search had to leave it."
+            )
     result = TuneResult(
         controller=controller,
         begun_with=chosen.name,
@@ -102,13 +136,16 @@ def tune(
         seed=search.seed,
         cost_name=cost.cost,
         baseline_name=base.name,
-        baseline_cost=problem.base_cost(threads),
+        baseline_cost=baseline_cost,
+        shipped_name="" if shipped is None else shipped.name,
+        shipped_cost=math.nan if shipped is None else problem.cost_of(shipped, threads),
+        worse_than_start=least < outcome["cost"],
         parameters=found_parameters(space, point, [base.values[name] for name in space.names]),
-        remarks=tuple(bound_sentences(space, point)),
+        remarks=(*remarks, *bound_sentences(space, point)),
         train=tuple(problem.compared(case, tuned, threads) for case in problem.cases),
         held_out=tuple(problem.compared(case, tuned, threads) for case in held_out),
         options=_record(cost, task, parameters, search.record(settings)),
-        **found.outcome(),
+        **outcome,
     )
     return replace(result, gain_set=_with_provenance(result))
 
@@ -144,9 +181,8 @@ def _cases(
 
 
 def _first_point(problem: TuneProblem) -> FloatArray:
-    """Return the (1, n) gains to begin with, moved into the bounds where they lie outside."""
-    values = np.array([problem.base.values[name] for name in problem.space.names])
-    return problem.space.points(np.clip(values, problem.space.lower, problem.space.upper))[None]
+    """Return the (1, n) gains to begin with."""
+    return problem.space.points([problem.base.values[name] for name in problem.space.names])[None]
 
 
 def _record(cost: TuneCost, task: TuneTask, parameters: TuneParameters, search: Mapping[str, Any]) -> dict[str, Any]:

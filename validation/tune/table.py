@@ -13,10 +13,12 @@ from validation.fit.table import effort, ending, parameter_grid
 from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened, units_of
 from validation.track.data import TRACK_METRICS
 from validation.track.table import gains_text, lost_text
-from validation.tune.data import TuneData, TunedRun
+from validation.tune.data import Followed, TuneData, TunedRun
 
-_SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m", "saturated_fraction")
+_SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m")
 """Measures in the table of references."""
+_WORSE = 1.1
+"""A cost on a held-out reference that is so many times that of before is worth a sentence."""
 _LONGEST_RUN = 40
 """Greatest number of characters of a reference's name with its speed and plant."""
 
@@ -35,20 +37,49 @@ def against(result: TuneData) -> str:
     """Return the name and cost of the gains of before, and the change of the cost."""
     if not math.isfinite(result.baseline_cost):
         return f"{one_line(result.baseline_name)}, which loses a reference"
-    known = result.baseline_cost > 0.0 and math.isfinite(result.cost)
-    change = f": {result.cost / result.baseline_cost - 1.0:+.1%}".replace("-", "−") if known else ""
-    return f"{one_line(result.baseline_name)} at {result.baseline_cost:.4g}{change}"
+    by = change(result.cost, result.baseline_cost)
+    return f"{one_line(result.baseline_name)} at {result.baseline_cost:.4g}{f': {by}' if by else ''}"
+
+
+def change(cost: float, before: float) -> str:
+    """Return by how much a cost differs from the one of before; empty where one of them is not known."""
+    known = before > 0.0 and math.isfinite(cost) and math.isfinite(before)
+    return f"{cost / before - 1.0:+.1%}".replace("-", "−") if known else ""
+
+
+def _costlier(result: TuneData) -> list[TunedRun]:
+    """Return the held-out references on which the tuned gains are worse than those of before by more than a tenth."""
+    return [f for f in result.held_out if not f.baseline.lost and (f.tuned.lost or f.tuned_cost > _WORSE * f.baseline_cost)]
+
+
+def _transfer_notes(result: TuneData) -> list[str]:
+    """Return sentences on references that were not tuned on, and on the shipped gains."""
+    notes = []
+    if costlier := _costlier(result):
+        there = ", ".join(f"{run_text(f)} {change(f.tuned_cost, f.baseline_cost) or 'lost'}" for f in costlier)
+        here = change(result.cost, result.baseline_cost)
+        gained = f"cost {here} on what they were tuned on, but " if here else ""
+        notes.append(
+            f"Compared with {one_line(result.baseline_name)} these gains {gained}are worse on other references: {there}."
+        )
+    if math.isfinite(result.shipped_cost) and result.shipped_cost < result.cost:
+        name, cost = one_line(result.shipped_name), result.shipped_cost
+        notes.append(f"The shipped gains {name} cost less on what these were tuned on: {cost:.4g}.")
+    return notes
 
 
 def _score_grid(result: TuneData) -> Grid:
     """Return the tuned gains and those of before on each reference; the better of each measure is emphasised."""
     measures = [TRACK_METRICS[name] for name in _SHOWN]
-    every = [metrics for f in (*result.train, *result.held_out) for metrics in (f.tuned_metrics, f.baseline_metrics)]
+    followed = (*result.train, *result.held_out)
+    every = [metrics for f in followed for metrics in (f.tuned_metrics, f.baseline_metrics)]
+    every += [f.shipped.metrics for f in followed if f.shipped is not None]
     units = units_of(measures, every)
     header = [
         ("reference", ""),
         ("gains", ""),
         ("cost", ""),
+        ("change", ""),
         *((m.label, u.symbol) for m, u in zip(measures, units, strict=True)),
     ]
 
@@ -57,10 +88,15 @@ def _score_grid(result: TuneData) -> Grid:
             "tuned": (f.tuned_cost, f.tuned.lost, f.tuned_metrics),
             "baseline": (f.baseline_cost, f.baseline.lost, f.baseline_metrics),
         }
+        if f.shipped is not None:
+            pair["shipped"] = (f.shipped.cost, f.shipped.run.lost, f.shipped.metrics)
         kept = [name for name, (_, lost, _) in pair.items() if not lost]
         costs = {name: cost_text(cost, lost) for name, (cost, lost, _) in pair.items()}
         best = best_of(costs, {name: pair[name][0] for name in kept}, "low")
         columns = [{name: Cell(text, name in best) for name, text in costs.items()}]
+        columns.append(
+            {name: Cell("" if name == "baseline" else change(cost, f.baseline_cost)) for name, (cost, *_) in pair.items()}
+        )
         for m, unit in zip(measures, units, strict=True):
             values = {name: metrics[m.name] for name, (_, _, metrics) in pair.items()}
             texts = {name: unit.text(value) for name, value in values.items()}
@@ -96,7 +132,13 @@ def tune_notes(result: TuneData) -> list[str]:
         for who, run in (("tuned gains lose", f.tuned), (f"gains {one_line(result.baseline_name)} lose", f.baseline)):
             if run.lost:
                 notes.append(f"The {who} {run_text(f)}: {lost_text(run)}.")
-    return notes + [one_line(note) for note in result.remarks]
+    return notes + _transfer_notes(result) + [one_line(note) for note in result.remarks]
+
+
+def _shipped_dict(shipped: Followed | None) -> dict[str, Any]:
+    if shipped is None:
+        return {}
+    return {"shipped": {**shipped.metrics, "cost": shipped.cost, "lost": shipped.run.lost}}
 
 
 def runs_dict(runs: Sequence[TunedRun]) -> dict[str, Any]:
@@ -105,6 +147,7 @@ def runs_dict(runs: Sequence[TunedRun]) -> dict[str, Any]:
         run.label: {
             "tuned": {**run.tuned_metrics, "cost": run.tuned_cost, "lost": run.tuned.lost},
             "baseline": {**run.baseline_metrics, "cost": run.baseline_cost, "lost": run.baseline.lost},
+            **_shipped_dict(run.shipped),
         }
         for run in runs
     }

@@ -26,7 +26,7 @@ def test_a_settled_motion_of_a_robot_without_slip_is_the_command(lab: Profile) -
     assert v == pytest.approx(0.4 * rolled * 0.5 * (p.alpha_l + p.alpha_r), rel=0.02)  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("plant", ["improved", "mujoco"])
+@pytest.mark.parametrize("plant", ["improved", "four_wheel", "mujoco"])
 def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None:
     """Told 2 rad/s it turns at 0.9 rad/s: half as wide as its track is what its driver reckons with."""
     profile = load_profile("husky-tile")

@@ -21,7 +21,7 @@ from ssmr.models.linear import matrices
 from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
-from ssmr.types import State
+from ssmr.types import Plant, State
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
 from validation.simulator.loops import HuskyLoop, run_husky_loops
 from validation.simulator.plant import MujocoPlant
@@ -145,7 +145,11 @@ def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metric
 def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: str) -> str | None:
     """Return a sentence on a reference that asks for more than the robot can do, with the speed that it could follow at."""
     body, drive = robot.body, robot.drive
-    plant = body if isinstance(body, MujocoPlant) else PlanarPlant(body)
+    plant: Plant
+    if isinstance(body, PlanarModel):
+        plant = PlanarPlant(body)
+    else:
+        plant = FourWheelPlant(body) if isinstance(body, FourWheelModel) else body
     return demand_sentence(plant, waypoints, (drive.v_max, drive.w_max), f"{robot.name} of {profile}", what)
 
 

@@ -8,14 +8,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
 from ssmr.types import FloatArray
-from validation.fit.search import SearchOptions, put_options, search_for
+from validation.fit.search import Search, SearchOptions, put_options, search_for
 from validation.fit.uncertainty import bound_sentences, found_parameters
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
@@ -85,79 +85,114 @@ def tune(
     if controller not in LAWS:
         raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(LAWS)}")
     chosen = choose_profile(profile, task.robot, "thesis-lab")
-    base = _base_gains(controller, parameters)
-    make_controller(chosen, base)
+    base = _base_gains(controller, parameters, chosen)
     begun = None if parameters.from_scratch else base.values
     space = make_tuning_space(controller, parameters.free, parameters.all, parameters.bounds, parameters.fix, begun)
-    law = LAWS[controller]
-    heavy = any(name in SIMULATED for name in task.plants)
-    settings = search.settings(*(_SIMULATED_SIZE if heavy else (law.population, law.generations)))
+    settings = search.settings(*_usual_size(controller, task.plants))
     robots = [make_robot(chosen, name) for name in task.plants]
-    if not references:
-        raise ValueError("no reference is named; name one such as generic or circle@0.5")
     wanted = _references([references] if isinstance(references, str) else references, task.speed)
-    cases = _cases(wanted, robots, task.loop())
-    if task.held_out is None:
-        fastest = max(case.waypoints.speed for case in cases)
-        judged = [(name, fastest) for name in HELD_OUT if name not in [wanted_name for wanted_name, _ in wanted]]
-    else:
-        judged = _references(task.held_out, task.speed)
-    cost = replace(cost, k_u=law.k_u if cost.k_u is None else cost.k_u, seeds=cost.seeds or (search.seed,))
-    told = [origin_sentence(base, chosen.name), *(demand_of(c.waypoints, c.robot, chosen.name, c.reference) for c in cases)]
-    said = [sentence for sentence in told if sentence is not None]
-    for sentence in said:
-        _logger.warning(sentence)
+    if not (cases := _cases(wanted, robots, task.loop())):
+        raise ValueError("no reference is named; name one such as generic or circle@0.5")
+    held_out = _cases(_judged(task, wanted, cases), robots, task.loop())
+    cost = replace(cost, k_u=LAWS[controller].k_u if cost.k_u is None else cost.k_u, seeds=cost.seeds or (search.seed,))
     shipped = shipped_gains(controller, chosen.name)
     other = shipped if shipped is not None and shipped.values != base.values else None
-    problem = TuneProblem(chosen, base, space, cases, cost, other)
-    held_out = _cases(judged, robots, task.loop())
-    start = None if parameters.from_scratch else _first_point(problem)
+    problem, said = TuneProblem(chosen, base, space, cases, cost, other), _said(chosen.name, base, cases)
+    start = None if begun is None else space.points([base.values[name] for name in space.names])[None]
     found = search_for(problem, settings, search, start, progress)
-    total = settings.generations + 1
+    threads, total = search.threads, settings.generations + 1
     progress(Progress(total, total, "tuned and earlier gains on every reference"))
-    threads, outcome = search.threads, found.outcome()
-    point, tuned, remarks = found.jde.best, problem.gains(found.jde.best), said
-    baseline_cost = problem.cost_of(base, threads)
-    least = math.inf if begun is None else problem.cost_of(base, threads, guarded=True)
-    if begun is not None:
-        remarks += widened_sentences(controller, space, begun)
-        if least <= outcome["cost"]:
-            point, tuned, outcome["cost"] = space.points([begun[name] for name in space.names]), base, least
-            remarks.append(f"No candidate costs less than {base.name}, with which the search began: those gains are kept.")
-        elif not np.isfinite(least) and np.isfinite(baseline_cost):
-            remarks.append(
-                f"{base.name}, with which the search began, fails the stability guard, so the search had to leave it."
-            )
+    kept = _better(problem, found, begun is not None, threads)
     result = TuneResult(
         controller=controller,
         begun_with=chosen.name,
         robot=chosen.robot.name,
-        gain_set=tuned,
+        gain_set=kept.gains,
         seed=search.seed,
         cost_name=cost.cost,
         baseline_name=base.name,
-        baseline_cost=baseline_cost,
+        baseline_cost=kept.baseline_cost,
         shipped_name="" if shipped is None else shipped.name,
         shipped_cost=math.nan if shipped is None else problem.cost_of(shipped, threads),
-        worse_than_start=least < outcome["cost"],
-        parameters=found_parameters(space, point, [base.values[name] for name in space.names]),
-        remarks=(*remarks, *bound_sentences(space, point)),
-        train=tuple(problem.compared(case, tuned, threads) for case in problem.cases),
-        held_out=tuple(problem.compared(case, tuned, threads) for case in held_out),
+        worse_than_start=kept.start_cost < kept.cost,
+        parameters=found_parameters(space, kept.point, [base.values[name] for name in space.names]),
+        remarks=(*said, *kept.remarks, *bound_sentences(space, kept.point)),
+        train=tuple(problem.compared(case, kept.gains, threads) for case in cases),
+        held_out=tuple(problem.compared(case, kept.gains, threads) for case in held_out),
         options=_record(cost, task, parameters, search.record(settings)),
-        **outcome,
+        **{**found.outcome(), "cost": kept.cost},
     )
     return replace(result, gain_set=_with_provenance(result))
 
 
-def _base_gains(controller: str, parameters: TuneParameters) -> GainSet:
+def _usual_size(controller: str, plants: Sequence[str]) -> tuple[int, int]:
+    """Return the usual population and generations of a search."""
+    law = LAWS[controller]
+    return _SIMULATED_SIZE if any(name in SIMULATED for name in plants) else (law.population, law.generations)
+
+
+class _Kept(NamedTuple):
+    """The gains that a tuning ends with."""
+
+    point: FloatArray
+    """(n,) of the unit cube."""
+    gains: GainSet
+    """All gains."""
+    cost: float
+    """Their cost, with the guard."""
+    start_cost: float
+    """Cost of the gains that the search began with, with the guard; infinite where it began from scratch."""
+    baseline_cost: float
+    """Cost of the gains of before, without the guard."""
+    remarks: tuple[str, ...]
+    """Sentences on how it came to this."""
+
+
+def _better(problem: TuneProblem, found: Search, begun: bool, threads: int) -> _Kept:
+    """Return the better of what a search found and what it began with, if it did not begin from scratch."""
+    base, space, best = problem.base, problem.space, float(found.best_cost_of_all)
+    point, before = found.jde.best, problem.cost_of(problem.base, threads)
+    if not begun:
+        return _Kept(point, problem.gains(point), best, math.inf, before, ())
+    least, remarks = problem.cost_of(base, threads, guarded=True), widened_sentences(base.controller, space, base.values)
+    if least <= best:
+        remarks.append(f"No candidate costs less than {base.name}, with which the search began: those gains are kept.")
+        point = space.points([base.values[name] for name in space.names])
+        return _Kept(point, base, least, least, before, tuple(remarks))
+    if not np.isfinite(least) and np.isfinite(before):
+        remarks.append(
+            f"{base.name}, with which the search began, fails the stability guard, so the search had to leave it."
+        )
+    return _Kept(point, problem.gains(point), best, least, before, tuple(remarks))
+
+
+def _said(profile: str, base: GainSet, cases: Sequence[TuneCase]) -> list[str]:
+    """Log, and return, sentences on gains of another profile and on references that ask for more than a robot can do."""
+    told = [origin_sentence(base, profile), *(demand_of(c.waypoints, c.robot, profile, c.reference) for c in cases)]
+    said = [sentence for sentence in told if sentence is not None]
+    for sentence in said:
+        _logger.warning(sentence)
+    return said
+
+
+def _judged(task: TuneTask, wanted: Sequence[tuple[str, float]], cases: Sequence[TuneCase]) -> list[tuple[str, float]]:
+    """Return names and speeds of the held-out references."""
+    if task.held_out is not None:
+        return _references(task.held_out, task.speed)
+    fastest, tuned_on = max(case.waypoints.speed for case in cases), [name for name, _ in wanted]
+    return [(name, fastest) for name in HELD_OUT if name not in tuned_on]
+
+
+def _base_gains(controller: str, parameters: TuneParameters, profile: Profile) -> GainSet:
     """Return the gains that a tuning begins with: those named, else the published, else the defaults; with those held."""
     published = f"{controller}-published" in names(controller)
     base = load_gains(controller, parameters.gains or ("published" if published else DEFAULT))
     unknown = [name for name in parameters.fix if name not in base.values]
     if unknown:
         raise ValueError(f"{controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}")
-    return GainSet(controller, base.name, {**base.values, **parameters.fix}) if parameters.fix else base
+    base = replace(base, values={**base.values, **parameters.fix}) if parameters.fix else base
+    make_controller(profile, base)
+    return base
 
 
 def _references(wanted: Sequence[str], speed: float) -> list[tuple[str, float]]:
@@ -178,11 +213,6 @@ def _cases(
             around = replace(settings, filter=odometry_of(robot.drive))
             out.append(TuneCase(f"{label} at {waypoints.speed:.3g} m/s, {robot.name}", name, waypoints, robot, around))
     return tuple(out)
-
-
-def _first_point(problem: TuneProblem) -> FloatArray:
-    """Return the (1, n) gains to begin with."""
-    return problem.space.points([problem.base.values[name] for name in problem.space.names])[None]
 
 
 def _record(cost: TuneCost, task: TuneTask, parameters: TuneParameters, search: Mapping[str, Any]) -> dict[str, Any]:

@@ -25,6 +25,8 @@ from ssmr.types import FloatArray
 _GRAVITY = Vehicle().gravity  # [m/s2]
 STIFFEST = 1.0
 """Greatest h^2 w^2 + 2 h d w^2 of a step h, for a stiffest motion of frequency w and damping time d [1]: stable below 4."""
+MOST_STEPS_A_SECOND = 1e6
+"""Most inner steps in a second that are worth their time [1/s]; a Husky on the default tyres needs 95."""
 _Link = Literal["belt", "none"]
 
 
@@ -81,13 +83,17 @@ class FourWheelParameters:
     """Rolling resistance over wheel load [1]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges, and that the robot does not fall over where it stands."""
+        """Check the ranges, that the robot stands on all wheels, and that its tyres are not too stiff."""
         check_parameters(self)
         require_in_range(self, "radius_difference", -self.wheel_radius, self.wheel_radius)
         if self.link not in get_args(_Link):
             raise ValueError(f"unknown link '{self.link}'; there are: {', '.join(get_args(_Link))}")
         if abs(self.com_x) / (0.5 * self.wheelbase) + abs(self.com_y) / self.half_track >= 1.0:
             raise ValueError(f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load")
+        if not _stiffness(self) <= MOST_STEPS_A_SECOND:
+            raise ValueError(
+                "tyres are too stiff for so light a body or wheels: they swing too fast for any step that is worth its time"
+            )
 
 
 class FourWheels(NamedTuple):
@@ -129,23 +135,27 @@ TEMPLATE = FourWheels(*(0.0,) * 27, 1, True, False)
 """Template for `ssmr._jit.named_like`."""
 
 
+def _stiffness(p: FourWheelParameters) -> float:
+    """Return the least number of steps in a second [1/s]: h^2 w^2 + 2 h d w^2 = `STIFFEST` for the stiffest motion."""
+    spin, damping = p.armature + p.wheel_inertia, p.tyre_damping * math.sqrt(p.wheel_radius / _GRAVITY)
+    lever = (0.5 * p.wheelbase) ** 2 + p.half_track**2
+    lightness = 1.0 + p.mass * lever / p.yaw_inertia + 0.25 * p.mass * p.wheel_radius**2 / spin
+    square = max(p.stiffness_x, p.stiffness_y) * _GRAVITY / (p.relaxation * p.wheel_radius) * lightness  # w^2 [1/s2]
+    return (damping * square + math.sqrt(damping * damping * square * square + STIFFEST * square)) / STIFFEST
+
+
 def four_wheels(p: FourWheelParameters, drive: Drive, dt: float, *, given: bool = False) -> FourWheels:
     """Return the numbers for physics steps `dt` [s], which are divided where the tyres are too stiff for them."""
-    motor, half = motor_numbers(drive), 0.5 * p.wheelbase
-    spin, relaxation = p.armature + p.wheel_inertia, p.relaxation * p.wheel_radius
+    motor, inner = motor_numbers(drive), max(1, math.ceil(dt * _stiffness(p)))
     unit = math.sqrt(p.wheel_radius / _GRAVITY)  # of time
-    damping = p.tyre_damping * unit
-    lightness = 1.0 + p.mass * (half**2 + p.half_track**2) / p.yaw_inertia + 0.25 * p.mass * p.wheel_radius**2 / spin
-    stiffest = max(p.stiffness_x, p.stiffness_y) * _GRAVITY / relaxation * lightness  # square of a frequency [1/s2]
-    root = math.sqrt(damping * damping * stiffest * stiffest + STIFFEST * stiffest)
-    inner = max(1, math.ceil(dt * (damping * stiffest + root) / STIFFEST))  # h^2 w^2 + 2 h d w^2 = STIFFEST
     lag = p.load_lag * unit
     return FourWheels(
-        p.mass, p.yaw_inertia, p.com_x, p.com_y, p.com_height, half, p.half_track,
+        p.mass, p.yaw_inertia, p.com_x, p.com_y, p.com_height, 0.5 * p.wheelbase, p.half_track,
         p.wheel_radius + 0.5 * p.radius_difference, p.wheel_radius - 0.5 * p.radius_difference,
         1.0 + 0.5 * p.strength_difference, 1.0 - 0.5 * p.strength_difference,
         0.5 * p.gain, 0.5 * motor.limit, 0.5 * motor.braking, 0.5 * motor.integral_gain, motor.leak, 0.5 * motor.gear_loss,
-        spin, p.wheel_inertia, p.friction, p.stiffness_x, p.stiffness_y, relaxation, damping, p.rolling_resistance,
+        p.armature + p.wheel_inertia, p.wheel_inertia, p.friction, p.stiffness_x, p.stiffness_y,
+        p.relaxation * p.wheel_radius, p.tyre_damping * unit, p.rolling_resistance,
         1.0 if lag == 0.0 else -math.expm1(-dt / inner / lag), dt / inner, inner, p.link == "belt", given,
     )  # fmt: skip
 

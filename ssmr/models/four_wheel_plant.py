@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit_parallel, named_like
+from ssmr._jit import jit, jit_parallel, named_like
 from ssmr.errors import DivergedError
 from ssmr.models.four_wheel import (
     SAMPLE_COLUMNS,
@@ -124,19 +124,22 @@ def _placed(state: State, robot: FourWheels) -> FloatArray:
     return row
 
 
-@jit_parallel
+@jit
 def _advance_all(
     references: FloatArray, pushes: FloatArray, robots: FloatArray, rows: FloatArray, now: FloatArray, failed: Any
 ) -> None:
-    """Advance S robots in place, one a thread; write (S, 25) samples of their ends, and where they failed."""
-    for i in numba.prange(len(robots)):
+    """Advance S robots in place; write (S, 25) samples of their ends, and where they failed.
+
+    This is one thread's work: a period of the position loop is too short for threads to be worth their start.
+    """
+    for i in range(len(robots)):
         robot, out = named_like(TEMPLATE, robots[i]), np.empty((2, SAMPLE_COLUMNS))
         failed[i] = run_wheels(references[i], pushes[i], len(references[i]), robot, body_of(rows[i]), out)
         now[i] = out[1]
 
 
 class FourWheelBodies:
-    """S robots that advance together under wheel-rate references, on all threads (`numba.set_num_threads`)."""
+    """S robots that advance together under wheel-rate references."""
 
     def __init__(self, models: Sequence[FourWheelModel], state: State, dt: float = FOUR_WHEEL_DT) -> None:
         """Put every robot into `state`."""

@@ -77,7 +77,10 @@ _LEAST_MOTION = 0.05
 _HEADER_IN, _SECTION_IN, _ROW_IN, _WINDOW_IN, _FOOTER_IN = 0.78, 0.28, 2.3, 3.2, 0.22
 _ZOOM_IN, _PATHS_IN = 4.0, (3.0, 5.5)  # least width of the zoom; least and greatest height of the paths
 
-_MARKERS = {"mujoco": "o", "improved": "s", "coulomb": "^", "linear": "D", "kinematic": "v", "ode": "P", "drake": "X"}
+_MARKERS = {
+    "mujoco": "o", "improved": "s", "coulomb": "^", "linear": "D", "kinematic": "v",
+    "four_wheel": "p", "ode": "P", "drake": "X",
+}  # fmt: skip
 
 
 def _draw_paths(comparison: ComparisonData, ax: Axes) -> None:

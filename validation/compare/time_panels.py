@@ -47,6 +47,7 @@ _DASHES: dict[str, Dashes] = {
     "coulomb": (0.0, (1.5, 1.0)),
     "linear": (0.0, (7.0, 1.5, 1.5, 1.5)),
     "kinematic": (0.0, (3.0, 1.2)),
+    "four_wheel": (0.0, (9.0, 1.2)),
 }
 _SIDES: tuple[Dashes, Dashes] = ("solid", (0.0, (4.0, 1.5)))
 COMMAND_INK = "0.5"

@@ -19,6 +19,7 @@ from validation.progress import Progress
 from validation.study.catalogue import STUDIES
 from validation.study.contact import ContactOptions
 from validation.study.drivetrain import DriveTrainOptions
+from validation.study.engines import EnginesOptions
 from validation.study.filter import FilterOptions
 from validation.study.gains import GainsOptions
 from validation.study.gains import run as gains_run
@@ -33,6 +34,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     ),
     "terrain": (TERRAIN, lambda s: len({(e.axis, e.value) for e in s.models}), 1),
     "contact": (ContactOptions(only=("cone",)), lambda s: len(s.tried), 1),
+    "engines": (EnginesOptions(engines=("mujoco",)), lambda s: len(s.tried), 1),
     "tables": (TablesOptions(seeds=1, numbers=("4.5", "4.13")), lambda s: len(s.entries), 1),
     "gains": (GainsOptions(plants=("kinematic", "improved"), seeds=1), lambda s: len({x.reference for x in s.scores}), 1),
     "filter": (

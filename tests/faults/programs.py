@@ -49,6 +49,7 @@ USUAL: Mapping[str, Usual] = {
     "study gains": Usual("gains", {"--plants": "kinematic", "--seeds": "1"}),
     "study tables": Usual("tables", {"--numbers": "4.5", "--seeds": "1"}),
     "study contact": Usual("contact", {"--only": "cone"}),
+    "study engines": Usual("engines", {"--engines": "mujoco"}),
     "study drivetrain": Usual("drivetrain", {"--recording": "up.csv", "--ground": "grass.csv", "--resamples": "2"}),
     "study terrain": Usual("terrain", {"--seeds": "0"}),
     "replicate": Usual("", {"--quick": "", "--only": "3.12", "--out": "out"}),

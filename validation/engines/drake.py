@@ -32,7 +32,8 @@ class DrakeSettings:
     approximation: Approximation = "lagged"
     """Approximation of contact: `lagged`, `similar` or `sap`. TAMSI is left out: it ignores the wheels' servos silently."""
     stiffness: float = 0.0
-    """Stiffness of a contact [N/m]; 0: such that tyres sink by `SINK_SHARE` of their radius."""
+    """Stiffness of a contact [N/m]; 0: such that tyres sink by `SINK_SHARE` of their radius; negative: Drake's own
+    estimate for 1 mm of penetration, with its own damping."""
     dissipation: float = 5.0
     """Hunt and Crossley's dissipation of a contact [s/m], for `lagged` and `similar`."""
     relaxation_time: float = 0.01
@@ -204,7 +205,9 @@ class _Diagram:
 
 
 def _sink(numbers: RigidNumbers, settings: DrakeSettings) -> FloatArray:
-    """Return the (4,) depths to which tyres of one contact sink at rest [m]."""
+    """Return the (4,) depths to which tyres of one contact sink at rest [m]; 0 where Drake chooses the stiffness."""
+    if settings.stiffness < 0.0:
+        return np.zeros(len(WHEELS))
     return numbers.loads / _stiffness(numbers, settings)
 
 
@@ -218,6 +221,9 @@ def _rubber(numbers: RigidNumbers, settings: DrakeSettings) -> Any:
     from pydrake.multibody.plant import CoulombFriction
 
     properties, friction = ProximityProperties(), CoulombFriction(numbers.friction, numbers.friction)
+    if settings.stiffness < 0.0:
+        AddContactMaterial(friction=friction, properties=properties)
+        return properties
     AddContactMaterial(settings.dissipation, 2.0 * _stiffness(numbers, settings), friction, properties)
     properties.AddProperty("material", "relaxation_time", settings.relaxation_time)
     return properties

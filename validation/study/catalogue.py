@@ -40,6 +40,7 @@ STUDIES = (
     Study("robustness", "How well do trackers keep a robot on its path that is not the robot they were given?"),
     Study("terrain", "Up to which speed, slope, roughness and loss of grip do planar models and trackers hold?"),
     Study("contact", "What does each physics setting of MuJoCo do to the simulated robot?"),
+    Study("engines", "Do ODE, which is Gazebo's engine, and Drake move the robot as MuJoCo does, and with which settings?"),
     Study("tables", "How do the thesis' tables of tracked references (Tab. 4.5-4.36) compare with this project's robots?"),
     Study("gains", "Which of the shipped sets of gains follows which reference best, on which plant?"),
     Study("filter", "How fast does the pose drift that the state filter estimates from wheels and gyro?"),

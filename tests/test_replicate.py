@@ -18,18 +18,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.simulation import SAMPLE_DT
+from ssmr.types import State
 from tests.conftest import ROUNDOFF
 from validation import cli
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import write_csv
+from validation.plants.profile import load_profile, make_plant
 from validation.progress import Progress
 from validation.replicate import QUICK_SETTINGS, Replication, ReplicationSettings, replicate
 from validation.replicate import control as evidence_control
 from validation.replicate import models as evidence_models
 from validation.replicate import real as evidence_real
 from validation.replicate.__main__ import main
+from validation.replicate.events import solve_with_events
 from validation.replicate.evidence import (
     FIGURE_FOLDER,
     SECTION_FOLDER,
@@ -303,6 +308,19 @@ def test_delay_and_rise_of_known_answers() -> None:
 def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None:
     assert evidence_models.alternations(np.array([1.0, -1.0, 1.0, -1.0, -1.0, 2.0])) == 2
     assert evidence_models.alternations(np.sin(np.linspace(0.0, 20.0, 500))) == 0
+
+
+def test_located_changes_of_sign_cost_the_coulomb_model_the_most_time() -> None:
+    """The turn reverses three times; the compiled loops end with the same velocities."""
+    scenario = replace(TRAJECTORIES["traj4"], duration=8.5)
+    found = {name: solve_with_events(name, scenario) for name in ("coulomb", "improved", "linear")}
+    assert found["linear"].located == 0
+    assert 0 < found["improved"].located < 0.1 * found["coulomb"].located
+    assert found["linear"].evaluations < found["improved"].evaluations < 0.6 * found["coulomb"].evaluations
+    profile = load_profile("thesis-printed")
+    for name, effort in found.items():
+        last = make_plant(profile, name).run(scenario.commands(), State(), SAMPLE_DT).twist[-1]
+        assert effort.end == pytest.approx(last[[0, 2]], abs=0.03)  # there the command is held for 50 ms
 
 
 def entry(controller: str, mean: float, deviation: float, n: int = 10) -> TableEntry:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from validation.fit.table import number_text, unit_text
 from validation.replicate.evidence import Findings, Section, Table
@@ -121,13 +121,26 @@ def tall_grid(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
     shown = {row: pairs[first[row]] for row, pairs in table.rows.items()}
     names = list(dict.fromkeys(n for pair in shown.values() for n in pair.beside if n not in ("lower", "upper")))
     searched, mixed = any("lower" in pair.beside for pair in shown.values()), len(set(first.values())) > 1
-    titles = ["row", *["what"] * mixed, "unit", "verdict", "printed", "ours", *["searched"] * searched]
+    supposed = any(pair.supposed is not None for pair in shown.values())
+    titles = [
+        "row",
+        *["what"] * mixed,
+        "unit",
+        "verdict",
+        "printed",
+        "ours",
+        *["supposed"] * supposed,
+        *["searched"] * searched,
+    ]
     titles += [n.replace("_", " ").replace("published", "printed") for n in names] + [f"{m} printed" for m in others]
     verdicts, reasons, rows = judge_rows(number, table.rows), _Reasons(), []
     for row, pairs in table.rows.items():
         metric, pair = first[row], shown[row]
         texts = [row, *[short(metric).replace("_", " ")] * mixed, pair.unit]
         numbers = [NOTHING if pair.published is None else f"{pair.published:g}", _with_error(pair)]
+        if supposed:
+            under = pair.supposed
+            numbers.append(NOTHING if under is None else _with_error(replace(pair, ours=under.value, spread=under.spread)))
         if searched:
             known = "lower" in pair.beside
             numbers.append(f"{pair.beside['lower']:g} to {pair.beside['upper']:g}" if known else NOTHING)

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from ssmr.scenarios import TRAJECTORIES
+from ssmr.search.jde import JdeSettings
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import State
 from tests.conftest import ROUNDOFF
@@ -48,6 +49,7 @@ from validation.replicate.evidence import (
 )
 from validation.replicate.figures import draw_residuals
 from validation.replicate.keeping import kept
+from validation.replicate.others import drive_all, every_cause, fitted_and_judged, standing_out
 from validation.replicate.report import (
     document_html,
     document_markdown,
@@ -77,12 +79,15 @@ WANTED = {
         "4.21",
         "4.37",
         "4.38",
+        "Sec. 3.5",
+        "Sec. 3.5.4",
         "Sec. 3.6",
         "Fig. 2.9",
         "3.4",
         "Fig. 3.33",
         "Sec. 4.3.3",
         "Sec. 4.5",
+        "Sec. 4.5, motors",
     ),
     *(f"4.{i}" for i in (*range(5, 20), *range(22, 37))),
 }
@@ -321,6 +326,24 @@ def test_located_changes_of_sign_cost_the_coulomb_model_the_most_time() -> None:
     for name, effort in found.items():
         last = make_plant(profile, name).run(scenario.commands(), State(), SAMPLE_DT).twist[-1]
         assert effort.end == pytest.approx(last[[0, 2]], abs=0.03)  # there the command is held for 50 ms
+
+
+def test_only_the_limit_of_the_motors_makes_trajectory_1_stand_out() -> None:
+    """Printed: 142 mm, where the others have 22, 25 and 15."""
+    found = {}
+    for name in ("none: stiff tyres, ample motors", "left motors 5 % stronger", "motors end at 9 N m a wheel"):
+        judged = fitted_and_judged(drive_all(every_cause()[name], 1), JdeSettings(20, 12, patience=13), 1, 2)
+        found[name] = standing_out({t: metrics["d_rms_m"] for t, (metrics, _) in judged.items()})
+    assert found.pop("motors end at 9 N m a wheel") > 2.5 > 1.5 > max(found.values())
+
+
+def test_causes_add_up_and_noise_depends_on_the_seed_alone() -> None:
+    causes = every_cause()
+    whole = causes["all of these, with 7 N m"]
+    assert (whole.noise, whole.localiser.tracked_x, whole.drive["torque_limit"]) == (True, 0.1, 7.0)
+    noisy = [drive_all(causes["noise of the tracker"], seed)["traj1"][1].pose for seed in (1, 1, 2)]
+    assert np.array_equal(noisy[0], noisy[1])
+    assert not np.array_equal(noisy[0], noisy[2])
 
 
 def entry(controller: str, mean: float, deviation: float, n: int = 10) -> TableEntry:

@@ -189,12 +189,13 @@ def _saturation(context: Context) -> Findings:
         f"robot can drive the path at 0.25 m/s. Often is taken to mean at least {_OFTEN:g} % of the time. Means over {n} "
         "seeds; the improved model is pushed at random, the MuJoCo Husky is not. The path is ours."
     )
-    return Findings({"Sec. 4.5": Table("Share of time with a motor at its limit, generic reference", rows)}, notes=(note,))
+    table = Table("Share of time with a motor at its limit, generic reference", rows)
+    return Findings({"Sec. 4.5, motors": table}, notes=(note,))
 
 
 CONTROL_SECTIONS = (
     *(_tune_section(controller) for controller in TUNED_TABLES),
-    Section("saturation", "Motors at their limit", ("Sec. 4.5",), ("noise_seeds",), _saturation),
+    Section("saturation", "Motors at their limit", ("Sec. 4.5, motors",), ("noise_seeds",), _saturation),
     Section("tables", "Tracked references", (*CONTROL_TABLES, "4.37", "4.38"), ("noise_seeds",), _tracked),
 )
 """The sections on chapter 4."""

@@ -20,7 +20,9 @@ from validation.show.drawing import (
     draw_footer,
     draw_section,
     ink_of,
+    inset,
     line_legend,
+    plain_ticks,
     put_together,
     side_by_side,
     text_row,
@@ -138,3 +140,36 @@ def draw_residuals(residuals: BinnedErrors, how: str) -> Figure:
         rows += [text_row(0.3, partial(draw_section, heading)), side_by_side(3.0, panels)]
     foot = "bins with few windows are left empty · the darker, the greater the error; one scale for each row"
     return put_together([*rows, text_row(0.3, partial(draw_footer, foot))])
+
+
+_TRAJECTORY_INKS = {"traj1": "#d55e00", "traj2": "#56b4e9", "traj3": "#009e73", "traj4": "#444444"}
+
+
+def draw_causes(
+    d_rms: Mapping[str, Mapping[str, float]], printed: Mapping[str, float], paths: tuple[Trajectory, Trajectory]
+) -> Figure:
+    """Draw d_rms [m] by cause and trajectory below the printed one, and a robot's path beside that of the fitted model."""
+    rows = {"printed (Tab. 3.12)": printed, **d_rms}
+
+    def errors(ax: Axes) -> None:
+        for k, by in enumerate(rows.values()):
+            for name, value in by.items():
+                ax.plot(1e3 * value, k, "o" if k else "D", color=_TRAJECTORY_INKS[name], ms=7, label=name if not k else None)
+        ax.set_yticks(range(len(rows)), list(rows), fontsize=9.0)
+        ax.set(xscale="log", ylim=(len(rows) - 0.5, -0.5), xlabel="d_rms [mm]")
+        ax.axhline(0.5, color=QUIET, linewidth=1.0)
+        ax.grid(axis="x", which="both", alpha=0.25)
+        inset(ax, left=2.9)
+        plain_ticks(ax.xaxis)
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, fontsize=8.0, frameon=False)
+
+    def driven(ax: Axes) -> None:
+        for motion, ink, label in zip(
+            paths, ("#444444", "#0072b2"), ("robot on four tyres", "improved, fitted"), strict=True
+        ):
+            ax.plot(motion.xy[:, 0], motion.xy[:, 1], color=ink, linewidth=1.8, label=label)
+        ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        inset(ax, left=0.8)
+        ax.legend(loc="best", fontsize=8.0)
+
+    return put_together([side_by_side(4.6, [errors, driven])])

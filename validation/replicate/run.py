@@ -23,6 +23,7 @@ from validation.replicate.friction import FRICTION_SECTIONS
 from validation.replicate.keeping import keep, kept
 from validation.replicate.models import MODEL_SECTIONS
 from validation.replicate.noise import NOISE_SECTIONS
+from validation.replicate.others import OTHER_SECTIONS
 from validation.replicate.real import REAL_SECTIONS
 from validation.replicate.result import Replication
 from validation.replicate.stability import STABILITY_SECTIONS
@@ -31,6 +32,7 @@ ALL_SECTIONS: tuple[Section, ...] = (
     *FRICTION_SECTIONS,
     *NOISE_SECTIONS,
     *MODEL_SECTIONS,
+    *OTHER_SECTIONS,
     *STABILITY_SECTIONS,
     *CONTROL_SECTIONS,
     *FAULT_SECTIONS,

@@ -13,10 +13,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.control.laws import LAWS
+from ssmr.control.loop import LoopSettings
+from ssmr.control.references import circle
 from tests.test_docs import tables
 from validation import cli
+from validation.plants.profile import load_profile, shipped
 from validation.thesis import published
-from validation.track.gains import FIELDS, SCHEMA, GainsError, GainSet, dump_gains, load_gains, names
+from validation.track.gains import (
+    FIELDS,
+    SCHEMA,
+    GainsError,
+    GainSet,
+    dump_gains,
+    load_gains,
+    names,
+    origin_sentence,
+    profile_sets,
+)
+from validation.track.loops import make_controller, make_robot, odometry_of, run_robots
+from validation.tune.cost import TuneCost, costs_of
 
 PRINTED = {
     "pid": {
@@ -199,3 +214,43 @@ def test_every_controller_has_the_defaults_of_its_class(controller: str) -> None
     gains = load_gains(controller, "default")
     assert gains.name == f"{controller}-default"
     assert dict(gains.values) == asdict(LAWS[controller].gains())
+
+
+OWN = [(controller, profile) for controller in LAWS for profile in profile_sets(controller)]
+"""Sets that are shipped for a profile."""
+
+
+def test_every_real_profile_has_gains_of_its_own() -> None:
+    """For each law that has tuned gains; the other profiles are of the thesis' lab, where those come from."""
+    tuned = [name.removesuffix("-tuned") for name in names() if name.endswith("-tuned")]
+    real = [name for name in shipped() if not name.startswith("thesis-")]
+    assert {(c, p) for c in tuned for p in real} <= set(OWN)
+    assert {p for _, p in OWN} <= set(shipped())
+
+
+@pytest.mark.parametrize(("controller", "profile"), OWN)
+def test_gains_of_a_profile_are_chosen_with_it_and_say_how_they_were_found(controller: str, profile: str) -> None:
+    gains = load_gains(controller, None, profile)
+    assert gains.name == f"{controller}-{profile}"
+    assert load_gains(controller, profile).values == gains.values
+    assert gains.provenance["profile"] == profile
+    assert gains.provenance["cost"] < gains.provenance["baseline_cost"]
+    assert {"seed", "tuned_on", "searched", "options", "versions", "followed"} <= set(gains.provenance)
+    assert origin_sentence(gains, profile) is None
+    other = origin_sentence(load_gains(controller, "tuned"), profile)
+    assert other is not None
+    assert other.endswith(f"not on {profile}; there are {profile} gains of its own.")
+    assert load_gains(controller, None, "thesis-lab").name in (f"{controller}-published", f"{controller}-tuned")
+
+
+@pytest.mark.parametrize(("controller", "profile"), OWN)
+def test_gains_of_a_profile_cost_what_their_file_says(controller: str, profile: str) -> None:
+    gains, chosen = load_gains(controller, profile), load_profile(profile)
+    options = gains.provenance["options"]
+    robot, waypoints = make_robot(chosen, "improved"), circle(0.5)
+    settings = LoopSettings(filter=odometry_of(robot.drive))
+    runs = run_robots([robot], [make_controller(chosen, gains)], [settings], waypoints, options["noise_seeds"])
+    cost = TuneCost(**{k: options[k] for k in ("k_rms", "k_haus", "k_ratio", "k_bend", "k_u")})
+    found = costs_of(runs, waypoints.trajectory(0.008), waypoints.rms_speed, cost)[0]
+    said = gains.provenance["followed"]["circle at 0.5 m/s, improved"]["cost"]
+    assert found == pytest.approx(said, rel=1e-3)  # other processors round otherwise, and noise makes that grow

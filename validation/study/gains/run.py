@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ssmr.control.laws import CONTROLLERS
 from ssmr.control.loop import LoopSettings
 from validation.plants.profile import PLANTS
 from validation.progress import Progress, Report, silent
 from validation.study.gains.result import GainScore, GainsOptions, GainStudy
 from validation.study.result import keeping, profile_of
-from validation.track.gains import load_gains, names
+from validation.track.gains import load_gains, names, profile_sets
 from validation.track.loops import make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import SAMPLES, open_reference
 from validation.tune.cost import TuneCost, costs_of
@@ -37,6 +38,7 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
     if unknown:
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(PLANTS)}")
     sets = [load_gains(name.rpartition("-")[0], name) for name in names()]
+    sets += [load_gains(law, profile.name) for law in CONTROLLERS if profile.name in profile_sets(law)]
     laws, n = [make_controller(profile, g) for g in sets], len(seeds)
     robots = {plant: make_robot(profile, plant) for plant in o.plants}
     places = [(plant, reference, speed) for plant in o.plants for reference in SAMPLES for speed in GAIN_SPEEDS]

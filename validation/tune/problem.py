@@ -56,8 +56,15 @@ def make_tuning_space(
             own = f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search begins"
             raise ValueError(f"{own}; widen them, begin with other gains, or begin from scratch")
         else:
-            found.append(replace(usual, lower=min(usual.lower, 0.5 * value), upper=max(usual.upper, 1.5 * value)))
+            found.append(
+                replace(usual, lower=min(usual.lower, _rounded(0.5 * value)), upper=max(usual.upper, _rounded(1.5 * value)))
+            )
     return ParameterSpace(tuple(found))
+
+
+def _rounded(value: float) -> float:
+    """Return a number with two digits, which a table and a picture have room for."""
+    return float(f"{value:.2g}")
 
 
 def widened_sentences(controller: str, space: ParameterSpace, start: Mapping[str, float]) -> list[str]:
@@ -66,11 +73,10 @@ def widened_sentences(controller: str, space: ParameterSpace, start: Mapping[str
     out = []
     for p in space.parameters:
         low, high = usual[p.name].search or (p.lower, p.upper)
-        if not low <= start[p.name] <= high and (p.lower, p.upper) in (
-            (low, 1.5 * start[p.name]),
-            (0.5 * start[p.name], high),
-        ):
-            was = f"its usual bounds, {low:g} to {high:g}, leave out {p.text(start[p.name])}, which the search began with"
+        value = start[p.name]
+        wide = (low, _rounded(1.5 * value)) if value > high else (_rounded(0.5 * value), high)
+        if not low <= value <= high and (p.lower, p.upper) == wide:
+            was = f"its usual bounds, {low:g} to {high:g}, leave out {p.text(value)}, which the search began with"
             out.append(f"{p.name} was searched from {p.lower:g} to {p.upper:g}: {was}.")
     return out
 

@@ -8,7 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from validation.show.drawing import Row, draw_footer, ink_of, inset, note_rows, put_together, side_by_side, text_row
+from validation.show.drawing import (
+    Ink,
+    Row,
+    draw_footer,
+    ink_of,
+    inset,
+    note_rows,
+    plain_ticks,
+    put_together,
+    side_by_side,
+    text_row,
+)
 from validation.study.engines.bench import BINS, TriedEngine
 from validation.study.engines.result import EnginesStudy
 
@@ -22,31 +33,33 @@ def _draw_header(study: EnginesStudy, ax: Axes) -> None:
     ax.text(0.0, 0.45, study.heading(), va="top", transform=ax.transAxes, color="0.25")
 
 
-def _lines(study: EnginesStudy) -> list[tuple[TriedEngine, str]]:
-    """Return the variants that have a multiplier, each with a line style that differs within its engine."""
+def _lines(study: EnginesStudy) -> list[tuple[TriedEngine, str, Ink]]:
+    """Return the variants that have a multiplier, each with a line style and a shade that differ within its engine."""
     seen: dict[str, int] = {}
-    found = []
+    found: list[tuple[TriedEngine, str, Ink]] = []
     for t in study.tried:
         if t.measures.multiplier is not None:
             seen[t.variant.engine] = seen.get(t.variant.engine, -1) + 1
-            found.append((t, _DASHES[seen[t.variant.engine] % len(_DASHES)]))
+            again, style = divmod(seen[t.variant.engine], len(_DASHES))
+            red, green, blue = (1.0 - (1.0 - part) / (1.0 + 0.8 * again) for part in ink_of(t.variant.engine))
+            found.append((t, _DASHES[style], (red, green, blue)))
     return found
 
 
 def _draw_headings(study: EnginesStudy, ax: Axes) -> None:
     at = (np.arange(BINS) + 0.5) * 360.0 / BINS
-    for t, dashes in _lines(study):
-        ax.plot(at, t.by_heading, dashes, color=ink_of(t.variant.engine), linewidth=1.3, gid=f"heading {t.variant.key}")
+    for t, dashes, ink in _lines(study):
+        ax.plot(at, t.by_heading, dashes, color=ink, linewidth=1.3, gid=f"heading {t.variant.key}")
     ax.set(xlabel="heading [deg]", xlim=(0.0, 360.0), xticks=range(0, 361, 45), ylim=(0.8, 4.0))
-    ax.set_title("wheels' yaw rate over the body's, turning on the spot", fontsize=9.5)
+    ax.set_title("multiplier over the heading, on the spot", fontsize=9.5)
 
 
 def _draw_paths(study: EnginesStudy, ax: Axes) -> None:
-    for t, dashes in _lines(study):
-        ax.plot(100.0 * t.path[:, 0], 100.0 * t.path[:, 1], dashes, color=ink_of(t.variant.engine), linewidth=1.1)
+    for t, dashes, ink in _lines(study):
+        ax.plot(100.0 * t.path[:, 0], 100.0 * t.path[:, 1], dashes, color=ink, linewidth=1.1)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x of the robot's middle [cm]", ylabel="y [cm]")
-    ax.set_title("turning on the spot for 14 s", fontsize=9.5)
+    ax.set_title("path of the middle, 14 s on the spot", fontsize=9.5)
 
 
 def _draw_distances(study: EnginesStudy, ax: Axes) -> None:
@@ -60,6 +73,7 @@ def _draw_distances(study: EnginesStudy, ax: Axes) -> None:
             if value is not None:
                 ax.plot([1e3 * value], [row + 0.22], marker, color="0.15", markersize=4.5, fillstyle="none")
     ax.set_xscale("log")
+    plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
     labels = [t.variant.key for t in study.tried]
     ax.set_yticks(range(len(labels)), labels, fontsize=8.0)
     ax.set(ylim=(len(labels) - 0.4, -0.6))
@@ -71,8 +85,8 @@ def _draw_distances(study: EnginesStudy, ax: Axes) -> None:
 
 def _draw_key(study: EnginesStudy, ax: Axes) -> None:
     ax.set_axis_off()
-    for row, (t, dashes) in enumerate(_lines(study)):
-        y, ink = 1.0 - (row + 0.7) / (len(study.tried) + 0.5), ink_of(t.variant.engine)
+    for row, (t, dashes, ink) in enumerate(_lines(study)):
+        y = 1.0 - (row + 0.7) / (len(study.tried) + 0.5)
         ax.plot([0.0, 0.1], [y, y], dashes, color=ink, linewidth=1.6, transform=ax.transAxes, clip_on=False)
         ax.text(0.13, y, t.variant.key, transform=ax.transAxes, va="center", fontsize=7.5)
 

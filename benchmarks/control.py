@@ -20,6 +20,7 @@ import numpy as np
 from mujoco import rollout
 
 from benchmarks.rows import Row, alternate, report
+from ssmr.control.laws import Controller
 from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle
@@ -69,6 +70,7 @@ def planar_rows(repeats: int, population: int) -> list[Row]:
         if population < POPULATION:
             continue  # the slow loop is left out of a quick run
         began = time.perf_counter()
+        assert isinstance(law, Controller)  # none of those above is a Python object
         run_loop(PlanarPlant(body), law, waypoints, LoopSettings(), 0)
         slow = time.perf_counter() - began
         rows.append(

@@ -20,3 +20,7 @@ class DivergedError(SsmrError):
 
 class UnhealthyRunError(SsmrError):
     """A simulation ran, but its contact physics cannot be trusted; `evidence` holds the wheel loads that show it."""
+
+
+class ControllerError(SsmrError):
+    """A controller that is a Python object failed: it raised an error, or its command is no two finite numbers."""

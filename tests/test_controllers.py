@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ssmr.control import lqr, pid, scheduled, smc
 from ssmr.control.law import EMPTY_MEMORY, Command, Gains, Memory, Observation
-from ssmr.control.laws import CONTROLLERS, LAWS, Controller, make_gains, position_step, velocity_step
+from ssmr.control.laws import LAWS, PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains, position_step, velocity_step
 from ssmr.control.waypoints import Errors, Target
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -32,7 +32,7 @@ REST = EMPTY_MEMORY
 STILL = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
 NO_ERRORS = Errors(0.0, 0.0, 0.0)
 A, B = matrices(Vehicle(), LinearParameters(), Drive())
-SCHEDULED = CONTROLLERS.index("lqr-scheduled")
+SCHEDULED = PLAIN_CONTROLLERS.index("lqr-scheduled")
 MODEL = tuple(map(tuple, A.tolist())), tuple(map(tuple, B.tolist()))
 
 errors = st.floats(-2.0, 2.0)
@@ -44,7 +44,7 @@ speeds = st.floats(0.0, 1.5)
 
 def controller(name: str) -> Controller:
     """The law with its default gains, on the published linear model."""
-    return Controller(LAWS[name].gains(), *MODEL)
+    return Controller(LAWS[name].gains(), *MODEL, predictor=name.endswith(PREDICTOR))
 
 
 def moving(v: float, w: float) -> Observation:
@@ -149,7 +149,7 @@ def test_the_velocity_loop_is_the_printed_equations(signal: list[tuple[float, fl
 # ------------------------------------------------------------------------------------------------------- all laws alike
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
 @given(data=st.data())
 def test_compiled_laws_are_their_python_source(name: str, data: st.DataObject) -> None:
     """To round-off: numpy's sine and arctangent are not the compiler's."""
@@ -161,7 +161,7 @@ def test_compiled_laws_are_their_python_source(name: str, data: st.DataObject) -
     assert np.allclose(fast, slow, rtol=ROUNDOFF, atol=10 * ROUNDOFF)
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
 @given(st.tuples(errors, errors, errors), speeds, errors, errors, errors)
 def test_left_and_right_are_alike(
     name: str, e: tuple[float, float, float], v_ref: float, w_ref: float, v: float, w: float
@@ -178,7 +178,7 @@ def test_left_and_right_are_alike(
         assert np.allclose(one, [other.v, -other.w], rtol=ROUNDOFF, atol=ROUNDOFF)
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
 def test_without_errors_and_at_rest_nothing_is_commanded(name: str) -> None:
     c = controller(name)
     memory = position_step(c.number, packed(name), REST, NO_ERRORS, STILL, moving(0.0, 0.0), DT)
@@ -364,14 +364,14 @@ def test_surfaces_attract_at_the_rate_they_were_given(v_ref: float, e_y: float, 
 
 
 def test_names_and_numbers_of_the_laws_belong_together() -> None:
-    for number, name in enumerate(CONTROLLERS):
+    for number, name in enumerate([*PLAIN_CONTROLLERS, *(name + PREDICTOR for name in PLAIN_CONTROLLERS)]):
         c = controller(name)
-        assert (c.name, c.number) == (name, number)
+        assert (c.name, c.number) == (name, number % len(PLAIN_CONTROLLERS))
         assert make_gains(name, {}) == LAWS[name].gains()
         assert np.isfinite(c.packed()).all()
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
 @pytest.mark.parametrize("bad", [-1e-9, math.nan, math.inf, -math.inf, 1e7])
 def test_gains_that_make_no_sense_are_refused_by_name(name: str, bad: float) -> None:
     for field in LAWS[name].gains.__dataclass_fields__:
@@ -398,7 +398,7 @@ def test_zero_is_refused_where_it_leaves_no_law(name: str, positive: set[str]) -
 
 
 def test_unknown_names_list_those_there_are() -> None:
-    with pytest.raises(ValueError, match=r"unknown controller 'mpc'; there are: pid, lqr, lqr-scheduled, smc"):
-        make_gains("mpc", {})
+    with pytest.raises(ValueError, match=r"unknown controller 'psychic'; there are: pid, lqr, lqr-scheduled, smc"):
+        make_gains("psychic", {})
     with pytest.raises(ValueError, match=r"smc has no gain 'k_p_rho'; there are: k_x, eta_x"):
         make_gains("smc", {"k_p_rho": 1.0})

@@ -206,7 +206,7 @@ def test_pid_has_no_manual_set() -> None:
 
 def test_unknown_names_list_those_there_are() -> None:
     assert refused("lqr", "best").startswith("lqr has no gains 'best'; there are: manual, published, tuned, husky-tile, ")
-    assert refused("mpc", "published").startswith("unknown controller 'mpc'; there are: pid, lqr")
+    assert refused("psychic", "published").startswith("unknown controller 'psychic'; there are: pid, lqr")
     assert "these are gains of pid, wanted lqr" in refused("lqr", "pid-published")
 
 

@@ -40,7 +40,7 @@ def standing(pilot: Pilot, at: Seen, n: int = 20, period: float = 0.02) -> float
 REST = Seen(10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("name", ["pid", "lqr-scheduled"])
+@pytest.mark.parametrize("name", ["pid", "lqr-scheduled", "lqr-scheduled+predictor"])
 def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, name: str) -> None:
     """Same instants, perfect messages, any start: the same motion, to what the first tick's period makes of it."""
     controller, settings = law(lab, name), LoopSettings("truth", disturbance=False, position_period=0.01)

@@ -95,14 +95,17 @@ class Law:
     """Name of the controller."""
     gains: type[Gains]
     """Dataclass of the gains, which declares default, unit, range and search bounds of each."""
-    unpack: Callable[[FloatArray], Any]
-    """Kernel that makes the named gains of a row of `Gains.packed`; rows may be longer than needed."""
-    position_step: Callable[..., Memory]
+    unpack: Callable[[FloatArray], Any] | None = None
+    """Kernel that makes the named gains of a row of `Gains.packed`; rows may be longer than needed. A law that is a Python
+    object (`make`) has none."""
+    position_step: Callable[..., Memory] | None = None
     """Kernel `(gains, memory, errors, target, seen, dt)` of the position loop; returns the next memory."""
-    searched: tuple[str, ...]
+    searched: tuple[str, ...] = ()
     """Gains that a tuning searches by default, in the order of its search space."""
-    colour: str
+    colour: str = "#808080"
     """Colour in pictures and recordings, as #rrggbb."""
+    make: Callable[..., Any] | None = None
+    """Function of gains and a `ssmr.control.mission.Mission` that makes the object, for a law that is a Python object."""
     velocity_step: Callable[..., tuple[Memory, Command]] = hold
     """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the command."""
     model_based: bool = False

@@ -6,8 +6,8 @@ To add a controller, write a file with its gains and kernels that ends in a `Law
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from functools import lru_cache
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -15,18 +15,36 @@ import numba
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control import lqr, pid, scheduled, smc
+from ssmr.control import lqr, mpc, pid, scheduled, smc
 from ssmr.control.law import Command, Gains, Law, Memory, Observation
+from ssmr.control.mission import PythonController
+from ssmr.control.predictor import Foresight, foresight
 from ssmr.control.waypoints import Errors, Target
+from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 
-LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in (
+_PLAIN = {law.name: law for law in (
     pid.LAW,
     lqr.LAW,
     scheduled.LAW,
     smc.LAW,
-)})  # fmt: skip
-"""Declarations by name. The order is the number by which the compiled loops know a law."""
+)}  # fmt: skip
+PREDICTOR = "+predictor"
+"""Ending of the name of a law that acts on the state one dead time ahead."""
+
+
+def _behind_a_predictor(law: Law) -> Law:
+    """Return the declaration of a law behind a predictor, in a darker colour."""
+    dark = "".join(f"{int(law.colour[k : k + 2], 16) * 3 // 5:02x}" for k in (1, 3, 5))
+    return replace(law, name=law.name + PREDICTOR, colour=f"#{dark}", model_based=True)
+
+
+PLAIN_CONTROLLERS = tuple(_PLAIN)
+"""Names of the compiled laws without a predictor. The order is the number by which the compiled loops know a law."""
+LAWS: Mapping[str, Law] = MappingProxyType(
+    _PLAIN | {law.name: law for law in (*map(_behind_a_predictor, _PLAIN.values()), mpc.LAW)}
+)
+"""Declarations by name: the compiled laws, each of them behind a predictor, and those that are Python objects."""
 CONTROLLERS = tuple(LAWS)
 """Names of the controllers."""
 
@@ -41,16 +59,28 @@ class Controller:
     """(4, 4) of the linear model (Eq. 2.46) that model-based laws are designed on."""
     b: tuple[tuple[float, ...], ...]
     """(4, 2) of the linear model."""
+    drive: Drive = field(default_factory=Drive)
+    """The driver between command and wheels, as the controller knows it."""
+    predictor: bool = False
+    """True if the law acts on the state one dead time ahead."""
 
     @property
     def name(self) -> str:
         """Name of the law, one of `CONTROLLERS`."""
-        return CONTROLLERS[self.number]
+        return PLAIN_CONTROLLERS[self.number] + (PREDICTOR if self.predictor else "")
 
     @property
     def number(self) -> int:
-        """Place of the law in `LAWS`, by which the compiled loops know it."""
-        return [law.gains for law in LAWS.values()].index(type(self.gains))
+        """Place of the law in `PLAIN_CONTROLLERS`, by which the compiled loops know it."""
+        return [law.gains for law in _PLAIN.values()].index(type(self.gains))
+
+    def on(self, drive: Drive) -> Controller:
+        """Return the same controller with knowledge of another driver."""
+        return replace(self, drive=drive)
+
+    def foresight(self, period: float) -> Foresight:
+        """Return the numbers of its predictor, for commands of a period [s]."""
+        return foresight(np.array(self.a), np.array(self.b), self.drive, period)
 
     def packed(self) -> FloatArray:
         """Return the gains as a row for the compiled loops, read-only.
@@ -58,7 +88,7 @@ class Controller:
         Raises:
             ValueError: no regulator exists for these weights.
         """
-        return _packed(self)
+        return _packed(self.gains, self.a, self.b)
 
     def position_step(self, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
         """Return the memory after one step of the position loop, `dt` [s] after the last."""
@@ -70,11 +100,11 @@ class Controller:
 
 
 @lru_cache(maxsize=4096)
-def _packed(law: Controller) -> FloatArray:
+def _packed(gains: Gains, a: tuple[tuple[float, ...], ...], b: tuple[tuple[float, ...], ...]) -> FloatArray:
     """Return `Controller.packed`; cached, because a law drives many references and its regulator is solved only once."""
-    gains = law.gains.packed(np.array(law.a), np.array(law.b))
-    gains.setflags(write=False)
-    return gains
+    row = gains.packed(np.array(a), np.array(b))
+    row.setflags(write=False)
+    return row
 
 
 def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
@@ -102,13 +132,13 @@ def _choice(steps: list[Callable[..., Any]], arguments: str) -> Any:
     lines = [f"    if law == {k}:\n        return {call}" for k, call in enumerate(calls[:-1])]
     source = "\n".join([f"def choose(law, row, {arguments}):", *lines, f"    return {calls[-1]}"])
     scope: dict[str, Any] = {f"step_{k}": step for k, step in enumerate(steps)}
-    scope.update({f"unpack_{k}": law.unpack for k, law in enumerate(LAWS.values())})
+    scope.update({f"unpack_{k}": law.unpack for k, law in enumerate(_PLAIN.values())})
     exec(source, scope)  # nosec B102 # the source is made of numbers and of the names that this module passes
     return numba.njit(nogil=True, error_model="numpy", forceinline=True)(scope["choose"])
 
 
-_POSITION = _choice([law.position_step for law in LAWS.values()], "memory, errors, target, seen, dt")
-_VELOCITY = _choice([law.velocity_step for law in LAWS.values()], "memory, seen, dt")
+_POSITION = _choice([law.position_step for law in _PLAIN.values() if law.position_step], "memory, errors, target, seen, dt")
+_VELOCITY = _choice([law.velocity_step for law in _PLAIN.values()], "memory, seen, dt")
 
 
 @jit
@@ -125,3 +155,28 @@ def velocity_step(law: int, row: FloatArray, memory: Memory, seen: Observation, 
     """Return the memory and the command of law number `law` with gains `row` after a step of its velocity loop."""
     after: tuple[Memory, Command] = _VELOCITY(law, row, memory, seen, dt)
     return after
+
+
+def design(
+    name: str, values: Mapping[str, float], a: FloatArray, b: FloatArray, drive: Drive | None = None
+) -> Controller | PythonController:
+    """Return a controller with these gains on a linear model.
+
+    Args:
+        name: one of `CONTROLLERS`.
+        values: gains by name; those that are not given have their defaults.
+        a: (4, 4) of the linear model (Eq. 2.46).
+        b: (4, 2) of the linear model.
+        drive: the driver between command and wheels, as the controller knows it; the thesis' one if not given.
+
+    Raises:
+        ValueError: an unknown controller or gain, or gains that the law refuses.
+    """
+    gains, known = make_gains(name, values), drive or Drive()
+    model = tuple(map(tuple, np.asarray(a).tolist())), tuple(map(tuple, np.asarray(b).tolist()))
+    make = LAWS[name].make
+    if make is not None:
+        return PythonController(name, partial(make, gains), *model, known)
+    law = Controller(gains, *model, known, name.endswith(PREDICTOR))
+    law.packed()
+    return law

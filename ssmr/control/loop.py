@@ -15,6 +15,8 @@ import numpy as np
 
 from ssmr._jit import jit, named_like
 from ssmr.control.laws import Controller
+from ssmr.control.mission import PythonController
+from ssmr.control.predictor import NO_FORESIGHT, commands_under_way, new_pipe
 from ssmr.control.tick import (
     FRESH_MIND,
     LOG_COLUMNS,
@@ -151,6 +153,13 @@ class Trackers(NamedTuple):
 
     laws: Any
     gains: FloatArray
+    predicts: Any
+    foresights: FloatArray
+    """(S, 16) numbers of the predictors."""
+    pasts: FloatArray
+    """(S, n, 2) commands that were sent."""
+    pipes: FloatArray
+    """(S, 16) the rest of the predictors' memories."""
     course: Any
     lookaheads: FloatArray
     by_filter: bool
@@ -170,7 +179,8 @@ class Trackers(NamedTuple):
 def tracker_of(trackers: Trackers, i: int) -> Tracker:
     """Return the `Tracker` of loop `i`."""
     return Tracker(
-        trackers.laws[i], trackers.gains[i], trackers.course, trackers.lookaheads[i], trackers.by_filter,
+        trackers.laws[i], trackers.gains[i], trackers.predicts[i], named_like(NO_FORESIGHT, trackers.foresights[i]),
+        trackers.pasts[i], trackers.pipes[i], trackers.course, trackers.lookaheads[i], trackers.by_filter,
         Belief(trackers.means[i], trackers.covariances[i]), named_like(NO_NUMBERS, trackers.filters[i]),
         named_like(NO_DRAWS, trackers.noises[i]), named_like(NO_ERRORS, trackers.sensors[i]), trackers.position_steps,
         trackers.velocity_steps, trackers.dt,
@@ -178,7 +188,11 @@ def tracker_of(trackers: Trackers, i: int) -> Tracker:
 
 
 def make_trackers(
-    controllers: Sequence[Controller], settings: Sequence[LoopSettings], waypoints: Waypoints, clock: Clock, state: State
+    controllers: Sequence[Controller | PythonController],
+    settings: Sequence[LoopSettings],
+    waypoints: Waypoints,
+    clock: Clock,
+    state: State,
 ) -> Trackers:
     """Return the robots' side of a population whose filters begin in `state`.
 
@@ -186,12 +200,18 @@ def make_trackers(
         ValueError: no regulator exists for a controller's weights.
     """
     rows, belief = [c.packed() for c in controllers], initial_belief(state)
+    period = clock.velocity * clock.dt
+    seers = [c.foresight(period) for c in controllers]
     gains = np.zeros((len(rows), max(map(len, rows))))
     for row, packed in zip(gains, rows, strict=True):
         row[: len(packed)] = packed
     return Trackers(
         np.array([c.number for c in controllers]),
         gains,
+        np.array([c.predictor for c in controllers]),
+        np.array(seers, dtype=np.float64),
+        np.zeros((len(rows), max(map(commands_under_way, seers)), 2)),
+        np.array([new_pipe(state, c.drive, period) for c in controllers], dtype=np.float64),
         waypoints.course(),
         np.array([s.lookahead for s in settings]),
         settings[0].feedback == "ekf",
@@ -204,6 +224,25 @@ def make_trackers(
         clock.velocity,
         clock.dt,
     )
+
+
+class Batch(NamedTuple):
+    """State of S closed loops whose robots something else moves; kernels write in place."""
+
+    memories: FloatArray
+    """(S, 8) memories of the laws."""
+    segments: Any
+    """(S,) segments of the targets."""
+    asked: FloatArray
+    """(S, 4) states of the drives."""
+    commands: FloatArray
+    """(S, 1 + n // velocity steps, 2) commands so far."""
+    alive: Any
+    """(S,) bool; the log of a robot that was lost grows no more."""
+    logs: FloatArray
+    """(S, ticks, 25) logs."""
+    references: FloatArray
+    """(S, steps, 2) wheel rates to ask for in the next period [rad/s]."""
 
 
 @dataclass(frozen=True, eq=False)

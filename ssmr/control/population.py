@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numba
@@ -14,6 +15,7 @@ from ssmr._jit import jit, jit_parallel, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command
 from ssmr.control.laws import Controller
 from ssmr.control.loop import (
+    Batch,
     ClosedRun,
     LoopSettings,
     Trackers,
@@ -25,6 +27,8 @@ from ssmr.control.loop import (
     tracker_of,
     true_state,
 )
+from ssmr.control.mission import PythonController
+from ssmr.control.steered import PlanarBodies, SteeredPopulation, new_batch
 from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, Mind, Tracker, Truth, tick
 from ssmr.control.waypoints import Target, Waypoints
 from ssmr.models.law import PlanarRobot
@@ -129,28 +133,9 @@ def run_planar_loops(
         )
 
 
-class Batch(NamedTuple):
-    """State of S closed loops whose robots something else moves; kernels write in place."""
-
-    memories: FloatArray
-    """(S, 8) memories of the laws."""
-    segments: Any
-    """(S,) segments of the targets."""
-    asked: FloatArray
-    """(S, 4) states of the drives."""
-    commands: FloatArray
-    """(S, 1 + n // velocity steps, 2) commands so far."""
-    alive: Any
-    """(S,) bool; the log of a robot that was lost grows no more."""
-    logs: FloatArray
-    """(S, ticks, 25) logs."""
-    references: FloatArray
-    """(S, steps, 2) wheel rates to ask for in the next period [rad/s]."""
-
-
 @jit
 def plan_period(
-    k: int, n: int, trackers: Trackers, drives: FloatArray, states: FloatArray, draws: FloatArray, batch: Batch
+    trackers: Trackers, k: int, n: int, drives: FloatArray, states: FloatArray, draws: FloatArray, batch: Batch
 ) -> None:
     """Plan one period of the position loop for robots that something else moves.
 
@@ -158,9 +143,9 @@ def plan_period(
     at once.
 
     Args:
+        trackers: the robots' side.
         k: physics step at which the period begins, a tick of the position loop.
         n: physics steps to plan; 0 at the end of the mission.
-        trackers: the robots' side.
         drives: (S, 12) `DriveNumbers`.
         states: (S, 10) the fields of `Truth`.
         draws: (D, ticks, 8) standard normal numbers, taken in turn.
@@ -177,6 +162,7 @@ def plan_period(
             Target(0.0, 0.0, 0.0, 0.0, 0.0, batch.segments[i]),
             FRESH_MIND.errors,
             FRESH_MIND.seen,
+            FRESH_MIND.ahead,
             Command(last[0], last[1]),
         )
         asked = named_like(_DRIVEN, batch.asked[i])
@@ -218,7 +204,7 @@ def run_bodies(
     bodies_at: Callable[[State], Bodies],
     drives: Sequence[Drive],
     dt: float,
-    controllers: Sequence[Controller],
+    controllers: Sequence[Controller | PythonController],
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     seeds: Sequence[int],
@@ -246,21 +232,17 @@ def run_bodies(
     draws, pushes = np.array([d for d, _ in drawn]), np.array([np.resize(d, clock.n) for _, d in drawn])
     turn, state = np.arange(count) % len(seeds), start or waypoints.start
     bodies, numbers = bodies_at(state), [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
-    batch = Batch(
-        np.tile(EMPTY_MEMORY, (count, 1)),
-        np.zeros(count, dtype=np.int64),
-        np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in numbers]),
-        np.zeros((count, 1 + clock.n // clock.velocity, 2)),
-        np.ones(count, dtype=np.bool_),
-        np.empty((count, clock.ticks, len(LOG_COLUMNS))),
-        np.zeros((count, clock.position, 2)),
-    )
+    batch = new_batch(clock, numbers, state)
     trackers, rows = make_trackers(controllers, settings, waypoints, clock, state), np.array(numbers, dtype=np.float64)
+    if any(isinstance(c, PythonController) for c in controllers):
+        plan: Callable[..., None] = SteeredPopulation(controllers, settings, trackers, waypoints).plan_period
+    else:
+        plan = partial(plan_period, trackers)
     ticks = np.full(count, clock.ticks)
     for tick_number in range(clock.ticks):
         k, n = tick_number * clock.position, clock.position if tick_number < clock.ticks - 1 else 0
         before = batch.alive.copy()
-        plan_period(k, n, trackers, rows, bodies.states(), draws, batch)
+        plan(k, n, rows, bodies.states(), draws, batch)
         ticks[before & ~batch.alive] = tick_number + 1
         batch.references[~batch.alive] = 0.0
         if not batch.alive.any():
@@ -278,7 +260,7 @@ class Loop:
 
     model: PlanarModel
     """The robot."""
-    controller: Controller
+    controller: Controller | PythonController
     """The law."""
     settings: LoopSettings
     """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""
@@ -303,6 +285,11 @@ def run_loops(
     settings = common_settings([p.settings for p in loops], seeds)
     if len({type(p.model.parameters) for p in loops}) != 1:
         raise ValueError("a population is one kind of model")
+    controllers, around = [p.controller for p in loops], [p.settings for p in loops]
+    if any(isinstance(c, PythonController) for c in controllers):
+        models = [p.model for p in loops]
+        drives = [model.drive for model in models]
+        return run_bodies(lambda at: PlanarBodies(models, at, dt), drives, dt, controllers, around, waypoints, seeds, start)
     clock = make_clock(waypoints, settings, dt)
     drawn = [draw(clock, settings, seed) for seed in seeds]
     state = start or waypoints.start
@@ -314,7 +301,7 @@ def run_loops(
     ticks = np.zeros(len(loops), dtype=np.int64)
     logs = np.empty((len(loops), clock.ticks, len(LOG_COLUMNS)))
     run_planar_loops(
-        make_trackers([p.controller for p in loops], [p.settings for p in loops], waypoints, clock, state),
+        make_trackers(controllers, around, waypoints, clock, state),
         robots[0].parameters,
         rows,
         true_state(state),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ssmr._jit import jit, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
+from ssmr.control.predictor import Foresight, carry_ahead, remember
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
 from ssmr.estimation.ekf import YAW, Belief, FilterNumbers, V, W, X, Y, filter_step
 from ssmr.estimation.sensing import SensorErrors, sense
@@ -62,6 +63,14 @@ class Tracker(NamedTuple):
     """`Controller.number`."""
     gains: FloatArray
     """`Controller.packed()`."""
+    predicts: bool
+    """True if the law acts on the state one dead time ahead."""
+    foresight: Foresight
+    """Numbers of the predictor."""
+    past: FloatArray
+    """(n, 2) commands that were sent, the newest last; a predictor's tracker appends to them in place."""
+    pipe: FloatArray
+    """(16,) the rest of the predictor's memory, a `ssmr.control.predictor.Pipe`; it advances in place."""
     course: NDArray[np.void]
     """`Waypoints.course()`."""
     lookahead: float
@@ -91,6 +100,8 @@ class Mind(NamedTuple):
     target: Target
     errors: Errors
     seen: Observation
+    ahead: Observation
+    """The robot that the law acts on: as it is seen, or one dead time ahead."""
     command: Command
 
 
@@ -135,6 +146,7 @@ FRESH_MIND = Mind(
     Target(0.0, 0.0, 0.0, 0.0, 0.0, 0),
     Errors(0.0, 0.0, 0.0),
     Observation(0.0, 0.0, 0.0, 0.0, 0.0),
+    Observation(0.0, 0.0, 0.0, 0.0, 0.0),
     Command(0.0, 0.0),
 )
 """State of a robot's side that has not seen anything yet."""
@@ -162,20 +174,48 @@ def observe(tracker: Tracker, truth: Truth, draws: Draws, elapsed: float) -> Obs
 
 
 @jit
-def position_tick(tracker: Tracker, mind: Mind, seen: Observation, t: float, dt: float) -> Mind:
-    """Return the mind after one step of the position loop at mission time `t` [s], `dt` [s] after the last."""
+def look(tracker: Tracker, mind: Mind, seen: Observation, t: float) -> Mind:
+    """Return the mind with an observation of mission time `t` [s], the target and the errors then; no law runs."""
     aim = target(tracker.course, t, mind.target.segment)
-    errors = position_errors(seen, aim, ALPHA_SWITCH)
-    kept = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
-    memory = position_step(tracker.law, tracker.gains, mind.memory, kept, aim, seen, dt)
-    return Mind(memory, aim, errors, seen, mind.command)
+    return Mind(mind.memory, aim, position_errors(seen, aim, ALPHA_SWITCH), seen, seen, mind.command)
 
 
 @jit
-def velocity_tick(tracker: Tracker, mind: Mind, dt: float) -> Mind:
-    """Return the mind after one step of the velocity loop, `dt` [s] after the last; it holds the new command."""
-    memory, command = velocity_step(tracker.law, tracker.gains, mind.memory, mind.seen, dt)
-    return Mind(memory, mind.target, mind.errors, mind.seen, command)
+def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Observation:
+    """Return what the controller sees at physics step `k`, a tick of the position loop."""
+    drawn = named_like(NO_DRAWS, draws[k // tracker.position_steps])
+    return observe(tracker, truth, drawn, tracker.position_steps * tracker.dt if k else 0.0)
+
+
+@jit
+def position_tick(tracker: Tracker, mind: Mind, seen: Observation, t: float, dt: float) -> Mind:
+    """Return the mind after one step of the position loop at mission time `t` [s], `dt` [s] after the last.
+
+    Behind a predictor the law takes the robot, the target and the errors of the instant at which its command will act; the
+    mind keeps those of now.
+    """
+    now = look(tracker, mind, seen, t)
+    ahead, there, off = seen, now.target, now.errors
+    if tracker.predicts:
+        end = t + tracker.foresight.horizon
+        ahead, _ = carry_ahead(tracker.past, tracker.pipe, seen, t, end, tracker.foresight)
+        there = target(tracker.course, end, there.segment)
+        off = position_errors(ahead, there, ALPHA_SWITCH)
+    kept = Errors(off.rho - tracker.lookahead, off.y, off.alpha)
+    memory = position_step(tracker.law, tracker.gains, mind.memory, kept, there, ahead, dt)
+    return Mind(memory, now.target, now.errors, seen, ahead, mind.command)
+
+
+@jit
+def velocity_tick(tracker: Tracker, mind: Mind, t: float, dt: float) -> Mind:
+    """Return the mind after one step of the velocity loop at mission time `t` [s], `dt` [s] after the last.
+
+    The mind holds the new command.
+    """
+    memory, command = velocity_step(tracker.law, tracker.gains, mind.memory, mind.ahead, dt)
+    if tracker.predicts:
+        remember(tracker.past, tracker.pipe, command.v, command.w, t)
+    return Mind(memory, mind.target, mind.errors, mind.seen, mind.ahead, command)
 
 
 @jit
@@ -215,11 +255,9 @@ def tick(tracker: Tracker, mind: Mind, k: int, truth: Truth, draws: FloatArray, 
     due = k % tracker.position_steps == 0
     if due:
         period = tracker.position_steps * tracker.dt
-        drawn = named_like(NO_DRAWS, draws[k // tracker.position_steps])
-        seen = observe(tracker, truth, drawn, period if k else 0.0)
-        mind = position_tick(tracker, mind, seen, k * tracker.dt, period)
+        mind = position_tick(tracker, mind, observed(tracker, k, truth, draws), k * tracker.dt, period)
     if k % tracker.velocity_steps == 0:
-        mind = velocity_tick(tracker, mind, tracker.velocity_steps * tracker.dt)
+        mind = velocity_tick(tracker, mind, k * tracker.dt, tracker.velocity_steps * tracker.dt)
     if due:
         record(log[k // tracker.position_steps], truth, mind)
     return mind, due and is_lost(truth.x, truth.y, truth.w, mind.target.x, mind.target.y)

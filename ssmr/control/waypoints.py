@@ -247,7 +247,7 @@ class Waypoints:
             raise ValueError(f"the sample period must be positive and finite, got {dt} s")
         n = max(1, math.ceil((self.duration - SAME_TIME) / dt))
         t = np.append(np.arange(n) * dt, self.duration)
-        rows = _sampled(self.course(), t)
+        rows = targets_at(self.course(), t)
         still = np.zeros((len(t), 2))
         twist = np.column_stack([rows[:, 3], still[:, 0], rows[:, 4]])
         return Trajectory(t, rows[:, :3], twist, still)
@@ -294,7 +294,7 @@ def target(course: Any, t: float, segment: int) -> Target:
 
 
 @jit
-def _sampled(course: Any, t: FloatArray) -> FloatArray:
+def targets_at(course: Any, t: FloatArray) -> FloatArray:
     """Return (M, 5) x, y, phi, v_ref, w_ref of the target at (M,) mission times that increase [s]."""
     rows = np.empty((len(t), 5))
     segment = 0

@@ -27,6 +27,7 @@ from validation.cli.options import Seed as Seed
 from validation.cli.options import UserError as UserError
 from validation.cli.options import Values as Values
 from validation.cli.options import Workers as Workers
+from validation.cli.options import controller_and_reference as controller_and_reference
 from validation.cli.options import one_of as one_of
 from validation.cli.options import option as option
 from validation.cli.options import out_option as out_option

@@ -50,6 +50,19 @@ def one_of(names: Iterable[str]) -> Any:
     return tyro.conf.arg(constructor=tyro.extras.literal_type_from_choices(names), prefix_name=False)
 
 
+def controller_and_reference(controller: str, reference: str | None, own: str | None) -> tuple[str, str]:
+    """Return controller and reference of a command line `CONTROLLER REFERENCE`, or `--controller FILE.py:NAME REFERENCE`.
+
+    Raises:
+        UserError: one of the two is missing, or there are two controllers.
+    """
+    if own is None and reference is None:
+        raise UserError(f"'{shortened(controller, 40)}' stands alone; wanted a controller and a reference")
+    if own is not None and reference is not None:
+        raise UserError(f"there are two controllers, '{shortened(controller, 40)}' and --controller {shortened(own, 60)}")
+    return (controller, reference) if reference is not None else (own or "", controller)
+
+
 def parsed(parse: Callable[[str], T], metavar: str, write: Callable[[T], str] = str) -> object:
     """Return what to annotate an option with whose text `parse` reads; a `ValueError` of it is the user's mistake."""
     return PrimitiveConstructorSpec(

@@ -14,7 +14,6 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from ssmr.control.laws import CONTROLLERS
 from ssmr.types import State
 from validation import cli
 from validation.plants.profile import choose_profile
@@ -25,7 +24,7 @@ from validation.ros.port import NoGraphError
 from validation.ros.result import DriveStatus
 from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
-from validation.track import load_gains, make_controller, open_reference
+from validation.track import chosen_controller, open_reference
 from validation.words import file_name
 
 _STOPPING = 60.0
@@ -88,15 +87,17 @@ class DriveOptions:
 class ControlOptions:
     """The options of `control`."""
 
-    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
+    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
     """Controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding
-    mode) go beyond it."""
-    reference: Annotated[str, tyro.conf.Positional, cli.option(metavar="REFERENCE")]
+    mode) go beyond it. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans ahead."""
+    reference: Annotated[str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")] = None
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
     """Mean speed between waypoints; it replaces the times of a file."""
     robot: cli.RobotName = None
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
+    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
+    """A controller of your own, in the place of CONTROLLER: a class in a Python file, which is run."""
     gains: Annotated[
         str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any, else tuned")
     ] = None
@@ -137,9 +138,10 @@ def control(options: ControlOptions) -> None:
     """
     o, drive = options, options.drive
     with cli.mistakes_are_users():
+        controller, reference = cli.controller_and_reference(o.controller, o.reference, o.own)
         chosen = choose_profile(o.profile, o.robot, "thesis-lab")
-        wanted = load_gains(o.controller, o.gains, chosen.name)
-        label, waypoints = open_reference(o.reference, o.speed)
+        law, wanted = chosen_controller(controller, chosen, o.gains)
+        label, waypoints = open_reference(reference, o.speed)
         own = chosen.robot.drive
         settings = PilotSettings(
             v_limit=min(PilotSettings.v_limit, own.v_max) if drive.v_limit is None else drive.v_limit,
@@ -149,10 +151,10 @@ def control(options: ControlOptions) -> None:
         )
         if not drive.patience > 0.0:
             raise cli.UserError(f"--patience {drive.patience:g} s must be positive")
-        pilot = Pilot(make_controller(chosen, wanted), waypoints, settings)
+        pilot = Pilot(law.on(chosen.plants["mujoco"].drive), waypoints, settings)
         pose = o.topics.pose or robot_topic(RobotTopics.pose, chosen.robot.name)
         topics = RobotTopics(o.topics.odometry, pose, o.topics.command, o.topics.feedback == "pose")
-        folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{o.controller}-{label}"))
+        folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{law.name}-{label}"))
     with _on_a_graph() as interrupt:
         result = control_robot(pilot, wanted, chosen, label, topics, drive.patience)
         interrupt.wait_a_while()

@@ -8,22 +8,35 @@ the message took. The receiver's own clock watches that messages still come. The
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
 from ssmr.control.law import Command, Observation
-from ssmr.control.laws import Controller
 from ssmr.control.loop import Clock, ClosedRun, LoopSettings, make_trackers, tracker_of
-from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, LOST, Mind, Truth, is_lost, position_tick, record, velocity_tick
+from ssmr.control.mission import Mission, PythonController
+from ssmr.control.steered import Steered
+from ssmr.control.tick import (
+    FRESH_MIND,
+    LOG_COLUMNS,
+    LOST,
+    Mind,
+    Tracker,
+    Truth,
+    is_lost,
+    position_tick,
+    record,
+    velocity_tick,
+)
 from ssmr.control.waypoints import Waypoints
-from ssmr.errors import SsmrError
+from ssmr.errors import ControllerError, SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
 from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 from validation.ros.commands import STAND_STILL, Twist
 from validation.ros.messages import Seen
+from validation.track.loops import AnyController
 
 FRESH = 0.5
 """Age from which feedback is too old to drive by [s]."""
@@ -101,18 +114,23 @@ class _Frame:
 class Pilot:
     """One mission: takes messages and gives commands."""
 
-    def __init__(self, controller: Controller, waypoints: Waypoints, settings: PilotSettings) -> None:
+    def __init__(self, controller: AnyController, waypoints: Waypoints, settings: PilotSettings) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
 
+        A controller that is a Python object is made twice: the first one is asked for a command and thrown away.
+
         Raises:
+            ControllerError: the object cannot be made, or gives no command.
             ValueError: gains that the law refuses, or a reference faster than the limit.
         """
         fastest = float(waypoints.segment_speeds.max())
         if fastest > settings.v_limit:
             raise ValueError(f"the reference asks for {fastest:.3g} m/s; the limit is {settings.v_limit:g} m/s")
-        around = LoopSettings("truth", disturbance=False, lookahead=settings.lookahead)
-        clock = Clock(settings.period, 1, 1, 1)  # the messages' stamps tell the time, so only the law and the course matter
-        self._tracker = tracker_of(make_trackers([controller], [around], waypoints, clock, waypoints.start), 0)
+        drive = controller.drive
+        v_max, w_max = min(drive.v_max, settings.v_limit), min(drive.w_max, settings.w_limit)
+        self._controller = controller.on(replace(drive, v_max=v_max, w_max=w_max))
+        self.name = controller.name
+        """Name of the controller."""
         self.waypoints, self.settings = waypoints, settings
         self.phase = Phase.WAITING
         self.why_waiting = "no feedback yet"
@@ -125,14 +143,40 @@ class Pilot:
         self._last_tracked: Seen | None = None
         self._tracked_frame: _Frame | None = None
         self._frame = _Frame(np.zeros(3))
+        self._tracker, self._steered = self._begin_law()
         self._run_tick(FRESH_MIND.seen, 0.0, 0.02)
-        velocity_tick(self._tracker, self._mind, settings.period)
+        self._ask(0.0)
         is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._tracker, self._steered = self._begin_law()
         self._mind = FRESH_MIND
+
+    def _begin_law(self) -> tuple[Tracker, Steered | None]:
+        """Return the law's side with an empty memory, and the object of a controller that is one."""
+        s, law = self.settings, self._controller
+        around = LoopSettings("truth", disturbance=False, lookahead=s.lookahead)
+        clock = Clock(s.period, 1, 1, 1)  # the messages' stamps tell the time, so only the law and the course matter
+        tracker = tracker_of(make_trackers([law], [around], self.waypoints, clock, self.waypoints.start), 0)
+        if not isinstance(law, PythonController):
+            return tracker, None
+        mission = Mission(self.waypoints, law.drive, law.a, law.b, s.period, around.position_period, s.lookahead)
+        return tracker, Steered(tracker, law, mission)
+
+    def _ask(self, t: float) -> Command:
+        """Return the law's command of mission time `t` [s]."""
+        if self._steered is not None:
+            self._steered.command(t)
+            self._mind = self._steered.mind
+        else:
+            self._mind = velocity_tick(self._tracker, self._mind, t, self.settings.period)
+        return self._mind.command
 
     def _run_tick(self, seen: Observation, t: float, dt: float) -> FloatArray:
         """Run the position loop and return what a run records of it; lateral speed, wheels and torques are not known."""
-        self._mind = position_tick(self._tracker, self._mind, seen, t, dt)
+        if self._steered is not None:
+            self._steered.see(seen, t)
+            self._mind = self._steered.mind
+        else:
+            self._mind = position_tick(self._tracker, self._mind, seen, t, dt)
         row = np.empty(len(LOG_COLUMNS))
         truth = Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0)
         record(row, truth, self._mind)
@@ -165,7 +209,8 @@ class Pilot:
             now: time of arrival by the receiver's monotonic clock [s].
 
         Raises:
-            StoppedError: the sender's clock jumped, or the robot is farther from its target than it may be.
+            StoppedError: the sender's clock jumped, the robot is farther from its target than it may be, or the controller
+                failed.
         """
         dt, self._stamp = seen.stamp - self._stamp, seen.stamp
         if dt == 0.0:
@@ -207,7 +252,10 @@ class Pilot:
     def _tick(self, seen: Seen, dt: float) -> None:
         t = seen.stamp - self._begin
         x, y, yaw = map(float, self._frame.take(seen))
-        self._rows.append(self._run_tick(Observation(x, y, yaw, seen.v, seen.w), t, dt))
+        try:
+            self._rows.append(self._run_tick(Observation(x, y, yaw, seen.v, seen.w), t, dt))
+        except ControllerError as error:
+            raise StoppedError(str(error)) from error
         self._times.append(t)
         aim = self._mind.target
         if is_lost(x, y, seen.w, aim.x, aim.y):
@@ -224,19 +272,23 @@ class Pilot:
             fault: what is wrong with feedback that came and could not be used, if the caller knows.
 
         Raises:
-            StoppedError: the feedback is too old to drive by, or the controller's output is not finite.
+            StoppedError: the feedback is too old to drive by, the controller failed, or its output is not finite.
         """
         if self.phase is not Phase.DRIVING:
             return STAND_STILL
         if now - self._arrival > FRESH:
             raise StoppedError(self._why_stale(now - self._arrival, fault))
-        mind = velocity_tick(self._tracker, self._mind, self.settings.period)
-        v, w = mind.command
+        try:
+            v, w = self._ask(self._stamp - self._begin + max(now - self._arrival, 0.0))
+        except ControllerError as error:
+            raise StoppedError(str(error)) from error
         if not (math.isfinite(v) and math.isfinite(w)):
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
         s = self.settings
         sent = Command(float(np.clip(v, -s.v_limit, s.v_limit)), float(np.clip(w, -s.w_limit, s.w_limit)))
-        self._mind = mind._replace(command=sent)
+        self._mind = self._mind._replace(command=sent)
+        if self._tracker.predicts:
+            self._tracker.past[-1] = sent
         return sent
 
     def _why_stale(self, age: float, fault: str) -> str:

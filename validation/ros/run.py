@@ -70,13 +70,18 @@ def simulate_robot(
 
 
 def control_robot(
-    pilot: Pilot, gains: GainSet, profile: Profile, reference: str, topics: RobotTopics, patience: float = START_PATIENCE
+    pilot: Pilot,
+    gains: GainSet | None,
+    profile: Profile,
+    reference: str,
+    topics: RobotTopics,
+    patience: float = START_PATIENCE,
 ) -> DriveResult:
     """Drive a robot on the graph along the pilot's reference, and stop it at the end, in doubt, and on any error.
 
     Args:
         pilot: the tracker.
-        gains: gains of its controller, for the result.
+        gains: gains of its controller, for the result; None for a user's own.
         profile: the profile that the controller was designed on, for the result.
         reference: name of the reference, for the result.
         topics: topics of the robot and of a tracking system.
@@ -118,8 +123,9 @@ def control_robot(
         "w_max_rad_s": s.w_limit,
         "velocity_period_s": s.period,
     }
+    name, values = (gains.name, dict(gains.values)) if gains else ("none", {})
     robot = TrackedRobot(
-        gains.controller, gains.name, dict(gains.values), reference, waypoints.speed, "ros", profile.name, 0, run,
+        pilot.name, name, values, reference, waypoints.speed, "ros", profile.name, 0, run,
         reference_of(run, waypoints), track_metrics(run, waypoints, options), node.drove, options,
         store.versions(), body=profile.robot,
     )  # fmt: skip

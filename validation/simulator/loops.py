@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ssmr.control.laws import Controller
 from ssmr.control.loop import ClosedRun, LoopSettings, common_settings
+from ssmr.control.mission import PythonController
 from ssmr.control.population import run_bodies
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
@@ -33,7 +34,7 @@ class HuskyLoop:
 
     plant: MujocoPlant
     """The robot; several loops may share one."""
-    controller: Controller
+    controller: Controller | PythonController
     """The law."""
     settings: LoopSettings
     """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""

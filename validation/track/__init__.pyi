@@ -7,6 +7,7 @@ from .loops import make_robot as make_robot
 from .loops import run_robots as run_robots
 from .result import TrackResult as TrackResult
 from .run import TrackSettings as TrackSettings
+from .run import chosen_controller as chosen_controller
 from .run import track as track
 from .waypoint_files import open_reference as open_reference
 
@@ -16,6 +17,7 @@ __all__ = [
     "TrackResult",
     "TrackSettings",
     "TrackedRobot",
+    "chosen_controller",
     "load_gains",
     "make_controller",
     "make_robot",

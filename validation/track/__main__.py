@@ -8,7 +8,6 @@ from typing import Annotated
 
 import tyro
 
-from ssmr.control.laws import CONTROLLERS
 from ssmr.control.loop import Feedback
 from validation import cli
 from validation.simulator.terrain import parse_terrain
@@ -36,6 +35,8 @@ def _read_shares(text: str) -> tuple[float, float]:
 class LawOptions:
     """Options of the controller and of what it sees."""
 
+    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
+    """A controller of your own, in the place of CONTROLLER: a class in a Python file, which is run."""
     gains: Annotated[
         str | None,
         cli.option(
@@ -88,10 +89,11 @@ class TrackOutput(cli.Output):
 class TrackOptions:
     """The options of `python -m validation.track`."""
 
-    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
-    """Controller. pid and lqr are those of the thesis; lqr-scheduled (linearised about the operating speed) and smc (sliding
-    mode) go beyond it."""
-    reference: Annotated[str, tyro.conf.Positional, cli.option(metavar="REFERENCE")]
+    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
+    """Controller: pid and lqr are those of the thesis; lqr-scheduled (linearised about the operating speed) and smc (sliding
+    mode) go beyond it. With +predictor behind its name, such as lqr+predictor, a law acts on the state one dead time ahead;
+    mpc plans ahead within the limits."""
+    reference: Annotated[str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")] = None
     """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go, long-line, each also
     with its speed, as eight@0.5; or a file of waypoints (.csv, .xlsx: x, y[, t]). Waypoints at one place are a wait."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="the times of the file; 0.25 for a named reference")] = (
@@ -117,6 +119,7 @@ def main(options: TrackOptions) -> None:
     control, world, output = options.control, options.environment, options.output
     with cli.mistakes_are_users():
         output.check()
+        controller, reference = cli.controller_and_reference(options.controller, options.reference, control.own)
         settings = TrackSettings(
             options.speed,
             "truth" if world.no_noise else control.feedback,
@@ -128,14 +131,12 @@ def main(options: TrackOptions) -> None:
             control.start,
             world.missed_ticks,
         )
-        asked = prepare_tracking(
-            options.controller, options.reference, options.plant, options.profile, control.gains, settings
-        )
+        asked = prepare_tracking(controller, reference, options.plant, options.profile, control.gains, settings)
     for remark in asked.remarks:
         cli.warn(remark)
     with cli.shown("tracking") as progress:
         tracked = asked.run(options.run.workers, progress)
-    stem = file_name(f"{options.controller}-{asked.label}")
+    stem = file_name(f"{asked.controller.name}-{asked.label}")
     folder = cli.output_folder(output.out or Path("runs") / "track" / stem)
     cli.report_result(tracked, tracked.save(folder, recording=not output.no_rerun))
     output.show(folder / "track.rrd")

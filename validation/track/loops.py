@@ -10,8 +10,9 @@ import numba
 import numpy as np
 
 from ssmr._jit import config
-from ssmr.control.laws import Controller, make_gains
+from ssmr.control.laws import Controller, design
 from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.mission import PythonController
 from ssmr.control.population import Loop, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import EkfSettings
@@ -21,7 +22,7 @@ from ssmr.models.linear import matrices
 from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
-from ssmr.types import Plant, State
+from ssmr.types import FloatArray, Plant, State
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
 from validation.simulator.loops import HuskyLoop, run_husky_loops
 from validation.simulator.plant import MujocoPlant
@@ -29,6 +30,10 @@ from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import track_metrics
 from validation.track.gains import GainSet
 from validation.track.reach import demand_sentence
+from validation.track.user_law import UserLaw
+
+AnyController = Controller | PythonController
+"""A compiled law, or a controller that is a Python object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +44,8 @@ class ClosedLoopRobot:
     """Name of the plant."""
     body: PlanarModel | FourWheelModel | MujocoPlant
     """The model, or the simulated robot."""
+    known: Drive | None = None
+    """The drive as controllers know it, where that is not the robot's own."""
 
     @property
     def drive(self) -> Drive:
@@ -77,19 +84,25 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
     return ClosedLoopRobot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
 
 
-def make_controller(profile: Profile, gains: GainSet) -> Controller:
-    """Return the controller with these gains; model-based ones are designed on the profile's linear model.
+def make_controller(profile: Profile, gains: GainSet) -> AnyController:
+    """Return the controller with these gains, designed on the profile's linear model.
 
     Raises:
         ValueError: gains that the law refuses.
     """
+    return design(gains.controller, gains.values, *_linear_model(profile))
+
+
+def make_user_controller(profile: Profile, law: UserLaw) -> PythonController:
+    """Return a user's controller, which is told the profile's linear model."""
+    a, b = (tuple(map(tuple, m.tolist())) for m in _linear_model(profile)[:2])
+    return PythonController(law.name, law, a, b, profile.plants["linear"].drive)
+
+
+def _linear_model(profile: Profile) -> tuple[FloatArray, FloatArray, Drive]:
+    """Return A, B and the drive of the profile's linear model."""
     linear = profile.plants["linear"]
-    a, b = matrices(linear.vehicle, linear.parameters, linear.drive)
-    law = Controller(
-        make_gains(gains.controller, gains.values), tuple(map(tuple, a.tolist())), tuple(map(tuple, b.tolist()))
-    )
-    law.packed()
-    return law
+    return *matrices(linear.vehicle, linear.parameters, linear.drive), linear.drive
 
 
 def odometry_of(drive: Drive) -> EkfSettings:
@@ -99,7 +112,7 @@ def odometry_of(drive: Drive) -> EkfSettings:
 
 def run_robots(
     robots: Sequence[ClosedLoopRobot],
-    controllers: Sequence[Controller],
+    controllers: Sequence[AnyController],
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     seeds: Sequence[int],
@@ -110,7 +123,7 @@ def run_robots(
 
     Args:
         robots: S robots; several may be the same.
-        controllers: S controllers.
+        controllers: S controllers; each is told the drive of its robot, as it is known.
         settings: S settings.
         waypoints: the reference.
         seeds: seeds of noise and disturbance; loop i gets `seeds[i % len(seeds)]`.
@@ -120,7 +133,8 @@ def run_robots(
     Raises:
         ValueError: several kinds of plant in one population, or settings that do not go together.
     """
-    each = list(zip(robots, controllers, settings, strict=True))
+    told = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
+    each = list(zip(robots, told, settings, strict=True))
     planar = [Loop(r.body, c, s) for r, c, s in each if isinstance(r.body, PlanarModel)]
     huskies = [HuskyLoop(r.body, c, s) for r, c, s in each if isinstance(r.body, MujocoPlant)]
     tyred = [r.body for r in robots if isinstance(r.body, FourWheelModel)]
@@ -132,7 +146,7 @@ def run_robots(
     if tyred:
         return run_bodies(
             lambda state: FourWheelBodies(tyred, state),
-            [model.drive for model in tyred], FOUR_WHEEL_DT, controllers, settings, waypoints, seeds, start,
+            [model.drive for model in tyred], FOUR_WHEEL_DT, told, settings, waypoints, seeds, start,
         )  # fmt: skip
     return run_loops(planar, waypoints, seeds, start=start)
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.control.laws import Controller
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
@@ -26,16 +25,19 @@ from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import TrackedRobot, reference_of
 from validation.track.gains import GainSet, load_gains, origin_sentence
 from validation.track.loops import (
+    AnyController,
     ClosedLoopRobot,
     demand_of,
     make_controller,
     make_robot,
+    make_user_controller,
     odometry_of,
     rate,
     require_practicable,
     run_robots,
 )
 from validation.track.result import TrackResult
+from validation.track.user_law import is_user_law, load_user_law
 from validation.track.waypoint_files import open_reference
 
 
@@ -95,8 +97,8 @@ class TrackSettings:
 class PreparedTracking:
     """A tracking run that is checked and has its robots, but has not been driven."""
 
-    controller: Controller
-    gains: GainSet
+    controller: AnyController
+    gains: GainSet | None
     label: str
     waypoints: Waypoints
     profile: Profile
@@ -152,8 +154,8 @@ class PreparedTracking:
         }
         return TrackedRobot(
             self.controller.name,
-            self.gains.name,
-            dict(self.gains.values),
+            self.gains.name if self.gains else "none",
+            dict(self.gains.values) if self.gains else {},
             self.label,
             self.waypoints.speed,
             robot.name,
@@ -186,7 +188,8 @@ def track(
     Every field of the settings can be given by its own name too: `track("pid", "circle", robot="jackal", speed=0.5)`.
 
     Args:
-        controller: `pid`, `lqr`, `lqr-scheduled` or `smc`.
+        controller: `pid`, `lqr`, `lqr-scheduled` or `smc`; one of them behind a predictor, such as `lqr+predictor`; `mpc`;
+            or a class of your own, `FILE.py:NAME` (`ssmr.control.mission` says what it is asked).
         reference: waypoints, such as `ssmr.circle(speed=0.5)`; or `line`, `circle`, `sine` or `generic`; or the path of a
             file of waypoints.
         plant: name of the plant that is the robot, or names of several, which are driven one beside the other.
@@ -230,9 +233,7 @@ def prepare_tracking(
     if not plants or len(set(plants)) < len(plants):
         raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
     chosen = choose_profile(profile, settings.robot, "thesis-lab")
-    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None, chosen.name)
-    if wanted.controller != controller:
-        raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
+    law, wanted = chosen_controller(controller, chosen, gains)
     if isinstance(reference, Waypoints):
         label, waypoints = "waypoints", reference
         if settings.speed is not None:
@@ -241,10 +242,29 @@ def prepare_tracking(
         label, waypoints = open_reference(str(reference), settings.speed)
     if settings.terrain != FLAT and "mujoco" not in plants:
         raise ValueError(f"terrain {settings.terrain.spec} needs the plant mujoco: the planar models know only level ground")
-    law = make_controller(chosen, wanted)
     robots = tuple(make_robot(chosen, name, settings.terrain) for name in plants)
     for made in robots:
         require_practicable(waypoints, made.drive, label)
-    said = [origin_sentence(wanted, chosen.name), *(demand_of(waypoints, made, chosen.name, label) for made in robots)]
+    said = [demand_of(waypoints, made, chosen.name, label) for made in robots]
+    if wanted is not None:
+        said.insert(0, origin_sentence(wanted, chosen.name))
     remarks = tuple(sentence for sentence in said if sentence is not None)
     return PreparedTracking(law, wanted, label, waypoints, chosen, robots, settings, remarks)
+
+
+def chosen_controller(
+    controller: str, profile: Profile, gains: GainSet | str | Path | None = None
+) -> tuple[AnyController, GainSet | None]:
+    """Return a controller by its name, or a user's class by `FILE.py:NAME`, and its gains; a user's class has none.
+
+    Raises:
+        ValueError: there is no such controller, file, class or set of gains, or they do not go together.
+    """
+    if is_user_law(controller):
+        if gains is not None:
+            raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
+        return make_user_controller(profile, load_user_law(controller)), None
+    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None, profile.name)
+    if wanted.controller != controller:
+        raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
+    return make_controller(profile, wanted), wanted

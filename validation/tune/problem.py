@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ssmr.control.laws import LAWS, Controller
+from ssmr.control.laws import LAWS
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import described
@@ -16,7 +16,7 @@ from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 from validation.track.gains import GainSet
-from validation.track.loops import ClosedLoopRobot, make_controller, rate, run_robots
+from validation.track.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
 from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
 from validation.tune.data import Followed, TunedRun
 
@@ -106,7 +106,8 @@ def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
     """Return the same robot, on the same ground and with the same physics, that acts on its commands `more` later [s]."""
     late = replace(robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more)
     body = robot.body
-    return replace(robot, body=body.with_drive(late) if isinstance(body, MujocoPlant) else replace(body, drive=late))
+    slow = body.with_drive(late) if isinstance(body, MujocoPlant) else replace(body, drive=late)
+    return replace(robot, body=slow, known=robot.known or robot.drive)  # no controller knows of the delay
 
 
 class TuneProblem:
@@ -137,7 +138,7 @@ class TuneProblem:
         found = dict(zip(self.space.names, map(float, self.space.values(point)), strict=True))
         return GainSet(self.base.controller, "tuned", {**self.base.values, **found})
 
-    def controller(self, point: FloatArray) -> Controller | None:
+    def controller(self, point: FloatArray) -> AnyController | None:
         """Return the law that an (n,) point stands for; None where there is none."""
         try:
             return make_controller(self.profile, self.gains(point))
@@ -173,12 +174,12 @@ class TuneProblem:
                 on_share(done)
         return sums / len(self.cases)
 
-    def _case_costs(self, k: int, laws: Sequence[Controller], workers: int, guarded: bool = True) -> FloatArray:
+    def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, guarded: bool = True) -> FloatArray:
         """Return the (S,) costs of candidates on one case, the mean over the seeds."""
         case, target, late = self.cases[k], self._targets[k], self._late[k]
         found = np.zeros(len(laws))
 
-        def runs(robot: ClosedLoopRobot, some: Sequence[Controller], seeds: Sequence[int]) -> list[ClosedRun]:
+        def runs(robot: ClosedLoopRobot, some: Sequence[AnyController], seeds: Sequence[int]) -> list[ClosedRun]:
             n = len(some)
             return run_robots([robot] * n, some, [case.settings] * n, case.waypoints, seeds, workers)
 

@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from ssmr.control.laws import CONTROLLERS
+from ssmr.control.laws import CONTROLLERS, PLAIN_CONTROLLERS
 from ssmr.control.loop import POSITION_PERIOD, Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
@@ -157,7 +157,7 @@ def draw_cases(runs: int, seeds: int, seed: int, levels: Levels = LEVELS) -> lis
 class RobustnessOptions:
     """Options of the study of robustness."""
 
-    controllers: tuple[str, ...] = CONTROLLERS
+    controllers: tuple[str, ...] = PLAIN_CONTROLLERS
     """Controllers to test."""
     gains: str | Mapping[str, GainSet] = "published"
     """Name of a gain set (published, manual, tuned, default): a controller that lacks it gets its defaults. Or the path of a
@@ -245,4 +245,4 @@ def mismatched(profile: Profile, mismatch: Mismatch, timestep: float, torque: fl
         delay_w=max(0.0, drive.delay_w + m.delay),
         torque_limit=m.torque * torque if m.torque < 1.0 else drive.torque_limit,
     )
-    return ClosedLoopRobot("mujoco", MujocoPlant(calibration, changed))
+    return ClosedLoopRobot("mujoco", MujocoPlant(calibration, changed), profile.plants["mujoco"].drive)

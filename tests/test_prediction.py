@@ -1,0 +1,333 @@
+"""Controllers that look ahead: the predictor, model predictive control, and controllers that are Python objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssmr.control import predictor
+from ssmr.control.laws import PLAIN_CONTROLLERS, PREDICTOR, Controller, design, make_gains
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.mission import Mission, Moment, PythonController
+from ssmr.control.mpc import Channel, Mpc, MpcGains, PlannedBody, channel, condense, step_body
+from ssmr.control.population import Loop, run_loops
+from ssmr.control.references import line, sine, slalom
+from ssmr.control.steered import CompiledSteering
+from ssmr.control.tick import LOG_COLUMNS
+from ssmr.control.waypoints import Waypoints
+from ssmr.errors import ControllerError
+from ssmr.models.linear import LinearParameters, matrices
+from ssmr.parameters import packed
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.simulation import PlanarModel
+from ssmr.types import FloatArray, State
+from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
+from validation.plants.profile import load_profile
+from validation.track.gains import load_gains
+from validation.track.loops import make_controller, make_robot, rate, run_robots
+from validation.tune.problem import delayed
+
+TRUTH = LoopSettings("truth", disturbance=False)
+STRONG = Drive(delay_v=0.2, delay_w=0.2, torque_limit=1e3)
+"""A driver with dead time whose motors keep the robot linear."""
+A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), STRONG))
+WEAVE = sine(0.5, 0.3, 2.0, 1.5)
+COMMANDS = [LOG_COLUMNS.index(name) for name in ("u_ref", "w_ref")]
+"""What the position loop asks for: a controller without one has its command there."""
+
+
+def linear(drive: Drive) -> PlanarModel:
+    return PlanarModel(LinearParameters(), Vehicle(), drive)
+
+
+def drive(body: PlanarModel, law: Controller | PythonController, way: Waypoints, start: State | None = None) -> ClosedRun:
+    return run_loops([Loop(body, law, TRUTH)], way, [1], start=start)[0]
+
+
+def copied(law: Controller) -> PythonController:
+    """The compiled law as a Python object."""
+    return PythonController("copy", lambda mission: CompiledSteering(law, mission), law.a, law.b, law.drive)
+
+
+def mpc(body: PlanarModel, **gains: float) -> PythonController:
+    law = design("mpc", gains, np.array(A), np.array(B), body.drive)
+    assert isinstance(law, PythonController)
+    return law
+
+
+# ------------------------------------------------------------------------------------------------------- the predictor
+
+
+@pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
+def test_without_dead_time_the_predictor_changes_nothing(name: str) -> None:
+    prompt = replace(STRONG, delay_v=0.0, delay_w=0.0)
+    law = Controller(make_gains(name, {}), A, B, prompt)
+    plain, behind = (drive(linear(prompt), each, WEAVE) for each in (law, replace(law, predictor=True)))
+    assert np.abs(plain.table - behind.table).max() == EXACT
+
+
+@pytest.mark.parametrize("name", ["pid", "lqr"])
+def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To a tenth of a millimetre where the prediction has the robot's own steps; the motion is seen every 8 ms only."""
+    monkeypatch.setattr(predictor, "PREDICTION_STEP", 0.001)
+    prompt = replace(STRONG, delay_v=0.0, delay_w=0.0)
+    law = Controller(make_gains(name, {}), A, B, STRONG, predictor=True)
+    t = np.sqrt(0.0017) * np.arange(146)  # no tick falls on a waypoint, where the target's heading jumps
+    way = Waypoints(t, np.column_stack([0.25 * t, 0.1 * np.sin(1.5 * t)]))  # heading counts all the way
+    late = drive(linear(STRONG), law, way)
+    here = [float(np.interp(0.2, t, way.xy[:, k])) for k in (0, 1)]
+    rest = Waypoints(np.append(0.0, t[5:] - 0.2), np.vstack([here, way.xy[5:]]))  # what is left when commands act
+    at_once = drive(linear(prompt), Controller(make_gains(name, {}), A, B, prompt), rest, way.start)
+    ticks = round(0.2 / 0.008)
+    n = len(late.t) - ticks
+    assert n > 500
+    apart = late.columns("x", "y", "yaw")[ticks:] - at_once.columns("x", "y", "yaw")[:n]
+    assert np.abs(apart).max() <= 1e-4
+    blind = drive(linear(STRONG), replace(law, predictor=False), way)
+    assert np.abs(blind.columns("x", "y", "yaw")[ticks:] - at_once.columns("x", "y", "yaw")[:n]).max() > 1e-2
+
+
+def test_it_learns_how_fast_the_robot_really_is() -> None:
+    """A robot with a third more half-track turns more slowly than the model; what is seen corrects the prediction."""
+    seen: list[Moment] = []
+
+    class Spy(CompiledSteering):
+        def command(self, now: Moment) -> tuple[float, float]:
+            seen.append(now)
+            return super().command(now)
+
+    law = Controller(make_gains("lqr", {}), A, B, STRONG, predictor=True)
+    spy = PythonController("spy", partial(Spy, law), A, B, STRONG)
+    wide = PlanarModel(LinearParameters(), replace(Vehicle(), effective_half_track=0.275 * 4 / 3), STRONG)
+    run = drive(wide, spy, WEAVE)
+    rate_of = matrices(wide.vehicle, LinearParameters(), STRONG)
+    expected = (rate_of[1][3, 1] / rate_of[0][3, 3]) / (B[3][1] / A[3][3])
+    assert expected < 0.8
+    assert seen[-1].asked.gain_w == pytest.approx(expected, abs=0.02)
+    assert seen[-1].asked.gain_v == pytest.approx(1.0, abs=0.02)
+    reached = np.interp(seen[-8].t + 0.2, run.t, run.column("yaw"))
+    assert seen[-8].ahead.yaw == pytest.approx(reached, abs=0.01)
+
+
+def test_a_controller_does_not_know_of_a_delay_that_its_drive_does_not_tell() -> None:
+    lab = load_profile("thesis-lab")
+    robot = make_robot(lab, "improved")
+    late = delayed(robot, 0.1)
+    law = make_controller(lab, load_gains("lqr-scheduled+predictor"))
+    told: list[float] = []
+
+    def spy(mission: Mission) -> CompiledSteering:
+        told.append(mission.dead_time)
+        assert isinstance(law, Controller)
+        return CompiledSteering(law, mission)
+
+    run_robots([robot, late], [PythonController("spy", spy, law.a, law.b)] * 2, [TRUTH] * 2, line(0.5, 1.0), [0])
+    assert told == [robot.drive.delay_v] * 2
+    assert late.drive.delay_v == pytest.approx(robot.drive.delay_v + 0.1)
+
+
+# --------------------------------------------------------------------------------------------- controllers in plain Python
+
+
+@pytest.mark.parametrize("plant", ["improved", "mujoco"])
+@pytest.mark.parametrize("name", ["pid", "lqr", "smc+predictor"])
+@pytest.mark.parametrize("feedback", ["truth", "ekf"])
+def test_a_python_copy_of_a_compiled_law_drives_alike(plant: str, name: str, feedback: Any) -> None:
+    lab = load_profile("thesis-lab")
+    robot, law = make_robot(lab, plant), make_controller(lab, load_gains(name))
+    assert isinstance(law, Controller)
+    law = law.on(robot.drive)
+    settings = LoopSettings(feedback, lookahead=0.05)
+    runs = [
+        run_robots([robot] * 2, [each] * 2, [settings] * 2, sine(0.5, 0.3, 2.0, 0.6), [3, 4]) for each in (law, copied(law))
+    ]
+    for compiled, python in zip(*runs, strict=True):
+        off = np.delete(np.abs(compiled.table - python.table), COMMANDS, axis=1)
+        assert off.max() <= SYMMETRY
+    assert np.abs(runs[0][0].table - runs[0][1].table).max() > 1e-3
+
+
+def test_an_object_that_observes_is_called_at_every_tick_and_keeps_what_it_likes() -> None:
+    class Diary:
+        def __init__(self, mission: Mission) -> None:
+            self.mission, self.seen, self.asked = mission, [], []
+            made.append(self)
+
+        def observe(self, now: Moment) -> None:
+            self.seen.append(now.seen_at)
+
+        def command(self, now: Moment) -> tuple[float, float]:
+            self.asked.append((now.t, now.past[-1].tolist()))
+            return 0.1 * len(self.asked) % 0.5, 0.0
+
+    made: list[Any] = []
+    run = drive(linear(STRONG), PythonController("diary", Diary, A, B, STRONG), line(0.5, 0.5))
+    (diary,) = made
+    np.testing.assert_allclose(diary.seen, run.t)
+    times, past = zip(*diary.asked, strict=True)
+    np.testing.assert_allclose(times, 0.05 * np.arange(len(times)))
+    assert list(past[1:]) == [[0.1 * (k + 1) % 0.5, 0.0] for k in range(len(past) - 1)]
+    assert diary.mission.dead_time == 0.2
+    np.testing.assert_allclose(diary.mission.preview(np.array([-1.0, 0.5, 9.0]))[:, 0], [0.0, 0.25, 0.5])
+    assert diary.mission.target(0.5).x == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("given", [(np.nan, 0.0), (0.0, np.inf), None, 1.0, (1.0,), (1.0, 2.0, 3.0), ("a", "b")])
+def test_a_command_that_is_no_two_finite_numbers_is_refused(given: Any) -> None:
+    class Bad:
+        def command(self, now: Moment) -> Any:
+            return given
+
+    with pytest.raises(ControllerError, match=r"bad commands .*wanted"):
+        drive(linear(STRONG), PythonController("bad", lambda mission: Bad(), A, B, STRONG), line(0.5, 1.0))
+
+
+# ------------------------------------------------------------------------------------------------------------------ MPC
+
+
+def motion(start: PlannedBody, plan: FloatArray, model: tuple[Channel, ...]) -> list[PlannedBody]:
+    """The robot at the end of every step of a plan."""
+    bodies, now = [], start
+    for k, (v, w) in enumerate(plan):
+        now = step_body(now, float(v), float(w), *(model[:2] if k == 0 else model[2:]))
+        bodies.append(now)
+    return bodies
+
+
+@cache
+def example() -> tuple[PlannedBody, FloatArray, tuple[Channel, ...]]:
+    """A robot in a bend, commands, and the steps of a model with lag."""
+    model = tuple(channel(rate, push, 0.1, h) for h in (0.05, 0.1) for rate, push in ((8.0, 7.0), (12.0, 11.0)))
+    start = PlannedBody(0.3, -0.2, 0.4, 0.45, 0.3, 0.5, 0.4, 0.95, 0.9, -0.05)
+    return start, np.random.default_rng(3).uniform([0.2, -0.8], [0.7, 0.8], (6, 2)), model
+
+
+def cost_of(plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatArray, gains: MpcGains) -> float:
+    """The cost of a plan as the docstring has it, along the motion itself."""
+    start, _, model = example()
+    total, before = 0.0, last
+    for k, body in enumerate(motion(start, plan, model)):
+        c, s = np.cos(aims[k, 2]), np.sin(aims[k, 2])
+        dx, dy = body.x - aims[k, 0], body.y - aims[k, 1]
+        total += gains.q_along * (c * dx + s * dy) ** 2 + gains.q_across * (c * dy - s * dx) ** 2
+        total += gains.q_heading * (body.yaw - aims[k, 2]) ** 2
+        off, change = plan[k] - wanted[1 + k], plan[k] - before - (wanted[1 + k] - wanted[k])
+        total += float(off**2 @ [gains.r_v, gains.r_w] + change**2 @ [gains.d_v, gains.d_w])
+        before = plan[k]
+    return total
+
+
+def test_the_program_has_the_gradient_of_the_cost() -> None:
+    start, plan, model = example()
+    rng, gains = np.random.default_rng(5), MpcGains()
+    aims = np.array([[b.x, b.y, b.yaw] for b in motion(start, plan, model)]) + rng.normal(0.0, 0.05, (6, 3))
+    wanted, last = rng.uniform(0.0, 0.5, (7, 2)), np.array([0.4, 0.1])
+    h, f = condense(start, plan, aims, wanted, last, model, packed(gains))
+    np.testing.assert_allclose(h, h.T)
+    assert np.linalg.eigvalsh(h).min() > 0.0
+    gradient, step = 2.0 * (h @ plan.ravel() + f), 1e-6
+    for i in range(12):
+        up, down = (plan + sign * step * np.eye(12)[i].reshape(6, 2) for sign in (1.0, -1.0))
+        slope = (cost_of(up, aims, wanted, last, gains) - cost_of(down, aims, wanted, last, gains)) / (2.0 * step)
+        assert gradient[i] == pytest.approx(slope, rel=1e-6, abs=1e-6)
+
+
+def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
+    """On a line the motion is linear in small errors: the first command of the program is that of a Riccati recursion."""
+    gains = MpcGains(d_v=0.0, d_w=0.0)
+    _, _, model = example()
+    steady = np.array([8.0 / 7.0, 12.0 / 11.0]) * (0.5, 0.0)  # holds 0.5 m/s
+    level = PlannedBody(0.0, 0.0, 0.0, 0.5, 0.0, steady[0], 0.0, 1.0, 1.0, 0.0)
+    plan = np.tile(steady, (8, 1))
+    on_line = motion(level, plan, model)
+    aims = np.array([[b.x, b.y, b.yaw] for b in on_line])
+    step = 1e-6
+
+    def moved(now: PlannedBody, u: FloatArray, k: int) -> FloatArray:
+        return np.array(step_body(now, float(u[0]), float(u[1]), *(model[:2] if k == 0 else model[2:])))[:7]
+
+    p = np.zeros((7, 7))
+    q = np.diag([gains.q_along, gains.q_across, gains.q_heading, 0.0, 0.0, 0.0, 0.0])
+    for k in reversed(range(8)):
+        now = level if k == 0 else on_line[k - 1]
+        a = np.array(
+            [
+                (moved(now._replace(**{n: getattr(now, n) + step}), plan[k], k) - moved(now, plan[k], k)) / step
+                for n in PlannedBody._fields[:7]
+            ]
+        ).T
+        b = np.array([(moved(now, plan[k] + step * e, k) - moved(now, plan[k], k)) / step for e in np.eye(2)]).T
+        inside = p + q
+        gain = np.linalg.solve(np.diag([gains.r_v, gains.r_w]) + b.T @ inside @ b, b.T @ inside @ a)
+        p = a.T @ inside @ (a - b @ gain)
+    off = 0.05 * np.array([0.002, -0.003, 0.004, 0.01, -0.02, 0.005, 0.01])
+    start = PlannedBody(*(np.array(level)[:7] + off), 1.0, 1.0, 0.0)
+    h, f = condense(start, plan, aims, np.vstack([steady, plan]), steady, model, packed(gains))
+    first = np.linalg.solve(h, -f)[:2]
+    np.testing.assert_allclose(first - steady, -gain @ off, rtol=0.005, atol=1e-6)  # the plan is linearised where it starts
+
+
+def test_its_commands_keep_the_limits_and_their_rates() -> None:
+    tight = replace(STRONG, v_max=0.7, w_max=0.8, acceleration_v=1.0, acceleration_w=2.0)
+    body = linear(tight)
+    way = sine(0.5, 0.2, 4.0, 2.0)
+    run = drive(body, mpc(body), way, State(-0.5, 0.3, way.start.yaw + 0.5))
+    sent = run.columns("v_cmd", "w_cmd")[np.searchsorted(run.t, np.arange(0.0, run.t[-1], 0.05) + 0.01)]
+    assert (np.abs(sent).max(axis=0) <= [0.7 + ROUNDOFF, 0.8 + ROUNDOFF]).all()
+    assert np.abs(sent).max(axis=0) == pytest.approx([0.7, 0.8], abs=1e-6)  # it needed them
+    changes = np.abs(np.diff(sent, axis=0)).max(axis=0)
+    assert (changes <= [0.05 + 1e-6, 0.1 + 1e-6]).all()
+    assert not run.lost
+    assert np.hypot(run.column("e_rho"), run.column("e_y"))[-150:-100].max() < 0.05
+
+
+def test_its_left_and_right_are_alike() -> None:
+    body, law = linear(STRONG), mpc(linear(STRONG))
+    mirrored = Waypoints(WEAVE.t, WEAVE.xy * [1.0, -1.0])
+    one, other = (drive(body, law, way).columns("x", "y", "yaw") for way in (WEAVE, mirrored))
+    assert np.abs(one - other * [1.0, -1.0, -1.0]).max() <= SYMMETRY
+
+
+def test_it_goes_on_with_its_plan_where_the_solver_fails() -> None:
+    class Failing:
+        def __getattr__(self, name: str) -> Any:
+            return lambda *args, **named: (np.full(2, np.nan), 0.0, -1, {})
+
+    made: list[Mpc] = []
+
+    def broken(mission: Mission) -> Mpc:
+        made.append(Mpc(MpcGains(), mission))
+        made[0]._solver = Failing()
+        return made[0]
+
+    run = drive(linear(STRONG), PythonController("mpc", broken, A, B, STRONG), line(0.5, 2.0))
+    assert made[0].failures == len(np.arange(0.0, run.t[-1] + 1e-9, 0.05))
+    assert np.isfinite(run.table).all()
+    assert (np.abs(run.columns("v_cmd", "w_cmd")) <= [1.0, 2.0]).all()
+
+
+def test_a_model_that_does_not_answer_is_refused() -> None:
+    still = tuple(tuple(0.0 for _ in row) for row in B)
+    law = design("mpc", {}, np.array(A), np.array(still), STRONG)
+    with pytest.raises(ValueError, match="needs a linear model that follows commands"):
+        drive(linear(STRONG), law, line(0.5, 1.0))
+
+
+@pytest.mark.parametrize("plant", ["improved", "mujoco"])
+def test_it_keeps_to_its_target_three_times_as_closely_as_the_tuned_lqr(plant: str) -> None:
+    lab = load_profile("thesis-lab")
+    robot, way = make_robot(lab, plant), slalom(0.5)
+    laws = [make_controller(lab, load_gains(*name)) for name in (("mpc",), ("lqr", "tuned"))]
+    ours, theirs = (rate(run, way, robot) for law in laws for run in run_robots([robot], [law], [TRUTH], way, [0]))
+    assert ours["sync_rms_m"] <= theirs["sync_rms_m"] / 3.0
+    assert ours["d_rms_m"] <= 0.75 * theirs["d_rms_m"]
+
+
+def test_names_of_predictors_end_alike() -> None:
+    assert design("pid" + PREDICTOR, {}, np.array(A), np.array(B)).name == "pid" + PREDICTOR

@@ -1,0 +1,170 @@
+"""Controllers from a user's file: they drive, and what is wrong with them is said in one line with file and line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.control.references import line
+from ssmr.errors import ControllerError
+from tests.conftest import EXACT
+from validation.plants.profile import load_profile
+from validation.ros.messages import Seen
+from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
+from validation.track import chosen_controller, track
+from validation.track.user_law import load_user_law
+
+GOOD = '''"""A controller."""
+
+from dataclasses import dataclass
+
+
+@dataclass
+class Mine:
+    mission: object
+
+    def command(self, now):
+        m = self.mission
+        return now.target.v + now.errors.rho, 2.0 * now.errors.y + now.errors.alpha
+
+
+def make(mission):
+    return Mine(mission)
+
+
+number = 3
+'''
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "mine.py"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", ["Mine", "make"])
+@pytest.mark.parametrize("plant", ["improved", "mujoco"])
+def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str, plant: str) -> None:
+    path = written(tmp_path, GOOD)
+    tracked = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", disturbance=False)
+    assert not tracked.robots[0].run.lost
+    assert 0.0 < tracked.metrics["d_rms_m"] < 0.1
+    assert tracked.as_dict()["controller"] == name
+    assert tracked.as_dict()["gains"] == {}
+    again = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", disturbance=False)
+    assert np.abs(tracked.robots[0].run.table - again.robots[0].run.table).max() == EXACT
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "said"),
+    [
+        (GOOD, "Yours", r"mine\.py has no class 'Yours'; it has: Mine"),
+        (GOOD, "number", r"mine\.py: number is 3, wanted a class"),
+        ("class Mine:\n    pass\n", "Mine", r"mine\.py:1: class Mine has no method command"),
+        ("\n\nclass Mine\n", "Mine", r"mine\.py:3: SyntaxError"),
+        ("import nothing_of_the_kind\n", "Mine", r"mine\.py:1: ModuleNotFoundError: No module named"),
+        ("x = 1\ny = x / 0\n", "Mine", r"mine\.py:2: ZeroDivisionError: division by zero"),
+        ("raise SystemExit(3)\n", "Mine", r"mine\.py:1: SystemExit: 3"),
+        (GOOD, "not a name", r"names no class; wanted FILE\.py:NAME"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, name: str, said: str) -> None:
+    with pytest.raises(ValueError, match=said) as caught:
+        load_user_law(f"{written(tmp_path, text)}:{name}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_and_gains_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"there is no file 'nowhere\.py'"):
+        load_user_law("nowhere.py:Mine")
+    with pytest.raises(ValueError, match=r"wanted FILE\.py:NAME"):
+        load_user_law("nowhere.py")
+    with pytest.raises(ValueError, match="gains are for the shipped controllers"):
+        chosen_controller(f"{written(tmp_path, GOOD)}:Mine", load_profile("thesis-lab"), "tuned")
+
+
+FAULTS = [
+    ("return 1.0 / 0.0, 0.0", r"mine\.py:6: ZeroDivisionError: .* \(in Mine\.command at t = 0\.00 s\)"),
+    ("return helper(now)", r"mine\.py:9: KeyError: 'way' \(in Mine\.command"),
+    ("return float('nan'), 0.0", r"mine\.py:5: command returned \(nan, 0\.0\) at t = 0\.00 s; wanted speed"),
+    ("return None", r"mine\.py:5: command returned None"),
+    ("return 1.0, 2.0, 3.0", r"command returned \(1\.0, 2\.0, 3\.0\)"),
+    ("return 'ab'", "command returned 'ab'"),
+    ("raise SystemExit", r"mine\.py:6: SystemExit"),
+    ("raise ValueError('two\\nlines')", "ValueError: two.?lines"),
+]
+FAULTY = """class Mine:
+    def __init__(self, mission):
+        self.mission = mission
+
+    def command(self, now):
+        {}
+
+def helper(now):
+    return {{}}['way']
+"""
+
+
+@pytest.mark.parametrize(("body", "said"), FAULTS)
+def test_a_fault_inside_is_said_with_its_line(tmp_path: Path, body: str, said: str) -> None:
+    path = written(tmp_path, FAULTY.format(body))
+    with pytest.raises(ControllerError, match=said) as caught:
+        track(f"{path}:Mine", line(0.5, 1.0))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_fault_while_it_is_made_or_while_it_observes_is_said_too(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD.replace("mission: object", "mission: int\n    other: int"))
+    with pytest.raises(ControllerError, match=r"TypeError: .*other.*\(in Mine\.__init__\)"):
+        track(f"{path}:Mine", line(0.5, 1.0))
+    text = GOOD.replace("\n\ndef make", "\n    def observe(self, now):\n        raise RuntimeError\n\n\ndef make")
+    with pytest.raises(ControllerError, match=r"RuntimeError \(in Mine\.observe at t = 0\.00 s\)"):
+        track(f"{written(tmp_path, text)}:Mine", line(0.5, 1.0))
+    path = written(tmp_path, "def make(mission):\n    return 3\n")
+    with pytest.raises(ControllerError, match=r"mine\.py.*: make has no method command"):
+        track(f"{path}:make", line(0.5, 1.0))
+
+
+def test_the_command_line_says_one_line_and_no_traceback(tmp_path: Path) -> None:
+    path = written(tmp_path, FAULTY.format("return 1.0 / 0.0, 0.0"))
+    program = [sys.executable, "-m", "validation.track"]
+    done = subprocess.run(
+        [*program, "--controller", f"{path}:Mine", "line", "--out", tmp_path / "out"], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert f"{path}:6: ZeroDivisionError" in done.stderr.replace("\n", "")
+    assert "Traceback" not in done.stderr
+    both = subprocess.run([*program, "pid", "line", "--controller", f"{path}:Mine"], capture_output=True, text=True)
+    assert both.returncode == 2
+    assert "there are two controllers" in both.stderr
+    alone = subprocess.run([*program, "pid"], capture_output=True, text=True)
+    assert alone.returncode == 2
+    assert "wanted a controller and a reference" in alone.stderr
+
+
+def driven(pilot: Pilot) -> None:
+    """Messages of a robot that stands at its start, and commands."""
+    for k in range(40):
+        pilot.see(Seen(10.0 + 0.02 * k, 0.0, 0.0, 0.0, 0.0, 0.0), 0.02 * k)
+        if pilot.phase is Phase.DRIVING:
+            pilot.command(0.02 * k)
+
+
+def test_behind_ros_a_fault_stops_the_robot(tmp_path: Path) -> None:
+    lab = load_profile("thesis-lab")
+    good, _ = chosen_controller(f"{written(tmp_path, GOOD)}:Mine", lab)
+    pilot = Pilot(good, line(0.5, 2.0), PilotSettings())
+    driven(pilot)
+    assert pilot.phase is Phase.DRIVING
+    assert pilot.has_run
+    late = FAULTY.format("return (0.1, 0.0) if now.t < 0.3 else 1 / 0")
+    bad, _ = chosen_controller(f"{written(tmp_path, late)}:Mine", lab)
+    with pytest.raises(StoppedError, match=r"mine\.py:6: ZeroDivisionError"):
+        driven(Pilot(bad, line(0.5, 2.0), PilotSettings()))
+    worse, _ = chosen_controller(f"{written(tmp_path, FAULTY.format('return 1 / 0'))}:Mine", lab)
+    with pytest.raises(ControllerError, match="ZeroDivisionError"):
+        Pilot(worse, line(0.5, 2.0), PilotSettings())

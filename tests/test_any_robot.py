@@ -148,7 +148,7 @@ def test_fit_of_a_planar_model(robot: str, tmp_path: Path) -> None:
 
 def test_fit_of_the_simulator(robot: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    short = ["--population", "5", "--generations", "1", "--start", "profile"]
+    short = ["--search", "jde", "--population", "5", "--generations", "1", "--start", "profile"]
     assert run(fit_program.main, "fit", "mujoco", "--to", "traj4@improved", "--robot", robot, *short, "--out", str(out)) == 0
     assert math.isfinite(document(out / "fit.json")["train"]["d_rms_m"])
 
@@ -342,7 +342,7 @@ def test_a_warthogs_numbers_can_be_fitted() -> None:
         assert s.lower < value < s.upper
     numbers = {"wheel_radius": 0.3, "yaw_inertia": 80.0}
     start = FitParameters(free=tuple(numbers), start=numbers, robot=warthog)
-    found = fit("mujoco", "traj1@kinematic", parameters=start, population=5, generations=1)
+    found = fit("mujoco", "traj1@kinematic", parameters=start, method="jde", population=5, generations=1)
     assert {p.name: p.before for p in found.parameters} == {"wheel_radius": 0.3, "yaw_inertia": warthog.yaw_inertia}
 
 

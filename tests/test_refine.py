@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 from tests.robots import HUSKY
 from tests.test_objective import log_target, scenario
 from validation.fit import fit
 from validation.fit.objective import FitCost, PathRater, path_offsets
 from validation.fit.problem import FitProblem
-from validation.fit.refine import APART, Remembered, choose_starts, descend
+from validation.fit.refine import APART, Remembered, arrivals, descend, next_start, woken
 from validation.fit.run import FitSearch
 from validation.plants.profile import Profile
 from validation.plants.searchable import find, make_space
+from validation.plants.table import plant_kind
 
 FREE = ("u_x", "gain", "effective_half_track", "delay")
 RECOVERED = 1e-3
@@ -42,7 +44,7 @@ def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(lab: Profile
     """
     free = FREE if objective == "sync" else FREE[:-1]
     options = {**quick(free=free), "objective": objective}
-    short = fit("improved", "traj4@improved", lab, **options)
+    short = fit("improved", "traj4@improved", lab, method="jde", **options)
     whole = fit("improved", "traj4@improved", lab, method="hybrid", **options)
     assert whole.evaluations_by_stage["jde"] == short.evaluations
     assert whole.evaluations == sum(whole.evaluations_by_stage.values())
@@ -107,7 +109,7 @@ def test_the_file_says_how_it_was_searched(lab: Profile, tmp_path: Path) -> None
     assert found["evaluations_by_stage"]["jde"] == 24
     assert found["evaluations_by_stage"]["lsq"] > 0
     assert "then least squares" in (tmp_path / "profile.toml").read_text(encoding="utf-8")
-    assert FitSearch().method == "jde"
+    assert FitSearch().method == "hybrid"
 
 
 # ------------------------------------------------------------------------------------------------------- parts
@@ -117,16 +119,48 @@ def test_starts_are_the_best_and_others_far_away() -> None:
     rng = np.random.default_rng(0)
     points, costs = rng.random((30, 3)), rng.random(30)
     costs[4] = np.inf
-    found = choose_starts(points, costs)
-    assert np.array_equal(found[0], points[np.argmin(costs)])
-    assert all(np.abs(a - b).max() >= APART for i, a in enumerate(found) for b in found[:i])
-    assert len(choose_starts(points[:1], costs[:1])) == 1
+    visited: list[FloatArray] = []
+    while (start := next_start(points, costs, visited)) is not None:
+        assert np.isfinite(costs[np.flatnonzero((points == start).all(axis=1))[0]])
+        assert all(np.abs(start - other).max() >= APART for other in visited)
+        visited.append(start)
+    assert np.array_equal(visited[0], points[np.argmin(costs)])
+    assert len(visited) > 3
+
+
+def test_a_number_that_does_nothing_at_the_end_is_put_in_the_middle() -> None:
+    end, slopes = np.array([0.3, 0.97]), np.array([[2.0, 0.001], [1.0, 0.0]])
+    moved = woken(np.array([0.1, -0.1]), slopes, end, [end])
+    assert moved is not None
+    assert np.array_equal(moved, [0.3, 0.5])
+    assert woken(np.array([0.1, -0.1]), slopes, end, [end, moved]) is None  # it was there before
+    assert woken(np.array([1e-5, 0.0]), slopes, end, [end]) is None  # both matter beside errors so small
+
+
+class Plateau:
+    """Errors that a second number changes only in the lower half of its bounds, where the optimum lies."""
+
+    robust = False
+
+    def residuals(self, points: FloatArray, workers: int) -> FloatArray:
+        """Return errors of (S, 2) points."""
+        bend = np.minimum(points[:, 1], 0.55) - 0.2
+        return np.column_stack([points[:, 0] - 0.4, bend, 0.3 * bend])
+
+
+def test_a_plateau_is_left() -> None:
+    points = np.array([[0.5, 0.95], [0.45, 0.9]])
+    costs = np.linalg.norm(Plateau().residuals(points, 1), axis=1)
+    ends = list(arrivals(Plateau(), points, costs, 2, Remembered(), 1, lambda: None))
+    assert ends[0][1] > 0.8
+    assert ends[1] == pytest.approx([0.4, 0.2], abs=1e-3)
 
 
 class Line:
     """A straight line through points of which some lie far off."""
 
-    def __init__(self, outliers: int) -> None:
+    def __init__(self, outliers: int, robust: bool = False) -> None:
+        self.robust = robust
         rng = np.random.default_rng(1)
         self.x = np.linspace(-1.0, 1.0, 60)
         self.y = 0.3 + 0.4 * self.x + rng.normal(0.0, 0.01, 60)
@@ -142,7 +176,7 @@ class Line:
 def test_errors_of_a_log_count_by_their_size() -> None:
     errors = {}
     for robust in (True, False):
-        end = descend(Line(9), np.array([0.9, 0.9]), Remembered(), 1, robust, lambda: None)
+        end = descend(Line(9, robust), np.array([0.9, 0.9]), Remembered(), 1, lambda: None)[0]
         errors[robust] = float(np.abs(end - [0.3, 0.4]).max())
     assert errors[True] < 0.03
     assert errors[False] > 0.1
@@ -150,10 +184,10 @@ def test_errors_of_a_log_count_by_their_size() -> None:
 
 def test_what_was_driven_is_not_driven_again() -> None:
     line, driven = Line(0), Remembered()
-    one = descend(line, np.array([0.9, 0.1]), driven, 1, False, lambda: None)
+    one = descend(line, np.array([0.9, 0.1]), driven, 1, lambda: None)[0]
     asked = line.asked
     assert asked == len(driven)
-    again = descend(line, np.array([0.9, 0.1]), driven, 1, False, lambda: None)
+    again = descend(line, np.array([0.9, 0.1]), driven, 1, lambda: None)[0]
     assert line.asked == asked
     assert np.array_equal(one, again)
 
@@ -174,16 +208,25 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
     for cost in (FitCost("sync", yaw_weight=0.3), FitCost("path")):
         problem = FitProblem("improved", lab.plants["improved"], space, [target], cost)
         squares = (problem.residuals(points) ** 2).sum(axis=1)
-        errors = problem.errors(points)
+        assert len(problem.blocks) == problem.residuals(points).shape[1]
         if cost.objective == "sync":
-            position = (errors.weight[:, None] * errors.position**2).sum(axis=(1, 2))
-            wanted = position + 0.09 * (errors.weight * errors.yaw**2).sum(axis=1)
+            poses = plant_kind("improved").population([problem.candidate(p) for p in points], 1)
+            error = poses.poses(range(3), target.source.pieces[0], target.source.sample_dt) - target.truth[0].pose
+            error = error[:, :: round(0.1 / float(target.truth[0].t[1]))]
+            wanted = ((error[..., :2] ** 2).sum(axis=2) + 0.09 * wrap_angle(error[..., 2]) ** 2).mean(axis=1)
             assert np.allclose(squares, wanted, rtol=1e-12)
         else:
             assert isinstance(problem._raters[0][0], PathRater)
             assert np.all(np.sqrt(squares) <= problem.costs(points))
-    problem = FitProblem(
-        "linear", lab.plants["linear"], make_space("linear", ("gain",), {}, HUSKY), [log_target(lab)], FitCost("horizon")
-    )
-    middle = np.array([[0.5]])
-    assert problem.residuals(middle).shape[1] == 3 * len(problem.errors(middle).weight)
+
+
+@pytest.mark.parametrize(("position", "yaw", "terms"), [(1.0, 1.0, 3), (0.0, 1.0, 1), (1.0, 0.0, 2)])
+def test_residuals_of_a_log_leave_out_what_weighs_nothing(lab: Profile, position: float, yaw: float, terms: int) -> None:
+    """A heading without weight would make the median size of the errors, the scale of the robust ones, too small."""
+    cost = FitCost("horizon", position_weight=position, yaw_weight=yaw)
+    problem = FitProblem("linear", lab.plants["linear"], make_space("linear", ("gain",), {}, HUSKY), [log_target(lab)], cost)
+    found = problem.residuals(np.array([[0.5]]))[0]
+    assert np.all(found != 0.0)
+    assert len(found) == len(problem.blocks)
+    assert len(found) % terms == 0
+    assert problem.robust

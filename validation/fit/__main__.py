@@ -63,11 +63,17 @@ class _Cost(FitCost):
 class _Search(FitSearch):
     """Options for the search."""
 
-    method: Annotated[Method, cli.option("search")] = "jde"
-    """jde: differential evolution alone, as in the thesis. hybrid: a short one, then bounded least squares from its best and
-    from others far from it. lsq: least squares alone, from --start, which is the profile's numbers if it is not given."""
-    population: Annotated[cli.Count, cli.option(default="50, and 32 for mujoco; hybrid 50 and 20")] = None
-    generations: Annotated[cli.Count, cli.option(default="300, and 60 for mujoco; hybrid 40 and 4")] = None
+    method: Annotated[Method, cli.option("search")] = "hybrid"
+    """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go to the optimum, from its
+    best candidate and from others far from it. jde: differential evolution alone, as in the thesis; ask for it to repeat the
+    thesis, or where different seeds of hybrid end at different places. lsq: least squares alone, from --start, which is the
+    profile's numbers if it is not given."""
+    population: Annotated[
+        cli.Count, cli.option(default="of jDE: 20, and 50 for the objective path; jde alone 50, mujoco 32")
+    ] = None
+    """Number of candidates in a generation of jDE."""
+    generations: Annotated[cli.Count, cli.option(default="10, path 100, mujoco 4; jde alone 300, mujoco 60")] = None
+    """Greatest number of generations of jDE after its first population."""
     target: Annotated[cli.Number, cli.option(metavar="COST", default="none")] = None
     seed: cli.Seed = 0
     workers: cli.Workers = None

@@ -86,7 +86,7 @@ class SearchData:
     status: str
     """`finished` or `interrupted`."""
     stopped_by: str
-    """`generations`, `improvement`, `target` or `interrupt`."""
+    """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
     cost: float
     """Cost of the best candidate."""
     cost_name: str

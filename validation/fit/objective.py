@@ -84,20 +84,6 @@ class FitTarget:
     """The true motion, piece by piece."""
 
 
-@dataclass(frozen=True, eq=False)
-class SignedErrors:
-    """Signed errors of S candidates: unlike a cost, they tell how well its minimum is determined."""
-
-    position: FloatArray
-    """(S, K, 2) position errors [m]."""
-    yaw: FloatArray
-    """(S, K) yaw errors [rad]."""
-    weight: FloatArray
-    """(K,) weight of each error in the cost."""
-    block: FloatArray
-    """(K,) number of the block of time that each error belongs to, counted over all pieces."""
-
-
 @jit_parallel
 def path_costs(poses, truth, k_rms, k_haus, k_ratio):
     """Return (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
@@ -113,8 +99,14 @@ class SyncRater:
 
     def __init__(self, truth: Trajectory, cost: FitCost, weight: float, block: int) -> None:
         """Keep the true motion, the piece's share in the cost, and the number of its first block of time."""
-        self._truth, self._cost, self._weight, self._block = truth, cost, weight, block
+        self._truth, self._cost, self._weight = truth, cost, weight
         self._every = max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
+        self._blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(K,) number of the block of time that each residual belongs to, counted over all pieces."""
+        return np.tile(self._blocks, _terms(self._cost))
 
     def _errors(self, poses: FloatArray, every: int = 1) -> tuple[FloatArray, FloatArray]:
         error = poses[:, ::every] - self._truth.pose[::every]
@@ -126,23 +118,22 @@ class SyncRater:
         rms = np.sqrt((position**2).sum(axis=2).mean(axis=1)), np.sqrt((yaw**2).mean(axis=1))
         return self._weight * (self._cost.position_weight * rms[0] + self._cost.yaw_weight * rms[1])
 
-    def errors(self, poses: FloatArray) -> SignedErrors:
-        """Return errors at equal times, every tenth of a second."""
-        position, yaw = self._errors(poses, self._every)
-        t = self._truth.t[:: self._every]
-        weight = np.full(len(t), self._weight / len(t))
-        return SignedErrors(position, yaw, weight, self._block + np.floor((t - t[0]) / _SCENARIO_BLOCK_S))
-
     def residuals(self, poses: FloatArray) -> FloatArray:
-        """Return (S, K) weighted errors at equal times, whose squares add up to the squares of the cost's two terms."""
-        return _weighted(self.errors(poses), self._cost)
+        """Return (S, K) weighted errors every tenth of a second; their squares add up to those of the cost's two terms."""
+        weight = np.full(len(self._blocks), self._weight / len(self._blocks))
+        return _weighted(*self._errors(poses, self._every), weight, self._cost)
 
 
-def _weighted(errors: SignedErrors, cost: FitCost) -> FloatArray:
-    """Return (S, K) position and yaw errors in metres, each times the root of its weight."""
-    root = np.sqrt(errors.weight)
-    position = cost.position_weight * errors.position * root[:, None]
-    return np.concatenate([position[..., 0], position[..., 1], cost.yaw_weight * errors.yaw * root], axis=1)
+def _terms(cost: FitCost) -> int:
+    """Return how many residuals an error of a pose has: x, y and yaw, where these have a weight."""
+    return 2 * (cost.position_weight > 0.0) + (cost.yaw_weight > 0.0)
+
+
+def _weighted(position: FloatArray, yaw: FloatArray, weight: FloatArray, cost: FitCost) -> FloatArray:
+    """Return (S, K) position and yaw errors in metres, each times the root of its weight; none that weighs nothing."""
+    root = np.sqrt(weight)
+    columns = [cost.position_weight * root * position[..., i] for i in (0, 1)] if cost.position_weight > 0.0 else []
+    return np.concatenate([*columns, *([cost.yaw_weight * root * yaw] if cost.yaw_weight > 0.0 else [])], axis=1)
 
 
 @jit_parallel
@@ -169,7 +160,12 @@ def path_offsets(poses, truth, every):
 
 
 class PathRater(SyncRater):
-    """The path objective, Eq. 3.1. Distances between curves have no sign, so its signed errors are those at equal times."""
+    """The rater of one piece by the path objective, Eq. 3.1."""
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(K,) number of the block of time that each residual belongs to; the error of the length has one of its own."""
+        return np.append(np.repeat(self._blocks, 2), self._blocks[-1] + 1.0)
 
     def residuals(self, poses: FloatArray) -> FloatArray:
         """Return (S, K) errors: offsets from the true path to the candidate's, and the error of the length.
@@ -199,8 +195,13 @@ class HorizonRater:
         self._starts, self._ends = (np.concatenate([f[end] for f in found]) for end in (0, 1))
         shares = [np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)]
         self._weight = np.concatenate(shares)
-        self._block = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
+        self._blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(K,) number of the block of time that each residual belongs to, counted over all pieces."""
+        return np.tile(self._blocks, _terms(self._cost))
 
     def _errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         moved = relative(poses[:, self._starts], poses[:, self._ends])
@@ -214,18 +215,13 @@ class HorizonRater:
         size = self._cost.position_weight * far + self._cost.yaw_weight * np.abs(yaw)
         return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
 
-    def errors(self, poses: FloatArray) -> SignedErrors:
-        """Return the errors of the relative pose."""
-        position, yaw = self._errors(poses)
-        return SignedErrors(position, yaw, self._weight, self._block)
-
     def residuals(self, poses: FloatArray) -> FloatArray:
         """Return (S, K) weighted errors of the relative pose; by their size, they add up to the cost."""
-        return _weighted(self.errors(poses), self._cost)
+        return _weighted(*self._errors(poses), self._weight, self._cost)
 
 
 Rater = SyncRater | HorizonRater
-"""A rater of one piece of motion: its `cost`, and the signed `errors` that the cost is made of, or stands for."""
+"""A rater of one piece of motion: its `cost`, and the `residuals` that least squares make small, with their `blocks`."""
 
 
 def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> tuple[IndexArray, IndexArray]:
@@ -252,7 +248,7 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[list[Rater]
     """
     pieces = [pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)]
     seconds = [float(truth.t[-1] - truth.t[0]) for _, truth in pieces]
-    lengths = [1 + int(s / (_BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S)) for s in seconds]
+    lengths = [2 + int(s / (_BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S)) for s in seconds]
     blocks = itertools.accumulate(lengths[:-1], initial=0)  # the first block of each piece
     raters: Iterator[Rater]
     if cost.objective == "horizon":

@@ -16,7 +16,7 @@ import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.fit.objective import FitCost, FitTarget, Rater, SignedErrors, make_raters
+from validation.fit.objective import FitCost, FitTarget, make_raters
 from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import with_values
 from validation.plants.table import plant_kind
@@ -113,32 +113,27 @@ class FitProblem:
         finally:
             pool.shutdown(cancel_futures=True)
 
+    @property
+    def robust(self) -> bool:
+        """Return whether errors beyond their median count by their size, and not by its square: those of recordings."""
+        return self.cost.objective == "horizon"
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(K,) number of the block of time that each residual belongs to."""
+        return np.concatenate([rater.blocks for raters in self._raters for rater in raters])
+
     def residuals(self, points: FloatArray, workers: int = 1) -> FloatArray:
         """Return (S, K) errors whose squares add up to what least squares make small; NaN for one that is impossible."""
-        by_share = self._of_all(points, workers, lambda rater, poses: rater.residuals(poses))
-        return np.concatenate([np.concatenate(found, axis=1) for found in by_share])
-
-    def _of_all(self, points: FloatArray, workers: int, measure: Callable[[Rater, FloatArray], _T]) -> list[list[_T]]:
-        """Drive candidates over all pieces, and return what `measure` makes of their poses, by share and piece."""
         candidates = [self.candidate(p) for p in points]
 
-        def drive_all(which: Sequence[int]) -> list[_T]:
+        def drive_all(which: Sequence[int]) -> FloatArray:
             population = plant_kind(self.model).population([candidates[i] for i in which], workers)
-            return [
-                measure(rater, population.poses(range(len(which)), piece, target.source.sample_dt))
+            found = [
+                rater.residuals(population.poses(range(len(which)), piece, target.source.sample_dt))
                 for target, raters in zip(self.targets, self._raters, strict=True)
                 for piece, rater in zip(target.source.pieces, raters, strict=True)
             ]
+            return np.concatenate(found, axis=1)
 
-        return [found for _, found in self._side_by_side(drive_all, len(points), workers)]
-
-    def errors(self, points: FloatArray, workers: int = 1) -> SignedErrors:
-        """Return the signed errors of candidates over all pieces; NaN for one that is impossible or diverges."""
-        by_share = self._of_all(points, workers, lambda rater, poses: rater.errors(poses))
-        pieces = by_share[0]
-        return SignedErrors(
-            np.concatenate([np.concatenate([p.position for p in found], axis=1) for found in by_share]),
-            np.concatenate([np.concatenate([p.yaw for p in found], axis=1) for found in by_share]),
-            np.concatenate([p.weight for p in pieces]),
-            np.concatenate([p.block for p in pieces]),
-        )
+        return np.concatenate([found for _, found in self._side_by_side(drive_all, len(points), workers)])

@@ -8,7 +8,8 @@ interrupted goes on by driving only what is new, and comes to the same end.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -18,17 +19,20 @@ from scipy.optimize import least_squares
 from ssmr.types import FloatArray
 
 STARTS = 3
-"""Greatest number of starts: the best candidate, and others far from it."""
+"""Greatest number of starts: the best candidate, and others far from where least squares have been."""
 APART = 0.25
-"""Least distance between two starts, in the unit cube's widest direction [1]."""
-STEP = 0.004
-"""Step of the finite differences, in the unit cube."""
+"""Least distance of a start from the earlier ones and from where they led, in the unit cube's widest direction [1]."""
+STEP = 0.02
+"""Step of the finite differences, in the unit cube. Delays are rounded to steps of the physics, 2 ms of usually 0.6 s, so a
+much smaller one would measure the rounding."""
 INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
 TOLERANCE = 1e-4
 """Relative change of the sum of squares, or of the point, at which least squares end."""
 MOST_DESCENT = 25
 """Greatest number of steps from one start, with one scale."""
+TRIAL, HOPELESS = 10, 2.0
+"""A later start is given up if its errors, after so many steps, are still so many times those at the best end before."""
 MOST_SCALES, SAME_SCALE = 5, 0.8
 """Robust least squares begin anew with the errors' median size as the scale, at most so often, and while it shrinks so much
 [1]: far from the optimum all errors are large, and the scale with them."""
@@ -36,6 +40,11 @@ MOST_SCALES, SAME_SCALE = 5, 0.8
 
 class Residuals(Protocol):
     """A problem whose errors are known one by one."""
+
+    @property
+    def robust(self) -> bool:
+        """Return whether errors beyond their median count by their size, and not by its square (`soft_l1`)."""
+        ...
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return (S, K) errors of (S, n) points of the unit cube, in the cost's unit; NaN for one that is impossible."""
@@ -69,14 +78,81 @@ class Remembered:
         return np.array([self.errors[self._known[point.tobytes()]] for point in points])
 
 
-def choose_starts(points: FloatArray, costs: FloatArray) -> FloatArray:
-    """Return the (k, n) starts among (S, n) candidates: the best, then the best of those far from all chosen before."""
-    chosen: list[int] = []
+def arrivals(
+    problem: Residuals,
+    points: FloatArray,
+    costs: FloatArray,
+    starts: int,
+    driven: Remembered,
+    workers: int,
+    on_step: Callable[[], object],
+) -> Iterator[FloatArray]:
+    """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs; an interrupt passes through.
+
+    The first start is the best candidate. A later one is the end before it with its silent numbers put elsewhere, see
+    `woken`, or else the best candidate that is far from all that was visited.
+
+    Args:
+        problem: what is fitted.
+        points: candidates, in the unit cube.
+        costs: their costs; infinite for one that cannot be driven.
+        starts: greatest number of starts.
+        driven: what was driven before; what is driven now is added.
+        workers: number of threads; the result does not depend on it.
+        on_step: called after every population.
+    """
+    visited, least = list[FloatArray](), math.inf
+    start = next_start(points, costs, visited)
+    for k in range(starts):
+        if start is None:
+            return
+        end, size = descend(problem, start, driven, workers, on_step, least)
+        visited, least = [*visited, start, end], min(least, size)
+        yield end
+        if k + 1 < starts and math.isfinite(size):
+            errors, slopes = error_slopes(lambda new: driven.look_up(new, lambda p: problem.residuals(p, workers)), end)
+            start = woken(errors, slopes, end, visited)
+        else:
+            start = None
+        start = next_start(points, costs, visited) if start is None else start
+
+
+def next_start(points: FloatArray, costs: FloatArray, visited: Sequence[FloatArray]) -> FloatArray | None:
+    """Return the (n,) best of (S, n) candidates that are far from all points visited before; None if there is none."""
     for i in np.argsort(costs, kind="stable"):
-        far = all(np.abs(points[i] - points[j]).max() >= APART for j in chosen)
-        if np.isfinite(costs[i]) and far and len(chosen) < STARTS:
-            chosen.append(int(i))
-    return points[chosen]
+        if np.isfinite(costs[i]) and _far(points[i], visited):
+            return np.asarray(points[i])
+    return None
+
+
+def woken(errors: FloatArray, slopes: FloatArray, end: FloatArray, visited: Sequence[FloatArray]) -> FloatArray | None:
+    """Return an (n,) end of least squares with the numbers that do nothing there put in the middle; None if there is none.
+
+    Such a number (an acceleration limit so high that it is never reached, say) has no slope to follow, but may do much
+    elsewhere. It does nothing where its (K,) slopes over the whole width of its bounds are less than the errors.
+    """
+    moved = np.where(np.linalg.norm(slopes, axis=0) < np.linalg.norm(errors), 0.5, end)
+    return moved if _far(moved, visited) else None
+
+
+def _far(point: FloatArray, visited: Sequence[FloatArray]) -> bool:
+    return all(np.abs(point - other).max() >= APART for other in visited)
+
+
+def error_slopes(
+    errors_at: Callable[[FloatArray], FloatArray], point: FloatArray, central: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return (K,) errors at an (n,) point of the unit cube, and their (K, n) derivatives; NaN beside an impossible one.
+
+    The derivatives are finite differences into the cube, of one population of n + 1. With those of the other side too
+    (`central`) they are exact to second order.
+    """
+    steps = np.where(point + STEP <= 1.0, STEP, -STEP)
+    back = np.where((point - steps >= 0.0) & (point - steps <= 1.0), -steps, 0.0) if central else np.zeros(len(point))
+    ends = [point + np.diag(steps), *([point + np.diag(back)] if central else [])]
+    found = errors_at(np.vstack([point, *ends]))
+    ahead, behind = found[1 : len(point) + 1], found[len(point) + 1 :] if central else found[:1]
+    return found[0], ((ahead - behind) / (steps - back)[:, None]).T
 
 
 def descend(
@@ -84,20 +160,22 @@ def descend(
     start: FloatArray,
     driven: Remembered,
     workers: int,
-    robust: bool,
     on_step: Callable[[], object],
-) -> FloatArray:
-    """Return the (n,) point of the unit cube where least squares from a start end; an interrupt passes through.
+    goal: float = math.inf,
+) -> tuple[FloatArray, float]:
+    """Return the (n,) point of the unit cube where least squares from a start end, and the size of the errors there.
+
+    An interrupt passes through.
 
     Args:
         problem: what is fitted.
         start: (n,) point of the unit cube, of a candidate that can be driven.
         driven: what was driven before; what is driven now is added.
         workers: number of threads; the result does not depend on it.
-        robust: errors count by their size and not by its square (`soft_l1`) beyond the median.
         on_step: called after every population.
+        goal: least size of the errors at the ends of earlier starts; a start that does not come near it is given up.
     """
-    n = len(start)
+    n, robust = len(start), problem.robust
 
     def errors_at(points: FloatArray) -> FloatArray:
         before = len(driven)
@@ -110,29 +188,31 @@ def descend(
         return np.asarray(errors_at(point[None])[0])
 
     def jacobian(point: FloatArray) -> FloatArray:
-        steps = np.where(point + STEP <= 1.0, STEP, -STEP)
-        beside = errors_at(point + np.diag(steps))
-        slopes = (beside - errors(point)) / steps[:, None]
-        return np.where(
-            np.isfinite(slopes).all(axis=1, keepdims=True), slopes, 0.0
-        ).T  # an impossible neighbour says nothing
+        slopes = error_slopes(errors_at, point)[1]
+        return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)  # an impossible neighbour says nothing
 
     begin = np.clip(start, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
     first = errors(begin)
     if not np.isfinite(first).all():
-        return start
-    scale, box = _size(first), (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
-    for _ in range(MOST_SCALES if robust else 1):
+        return start, math.inf
+    scale, end, box = median_size(first), begin, (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
+    trial = [TRIAL] if math.isfinite(goal) else []
+    for most in [*trial, *[MOST_DESCENT] * (MOST_SCALES if robust else 1)]:
         end = least_squares(
             errors, begin, jac=jacobian, bounds=box, method="trf", loss="soft_l1" if robust else "linear", f_scale=scale,
-            xtol=TOLERANCE, ftol=TOLERANCE, gtol=None, max_nfev=MOST_DESCENT,
-        )  # fmt: skip
-        begin, before, scale = np.clip(end.x, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE), scale, _size(errors(end.x))
-        if scale > SAME_SCALE * before:
+            xtol=TOLERANCE, ftol=TOLERANCE, gtol=None, max_nfev=most,
+        ).x  # fmt: skip
+        begin, before, scale = np.clip(end, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE), scale, median_size(errors(end))
+        if total_size(errors(end), robust) > HOPELESS * goal or (most != TRIAL and scale > SAME_SCALE * before):
             break
-    return np.asarray(end.x)
+    return np.asarray(end), total_size(errors(end), robust)
 
 
-def _size(errors: FloatArray) -> float:
+def total_size(errors: FloatArray, robust: bool) -> float:
+    """Return the size of all errors together: the root of the sum of their squares, or the sum of their sizes."""
+    return float(np.abs(errors).sum() if robust else np.linalg.norm(errors))
+
+
+def median_size(errors: FloatArray) -> float:
     """Return the median size of errors; it is positive."""
     return max(float(np.median(np.abs(errors))), 1e-12)

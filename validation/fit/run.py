@@ -21,6 +21,7 @@ from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import Scored
 from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
+from validation.fit.refine import STARTS
 from validation.fit.result import FitResult
 from validation.fit.search import Evaluate, FreeParameters, Search, SearchOptions, put_options, search_for
 from validation.fit.targets import FitSources, is_scenario, open_targets
@@ -35,12 +36,18 @@ from validation.simulator.description import Robot
 
 Method = Literal["jde", "hybrid", "lsq"]
 """How a fit searches: differential evolution; a short one, then least squares; or least squares from one start."""
-_SIZES: Mapping[Method, tuple[tuple[int, int], tuple[int, int]]] = {
-    "jde": ((50, 300), (32, 60)),
-    "hybrid": ((50, 40), (20, 4)),
-    "lsq": ((5, 1), (5, 1)),
+_SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
+    ("jde", False): (50, 300),
+    ("jde", True): (32, 60),
+    ("hybrid", False): (20, 10),
+    ("hybrid", True): (20, 4),
 }
-"""Usual population and generations: of planar models (Tab. 3.7 of the thesis for `jde`), and of simulated bodies."""
+"""Usual population and generations of jDE for planar models (Tab. 3.7 of the thesis for `jde`) and for simulated bodies."""
+_STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
+"""Greatest number of starts of least squares."""
+_JAGGED = (50, 100)
+"""Usual population and generations of a hybrid search of planar models for the path objective: distances between samples
+make it jagged, so least squares go to the right place but not to the least cost there."""
 PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
 """The profile that a fit begins with unless another is given."""
 _TOLD = ("input", "from", "until", "objective", "position_weight")  # options that the provenance of a fitted profile repeats
@@ -61,9 +68,10 @@ class FitParameters(FreeParameters):
 class FitSearch(SearchOptions):
     """Options of a fit's search. A scheduler of None uses this computer's threads."""
 
-    method: Method = "jde"
-    """jde: differential evolution alone, as in the thesis. hybrid: a short one, then bounded least squares from its best and
-    from others far from it. lsq: least squares alone, from `start`, which is the profile's numbers if it is not given."""
+    method: Method = "hybrid"
+    """hybrid: a short differential evolution (jDE), then bounded least squares from its best candidate and from others far
+    from it. jde: differential evolution alone, as in the thesis. lsq: least squares alone, from `start`, which is the
+    profile's numbers if it is not given."""
 
     scheduler: str | None = None
     """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates of `jde`."""
@@ -122,15 +130,15 @@ def fit(
     space = make_space(model, [n for n in free if n not in parameters.fix], parameters.bounds, begun.robot)
     method = search.method
     start = _first_points(space, model, begun, {} if parameters.start is None and method == "lsq" else parameters.start)
-    settings = search.settings(*_SIZES[method][model in SIMULATED])
     targets, held_out = open_targets(names, base, sources)
     problem = FitProblem(model, begun, space, targets, cost)
     _require_possible(problem, parameters.bounds)
-    found = _searched(problem, settings, search, start, occasion, progress)
-    total = settings.generations + 1
+    settings = search.settings(*_sizes(problem, method))
+    found = _searched(problem, settings, search, start, progress)
+    total = settings.generations + 1 + found.starts
     progress(Progress(total, total, "standard errors and scores"))
     point, before = found.best, [find(model, name, begun.robot).read(begun) for name in space.names]
-    uncertainty, scores, troubles = _judged(problem, point, held_out, None if found.interrupted else search.threads)
+    uncertainty, scores, troubles = _judged(problem, found, held_out, search.threads)
     result = FitResult(
         model=model,
         begun_with=base.name,
@@ -155,7 +163,6 @@ def _searched(
     settings: JdeSettings,
     search: FitSearch,
     start: FloatArray | None,
-    occasion: Occasion,
     progress: Report,
 ) -> Search:
     """Return the search after all its stages, or where it was interrupted."""
@@ -165,11 +172,19 @@ def _searched(
             from validation.fit.cluster import Cluster
 
             evaluate = stack.enter_context(Cluster(search.scheduler, problem))
-        alone = search.method == "lsq"
-        found = search_for(problem, settings, search, start, progress, evaluate, 0 if alone else None)
-    if search.method != "jde" and not found.interrupted:
-        found.refine(problem, search.threads, occasion == "recording", alone, search.checkpoint, progress)
+        found = search_for(problem, settings, search, start, progress, evaluate, _STARTS[search.method])
+    if found.starts and not found.interrupted:
+        found.refine(problem, search.threads, search.checkpoint, progress)
     return found
+
+
+def _sizes(problem: FitProblem, method: Method) -> tuple[int, int]:
+    """Return the population and generations of jDE where the user names none; of `lsq` only the first candidate counts."""
+    if method == "lsq":
+        return 5, 1
+    simulated = problem.model in SIMULATED
+    jagged = method == "hybrid" and problem.cost.objective == "path" and not simulated
+    return _JAGGED if jagged else _SIZES[method, simulated]
 
 
 def _in_words(method: Method, settings: JdeSettings) -> str:
@@ -243,13 +258,13 @@ def _built(model: str, plant: PlantProfile) -> Plant:
 
 
 def _judged(
-    problem: FitProblem, point: FloatArray, held_out: Sequence[FitTarget], threads: int | None
+    problem: FitProblem, found: Search, held_out: Sequence[FitTarget], threads: int
 ) -> tuple[Uncertainty | None, dict[str, Any], list[str]]:
-    """Return uncertainty (None without threads), scores, and sentences on what could not be had: a search is over by now."""
-    uncertainty, troubles = None, list[str]()
-    if threads is not None:
+    """Return uncertainty (None after an interrupt), scores, and sentences on what could not be had."""
+    uncertainty, troubles, point = None, list[str](), found.best
+    if not found.interrupted:
         try:
-            uncertainty = estimate(problem, point, threads)
+            uncertainty = estimate(problem, point, threads, found.driven)
         except (SsmrError, np.linalg.LinAlgError) as error:
             troubles.append(f"Standard errors could not be estimated: {error}.")
     return uncertainty, _scores(problem, point, held_out, troubles), troubles

@@ -25,7 +25,7 @@ from ssmr.types import FloatArray
 from validation import reading, store
 from validation.fit.checkpoint import CheckpointError, damaged, read_arrays, write_arrays
 from validation.fit.data import SearchTrace
-from validation.fit.refine import Remembered, Residuals, choose_starts, descend
+from validation.fit.refine import Remembered, Residuals, arrivals
 from validation.progress import Progress, Report, silent
 
 CHECKPOINT = "checkpoint.npz"
@@ -180,10 +180,14 @@ class Search:
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""
     interrupted: bool = False
+    starts: int = 0
+    """Number of starts of least squares that are to follow the optimiser."""
     driven: Remembered = field(default_factory=Remembered)
     """What least squares have driven after the optimiser."""
     refined: tuple[FloatArray, float] | None = None
     """The best point that least squares found, and its cost; None where they found none that is better."""
+    ends: int = 0
+    """Number of points at which least squares have ended; each was rated by its cost too."""
 
     @property
     def best(self) -> FloatArray:
@@ -206,7 +210,7 @@ class Search:
 
         def tell(share: float) -> None:
             rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
-            total = self.jde.settings.generations + 1
+            total = self.jde.settings.generations + 1 + self.starts
             progress(Progress(len(self.best_cost) + share, total, f"{self._best_text()}, {rate:.1f} candidates/s"))
 
         try:
@@ -226,27 +230,31 @@ class Search:
         self,
         problem: RefinableProblem,
         threads: int,
-        robust: bool,
-        alone: bool,
         checkpoint: Path | None = None,
         progress: Report = silent,
     ) -> None:
-        """Go on by least squares, from the first candidate (`alone`) or from the best and others far from it."""
+        """Go on by least squares: from the best candidate and others far from it, or with one start from the first.
+
+        A search that has reached its target is over.
+        """
         began, before = time.perf_counter(), self.wall_s
-        population, costs = self.jde.population, self.jde.costs
-        starts = population[:1] if alone and np.isfinite(costs[0]) else choose_starts(population, costs)
-        done = 0
+        if self.jde.finished == "target":
+            return
+        points, costs, before_all = self.jde.population, self.jde.costs, self.jde.settings.generations + 1
+        if self.starts == 1 and np.isfinite(costs[0]):
+            points, costs = points[:1], costs[:1]
 
         def step() -> None:
             self.wall_s = before + time.perf_counter() - began
             if checkpoint is not None:
                 self.save(checkpoint)
-            where = f"least squares, start {done + 1} of {len(starts)}"
-            progress(Progress(done, len(starts), f"{where}: cost {self.best_cost_of_all:.5g}, {len(self.driven)} motions"))
+            text = f"least squares, start {self.ends + 1} of {self.starts}: cost {self.best_cost_of_all:.5g}"
+            done, total = before_all + self.ends, before_all + self.starts
+            progress(Progress(done, total, f"{text}, {len(self.driven)} motions"))
 
         try:
-            for done, start in enumerate(starts):  # noqa: B007  (`step` tells it)
-                end = descend(problem, start, self.driven, threads, robust, step)
+            for end in arrivals(problem, points, costs, self.starts, self.driven, threads, step):
+                self.ends += 1
                 cost = float(problem.costs(end[None], None, threads, None)[0])
                 if cost < self.best_cost_of_all:
                     self.refined = end, cost
@@ -310,13 +318,13 @@ class Search:
 
     def outcome(self) -> dict[str, Any]:
         """Return the fields of a `SearchData` that only the search decides."""
-        jde = self.jde
+        jde, squares = self.jde, len(self.driven) + self.ends
         return {
             "status": "interrupted" if self.interrupted else "finished",
-            "stopped_by": "interrupt" if self.interrupted else jde.finished or "least squares",
+            "stopped_by": "interrupt" if self.interrupted else ("least squares" if len(self.driven) else jde.finished),
             "cost": float(self.best_cost_of_all),
-            "evaluations": jde.evaluations + len(self.driven),
-            "evaluations_by_stage": {"jde": jde.evaluations, "lsq": len(self.driven)},
+            "evaluations": jde.evaluations + squares,
+            "evaluations_by_stage": {"jde": jde.evaluations, "lsq": squares},
             "generations": jde.generation,
             "wall_s": self.wall_s,
             "trace": SearchTrace(np.array(self.best_cost), np.array(self.median_cost), jde.population, jde.costs),
@@ -369,9 +377,11 @@ def search_for(
     start: FloatArray | None = None,
     progress: Report = silent,
     evaluate: Evaluate | None = None,
-    most: int | None = None,
+    starts: int = 0,
 ) -> Search:
-    """Search from the beginning, or from a checkpoint, until a stop rule holds, or `most` generations, or Ctrl-C.
+    """Search from the beginning, or from a checkpoint, until a stop rule holds, or Ctrl-C.
+
+    Of so many `starts` of least squares that follow, one needs no generation after the first population.
 
     The (k, n) `start` are candidates for the first population; `evaluate`, such as a cluster, rates generations in the place
     of `problem.costs`. The search that is returned has at least one candidate of finite cost.
@@ -392,12 +402,12 @@ def search_for(
             raise ValueError("resume needs a checkpoint to continue from")
         search = _loaded(options.checkpoint, identity, len(problem.space), settings)
     search = search or Search(Jde(len(problem.space), settings, options.seed, start), identity)
-    search.space = problem.space
+    search.space, search.starts = problem.space, starts
     if options.checkpoint is not None:
         store.make_folder(options.checkpoint.parent)
     here: Evaluate = lambda points, limits, on_share: problem.costs(points, limits, options.threads, on_share)  # noqa: E731
     try:
-        search.run(evaluate or here, options.checkpoint, progress, most)
+        search.run(evaluate or here, options.checkpoint, progress, 0 if starts == 1 else None)
     except SsmrError as error:
         if options.checkpoint is None or not search.best_cost:
             raise

@@ -26,6 +26,7 @@ STOPPED = {
     "improvement": "no more improvement",
     "target": "target reached",
     "interrupt": "interrupted",
+    "least squares": "least squares ended",
 }
 """Reasons why a search ended, in words."""
 

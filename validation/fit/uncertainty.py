@@ -1,9 +1,9 @@
-"""Standard errors of fitted parameters: curvature at the optimum, with errors that belong together kept together.
+"""Standard errors of fitted parameters, from the derivatives that least squares use.
 
-The motion is linearised about the optimum (2 n + 1 motions). Errors of neighbouring windows share poses, commands and
-ground, so a block of time is one observation: the sandwich H^-1 G H^-1 with the curvature H of a robust sum of errors and
-the scatter G of the blocks' gradients (P. Huber 1967; K.-Y. Liang and S. Zeger 1986). Errors weigh by their size, not its
-square, as in the costs: pseudo-Huber with the median size as scale. Where the data say nothing, what remains is what the
+Errors of neighbouring windows share poses, commands and ground, so a block of time is one observation: the sandwich
+H^-1 G H^-1 with the curvature H of the sum of errors that least squares make small, and the scatter G of the blocks'
+gradients (P. Huber 1967; K.-Y. Liang and S. Zeger 1986). Nobody knows how long errors hang together, so blocks of twice,
+four times, ... the length are tried too, and the widest result counts. Where the data say nothing, what remains is what the
 bounds say.
 """
 
@@ -13,15 +13,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter
-from validation.fit.objective import FitCost, SignedErrors
 from validation.fit.problem import FitProblem
+from validation.fit.refine import Remembered, error_slopes, median_size
 from validation.plants.table import SIMULATED
 
-_STEP = 0.01  # of the central differences, in the unit cube
+_FEWEST_BLOCKS = 8  # fewer say too little about their own scatter
 _IGNORANCE = 12.0**-0.5  # standard deviation of a number of which only the bounds are known, in the unit cube
 VAGUE = 0.2
 """A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
@@ -37,7 +38,7 @@ class Uncertainty:
     standard_error: FloatArray
     """(n,) standard errors of the values; NaN where the motion could not be computed beside the optimum."""
     interval: FloatArray
-    """(n, 2) 95 % intervals of the values by a normal distribution, within the bounds."""
+    """(n, 2) 95 % intervals of the values by Student's distribution of the number of blocks, within the bounds."""
     correlation: FloatArray
     """(n, n) correlation of the errors."""
     share: FloatArray
@@ -46,63 +47,72 @@ class Uncertainty:
     """Method in words."""
 
 
-def estimate(problem: FitProblem, point: FloatArray, workers: int = 1) -> Uncertainty:
-    """Estimate standard errors and correlations at the optimum, an (n,) point of the unit cube, on so many threads."""
-    n = len(point)
-    below, above = np.maximum(point - _STEP, 0.0), np.minimum(point + _STEP, 1.0)
-    beside = [np.where(np.arange(n) == i, end, point) for i in range(n) for end in (below, above)]
-    found = problem.errors(np.vstack([point[None], np.array(beside)]), workers)
-    rows, jacobian = _linearised(found, above - below, problem.cost)
-    known = np.array(np.isfinite(jacobian).all(axis=(0, 1)) & np.isfinite(rows).all())
-    covariance = np.full((n, n), np.nan)
+def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: Remembered | None = None) -> Uncertainty:
+    """Estimate standard errors and correlations at the optimum, an (n,) point of the unit cube, on so many threads.
+
+    What least squares have `driven` is not driven again: where the point is their end, only the other side of each
+    difference is new. What one side tells otherwise than both says how wrong the derivatives can be.
+    """
+    n, remembered = len(point), driven or Remembered()
+
+    def errors_at(points: FloatArray) -> FloatArray:
+        return remembered.look_up(points, lambda new: problem.residuals(new, workers))
+
+    errors, one_sided = error_slopes(errors_at, point)
+    slopes = error_slopes(errors_at, point, central=True)[1]
+    known = np.array(np.isfinite(slopes).all(axis=0) & np.isfinite(errors).all())
+    covariance, blocks = np.full((n, n), np.nan), 0
     if known.any():
-        covariance[np.ix_(known, known)] = _sandwich(rows, jacobian[..., known], found.weight, found.block)
+        covariance[np.ix_(known, known)], blocks = _widest(errors, slopes[:, known], one_sided[:, known], problem)
     share = np.sqrt(np.diag(covariance))
     correlation = np.where(np.isfinite(covariance), covariance / np.where(share > 0.0, np.outer(share, share), 1.0), 0.0)
     np.fill_diagonal(correlation, 1.0)
-    ends = [problem.space.values(np.clip(point + k * np.nan_to_num(share), 0.0, 1.0)) for k in (-1.96, 1.96)]
+    reach = float(stdtrit(max(blocks - 1, 1), 0.975)) * np.nan_to_num(share)
+    ends = [problem.space.values(np.clip(point + k * reach, 0.0, 1.0)) for k in (-1.0, 1.0)]
     return Uncertainty(
         share * problem.space.slopes(point),
         np.where(known[:, None], np.stack(ends, axis=1), np.nan),
         correlation,
         share,
-        f"robust sandwich estimate at the optimum over {len(np.unique(found.block))} blocks of time, limited by the bounds",
+        f"derivatives of least squares and the scatter of {blocks} blocks of time, limited by the bounds",
     )
 
 
-def _linearised(found: SignedErrors, width: FloatArray, cost: FitCost) -> tuple[FloatArray, FloatArray]:
-    """Return (K, 3) errors at the point in metres, weighted, and their (K, 3, n) derivatives along the cube's axes."""
-    stacked = np.concatenate([cost.position_weight * found.position, cost.yaw_weight * found.yaw[..., None]], axis=2)
-    return stacked[0], np.moveaxis((stacked[2::2] - stacked[1::2]) / width[:, None, None], 0, 2)
+def _widest(errors: FloatArray, slopes: FloatArray, one_sided: FloatArray, problem: FitProblem) -> tuple[FloatArray, int]:
+    """Return the (n, n) covariance in the unit cube of the length of blocks that makes it widest, and their number."""
+    pull, stiffness = errors, np.ones(len(errors))
+    if problem.robust:  # derivatives of scipy's soft_l1, in the unit of squares
+        q = 1.0 + (errors / median_size(errors)) ** 2
+        pull, stiffness = errors / np.sqrt(q), q**-1.5
+    curvature, gradients = (slopes * stiffness[:, None]).T @ slopes, slopes * pull[:, None]
+    size = np.maximum((slopes**2).sum(axis=0), 1e-300)
+    doubt = (((one_sided - slopes) ** 2).sum(axis=0) / size) ** 2 * np.diag(curvature)
+    _, member = np.unique(problem.blocks, return_inverse=True)
+    found: list[tuple[FloatArray, int]] = []
+    while (count := int(member.max()) + 1) >= _FEWEST_BLOCKS or not found:
+        sums = np.zeros((count, len(curvature)))
+        np.add.at(sums, member, gradients)
+        found.append((_sandwich(curvature, doubt, sums), count))
+        member = member // 2
+    return max(found, key=lambda one: float(np.trace(one[0])))
 
 
-def _sandwich(rows: FloatArray, jacobian: FloatArray, weight: FloatArray, block: FloatArray) -> FloatArray:
-    """Return the (n, n) covariance in the unit cube.
+def _sandwich(curvature: FloatArray, doubt: FloatArray, sums: FloatArray) -> FloatArray:
+    """Return the (n, n) covariance in the unit cube of the curvature and the (B, n) sums of gradients in each block.
 
     The curvature of the ignorance, R = (noise / _IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
     direction that no error sees gets _IGNORANCE, one that all see is not touched, and none gets more: where the scatter
-    of a few blocks claims more than the bounds allow, the bounds say more than it.
+    of a few blocks claims more than the bounds allow, the bounds say more than it. The (n,) `doubt` in the curvature, from
+    finite differences of the second order whose relative error is about the square of that of the first, counts alike:
+    otherwise numbers that the data cannot tell apart would be told apart by errors of the derivatives.
     """
-    n = jacobian.shape[2]
-    curvature, gradients = np.zeros((n, n)), np.zeros((len(rows), n))
-    for part in (slice(0, 2), slice(2, 3)):
-        error, slope = rows[:, part], jacobian[:, part]
-        scale = max(float(np.median(np.linalg.norm(error, axis=1))), 1e-12)
-        q = 1.0 + (error**2).sum(axis=1) / scale**2
-        outer = np.eye(error.shape[1]) / np.sqrt(q)[:, None, None]
-        outer -= error[:, :, None] * error[:, None, :] / (scale**2 * q**1.5)[:, None, None]
-        curvature += np.einsum("k,kia,kij,kjb->ab", weight / scale, slope, outer, slope, optimize=True)
-        gradients += np.einsum("k,ki,kia->ka", weight / (scale * np.sqrt(q)), error, slope, optimize=True)
-    _, member = np.unique(block, return_inverse=True)
-    blocks = int(member.max()) + 1
-    sums = np.zeros((blocks, n))
-    np.add.at(sums, member, gradients)
-    sums -= sums.mean(axis=0)  # at an optimum of the cost itself it is nothing
-    scatter = sums.T @ sums * (blocks / max(blocks - 1, 1))
+    blocks = len(sums)
+    centred = sums - sums.mean(axis=0)  # at an optimum of least squares the mean is nothing
+    scatter = centred.T @ centred * (blocks / max(blocks - 1, 1))
     noise = float(np.trace(scatter)) / max(float(np.trace(curvature)), 1e-300)
-    ridge = max(noise, 1e-300) / _IGNORANCE**2
-    inverse = np.linalg.inv(curvature + ridge * np.eye(n))
-    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * _IGNORANCE) ** 2 * np.eye(n)) @ inverse)
+    ridge = np.diag(np.maximum(max(noise, 1e-300) / _IGNORANCE**2, doubt))
+    inverse = np.linalg.inv(curvature + ridge)
+    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * _IGNORANCE) ** 2) @ inverse)
     return np.asarray((axes * np.clip(spread, 0.0, _IGNORANCE**2)) @ axes.T)
 
 

@@ -61,7 +61,8 @@ def _fit_section(model: str) -> Section:
             "search",
             lambda search, progress: fit(
                 model, _FITTED_TO, _PROFILE, held_out=_HELD_OUT, objective="path", population=settings.fit_population,
-                generations=settings.fit_generations, search=FitSearch(**search, seed=settings.seed), progress=progress,
+                generations=settings.fit_generations, progress=progress,
+                search=FitSearch(**search, seed=settings.seed, method="jde"),
             ),
         )  # fmt: skip
         caption = (

@@ -171,7 +171,7 @@ class Counted:
 
     def __init__(self, problem: FitProblem, threads: int) -> None:
         self.problem, self.threads, self.evaluations, self.least = problem, threads, 0, np.inf
-        self.robust, self.began = problem.robust, time.process_time()
+        self.robust, self.cheap, self.began = problem.robust, problem.cheap, time.process_time()
 
     def residuals(self, points: FloatArray, workers: int = 0) -> FloatArray:
         """(S, K) residuals [m] of (S, n) points of the unit cube; a kilometre in all for one that is impossible."""

@@ -38,18 +38,14 @@ def truth(lab: Profile, names: tuple[str, ...]) -> FloatArray:
 
 @pytest.mark.parametrize("objective", ["sync", "path"])
 def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(lab: Profile, objective: Any) -> None:
-    """Twelve candidates over four generations are nowhere near; least squares go on to the truth.
-
-    A path does not tell when the robot was where, so its delay stays open.
-    """
-    free = FREE if objective == "sync" else FREE[:-1]
-    options = {**quick(free=free), "objective": objective}
+    """Twelve candidates over four generations are nowhere near; least squares go on to the truth."""
+    options = {**quick(), "objective": objective}
     short = fit("improved", "traj4@improved", lab, method="jde", **options)
     whole = fit("improved", "traj4@improved", lab, method="hybrid", **options)
     assert whole.evaluations_by_stage["jde"] == short.evaluations
     assert whole.evaluations == sum(whole.evaluations_by_stage.values())
     assert whole.cost < 0.05 * short.cost
-    for parameter, wanted in zip(whole.parameters, truth(lab, free), strict=True):
+    for parameter, wanted in zip(whole.parameters, truth(lab, FREE), strict=True):
         assert abs(parameter.share(parameter.value) - parameter.share(wanted)) < RECOVERED, parameter.name
 
 
@@ -141,6 +137,7 @@ class Plateau:
     """Errors that a second number changes only in the lower half of its bounds, where the optimum lies."""
 
     robust = False
+    cheap = False
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return errors of (S, 2) points."""
@@ -160,7 +157,7 @@ class Line:
     """A straight line through points of which some lie far off."""
 
     def __init__(self, outliers: int, robust: bool = False) -> None:
-        self.robust = robust
+        self.robust, self.cheap = robust, False
         rng = np.random.default_rng(1)
         self.x = np.linspace(-1.0, 1.0, 60)
         self.y = 0.3 + 0.4 * self.x + rng.normal(0.0, 0.01, 60)
@@ -217,7 +214,7 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
             assert np.allclose(squares, wanted, rtol=1e-12)
         else:
             assert isinstance(problem._raters[0][0], PathRater)
-            assert np.all(np.sqrt(squares) <= problem.costs(points))
+            assert np.all(np.sqrt(squares) <= 1.1 * problem.costs(points))  # the faint errors at equal times come on top
 
 
 @pytest.mark.parametrize(("position", "yaw", "terms"), [(1.0, 1.0, 3), (0.0, 1.0, 1), (1.0, 0.0, 2)])

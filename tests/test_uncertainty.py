@@ -42,7 +42,7 @@ class Wave:
     blocks = np.floor(T)
 
     def __init__(self, noise: FloatArray, robust: bool) -> None:
-        self.robust = robust
+        self.robust, self.cheap = robust, False
         self.seen = self.shape @ [0.4, 0.6] + noise
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:

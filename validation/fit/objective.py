@@ -27,6 +27,7 @@ MOST_HORIZONS = 100
 _WINDOW_STRIDE = 1.0  # windows of the horizon cost begin this far apart [s]: noise of single poses averages out
 _BLOCK_S = 6.0  # errors that begin within one block of time count as one observation [s]: they share poses and ground
 _SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
+_FAINT = 0.02  # weight of errors at equal times beside distances between paths
 _SYNC_STRIDE_S = 0.1  # time between the signed errors of a comparison at equal times [s]
 
 
@@ -165,19 +166,21 @@ class PathRater(SyncRater):
     @property
     def blocks(self) -> FloatArray:
         """(K,) number of the block of time that each residual belongs to; the error of the length has one of its own."""
-        return np.append(np.repeat(self._blocks, 2), self._blocks[-1] + 1.0)
+        return np.concatenate([np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks])
 
     def residuals(self, poses: FloatArray) -> FloatArray:
-        """Return (S, K) errors: offsets from the true path to the candidate's, and the error of the length.
+        """Return (S, K) errors: offsets from the true path to the candidate's, the error of the length, and faint ones of time.
 
-        Their squares add up to (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no derivative.
+        The squares of the first two add up to (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no
+        derivative. A path does not tell when the robot was where, so errors at equal times choose between equal paths.
         """
         s, root = self._cost, math.sqrt(self._weight)
         offsets = path_offsets(np.ascontiguousarray(poses), self._truth.pose, self._every)
         share = s.k_rms / math.sqrt(offsets.shape[1])
         lengths = [np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, self._truth.pose[None])]
         ratio = s.k_ratio * (1.0 - lengths[0] / lengths[1])
-        return root * np.concatenate([share * offsets.reshape(len(poses), -1), ratio[:, None]], axis=1)
+        timing = _FAINT * s.k_rms * super().residuals(poses)
+        return np.concatenate([root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing], axis=1)
 
     def cost(self, poses: FloatArray) -> FloatArray:
         """Return K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| of each candidate."""

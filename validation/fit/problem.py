@@ -119,6 +119,11 @@ class FitProblem:
         return self.cost.objective == "horizon"
 
     @property
+    def cheap(self) -> bool:
+        """Return whether many motions cost little: those of planar models along scenarios."""
+        return plant_kind(self.model).together and self.cost.objective != "horizon"
+
+    @property
     def blocks(self) -> FloatArray:
         """(K,) number of the block of time that each residual belongs to."""
         return np.concatenate([rater.blocks for raters in self._raters for rater in raters])

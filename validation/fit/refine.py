@@ -27,10 +27,10 @@ STEP = 0.02
 much smaller one would measure the rounding."""
 INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
-TOLERANCE = 1e-4
-"""Relative change of the sum of squares, or of the point, at which least squares end."""
-MOST_DESCENT = 25
-"""Greatest number of steps from one start, with one scale."""
+TOLERANCE, FINE = 1e-4, 1e-6
+"""Relative change of the sum of squares, or of the point, at which least squares end; the finer one where motions are cheap."""
+MOST_DESCENT, MOST_FINE = 25, 60
+"""Greatest number of steps from one start, with one scale; the greater one where motions are cheap."""
 TRIAL, HOPELESS = 10, 2.0
 """A later start is given up if its errors, after so many steps, are still so many times those at the best end before."""
 MOST_SCALES, SAME_SCALE = 5, 0.8
@@ -44,6 +44,11 @@ class Residuals(Protocol):
     @property
     def robust(self) -> bool:
         """Return whether errors beyond their median count by their size, and not by its square (`soft_l1`)."""
+        ...
+
+    @property
+    def cheap(self) -> bool:
+        """Return whether many motions cost little, so that the optimum may be found finely."""
         ...
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
@@ -197,10 +202,11 @@ def descend(
         return start, math.inf
     scale, end, box = median_size(first), begin, (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
     trial = [TRIAL] if math.isfinite(goal) else []
-    for most in [*trial, *[MOST_DESCENT] * (MOST_SCALES if robust else 1)]:
+    tolerance, descent = (FINE, MOST_FINE) if problem.cheap else (TOLERANCE, MOST_DESCENT)
+    for most in [*trial, *[descent] * (MOST_SCALES if robust else 1)]:
         end = least_squares(
             errors, begin, jac=jacobian, bounds=box, method="trf", loss="soft_l1" if robust else "linear", f_scale=scale,
-            xtol=TOLERANCE, ftol=TOLERANCE, gtol=None, max_nfev=most,
+            xtol=tolerance, ftol=tolerance, gtol=None, max_nfev=most,
         ).x  # fmt: skip
         begin, before, scale = np.clip(end, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE), scale, median_size(errors(end))
         if total_size(errors(end), robust) > HOPELESS * goal or (most != TRIAL and scale > SAME_SCALE * before):

@@ -169,7 +169,7 @@ class PathRater(SyncRater):
         return np.concatenate([np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks])
 
     def residuals(self, poses: FloatArray) -> FloatArray:
-        """Return (S, K) errors: offsets from the true path to the candidate's, the error of the length, and faint ones of time.
+        """Return (S, K) errors: offsets from the true path to the candidate's, error of the length, and faint ones of time.
 
         The squares of the first two add up to (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no
         derivative. A path does not tell when the robot was where, so errors at equal times choose between equal paths.

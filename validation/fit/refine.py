@@ -28,7 +28,7 @@ much smaller one would measure the rounding."""
 INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
 TOLERANCE, FINE = 1e-4, 1e-6
-"""Relative change of the sum of squares, or of the point, at which least squares end; the finer one where motions are cheap."""
+"""Relative change of the sum of squares, or of the point, at which least squares end; finer where motions are cheap."""
 MOST_DESCENT, MOST_FINE = 25, 60
 """Greatest number of steps from one start, with one scale; the greater one where motions are cheap."""
 TRIAL, HOPELESS = 10, 2.0

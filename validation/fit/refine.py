@@ -156,6 +156,12 @@ def error_slopes(
     back = np.where((point - steps >= 0.0) & (point - steps <= 1.0), -steps, 0.0) if central else np.zeros(len(point))
     ends = [point + np.diag(steps), *([point + np.diag(back)] if central else [])]
     found = errors_at(np.vstack([point, *ends]))
+    dead = ~np.isfinite(found[1 : len(point) + 1]).all(axis=1) & (point - steps >= 0.0) & (point - steps <= 1.0)
+    if dead.any():  # an impossible neighbour, such as dynamic friction above static: the other side tells the slope
+        found[1 + np.flatnonzero(dead)] = errors_at((point - np.diag(steps))[dead])
+        steps, back = np.where(dead, -steps, steps), np.where(dead, 0.0, back)
+        if central:
+            found[1 + len(point) + np.flatnonzero(dead)] = found[0]
     ahead, behind = found[1 : len(point) + 1], found[len(point) + 1 :] if central else found[:1]
     return found[0], ((ahead - behind) / (steps - back)[:, None]).T
 

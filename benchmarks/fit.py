@@ -33,8 +33,9 @@ from rich.table import Table
 from scipy.optimize import differential_evolution, least_squares
 
 from benchmarks.rows import MissingError, Row, alternate, optional, report
+from ssmr.lanes import run_population
 from ssmr.search.jde import Jde, JdeSettings
-from ssmr.simulation import SAMPLE_DT, PlanarModel, run_population
+from ssmr.simulation import SAMPLE_DT, PlanarModel
 from ssmr.types import FloatArray, State
 from validation import cli
 from validation.fit.objective import FitCost

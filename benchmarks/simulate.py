@@ -13,6 +13,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +30,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.rows import MissingError, Row, alternate, optional, report
 from ssmr.errors import SsmrError
+from ssmr.lanes import run_population
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.paths import nearest_squared
 from ssmr.models import improved, linear
@@ -45,7 +47,6 @@ from ssmr.simulation import (
     PlanarMotion,
     PlanarPlant,
     run_planar,
-    run_population,
 )
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
@@ -128,7 +129,7 @@ def planar_rows(commands: Commands, repeats: int) -> list[Row]:
             section = profile.plants[name]
             references = wheel_references(commands, section.drive, PLANAR_DT, State())
             mine, theirs = np.empty((1 + len(references), COLUMNS)), np.empty((len(references), COLUMNS))
-            robot = PlanarModel(section.parameters, section.vehicle, section.drive).packed()
+            robot = PlanarModel(section.parameters, section.vehicle, section.drive).packed(PLANAR_DT)
             in_numba = partial(simulate_in_numba, robot, references, mine)
             in_c = partial(simulate_in_c, library, name, robot, references, theirs)
             if np.isnan(in_c()):
@@ -153,7 +154,7 @@ def peer_rows(commands: Commands, repeats: int) -> list[Row]:
     }
     section = profile.plants["improved"]
     references = wheel_references(commands, section.drive, PLANAR_DT, State())
-    robot = PlanarModel(section.parameters, section.vehicle, section.drive).packed()
+    robot = PlanarModel(section.parameters, section.vehicle, section.drive).packed(PLANAR_DT)
 
     def rates(t: float, s: np.ndarray) -> np.ndarray:
         reference = references[min(int(t / PLANAR_DT), len(references) - 1)]
@@ -209,6 +210,44 @@ def population_row(commands: Commands, repeats: int) -> Row:
     finally:
         numba.set_num_threads(most)
     return Row(f"population of {POPULATION}: one thread / two threads", one / two, ">= 1.8", two, one, one >= 1.8 * two)
+
+
+def _poses_of(plants: Sequence[PlanarPlant], commands: Commands) -> list[FloatArray]:
+    return [plant.run(commands, State(), SAMPLE_DT).pose for plant in plants]
+
+
+def lane_rows(commands: Commands, repeats: int) -> list[Row]:
+    """64 candidates of each planar model side by side in lanes against the same ones, one by one, on one thread.
+
+    Raises:
+        SsmrError: the poses differ by a bit.
+    """
+    profile, rows, most = load_profile("thesis-lab"), [], numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        for name in PLANAR_MODELS:
+            section = profile.plants[name]
+            drives = [replace(section.drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i) for i in range(POPULATION)]
+            models = [PlanarModel(section.parameters, section.vehicle, drive) for drive in drives]
+            plants, starts = [PlanarPlant(model) for model in models], [State()] * POPULATION
+            together = partial(run_population, models, commands, starts, SAMPLE_DT)
+            one_by_one = partial(_poses_of, plants, commands)
+            if not np.array_equal(together(), one_by_one()):
+                raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
+            lanes, single = alternate(together, one_by_one, repeats=repeats)
+            rows.append(
+                Row(
+                    f"{name}: {POPULATION} robots one by one / in lanes",
+                    single / lanes,
+                    ">= 6",
+                    lanes,
+                    single,
+                    single >= 6 * lanes,
+                )
+            )
+    finally:
+        numba.set_num_threads(most)
+    return rows
 
 
 def former_model(section: PlantProfile) -> mujoco.MjModel:
@@ -347,7 +386,12 @@ def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31, q
     few = 1 if quick else max(3, repeats // 3)
     rows = optional(quick, lambda: planar_rows(commands, often)) or []
     rows += [] if quick else peer_rows(commands, repeats)
-    rows += [population_row(commands, few), *mujoco_rows(commands, few), *metric_rows(commands, often)]
+    rows += [
+        population_row(commands, few),
+        *lane_rows(commands, few),
+        *mujoco_rows(commands, few),
+        *metric_rows(commands, often),
+    ]
     report("benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out)
 
 

@@ -27,6 +27,7 @@ from .errors import SsmrError as SsmrError
 from .errors import UnhealthyRunError as UnhealthyRunError
 from .estimation.ekf import EkfSettings as EkfSettings
 from .estimation.ekf import run_ekf as run_ekf
+from .lanes import run_population as run_population
 from .metrics.declared import Metrics as Metrics
 from .metrics.declared import compare_paths as compare_paths
 from .metrics.poses import HorizonErrors as HorizonErrors
@@ -50,7 +51,6 @@ from .search.space import Parameter as Parameter
 from .search.space import ParameterSpace as ParameterSpace
 from .simulation import PlanarModel as PlanarModel
 from .simulation import PlanarPlant as PlanarPlant
-from .simulation import run_population as run_population
 from .simulation import simulate as simulate
 from .types import Commands as Commands
 from .types import Plant as Plant

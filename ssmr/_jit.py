@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core import cgutils, types
 from numba.core import config as numba_config
-from numba.core import types
-from numba.extending import overload
+from numba.extending import intrinsic, overload
 
 from ssmr.types import FloatArray
 
@@ -88,6 +88,11 @@ def jit(function: F) -> F:
     return _compile(function, forceinline=True)
 
 
+def jit_alone(function: F) -> F:
+    """Compile like `jit`, but not inlined: a long loop, which is compiled once and not again wherever it is called."""
+    return _compile(function)
+
+
 def jit_parallel(function: F) -> F:
     """Compile like `jit`, and spread every `numba.prange` over the threads of `numba.set_num_threads`."""
     return _compile(function, parallel=True)
@@ -117,6 +122,11 @@ def named_like(template: T, row: FloatArray) -> T:
     raise NotImplementedError("named_like works in compiled functions only")
 
 
+def built_in(function: Any) -> Any:
+    """Return a function that writes LLVM instructions into the compiled functions which call it, see numba's `intrinsic`."""
+    return intrinsic(prefer_literal=True)(function)
+
+
 @overload(named_like, strict=False)
 def _named_like(template: Any, row: Any) -> Any:
     kind = template.instance_class
@@ -126,3 +136,40 @@ def _named_like(template: Any, row: Any) -> Any:
     source = f"def read(template, row):\n    return kind({', '.join(numbers)})"  # numba types no loop over mixed fields
     exec(source, names)  # nosec B102 # the source is made of numbers alone
     return names["read"]
+
+
+@built_in
+def prefer_wide_vectors(typing: Any) -> Any:
+    """Let the compiled function that calls this use the widest vectors of the processor; for compiled functions only.
+
+    LLVM otherwise prefers half the width on many processors, lest they lower their clock for code that gains little by it.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        attributes = builder.function.attributes
+        if isinstance(attributes, set):  # llvmlite's own `add` knows no attributes with values
+            set.add(attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.void(), build
+
+
+@built_in
+def copy_numbers(typing: Any, target: Any, at: Any, origin: Any, first: Any, count: Any) -> Any:
+    """Copy `count` numbers, a constant, of one contiguous array from index `first` on into another from `at` on.
+
+    A loop would not do: where the compiler cannot tell that the arrays are different ones, it copies number by number, and a
+    processor that then reads several of them as one vector waits until all have left its store buffer.
+    """
+    if not isinstance(count, types.IntegerLiteral):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        to, start, of, begin, _ = arguments
+        here = builder.gep(context.make_array(signature.args[0])(context, builder, to).data, [start])
+        there = builder.gep(context.make_array(signature.args[2])(context, builder, of).data, [begin])
+        copy: Any = cgutils.raw_memcpy
+        copy(builder, here, there, context.get_constant(types.intp, count.literal_value), 8)
+        return context.get_dummy_value()
+
+    return types.void(target, at, origin, first, count), build

@@ -166,4 +166,5 @@ def numbers_of(kind: type) -> Any:
 
 def packed(owner: Any) -> Any:
     """Return the numbers of a dataclass instance as a named tuple for compiled functions: `packed(vehicle).mass`."""
-    return numbers_of(type(owner))(*(float(getattr(owner, f.name)) for f in fields(owner)))
+    kind = numbers_of(type(owner))
+    return kind._make([float(getattr(owner, name)) for name in kind._fields])

@@ -7,29 +7,20 @@ its pose follows by the midpoint rule with v_y = -x_ICR omega (Eq. 2.2, 2.10, 2.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
-from ssmr._jit import jit, jit_parallel, named_like
+from ssmr._jit import jit, named_like
+from ssmr._trig import fused, sine_cosine
 from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
-from ssmr.models.law import PlanarRobot, advance, law_of
+from ssmr.models.law import PlanarRobot, advance, constants_like, law_of
 from ssmr.parameters import packed
-from ssmr.robot.drive import (
-    DRIVE_TEMPLATE,
-    Driver,
-    Sides,
-    drive_numbers,
-    fill_references,
-    wheel_references,
-    whole_steps,
-)  # fmt: skip
+from ssmr.robot.drive import Driver, Sides, wheel_references, whole_steps
 from ssmr.robot.motor import Motor, Wanted, advance_integral, motor_numbers, side_rates
-from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 
 _COLUMNS = 13
@@ -41,7 +32,7 @@ PLANAR_DT = 0.001
 SAMPLE_DT = 0.008
 """Default sample period of trajectories [s]: the lab's tracking system (Tab. 3.5)."""
 
-_VEHICLE, _MOTOR = packed(Vehicle()), Motor(0.0, 0.0, 0.0, 0.0, 0.0)
+_BODY, _MOTOR = vehicle_body(packed(Vehicle())), Motor(*(0.0,) * len(Motor._fields))
 """Templates for `named_like`."""
 
 
@@ -66,16 +57,16 @@ def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot:
     v, w, torque_left, torque_right = advance(
         now.v, now.w, Wanted(wheels.left, wheels.right, left, right), disturbance, dt, robot
     )
-    v_mid, w_mid = 0.5 * (now.v + v), 0.5 * (now.w + w)
-    heading = now.yaw + 0.5 * dt * w_mid
-    c, s = math.cos(heading), math.sin(heading)
-    x = now.x + dt * (v_mid * c + robot.x_icr * w_mid * s)  # Eq. 2.13
-    y = now.y + dt * (v_mid * s - robot.x_icr * w_mid * c)
+    half, v_twice, w_twice = 0.5 * dt, now.v + v, now.w + w  # twice the velocities in the middle of the step
+    s, c = sine_cosine(fused(0.5 * half, w_twice, now.yaw))
+    aside = robot.x_icr * w_twice
+    x = fused(half, fused(v_twice, c, aside * s), now.x)  # Eq. 2.13
+    y = fused(half, fused(v_twice, s, -aside * c), now.y)
     if robot.motor.integral_gain > 0.0 and not robot.obeys:
-        mean = side_rates(v_mid, w_mid, robot.vehicle)
-        left = advance_integral(left, wheels.left - mean.left, dt, robot.motor)
-        right = advance_integral(right, wheels.right - mean.right, dt, robot.motor)
-    return PlanarMotion(x, y, now.yaw + dt * w_mid, v, w, torque_left, torque_right, left, right)
+        mean = side_rates(0.5 * v_twice, 0.5 * w_twice, robot.vehicle)
+        left = advance_integral(left, wheels.left - mean.left, robot.motor)
+        right = advance_integral(right, wheels.right - mean.right, robot.motor)
+    return PlanarMotion(x, y, fused(half, w_twice, now.yaw), v, w, torque_left, torque_right, left, right)
 
 
 @jit
@@ -137,54 +128,19 @@ def run_planar(
     return -1, now
 
 
-class _Inputs(NamedTuple):
-    """Inputs of a whole population."""
-
-    values: FloatArray  # (N, 2) commands
-    before: FloatArray  # (2,) twist commanded before the first command
-    prescribed: bool  # whether the values are the wheel rates themselves
-    dt: float  # physics step [s]
-    stride: int  # steps between samples
-
-
-@jit_parallel
-def _run_population(
-    kind: Any, inputs: _Inputs, drives: FloatArray, robots: FloatArray, starts: FloatArray, poses: FloatArray
-) -> None:
-    """Drive S candidates at once, one a thread; write (S, M, 3) poses, NaN where a candidate diverges.
-
-    `kind` is a template of the model's parameters; `drives` are (S, 12) `DriveNumbers`, `robots` (S, k) rows of `robot_row`,
-    `starts` (S, 7) x, y, yaw, v, omega, left and right wheel rate.
-    """
-    for i in numba.prange(len(robots)):
-        drive, robot = named_like(DRIVE_TEMPLATE, drives[i]), robot_from_row(kind, robots[i])
-        x, y, yaw, v, w, left, right = starts[i]
-        references = np.empty((len(inputs.values) * drive.period, 2))
-        if inputs.prescribed:
-            for k in range(len(references)):
-                references[k] = inputs.values[k // drive.period]
-        else:
-            fill_references(inputs.values, drive, (inputs.before[0], inputs.before[1]), Sides(left, right), references)
-        out = np.empty((1 + len(references) // inputs.stride, _COLUMNS))
-        start = PlanarMotion(x, y, yaw, v, w, 0.0, 0.0, 0.0, 0.0)
-        failed, _ = run_planar(references, np.zeros(1), inputs.dt, inputs.stride, robot, start, out)
-        if failed >= 0:
-            poses[i] = np.nan
-        else:
-            poses[i] = out[:, :3]
-
-
 def robot_row(robot: PlanarRobot) -> list[float]:
     """Return a robot's numbers one after the other: a population passes one such row a robot into compiled functions."""
-    return [*robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, float(robot.obeys)]
+    return [*robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, float(robot.obeys), *robot.constants]
 
 
 @jit
 def robot_from_row(kind: Any, row: FloatArray) -> PlanarRobot:
     """Return the robot of a row of `robot_row`; `kind` is a template of the model's parameters."""
-    vehicle, n = named_like(_VEHICLE, row), len(_VEHICLE)
-    parameters, motor = named_like(kind, row[n:]), named_like(_MOTOR, row[-2 - len(_MOTOR) :])
-    return PlanarRobot(vehicle, parameters, motor, row[-2], row[-1] != 0.0)
+    n = len(_BODY)
+    end = n + len(kind) + len(_MOTOR)
+    parameters, motor = named_like(kind, row[n:]), named_like(_MOTOR, row[n + len(kind) :])
+    constants = constants_like(kind, row[end + 2 :])
+    return PlanarRobot(named_like(_BODY, row), parameters, motor, row[end], row[end + 1] != 0.0, constants)
 
 
 @dataclass(frozen=True)
@@ -203,11 +159,11 @@ class PlanarModel:
         """Name of the model."""
         return law_of(self.parameters).name
 
-    def packed(self) -> PlanarRobot:
-        """Return the numbers for compiled functions."""
-        law = law_of(self.parameters)
-        x_icr = float(law.rotation_centre(self.vehicle, self.parameters))
-        return PlanarRobot(packed(self.vehicle), packed(self.parameters), motor_numbers(self.drive), x_icr, law.obeys)
+    def packed(self, dt: float) -> PlanarRobot:
+        """Return the numbers for compiled functions and physics steps `dt` [s]."""
+        law, body, parameters = law_of(self.parameters), vehicle_body(packed(self.vehicle)), packed(self.parameters)
+        x_icr, constants = float(law.rotation_centre(self.vehicle, self.parameters)), law.constants(body, parameters, dt)
+        return PlanarRobot(body, parameters, motor_numbers(self.drive, dt), x_icr, law.obeys, constants)
 
     def prescribed(self) -> PlanarModel:
         """Return the model for given wheel rates, which the wheels keep whatever torque that takes.
@@ -242,7 +198,7 @@ class PlanarPlant:
             ValueError: the drive's hold is no whole number of steps.
         """
         whole_steps(model.drive.hold, dt, "the drive's hold")
-        self.name, self.dt, self._model, self._robot = model.name, dt, model, model.packed()
+        self.name, self.dt, self._model, self._robot = model.name, dt, model, model.packed(dt)
         self.reset(State())
 
     def _advance(
@@ -278,7 +234,7 @@ class PlanarPlant:
         push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
         if disturbance is not None and len(push) != len(references):
             raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
-        robot = self._model.prescribed().packed() if commands.kind == "wheels" else self._robot
+        robot = self._model.prescribed().packed(self.dt) if commands.kind == "wheels" else self._robot
         out, _ = self._advance(references, push, stride, _motion(state), robot)
         channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
         channels["yaw_acceleration_range_rad_s2"] = out[:, 11:13]
@@ -319,39 +275,3 @@ def simulate(
             rows.append(now)
     table = np.array([astuple(row) for row in rows])
     return Trajectory(sample_dt * np.arange(len(rows), dtype=np.float64), table[:, :3], table[:, 3:6], table[:, 6:8])
-
-
-def run_population(
-    models: Sequence[PlanarModel], commands: Commands, starts: Sequence[State], sample_dt: float, dt: float = PLANAR_DT
-) -> FloatArray:
-    """Drive many candidates of one model with the same inputs, one a thread (`numba.set_num_threads`).
-
-    Args:
-        models: S candidates of the same kind.
-        commands: commands that all of them get.
-        starts: state from which each starts.
-        sample_dt: time between samples [s].
-        dt: physics step [s].
-
-    Returns:
-        (S, M, 3) poses; a candidate that diverges is NaN throughout, for the caller to rate.
-
-    Raises:
-        ValueError: candidates of different kinds, or periods that are no whole number of steps.
-    """
-    if len({type(m.parameters) for m in models}) != 1:
-        raise ValueError("a population is one kind of model")
-    prescribed = commands.kind == "wheels"
-    stride = whole_steps(sample_dt, dt, "the sample period")
-    robots = [(m.prescribed() if prescribed else m).packed() for m in models]
-    drives = np.array([drive_numbers(m.drive, commands.dt, dt) for m in models], dtype=np.float64)
-    poses = np.empty((len(models), 1 + commands.n * whole_steps(commands.dt, dt, "the command period") // stride, 3))
-    _run_population(
-        robots[0].parameters,
-        _Inputs(commands.values, np.array(commands.before, dtype=np.float64), prescribed, dt, stride),
-        drives,
-        np.array([robot_row(r) for r in robots]),
-        np.array([(s.x, s.y, s.yaw, s.v_x, s.yaw_rate, s.wheel_left, s.wheel_right) for s in starts], dtype=np.float64),
-        poses,
-    )
-    return poses

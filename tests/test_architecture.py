@@ -13,10 +13,10 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (
     {"ssmr.errors", "ssmr.types", "ssmr.parameters"},
     {"ssmr._jit", "ssmr.geometry", "ssmr.scenarios"},
-    {"ssmr.robot", "ssmr.search", "ssmr.metrics"},
+    {"ssmr._trig", "ssmr.robot", "ssmr.search", "ssmr.metrics"},
     {"ssmr.models", "ssmr.estimation"},
     {"ssmr.simulation"},
-    {"ssmr.control"},
+    {"ssmr.control", "ssmr.lanes"},
     {"validation.thesis", "validation.store", "validation.reading", "validation.progress", "validation.words"},
     {"validation.logs", "validation.simulator"},
     {"validation.engines"},

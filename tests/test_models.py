@@ -13,16 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.errors import DivergedError
+from ssmr.lanes import run_population
 from ssmr.models import coulomb, kinematic, linear
 from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.friction import improved_friction
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
-from ssmr.parameters import packed
 from ssmr.robot.motor import Wanted
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulation import PlanarModel, PlanarPlant, run_population
+from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, State
 from tests.conftest import EXACT, ROUNDOFF
 
@@ -65,8 +65,8 @@ def lagrange(v: float, w: float, yaw: float, torques: tuple[float, float], p: Co
 @given(v=speeds, w=speeds, yaw=st.floats(-3.0, 3.0), ref=st.tuples(st.floats(-9, 9), st.floats(-9, 9)))
 def test_coulomb_accelerations_follow_from_the_lagrangian(v: float, w: float, yaw: float, ref: tuple[float, float]) -> None:
     p = CoulombParameters(u_x=0.07, mu_c=0.3, gain=60.0)
-    robot = PlanarModel(p, SKEWED, Drive()).packed()
-    resist = coulomb.resistance(v, w, robot.vehicle, robot.parameters)
+    robot = PlanarModel(p, SKEWED, Drive()).packed(0.001)
+    resist = coulomb.resistance(v, w, robot)
     dv, dw, torques = coulomb.accelerations(v, w, Wanted(*ref, 0.0, 0.0), resist, robot)
     assert np.allclose([dv, dw], lagrange(v, w, yaw, torques, p, SKEWED), rtol=1e-11, atol=1e-10)
 
@@ -74,7 +74,8 @@ def test_coulomb_accelerations_follow_from_the_lagrangian(v: float, w: float, ya
 @given(v=speeds, w=speeds)
 def test_the_simplifications_of_2_2_3_are_a_case_of_coulomb(v: float, w: float) -> None:
     """With a = b and x_ICR = 0 the moment is mu m g a sgn(omega), and R_x is u_x m g if both sides roll forward."""
-    force, moment = coulomb.resistance(v, w, packed(VEHICLE), packed(CoulombParameters(u_x=0.1, mu_c=0.2)))
+    robot = PlanarModel(CoulombParameters(u_x=0.1, mu_c=0.2), VEHICLE, LOOSE).packed(0.001)
+    force, moment = coulomb.resistance(v, w, robot)
     load = VEHICLE.mass * VEHICLE.gravity
     skid = 0.2 * load * VEHICLE.a * np.sign(w)
     sides = np.sign([v - VEHICLE.half_track * w, v + VEHICLE.half_track * w])
@@ -84,7 +85,8 @@ def test_the_simplifications_of_2_2_3_are_a_case_of_coulomb(v: float, w: float) 
 
 def test_axle_loads_balance_about_the_centre_of_gravity() -> None:
     """Eq. 2.17: a rear axle farther from the centre of gravity carries less."""
-    force, _ = coulomb.resistance(1.0, 0.0, packed(SKEWED), packed(CoulombParameters(u_x=1.0, mu_c=0.0)))
+    robot = PlanarModel(CoulombParameters(u_x=1.0, mu_c=0.0), SKEWED, LOOSE).packed(0.001)
+    force, _ = coulomb.resistance(1.0, 0.0, robot)
     assert force == pytest.approx(SKEWED.mass * SKEWED.gravity)
     front, rear = SKEWED.a / (SKEWED.a + SKEWED.b), SKEWED.b / (SKEWED.a + SKEWED.b)
     assert front * SKEWED.b == pytest.approx(rear * SKEWED.a)
@@ -191,10 +193,11 @@ def test_linear_saturated_start_takes_as_long_as_the_torque_allows() -> None:
 @given(left=speeds, right=speeds, x_icr=st.floats(-0.3, 0.3), y_l=st.floats(0.2, 1.0), y_r=st.floats(-1.0, -0.2))
 def test_each_side_has_its_centre_of_rotation(left: float, right: float, x_icr: float, y_l: float, y_r: float) -> None:
     """The body's velocity at (x_ICR, y_l) is the left tread's: forward alpha_l left, sideways nothing."""
-    v_x, v_y, w = kinematic.body_velocity(left, right, packed(KinematicParameters(0.9, 0.8, x_icr, y_l, y_r)))
-    assert v_x - w * y_l == pytest.approx(0.9 * left, abs=1e-9)
-    assert v_x - w * y_r == pytest.approx(0.8 * right, abs=1e-9)
-    assert v_y + w * x_icr == pytest.approx(0.0, abs=1e-12)
+    robot = PlanarModel(KinematicParameters(0.9, 0.8, x_icr, y_l, y_r), VEHICLE, LOOSE).packed(0.001)
+    v_x, w = kinematic.body_velocity(left, right, robot)
+    assert robot.x_icr == x_icr
+    assert v_x - w * y_l == pytest.approx(0.9 * VEHICLE.wheel_radius * left, abs=1e-9)
+    assert v_x - w * y_r == pytest.approx(0.8 * VEHICLE.wheel_radius * right, abs=1e-9)
 
 
 def test_kinematic_drives_circles() -> None:

@@ -17,14 +17,12 @@ from ssmr.robot.drive import Sides
 from ssmr.robot.motor import (
     Wanted,
     advance_integral,
-    apparent_inertia,
     motor_numbers,
     motor_torques,
-    side_radii,
     side_rates,
     thrusts,
 )
-from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.simulation import PlanarModel, PlanarPlant, simulate
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import EXACT
@@ -53,17 +51,17 @@ def wanted(left: float, right: float, integral: float = 0.0) -> Wanted:
 
 
 def test_without_an_integral_part_the_torque_is_proportional_and_limited() -> None:
-    seven = motor_numbers(Drive())
+    seven = motor_numbers(Drive(), 0.001)
     assert motor_torques(wanted(3.0, -3.0), Sides(2.9, -2.9), 100.0, seven) == pytest.approx((10.0, -10.0))
     assert motor_torques(wanted(3.0, -3.0), STILL, 100.0, seven) == (14.0, -14.0)
-    free = motor_numbers(Drive(torque_limit=math.inf, no_load_rate=5.0))
+    free = motor_numbers(Drive(torque_limit=math.inf, no_load_rate=5.0), 0.001)
     assert motor_torques(wanted(3.0, 0.0), STILL, 100.0, free).left == pytest.approx(300.0)
 
 
 @pytest.mark.parametrize("rate", [-8.0, -2.0, 0.0, 3.0, 6.0, 9.0])
 def test_a_motor_at_full_voltage_loses_torque_with_its_rate(rate: float) -> None:
     """From the stall torque to the no-load rate, forwards and backwards; below full voltage the loop does not notice."""
-    motor = motor_numbers(Drive(torque_limit=10.0, no_load_rate=6.0))
+    motor = motor_numbers(Drive(torque_limit=10.0, no_load_rate=6.0), 0.001)
     most, least = (motor_torques(wanted(w, w), Sides(rate, rate), 1e6, motor).left for w in (100.0, -100.0))
     assert most == pytest.approx(20.0 * (1.0 - rate / 6.0))
     assert least == pytest.approx(-20.0 * (1.0 + rate / 6.0))
@@ -72,24 +70,26 @@ def test_a_motor_at_full_voltage_loses_torque_with_its_rate(rate: float) -> None
 
 
 def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> None:
-    motor, error = motor_numbers(LEAKY), 0.01
-    once, often = advance_integral(0.0, error, 0.3, motor), 0.0
+    error, often = 0.01, 0.0
+    once = advance_integral(0.0, error, motor_numbers(LEAKY, 0.3))
     for _ in range(300):
-        often = advance_integral(often, error, 0.001, motor)
+        often = advance_integral(often, error, motor_numbers(LEAKY, 0.001))
     assert once == pytest.approx(often, rel=1e-12)
     assert once == pytest.approx(1900.0 * error * -math.expm1(-0.3 * 800.0 / 1900.0))
-    assert advance_integral(0.0, error, 1e3, motor) == pytest.approx(1900.0 * error)
-    assert advance_integral(0.0, 10.0, 1.0, motor) == 60.0  # a stuck wheel winds up no more than the motor can do
-    true = motor_numbers(replace(LEAKY, dc_stiffness=1e9))
-    assert advance_integral(0.0, error, 0.3, true) == pytest.approx(800.0 * error * 0.3, rel=1e-6)
+    assert advance_integral(0.0, error, motor_numbers(LEAKY, 1e3)) == pytest.approx(1900.0 * error)
+    assert (
+        advance_integral(0.0, 10.0, motor_numbers(LEAKY, 1.0)) == 60.0
+    )  # a stuck wheel winds up no more than the motor can do
+    true = motor_numbers(replace(LEAKY, dc_stiffness=1e9), 0.3)
+    assert advance_integral(0.0, error, true) == pytest.approx(800.0 * error * 0.3, rel=1e-6)
 
 
 @pytest.mark.parametrize("difference", [-0.01, 0.0, 0.008])
 def test_thrust_and_rates_have_one_power(difference: float) -> None:
     """Torque times wheel rate is thrust times ground speed on each side, whatever the sides' radii."""
-    vehicle = packed(Vehicle(radius_difference=difference))
+    vehicle = vehicle_body(packed(Vehicle(radius_difference=difference)))
     rates, torque = side_rates(0.4, 0.3, vehicle), Sides(7.0, -3.0)
-    thrust = thrusts(torque, rates, side_radii(vehicle), motor_numbers(Drive()))
+    thrust = thrusts(torque, rates, vehicle, motor_numbers(Drive(), 0.001))
     speeds = 0.4 - vehicle.effective_half_track * 0.3, 0.4 + vehicle.effective_half_track * 0.3
     assert np.multiply(torque, rates) == pytest.approx(np.multiply(thrust, speeds))
 
@@ -98,7 +98,8 @@ def test_thrust_and_rates_have_one_power(difference: float) -> None:
 def test_spinning_inertia_is_accelerated_too(parameters: object) -> None:
     """At the torque limit a straight start has thrust over m + 2 J / r^2, a turn moment over I + 2 J c c_eff / r^2."""
     vehicle, drive = Vehicle(spin_inertia=0.5, effective_half_track=0.4), Drive(delay_v=0.0, delay_w=0.0)
-    mass, inertia = apparent_inertia(packed(vehicle))
+    body = vehicle_body(packed(vehicle))
+    mass, inertia = body.moved, body.turned
     assert mass == pytest.approx(73.30 + 2 * 0.5 / 0.1651**2)
     plant = PlanarPlant(PlanarModel(parameters, vehicle, drive))
     straight = plant.run(Commands(0.05, np.tile([1.0, 0.0], (4, 1))), State(), 0.01)
@@ -114,7 +115,7 @@ def test_the_integral_part_takes_the_droop_out_of_every_planar_model(parameters:
     motion = PlanarPlant(PlanarModel(parameters, Vehicle(), drive)).run(
         Commands(0.05, np.tile([0.5, 0.3], (400, 1))), State(), 0.05
     )
-    asked = side_rates(0.5, 0.3, packed(Vehicle()))
+    asked = side_rates(0.5, 0.3, vehicle_body(packed(Vehicle())))
     assert np.array(asked) - motion.wheels[-1] == pytest.approx(np.full(2, 4.0 / (60.0 + 1900.0)), rel=1e-3)
 
 
@@ -182,15 +183,15 @@ def spin(drive: Drive, calibration: Calibration, references: FloatArray, load: f
 
 def expected(drive: Drive, calibration: Calibration, references: FloatArray, load: float = 0.0) -> FloatArray:
     """Return the rates of the same wheels by the law of the motor, in twenty small steps a physics step."""
-    motor, inertia = motor_numbers(drive), 2.0 * (calibration.armature + 0.04411)
     dt, rate, integral, rates = calibration.timestep / 20, 0.0, 0.0, []
+    motor, inertia = motor_numbers(drive, dt), 2.0 * (calibration.armature + 0.04411)
     for reference in references:
         for _ in range(20):
             torque = motor_torques(
                 Wanted(reference, reference, integral, integral), Sides(rate, rate), calibration.gain, motor
             )
             before, rate = rate, rate + dt * (torque.left - load) / inertia
-            integral = advance_integral(integral, reference - 0.5 * (before + rate), dt, motor)
+            integral = advance_integral(integral, reference - 0.5 * (before + rate), motor)
         rates.append(rate)
     return np.array(rates)
 

@@ -93,7 +93,7 @@ class PlanarRows(NamedTuple):
     """S planar robots of one kind, as arrays."""
 
     drives: FloatArray
-    """(S, 12) `DriveNumbers`."""
+    """(S, 13) `DriveNumbers`."""
     robots: FloatArray
     """(S, k) rows of `robot_row`."""
 
@@ -146,7 +146,7 @@ def plan_period(
         trackers: the robots' side.
         k: physics step at which the period begins, a tick of the position loop.
         n: physics steps to plan; 0 at the end of the mission.
-        drives: (S, 12) `DriveNumbers`.
+        drives: (S, 13) `DriveNumbers`.
         states: (S, 10) the fields of `Truth`.
         draws: (D, ticks, 8) standard normal numbers, taken in turn.
         batch: state of the loops, advanced in place.
@@ -293,7 +293,7 @@ def run_loops(
     clock = make_clock(waypoints, settings, dt)
     drawn = [draw(clock, settings, seed) for seed in seeds]
     state = start or waypoints.start
-    robots = [p.model.packed() for p in loops]
+    robots = [p.model.packed(dt) for p in loops]
     rows = PlanarRows(
         np.array([drive_numbers(p.model.drive, settings.velocity_period, dt) for p in loops], dtype=np.float64),
         np.array([robot_row(r) for r in robots]),

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from ssmr._jit import jit, named_like
 from ssmr.control.law import Observation
-from ssmr.models.linear import relax
 from ssmr.robot.drive import body_rates, ramp, saturate
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
@@ -153,6 +152,14 @@ def ask(past: FloatArray, sent_at: float, t: float, dt: float, asked: Asked, num
     share = -math.expm1(-dt / numbers.lag) if numbers.lag > 0.0 else 1.0
     lagged_v, lagged_w = asked.lagged_v + share * (v - asked.lagged_v), asked.lagged_w + share * (w - asked.lagged_w)
     return Asked(v, w, lagged_v, lagged_w, asked.gain_v, asked.gain_w, asked.slip)
+
+
+@jit
+def relax(x: float, rate: float, drive: float, dt: float) -> float:
+    """Return x after an exact step of dx/dt = -rate x + drive, for a constant drive."""
+    if rate * dt < 1e-12:
+        return x + dt * drive
+    return x + math.expm1(-rate * dt) * (x - drive / rate)
 
 
 @jit

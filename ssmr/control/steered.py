@@ -225,7 +225,7 @@ class PlanarBodies:
 
     def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
         """Place every robot in `state`; `dt` is the physics step [s]."""
-        self._robots, self._dt = [model.packed() for model in models], dt
+        self._robots, self._dt = [model.packed(dt) for model in models], dt
         self._rows = np.zeros((len(models), len(PlanarMotion._fields)))
         self._rows[:, :5] = state.x, state.y, state.yaw, state.v_x, state.yaw_rate
         self._asked = np.tile([float(state.wheel_left), float(state.wheel_right)], (len(models), 1))

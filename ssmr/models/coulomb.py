@@ -6,14 +6,14 @@ It keeps x_ICR, a and b; the simplified model of Sec. 2.2.3 is the case x_ICR = 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ssmr._jit import jit
-from ssmr.models.friction import coulomb_friction
+from ssmr.models.friction import sign
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import Sides
-from ssmr.robot.motor import Wanted, apparent_inertia, motor_torques, side_radii, side_rates, thrusts
+from ssmr.robot.motor import Wanted, motor_torques, side_rates, thrusts
 
 
 @dataclass(frozen=True)
@@ -32,21 +32,31 @@ class CoulombParameters:
         check_parameters(self)
 
 
+class CoulombConstants(NamedTuple):
+    """Numbers that the law derives from its parameters."""
+
+    rolling: float  # resistance of a side's two wheels [N]
+    skidding: float  # resisting moment of all lateral forces [N m]
+    aside: float  # m x_ICR [kg m]
+
+
+def constants(body: Any, parameters: Any, dt: float) -> CoulombConstants:
+    """Return the numbers of a law with this friction: a wheel resists with mu N sgn(v) (Eq. 2.18), by Eq. 2.17 and 2.19.
+
+    An axle slides sideways with (b - x_ICR) omega or -(a + x_ICR) omega (Eq. 2.7, 2.10), and S^T R has the moment of its
+    force about the centre of rotation, so its lever is also its share of the speed: the moments add up, whatever the signs.
+    """
+    rolling = parameters.u_x * (body.load_front + body.load_rear)
+    front, rear = abs(body.b - body.x_icr) * body.load_front, abs(body.a + body.x_icr) * body.load_rear
+    return CoulombConstants(rolling, 2.0 * parameters.mu_c * (front + rear), body.mass * body.x_icr)
+
+
 @jit
-def resistance(v: float, w: float, vehicle: Any, parameters: Any) -> tuple[float, float]:
+def resistance(v: float, w: float, robot: PlanarRobot) -> tuple[float, float]:
     """Return resisting force [N] and moment [N m] in velocity space: S^T R = (R_x, M_r - x_ICR F_y) (Eq. 2.18-2.28)."""
-    a, b, c, weight = vehicle.a, vehicle.b, vehicle.half_track, vehicle.mass * vehicle.gravity
-    front = weight * a / (2.0 * (a + b))  # N_1 = N_2, Eq. 2.17
-    rear = weight * b / (2.0 * (a + b))  # N_3 = N_4
-    v_left, v_right = v - c * w, v + c * w  # Eq. 2.7
-    v_front, v_rear = (b - vehicle.x_icr) * w, (-a - vehicle.x_icr) * w
-    u_x, mu_c = parameters.u_x, parameters.mu_c
-    left = coulomb_friction(u_x, front, v_left) + coulomb_friction(u_x, rear, v_left)  # wheels 1, 4
-    right = coulomb_friction(u_x, front, v_right) + coulomb_friction(u_x, rear, v_right)  # wheels 2, 3
-    lateral_front = 2.0 * coulomb_friction(mu_c, front, v_front)
-    lateral_rear = 2.0 * coulomb_friction(mu_c, rear, v_rear)
-    moment = b * lateral_front - a * lateral_rear + c * (right - left)  # Eq. 2.19
-    return left + right, moment - vehicle.x_icr * (lateral_front + lateral_rear)
+    c, k = robot.vehicle.half_track, robot.constants
+    left, right = k.rolling * sign(v - c * w), k.rolling * sign(v + c * w)  # wheels 1 and 4, 2 and 3
+    return left + right, k.skidding * sign(w) + c * (right - left)
 
 
 @jit
@@ -58,15 +68,14 @@ def accelerations(
     M = diag(m, I + m x_ICR^2), C eta = m x_ICR omega (omega, -v), E tau = (tau_L + tau_R, c (tau_R - tau_L)) / r.
     """
     vehicle = robot.vehicle
-    mass, x_icr = vehicle.mass, vehicle.x_icr
+    aside = robot.constants.aside * w
     rates = side_rates(v, w, vehicle)
     torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
-    thrust = thrusts(torque, rates, side_radii(vehicle), robot.motor)
+    thrust = thrusts(torque, rates, vehicle, robot.motor)
     resisting_force, resisting_moment = resist
-    force = thrust.left + thrust.right - resisting_force - mass * x_icr * w * w
-    moment = vehicle.half_track * (thrust.right - thrust.left) - resisting_moment + mass * x_icr * w * v
-    moved, turned = apparent_inertia(vehicle)
-    return force / moved, moment / (turned + mass * x_icr * x_icr), torque
+    force = thrust.left + thrust.right - resisting_force - aside * w
+    moment = vehicle.half_track * (thrust.right - thrust.left) - resisting_moment + aside * v
+    return force * vehicle.per_moved, moment * vehicle.per_turned_aside, torque
 
 
 @jit
@@ -75,7 +84,7 @@ def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, r
 
     Nothing stops the sign from flipping at every step near rest: the numerical artefact of Fig. 3.33 belongs to the model.
     """
-    resist = resistance(v, w, robot.vehicle, robot.parameters)
+    resist = resistance(v, w, robot)
     dv, dw, torque = accelerations(v, w, wheels, resist, robot)
     dw += disturbance
     dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, resist, robot)
@@ -87,6 +96,7 @@ LAW = PlanarLaw(
     CoulombParameters,
     advance,
     lambda vehicle, parameters: vehicle.x_icr,
+    constants,
     vehicle=("mass", "yaw_inertia", "wheel_radius", "radius_difference", "effective_half_track", "x_icr"),
     colour="#d55e00",
 )

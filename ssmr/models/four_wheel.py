@@ -114,7 +114,8 @@ class FourWheels(NamedTuple):
     limit: float  # likewise [N m]
     braking: float  # likewise [N m s/rad]
     integral_gain: float  # likewise [N m/rad]
-    leak: float  # [1/s]
+    leaked: float  # change of the integral part in an inner step, over the part itself [1]
+    gained: float  # change of a wheel's integral part in an inner step, over the rate error [N m s/rad]
     gear_loss: float  # of one wheel [N m]
     spin_inertia: float  # of wheel and rotor [kg m2]
     wheel_inertia: float  # of the wheel alone [kg m2]
@@ -131,7 +132,7 @@ class FourWheels(NamedTuple):
     given: bool  # whether the wheels turn as they are told, whatever torque that takes
 
 
-TEMPLATE = FourWheels(*(0.0,) * 27, 1, True, False)
+TEMPLATE = FourWheels(*(0.0,) * 28, 1, True, False)
 """Template for `ssmr._jit.named_like`."""
 
 
@@ -146,14 +147,15 @@ def _stiffness(p: FourWheelParameters) -> float:
 
 def four_wheels(p: FourWheelParameters, drive: Drive, dt: float, *, given: bool = False) -> FourWheels:
     """Return the numbers for physics steps `dt` [s], which are divided where the tyres are too stiff for them."""
-    motor, inner = motor_numbers(drive), max(1, math.ceil(dt * _stiffness(p)))
+    inner = max(1, math.ceil(dt * _stiffness(p)))
     unit = math.sqrt(p.wheel_radius / _GRAVITY)  # of time
-    lag = p.load_lag * unit
+    motor, lag = motor_numbers(drive, dt / inner), p.load_lag * unit
     return FourWheels(
         p.mass, p.yaw_inertia, p.com_x, p.com_y, p.com_height, 0.5 * p.wheelbase, p.half_track,
         p.wheel_radius + 0.5 * p.radius_difference, p.wheel_radius - 0.5 * p.radius_difference,
         1.0 + 0.5 * p.strength_difference, 1.0 - 0.5 * p.strength_difference,
-        0.5 * p.gain, 0.5 * motor.limit, 0.5 * motor.braking, 0.5 * motor.integral_gain, motor.leak, 0.5 * motor.gear_loss,
+        0.5 * p.gain, 0.5 * motor.limit, 0.5 * motor.braking, 0.5 * motor.integral_gain,
+        motor.leaked, 0.5 * motor.gained, 0.5 * motor.gear_loss,
         p.armature + p.wheel_inertia, p.wheel_inertia, p.friction, p.stiffness_x, p.stiffness_y,
         p.relaxation * p.wheel_radius, p.tyre_damping * unit, p.rolling_resistance,
         1.0 if lag == 0.0 else -math.expm1(-dt / inner / lag), dt / inner, inner, p.link == "belt", given,
@@ -283,7 +285,8 @@ def turn_wheel(
 @jit
 def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> float:
     """Advance all wheels under wheel-rate references [rad/s]; return the sum of their angular accelerations [rad/s2]."""
-    motor, total = Motor(robot.limit, robot.braking, robot.integral_gain, robot.leak, robot.gear_loss), 0.0
+    motor = Motor(robot.limit, robot.braking, robot.integral_gain, robot.leaked, robot.gained, robot.gear_loss)
+    total = 0.0
     for i in range(4):
         on_left, other = i % 2 == 0, (i + 2) % 4
         wanted, radius = (left, robot.radius_left) if on_left else (right, robot.radius_right)
@@ -298,7 +301,7 @@ def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> flo
             faster, torque = turn_wheel(rate, body.integral[i], wanted, pull * radius, dry, strength, robot)
             if robot.integral_gain > 0.0:
                 error = wanted - 0.5 * (rate + faster)
-                body.integral[i] = advance_integral(body.integral[i], error, robot.dt, motor)
+                body.integral[i] = advance_integral(body.integral[i], error, motor)
         total += (faster - rate) / robot.dt
         body.spin[i], body.torque[i] = faster, torque
     return total

@@ -8,13 +8,14 @@ of the published law are left out: a robot on a floor meets none.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from ssmr._jit import jit
 from ssmr.models.friction import improved_friction, stop_at_zero_crossing
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import Sides
-from ssmr.robot.motor import Wanted, apparent_inertia, motor_torques, side_radii, side_rates, thrusts
+from ssmr.robot.motor import Wanted, motor_torques, side_rates, thrusts
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,25 @@ class ImprovedParameters:
             raise ValueError(f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing")
 
 
+class ImprovedConstants(NamedTuple):
+    """Numbers that the law derives from its parameters."""
+
+    rolling: float  # resistance of all wheels, at rest and in motion [N]
+    sticking: float  # greatest resisting moment at rest [N m] (Eq. 2.17, 2.19)
+    skidding: float  # resisting moment in motion [N m]
+
+
+def _constants(body: Any, parameters: Any, dt: float) -> ImprovedConstants:
+    p = parameters
+    return ImprovedConstants(p.u_x * body.mass * body.gravity, p.mu_s * body.load_levers, p.mu_d * body.load_levers)
+
+
 @jit
 def active(v: float, w: float, wheels: Wanted, robot: PlanarRobot) -> tuple[float, float, Sides]:
     """Return the active force [N] and moment [N m] (Eq. 2.21), and the torques of both sides [N m] (Eq. 2.32)."""
     rates = side_rates(v, w, robot.vehicle)
     torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
-    thrust = thrusts(torque, rates, side_radii(robot.vehicle), robot.motor)
+    thrust = thrusts(torque, rates, robot.vehicle, robot.motor)
     return thrust.left + thrust.right, robot.vehicle.half_track * (thrust.right - thrust.left), torque
 
 
@@ -53,23 +67,21 @@ def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, r
     Friction (Eq. 2.29) sticks, breaks away or slides as it did at the start of the step, and a velocity that changes sign
     stops at zero (Eq. 2.31). A disturbing yaw acceleration is an active moment, so stiction resists it too.
     """
-    vehicle, p = robot.vehicle, robot.parameters
-    (mass, inertia), weight = apparent_inertia(vehicle), vehicle.mass * vehicle.gravity
-    lever_load = weight * 2.0 * vehicle.a * vehicle.b / (vehicle.a + vehicle.b)  # sum of N_i times lever (Eq. 2.17, 2.19)
+    vehicle, k = robot.vehicle, robot.constants
     force, moment, torque = active(v, w, wheels, robot)
-    moment += inertia * disturbance
-    friction = improved_friction(force, p.u_x * weight, p.u_x * weight, v)
-    friction_moment = improved_friction(moment, p.mu_s * lever_load, p.mu_d * lever_load, w)
+    moment += vehicle.turned * disturbance
+    friction = improved_friction(force, k.rolling, k.rolling, v)
+    friction_moment = improved_friction(moment, k.sticking, k.skidding, w)
     stuck = v == 0.0 and friction == -force
     stuck_yaw = w == 0.0 and friction_moment == -moment
-    dv = 0.0 if stuck else (force + friction) / mass
-    dw = 0.0 if stuck_yaw else (moment + friction_moment) / inertia
+    dv = 0.0 if stuck else (force + friction) * vehicle.per_moved
+    dw = 0.0 if stuck_yaw else (moment + friction_moment) * vehicle.per_turned
     force2, moment2, _ = active(v + dt * dv, w + dt * dw, wheels, robot)
-    dv2 = 0.0 if stuck else (force2 + friction) / mass
-    dw2 = 0.0 if stuck_yaw else (moment2 + friction_moment) / inertia + disturbance
+    dv2 = 0.0 if stuck else (force2 + friction) * vehicle.per_moved
+    dw2 = 0.0 if stuck_yaw else (moment2 + friction_moment) * vehicle.per_turned + disturbance
     v_next = stop_at_zero_crossing(v + 0.5 * dt * (dv + dv2), v)
     w_next = stop_at_zero_crossing(w + 0.5 * dt * (dw + dw2), w)
     return Advanced(v_next, w_next, torque.left, torque.right)
 
 
-LAW = PlanarLaw("improved", ImprovedParameters, advance, colour="#0072b2")
+LAW = PlanarLaw("improved", ImprovedParameters, advance, constants=_constants, colour="#0072b2")

@@ -8,7 +8,7 @@ IROS 2007. No masses and no friction: the body has the velocity at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
@@ -40,22 +40,35 @@ class KinematicParameters:
         check_parameters(self)
 
 
-@jit
-def body_velocity(left: float, right: float, parameters: Any) -> tuple[float, float, float]:
-    """Return v_x [m/s], v_y [m/s] and omega [rad/s] for wheel speeds [m/s].
+class KinematicConstants(NamedTuple):
+    """Numbers that the law derives from its parameters."""
 
-    The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l left; on the right likewise.
+    rolled_left: float  # way of the left side over its wheels' turn, alpha_l r [m/rad]
+    rolled_right: float  # that of the right side [m/rad]
+    per_width: float  # 1 / (y_l - y_r) [1/m]
+
+
+def _constants(body: Any, parameters: Any, dt: float) -> KinematicConstants:
+    p, r = parameters, body.wheel_radius
+    return KinematicConstants(p.alpha_l * r, p.alpha_r * r, 1.0 / (p.y_l - p.y_r))
+
+
+@jit
+def body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float, float]:
+    """Return v_x [m/s] and omega [rad/s] for wheel rates [rad/s].
+
+    The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l r left; on the right likewise.
     """
-    p = parameters
-    w = (p.alpha_r * right - p.alpha_l * left) / (p.y_l - p.y_r)
-    return p.alpha_l * left + w * p.y_l, -p.x_icr * w, w
+    k = robot.constants
+    v_left = k.rolled_left * left
+    w = (k.rolled_right * right - v_left) * k.per_width
+    return v_left + w * robot.parameters.y_l, w
 
 
 @jit
 def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Return the velocities that the references give at once; torques are zero, and disturbances have no effect."""
-    r = robot.vehicle.wheel_radius
-    v_next, _, w_next = body_velocity(r * wheels.left, r * wheels.right, robot.parameters)
+    v_next, w_next = body_velocity(wheels.left, wheels.right, robot)
     return Advanced(v_next, w_next, 0.0, 0.0)
 
 
@@ -64,6 +77,7 @@ LAW = PlanarLaw(
     KinematicParameters,
     advance,
     lambda vehicle, parameters: parameters.x_icr,
+    _constants,
     vehicle=("wheel_radius",),
     colour="#cc79a7",
     obeys=True,

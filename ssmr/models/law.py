@@ -8,19 +8,28 @@ from typing import Any, NamedTuple
 
 from numba.extending import overload
 
-from ssmr.parameters import numbers_of
+from ssmr._jit import named_like
+from ssmr.parameters import numbers_of, packed
 from ssmr.robot.motor import Motor, Wanted
-from ssmr.robot.vehicle import Vehicle
+from ssmr.robot.vehicle import Vehicle, vehicle_body
+from ssmr.types import FloatArray
 
 
 class PlanarRobot(NamedTuple):
     """All numbers of a planar robot, for compiled functions."""
 
-    vehicle: Any  # numbers of the `Vehicle`
+    vehicle: Any  # the `VehicleBody`
     parameters: Any  # numbers of the model's own parameter set; their type decides which law is compiled in
     motor: Motor  # the motor of a side
     x_icr: float  # longitudinal coordinate of the centre of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)
     obeys: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.obeys`
+    constants: Any  # what `PlanarLaw.constants` returned
+
+
+class NoConstants(NamedTuple):
+    """The constants of a law that derives none: compiled functions cannot take an empty tuple as numbers."""
+
+    unused: float = 0.0
 
 
 class Advanced(NamedTuple):
@@ -49,6 +58,9 @@ class PlanarLaw:
     """Compiled function that advances the velocities by one step."""
     rotation_centre: Callable[[Vehicle, Any], float] = lambda vehicle, parameters: 0.0
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
+    constants: Callable[[Any, Any, float], Any] = lambda body, parameters, dt: NoConstants()
+    """Function of the `VehicleBody`, the packed parameters and the physics step [s]. It returns, as named numbers,
+    what the law would otherwise derive at every step: reciprocals, exponentials. A step is fast without divisions."""
     vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "radius_difference", "effective_half_track")
     """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""
     colour: str = "#808080"
@@ -60,10 +72,14 @@ class PlanarLaw:
         """Let robots find the law by the type of their parameters, and compiled functions by the type of their numbers."""
         _LAWS[self.parameters] = self
         _ADVANCE[numbers_of(self.parameters)] = self.advance
+        usual = self.constants(vehicle_body(packed(Vehicle())), packed(self.parameters()), 0.001)
+        _CONSTANTS[numbers_of(self.parameters)] = type(usual)(*(0.0 for _ in usual))
 
 
 _LAWS: dict[type, PlanarLaw] = {}
 _ADVANCE: dict[type, Advance] = {}
+_CONSTANTS: dict[type, Any] = {}
+"""A template of each law's constants, by the type of its packed parameters."""
 
 
 def law_of(parameters: object) -> PlanarLaw:
@@ -92,3 +108,18 @@ def _choose(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) 
         return law(v, w, wheels, disturbance, dt, robot)
 
     return call
+
+
+def constants_like(parameters: Any, row: FloatArray) -> Any:
+    """Return the constants of the law of some packed parameters, with the numbers of `row`; for compiled functions only."""
+    raise NotImplementedError("constants_like works in compiled functions only")
+
+
+@overload(constants_like, strict=False)
+def _constants_like(parameters: Any, row: Any) -> Any:
+    template = _CONSTANTS[parameters.instance_class]
+
+    def read(parameters: Any, row: Any) -> Any:
+        return named_like(template, row)
+
+    return read

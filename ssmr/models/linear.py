@@ -9,7 +9,6 @@ in front of the linear system.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -19,8 +18,8 @@ from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, packed, parameter
 from ssmr.robot.drive import Sides
-from ssmr.robot.motor import Wanted, apparent_inertia, gear_loss, motor_torques, side_radii, side_rates
-from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.robot.motor import Wanted, exact_step, gear_loss, motor_torques, side_rates
+from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import FloatArray
 
 if TYPE_CHECKING:
@@ -64,14 +63,48 @@ class Rates(NamedTuple):
     friction_yaw: float  # rate at which friction slows the yaw rate [1/s]
 
 
-@jit
-def coefficients(vehicle: Any, parameters: Any) -> Rates:
+def coefficients(body: Any, parameters: Any) -> Rates:
     """Return the rates of Eq. 2.46."""
-    (moved, inertia), mass = apparent_inertia(vehicle), vehicle.mass
-    r, c, g = vehicle.wheel_radius, vehicle.half_track, vehicle.gravity
+    moved, turned, mass = body.moved, body.turned, body.mass
+    r, c, g = body.wheel_radius, body.half_track, body.gravity
     k_u, k_y, gain = parameters.k_u, parameters.k_y, parameters.gain
     slowing = LOAD_SUM * g * k_u * (mass / moved)
-    return Rates(2.0 * gain / (r * moved), slowing, 2.0 * gain * c / (r * inertia), mass * g * k_y * c / inertia)
+    return Rates(2.0 * gain / (r * moved), slowing, 2.0 * gain * c / (r * turned), mass * g * k_y * c / turned)
+
+
+class LinearConstants(NamedTuple):
+    """Numbers that the law derives from its parameters: those of `exact_step`, and what turns wheels into accelerations.
+
+    Free is a robot whose torques are within their limits, held one with a torque at its limit.
+    """
+
+    free_decay_v: float
+    free_push_v: float
+    free_decay_w: float
+    free_push_w: float
+    held_decay_v: float
+    held_push_v: float
+    held_decay_w: float
+    held_push_w: float
+    loop: float  # acceleration over the sum of the wheel speeds [1/s]
+    loop_yaw: float  # yaw acceleration over the difference of the wheel speeds [1/(m s)]
+    force: float  # acceleration over the sum of the torques [1/(kg m)]
+    moment: float  # yaw acceleration over the difference of the torques [1/(kg m2)]
+    gain: float  # gain of the loop on wheel rates that this gain means [N m s/rad]
+    per_gain: float  # [m/(N m s)]
+
+
+def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
+    rates, r, gain = coefficients(body, parameters), body.wheel_radius, parameters.gain
+    return LinearConstants(
+        *exact_step(rates.loop + rates.friction, dt),
+        *exact_step(rates.loop_yaw * body.effective_half_track + rates.friction_yaw, dt),
+        *exact_step(rates.friction, dt),
+        *exact_step(rates.friction_yaw, dt),
+        *(0.5 * rates.loop, 0.5 * rates.loop_yaw),
+        *(1.0 / (r * body.moved), body.half_track / (r * body.turned)),
+        *(gain * r, 1.0 / gain),
+    )
 
 
 def matrices(
@@ -85,7 +118,7 @@ def matrices(
         drive: its half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's.
         form: `printed` takes A_22 as it stands in print and `single` one load mg in it, for the errata's tests.
     """
-    rates = coefficients(packed(vehicle), packed(parameters))
+    rates = coefficients(vehicle_body(packed(vehicle)), packed(parameters))
     single = rates.friction / LOAD_SUM
     friction = {"used": rates.friction, "single": single, "printed": single * vehicle.mass}[form]
     stretch = vehicle.wheel_radius / drive.command_radius
@@ -109,39 +142,29 @@ def state_space(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) ->
 
 
 @jit
-def relax(x: float, rate: float, drive: float, dt: float) -> float:
-    """Return x after an exact step of dx/dt = -rate x + drive, for a constant drive."""
-    if rate * dt < 1e-12:
-        return x + dt * drive
-    return x + math.expm1(-rate * dt) * (x - drive / rate)
-
-
-@jit
 def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Advance the velocities exactly, for references that are constant over the step (matrix exponential, Eq. 2.44).
 
     Where the torque of a side is at its limit, both torques are held over the step and friction alone is stepped exactly.
     """
-    vehicle, gain, motor = robot.vehicle, robot.parameters.gain, robot.motor
-    r, radii, c_eff = vehicle.wheel_radius, side_radii(vehicle), vehicle.effective_half_track
-    rates, actual = coefficients(vehicle, robot.parameters), side_rates(v, w, vehicle)
-    torque = motor_torques(wheels, actual, gain * r, motor)  # the loop on wheel rates that this gain means
-    held = Sides(  # the part of the torques that is no feedback within the step [N m]
-        wheels.integral_left - gear_loss(actual.left, motor), wheels.integral_right - gear_loss(actual.right, motor)
-    )
-    moved, inertia = apparent_inertia(vehicle)
+    body, motor, k = robot.vehicle, robot.motor, robot.constants
+    actual = side_rates(v, w, body)
+    torque = motor_torques(wheels, actual, k.gain, motor)
+    lost = Sides(gear_loss(actual.left, motor), gear_loss(actual.right, motor))
     free_left = abs(torque.left + motor.braking * actual.left) < motor.limit
-    if free_left and abs(torque.right + motor.braking * actual.right) < motor.limit:
-        left, right = radii.left * wheels.left + held.left / gain, radii.right * wheels.right + held.right / gain  # [m/s]
-        v_next = relax(v, rates.loop + rates.friction, rates.loop * 0.5 * (left + right), dt)
-        turning = rates.loop_yaw * 0.5 * (right - left) + disturbance
-        w_next = relax(w, rates.loop_yaw * c_eff + rates.friction_yaw, turning, dt)
-    else:
-        left, right = torque.left - gear_loss(actual.left, motor), torque.right - gear_loss(actual.right, motor)
-        v_next = relax(v, rates.friction, (left + right) / (r * moved), dt)
-        turning = vehicle.half_track * (right - left) / (r * inertia) + disturbance
-        w_next = relax(w, rates.friction_yaw, turning, dt)
-    return Advanced(v_next, w_next, torque.left, torque.right)
+    free = free_left and abs(torque.right + motor.braking * actual.right) < motor.limit
+    # wheel speeds [m/s] that are asked for, with the part of the torques that is no feedback within the step
+    left = body.radius_left * wheels.left + (wheels.integral_left - lost.left) * k.per_gain
+    right = body.radius_right * wheels.right + (wheels.integral_right - lost.right) * k.per_gain
+    thrust, turn = (
+        torque.left - lost.left + (torque.right - lost.right),
+        torque.right - lost.right - (torque.left - lost.left),
+    )
+    dv = k.loop * (left + right) if free else k.force * thrust
+    dw = (k.loop_yaw * (right - left) if free else k.moment * turn) + disturbance
+    v_step = (k.free_decay_v * v + k.free_push_v * dv) if free else (k.held_decay_v * v + k.held_push_v * dv)
+    w_step = (k.free_decay_w * w + k.free_push_w * dw) if free else (k.held_decay_w * w + k.held_push_w * dw)
+    return Advanced(v + v_step, w + w_step, torque.left, torque.right)
 
 
-LAW = PlanarLaw("linear", LinearParameters, advance, colour="#009e73")
+LAW = PlanarLaw("linear", LinearParameters, advance, constants=_constants, colour="#009e73")

@@ -52,6 +52,7 @@ class DriveNumbers(NamedTuple):
     w_max: float  # saturation of the yaw-rate command [rad/s]
     half_track: float  # half-track of the driver [m]
     radius: float  # wheel radius of the driver [m]
+    per_radius: float  # its reciprocal [1/m]
     change_v: float  # greatest change of v in a step [m/s]
     change_w: float  # greatest change of omega in a step [rad/s]
     share: float  # share of its way that a lagging wheel-rate reference goes in a step [1]; 1 without lag
@@ -71,7 +72,7 @@ class Driven(NamedTuple):
     right: float  # reference of the right wheels' rate [rad/s]
 
 
-DRIVE_TEMPLATE = DriveNumbers(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 0)
+DRIVE_TEMPLATE = DriveNumbers(*(0.0,) * 8, *(0,) * 5)
 """Template for `ssmr._jit.named_like`."""
 
 
@@ -124,12 +125,22 @@ def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[flo
 
     `before` is the twist commanded before the first command, `last` holds the references of the last step.
     """
-    v = saturate(held_value(values, 0, step, drive.delay_v, drive, before[0]), drive.v_max)
-    w = saturate(held_value(values, 1, step, drive.delay_w, drive, before[1]), drive.w_max)
-    v, w = ramp(last.v, v, drive.change_v), ramp(last.w, w, drive.change_w)
-    left, right = wheel_rates(v, w, drive.half_track, drive.radius)
-    if drive.share < 1.0:
-        left, right = last.left + drive.share * (left - last.left), last.right + drive.share * (right - last.right)
+    v = held_value(values, 0, step, drive.delay_v, drive, before[0])
+    w = held_value(values, 1, step, drive.delay_w, drive, before[1])
+    return drive_on(v, w, drive, drive.share, last)
+
+
+@jit
+def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: Driven) -> Driven:
+    """Return the references of one physics step from the twist that the driver holds, v [m/s] and w [rad/s].
+
+    `share` is the drive's own, or 1 where it is known that nothing lags.
+    """
+    v = ramp(last.v, saturate(v, drive.v_max), drive.change_v)
+    w = ramp(last.w, saturate(w, drive.w_max), drive.change_w)
+    left, right = (v - drive.half_track * w) * drive.per_radius, (v + drive.half_track * w) * drive.per_radius
+    if share < 1.0:
+        left, right = last.left + share * (left - last.left), last.right + share * (right - last.right)
     return Driven(v, w, left, right)
 
 
@@ -175,6 +186,7 @@ def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
         w_max=d.w_max,
         half_track=d.command_half_track,
         radius=d.command_radius,
+        per_radius=1.0 / d.command_radius,
         change_v=d.acceleration_v * dt,
         change_w=d.acceleration_w * dt,
         share=1.0 if d.wheel_lag == 0.0 else -math.expm1(-dt / d.wheel_lag),  # exact for a reference that is held

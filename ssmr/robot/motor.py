@@ -23,15 +23,17 @@ from ssmr.robot.vehicle import Drive
 
 DRY_RATE = 0.05
 """Wheel rate below which the gear's dry friction is proportional to the rate [rad/s]: a planar step knows no stuck gear."""
+_PER_DRY_RATE = 1.0 / DRY_RATE
 
 
 class Motor(NamedTuple):
-    """Numbers of one side's motor, for compiled functions."""
+    """Numbers of one side's motor for one physics step, for compiled functions."""
 
     limit: float  # greatest torque of a side at rest [N m]
     braking: float  # torque that a motor at full voltage loses with its rate [N m s/rad]; 0 without a no-load rate
     integral_gain: float  # K_I [N m/rad]
-    leak: float  # rate at which the integral part leaks, K_I / K_dc [1/s]
+    leaked: float  # change of the integral part in a step without an error, over the part itself [1]; not positive
+    gained: float  # change of the integral part in a step, over a constant rate error [N m s/rad]
     gear_loss: float  # dry friction torque of a side's gear [N m]
 
 
@@ -44,12 +46,22 @@ class Wanted(NamedTuple):
     integral_right: float  # integral part of the right side's torque [N m]
 
 
-def motor_numbers(drive: Drive) -> Motor:
-    """Return the numbers of a drive's motors."""
+def motor_numbers(drive: Drive, dt: float) -> Motor:
+    """Return the numbers of a drive's motors for physics steps `dt` [s]."""
     d = packed(drive)
     limit = 2.0 * d.torque_limit
     braking = 0.0 if math.isinf(d.no_load_rate) or math.isinf(limit) else limit / d.no_load_rate
-    return Motor(limit, braking, d.integral_gain, d.integral_gain / d.dc_stiffness, d.gear_loss)
+    leaked, share = exact_step(d.integral_gain / d.dc_stiffness, dt)
+    return Motor(limit, braking, d.integral_gain, leaked, share * d.integral_gain, d.gear_loss)
+
+
+def exact_step(rate: float, dt: float) -> tuple[float, float]:
+    """Return the numbers (a, b) with which a step `dt` [s] of dx/dt = -rate x + u is exactly x + a x + b u for a constant u.
+
+    a is expm1(-rate dt) [1] and b is -a / rate, or dt where there is hardly a rate [s].
+    """
+    decay = math.expm1(-rate * dt)
+    return decay, -decay / rate if rate * dt > 1e-12 else dt
 
 
 @jit
@@ -58,8 +70,13 @@ def side_torque(wanted: float, actual: float, integral: float, gain: float, moto
 
     The controller makes up for the voltage that the motor's rate takes, as far as there is voltage.
     """
-    back = motor.braking * actual
-    return saturate(gain * (wanted - actual) + integral + back, motor.limit) - back
+    torque = gain * (wanted - actual)
+    if motor.integral_gain > 0.0:
+        torque += integral
+    if motor.braking > 0.0:
+        back = motor.braking * actual
+        return saturate(torque + back, motor.limit) - back
+    return saturate(torque, motor.limit)
 
 
 @jit
@@ -74,49 +91,29 @@ def motor_torques(wanted: Wanted, actual: Sides, gain: float, motor: Motor) -> S
 @jit
 def gear_loss(rate: float, motor: Motor) -> float:
     """Return the torque that the gear of a side takes at a wheel rate [N m], in the direction of the rate."""
-    return motor.gear_loss * saturate(rate / DRY_RATE, 1.0)
+    return motor.gear_loss * saturate(rate * _PER_DRY_RATE, 1.0) if motor.gear_loss > 0.0 else 0.0
 
 
 @jit
-def thrusts(torque: Sides, actual: Sides, radii: Sides, motor: Motor) -> Sides:
+def thrusts(torque: Sides, actual: Sides, vehicle: Any, motor: Motor) -> Sides:
     """Return the forces [N] with which both sides push on the ground, but for what spins the wheels up."""
     return Sides(
-        (torque.left - gear_loss(actual.left, motor)) / radii.left,
-        (torque.right - gear_loss(actual.right, motor)) / radii.right,
+        (torque.left - gear_loss(actual.left, motor)) * vehicle.per_radius_left,
+        (torque.right - gear_loss(actual.right, motor)) * vehicle.per_radius_right,
     )
 
 
 @jit
-def advance_integral(integral: float, error: float, dt: float, motor: Motor) -> float:
-    """Return the integral part of a side's torque [N m] after a step `dt` [s] with a mean rate error [rad/s].
+def advance_integral(integral: float, error: float, motor: Motor) -> float:
+    """Return the integral part of a side's torque [N m] after a physics step with a mean rate error [rad/s].
 
     The step is exact for a constant error.
     """
-    source = motor.integral_gain * error
-    if motor.leak * dt < 1e-12:
-        return saturate(integral + dt * source, motor.limit)
-    return saturate(integral + math.expm1(-motor.leak * dt) * (integral - source / motor.leak), motor.limit)
-
-
-@jit
-def side_radii(vehicle: Any) -> Sides:
-    """Return the effective rolling radii of both sides [m]."""
-    half = 0.5 * vehicle.radius_difference
-    return Sides(vehicle.wheel_radius + half, vehicle.wheel_radius - half)
+    return saturate(integral + (motor.leaked * integral + motor.gained * error), motor.limit)
 
 
 @jit
 def side_rates(v: float, w: float, vehicle: Any) -> Sides:
     """Return the wheel rates [rad/s] of a body speed [m/s] and yaw rate [rad/s]: Eq. 2.9, each side with its own radius."""
-    radii, reach = side_radii(vehicle), vehicle.effective_half_track
-    return Sides((v - reach * w) / radii.left, (v + reach * w) / radii.right)
-
-
-@jit
-def apparent_inertia(vehicle: Any) -> tuple[float, float]:
-    """Return the mass [kg] and the yaw inertia [kg m2] that the thrusts accelerate: body, and what spins with the wheels.
-
-    A side of spinning inertia J keeps J dOmega/dt of its torque, with Omega = (v -+ c_eff omega) / r, at the lever c.
-    """
-    spin = 2.0 * vehicle.spin_inertia / (vehicle.wheel_radius * vehicle.wheel_radius)
-    return vehicle.mass + spin, vehicle.yaw_inertia + spin * vehicle.half_track * vehicle.effective_half_track
+    reach = vehicle.effective_half_track
+    return Sides((v - reach * w) * vehicle.per_radius_left, (v + reach * w) * vehicle.per_radius_right)

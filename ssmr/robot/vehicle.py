@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
+from typing import Any
 
 from ssmr.parameters import check_parameters, numbers_of, parameter, require_in_range
 
@@ -51,6 +53,44 @@ class Vehicle:
 
 
 VehicleNumbers = numbers_of(Vehicle)
+_DERIVED = (
+    *("radius_left", "radius_right", "per_radius_left", "per_radius_right", "load_front", "load_rear", "load_levers"),
+    *("moved", "turned", "per_moved", "per_turned", "per_turned_aside"),
+)
+VehicleBody = namedtuple("VehicleBody", [*VehicleNumbers._fields, *_DERIVED])  # type: ignore[misc]
+"""A vehicle in compiled functions: its numbers, and what the laws of motion derive from them once instead of at every step.
+
+- `radius_left`, `radius_right`: effective rolling radii of the sides [m]; `per_radius_...`: their reciprocals [1/m].
+- `load_front`, `load_rear`: load of each wheel of an axle at rest [N] (Eq. 2.17).
+- `load_levers`: sum over the wheels of load times lever [N m] (Eq. 2.17, 2.19).
+- `moved` [kg], `turned` [kg m2]: mass and yaw inertia that the thrusts accelerate, of the body and of what spins with the
+  wheels: a side of spinning inertia J keeps J dOmega/dt of its torque, with Omega = (v -+ c_eff omega) / r, at the lever c.
+  `per_moved`, `per_turned`: their reciprocals; `per_turned_aside`: that of turned + m x_ICR^2.
+"""
+
+
+def vehicle_body(v: Any) -> Any:
+    """Return the `VehicleBody` of a vehicle's packed numbers, each a float or one for each of many robots."""
+    left, right = v.wheel_radius + 0.5 * v.radius_difference, v.wheel_radius - 0.5 * v.radius_difference
+    weight, base = v.mass * v.gravity, v.a + v.b
+    spin = 2.0 * v.spin_inertia / (v.wheel_radius * v.wheel_radius)
+    moved, turned = v.mass + spin, v.yaw_inertia + spin * v.half_track * v.effective_half_track
+    kind: Any = VehicleBody
+    return kind(
+        *v,
+        radius_left=left,
+        radius_right=right,
+        per_radius_left=1.0 / left,
+        per_radius_right=1.0 / right,
+        load_front=weight * v.a / (2.0 * base),  # N_1 = N_2
+        load_rear=weight * v.b / (2.0 * base),  # N_3 = N_4
+        load_levers=weight * 2.0 * v.a * v.b / base,
+        moved=moved,
+        turned=turned,
+        per_moved=1.0 / moved,
+        per_turned=1.0 / turned,
+        per_turned_aside=1.0 / (turned + v.mass * v.x_icr * v.x_icr),
+    )
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ssmr.robot.motor import motor_numbers
 from ssmr.robot.skid_turn import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
@@ -88,7 +87,7 @@ class RigidNumbers:
             raise ValueError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
         robot, c = calibration.robot, calibration
         axle, weight = robot.geometry.axle_height, c.mass * GRAVITY
-        side_loss = c.rolling_resistance * 0.5 * weight * c.wheel_radius + motor_numbers(drive).gear_loss
+        side_loss = c.rolling_resistance * 0.5 * weight * c.wheel_radius + drive.gear_loss
         places = [0.5 * FRONT * robot.geometry.wheelbase, LEFT * c.half_track, np.full(len(WHEELS), axle)]
         return cls(
             c.timestep, terrain.gravity(GRAVITY), c.mass - len(WHEELS) * robot.masses.wheel, base_inertia(c),

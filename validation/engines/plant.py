@@ -54,7 +54,7 @@ class EnginePlant:
         """
         self.name, self.dt, self.drive, self.calibration = name, calibration.timestep, drive, calibration
         whole_steps(drive.hold, self.dt, "the drive's hold")
-        self._numbers, self._motor = RigidNumbers.of(calibration, drive, terrain), motor_numbers(drive)
+        self._numbers, self._motor = RigidNumbers.of(calibration, drive, terrain), motor_numbers(drive, self.dt)
         inertia = 2.0 * (calibration.armature + self._numbers.wheel_inertia[1])
         if calibration.gain * self.dt > MOST_GAIN * inertia:
             raise ValueError(
@@ -124,7 +124,7 @@ class EnginePlant:
             self._read()
             if self._motor.integral_gain > 0.0:
                 for k, error in enumerate(errors):
-                    self._integrals[k] = advance_integral(self._integrals[k], error, self.dt, self._motor)
+                    self._integrals[k] = advance_integral(self._integrals[k], error, self._motor)
         self._spun = (self._state.yaw_rate - before.yaw_rate) / self.dt
         now = self._state
         if not math.isfinite(now.x + now.y + now.v_x + now.v_y + now.yaw_rate):

@@ -12,10 +12,11 @@ import numpy as np
 
 from ssmr._jit import config
 from ssmr.geometry import shift_reference
+from ssmr.lanes import run_population
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulation import PlanarModel, PlanarPlant, run_population
+from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State
 from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
 from validation.simulator.description import Robot

@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 from ssmr.models.coulomb import accelerations
 from ssmr.models.improved import active
 from ssmr.models.linear import coefficients
-from ssmr.robot.motor import Wanted, apparent_inertia, motor_torques, side_radii, side_rates, thrusts
+from ssmr.robot.motor import Wanted, motor_torques, side_rates, thrusts
 from ssmr.scenarios import SineScenario
 from ssmr.simulation import PLANAR_DT, PlanarModel
 from ssmr.types import FloatArray
@@ -76,7 +76,7 @@ class _Planar:
     robot: Any = field(init=False)
 
     def __post_init__(self) -> None:
-        self.robot = self.model.packed()
+        self.robot = self.model.packed(PLANAR_DT)
 
     def wanted(self, t: float) -> Wanted:
         """Return the wanted wheel rates at a time [s]: the scenario's command as a smooth function, delayed."""
@@ -108,8 +108,8 @@ class _Linear(_Planar):
         robot, p = self.robot, coefficients(self.robot.vehicle, self.robot.parameters)
         sides = side_rates(y[0], y[1], robot.vehicle)
         torque = motor_torques(self.wanted(t), sides, robot.parameters.gain * robot.vehicle.wheel_radius, robot.motor)
-        thrust = thrusts(torque, sides, side_radii(robot.vehicle), robot.motor)
-        mass, inertia = apparent_inertia(robot.vehicle)
+        thrust = thrusts(torque, sides, robot.vehicle, robot.motor)
+        mass, inertia = robot.vehicle.moved, robot.vehicle.turned
         turning = robot.vehicle.half_track * (thrust.right - thrust.left) / inertia
         return (thrust.left + thrust.right) / mass - p.friction * y[0], turning - p.friction_yaw * y[1]
 
@@ -171,7 +171,7 @@ class _Improved(_Planar):
 
     def rates(self, t: float, y: FloatArray) -> Sequence[float]:
         """Return the accelerations; zero for what sticks."""
-        inertia = apparent_inertia(self.robot.vehicle)
+        inertia = self.robot.vehicle.moved, self.robot.vehicle.turned
         both = zip(self._active(t, y), self.signs, self.sliding, inertia, strict=True)
         return [(push - sign * friction) / m if sign else 0.0 for push, sign, friction, m in both]
 

@@ -13,7 +13,8 @@ from ssmr.models.coulomb import CoulombParameters, resistance
 from ssmr.models.friction import arctangent_friction, coulomb_friction, hyperviscous_friction, implied_steepness
 from ssmr.models.linear import LinearParameters, coefficients
 from ssmr.parameters import packed
-from ssmr.robot.vehicle import Vehicle
+from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
+from ssmr.simulation import PLANAR_DT, PlanarModel
 from validation.replicate.evidence import Context, Findings, Section, Table
 from validation.show.drawing import Ink, Panel, draw_footer, ink_of, put_together, side_by_side, text_row
 from validation.thesis import published
@@ -56,14 +57,14 @@ def friction_findings() -> tuple[Table, float, float]:
 
 def _dry(v: float, w: float) -> tuple[float, float]:
     """Return the Coulomb model's resisting force [N] and moment [N m] with the numbers of Tab. 3.8."""
-    force, moment = resistance(v, w, packed(Vehicle()), packed(CoulombParameters()))
+    force, moment = resistance(v, w, PlanarModel(CoulombParameters(), Vehicle(), Drive()).packed(PLANAR_DT))
     return force, moment
 
 
 def _viscous(v: float, w: float) -> tuple[float, float]:
     """Return the linear model's resisting force [N] and moment [N m] with the numbers of Tab. 3.14."""
     vehicle = Vehicle()
-    rates = coefficients(packed(vehicle), packed(LinearParameters()))
+    rates = coefficients(vehicle_body(packed(vehicle)), packed(LinearParameters()))
     return rates.friction * vehicle.mass * v, rates.friction_yaw * vehicle.yaw_inertia * w
 
 

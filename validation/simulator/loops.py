@@ -61,7 +61,7 @@ class _Bodies:
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
         self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]  # in the order of `WHEELS`
-        self._braking = np.array([motor_numbers(p.plant.drive).braking for p in loops])[:, None]
+        self._braking = np.array([motor_numbers(p.plant.drive, p.plant.dt).braking for p in loops])[:, None]
 
     @property
     def gave_up(self) -> NDArray[np.bool_]:

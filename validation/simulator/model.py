@@ -296,7 +296,8 @@ def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, pr
     Raises:
         ValueError: the drive has an integral part and the model has none, or the other way round.
     """
-    motor, dt, motors = motor_numbers(drive), calibration.timestep, calibration.robot.motors
+    dt, motors = calibration.timestep, calibration.robot.motors
+    motor = motor_numbers(drive, dt)
     if (motor.integral_gain > 0.0) != (model.nu > len(motors)):
         raise ValueError("the model and the drive must both have an integral part in the speed loop, or neither")
     weight = calibration.mass * GRAVITY

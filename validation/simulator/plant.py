@@ -336,7 +336,7 @@ class MujocoPlant:
 
     def side_torques(self, at_wheels: FloatArray, rates: FloatArray) -> FloatArray:
         """Return the (M, 2) torques of the motors [N m] from (M, 4) actuator forces on the wheels and (M, 2) side rates."""
-        return np.asarray(at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive).braking * rates)
+        return np.asarray(at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive, self.dt).braking * rates)
 
     def _rows(self, chunk: Samples) -> FloatArray:
         """Return the (m, 15) numbers of a trajectory's samples, and height, roll and pitch on rough ground."""

@@ -1,0 +1,272 @@
+"""Many robots of one planar model at once, side by side in the lanes of vector instructions.
+
+A step of the time loop advances a group of robots by the functions that advance one robot, `drive_on` and `move`. The loop
+over the group is the inner one, and each quantity of all its robots lies in one row, so the compiler turns that loop into
+vector instructions, and the branches of a law into selections. No arithmetic is approximated or reordered for that: a
+robot's motion is that of `PlanarPlant.run` to the bit, whatever stands in the other lanes. A law that calls a function which
+has no vector form, such as `math.exp`, runs lane after lane, with the same result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numba.core import types
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from ssmr._jit import copy_numbers, jit, jit_alone, prefer_wide_vectors, source
+from ssmr.models.law import PlanarRobot
+from ssmr.robot.drive import (
+    DRIVE_TEMPLATE,
+    Driven,
+    DriveNumbers,
+    Sides,
+    drive_numbers,
+    drive_on,
+    held_value,
+    rolling,
+    whole_steps,
+)
+from ssmr.robot.motor import Motor
+from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_row
+from ssmr.types import Commands, FloatArray, State
+
+LANES = 8
+"""Robots of a group: the numbers in the widest vectors that there are."""
+_PAIR = 2 * LANES
+_CHUNK = 8
+"""Steps whose held twists are laid out together, a chunk before they are read, so that no read waits for them."""
+
+
+class _State(NamedTuple):
+    """The rows of a group that change."""
+
+    x: float
+    y: float
+    yaw: float
+    v: float
+    w: float
+    integral_left: float
+    integral_right: float
+    asked_v: float
+    asked_w: float
+    asked_left: float
+    asked_right: float
+
+
+_STATE = _State(*(0.0,) * len(_State._fields))
+_HELD, _DRIVE = len(_State._fields), len(_State._fields) + 2
+"""First rows of the twist that the driver holds, and of the driver."""
+_DRIVEN = DriveNumbers._fields.index("delay_v")
+"""Numbers of the driver that a step needs; the others have gone into the twist that it holds."""
+_ROBOT = _DRIVE + _DRIVEN
+"""First row of the robot."""
+
+
+class _Times(NamedTuple):
+    """Step and length of a run."""
+
+    dt: float  # physics step [s]
+    steps: int  # number of physics steps
+    stride: int  # steps between samples
+
+
+def lane(template: Any, rows: FloatArray, first: int, i: int) -> Any:
+    """Return a named tuple of the template's kind from lane i of the rows from `first` on; for compiled functions only.
+
+    Whole numbers, which are no part of a step, are 0.
+    """
+    raise NotImplementedError("lane works in compiled functions only")
+
+
+@overload(lane, strict=False)
+def _lane(template: Any, rows: Any, first: Any, i: Any) -> Any:
+    names: dict[str, Any] = {"kind": template.instance_class}
+    whole = [isinstance(t, types.Integer) for t in template.types]
+    numbers = ", ".join("0" if whole[k] else f"rows[i + (first + {k}) * {LANES}]" for k in range(len(whole)))
+    exec(f"def read(template, rows, first, i):\n    return kind({numbers})", names)  # nosec B102 # made of numbers alone
+    return names["read"]
+
+
+@jit
+def _keep(state: _State, rows: FloatArray, i: int) -> None:
+    """Write the state of lane i."""
+    for k, number in enumerate(state):
+        rows[i + k * LANES] = number
+
+
+@jit
+def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRobot:
+    """Return the robot of lane i; `kind` is any robot of the same model."""
+    at = _ROBOT + len(kind.vehicle)
+    parameters = lane(kind.parameters, rows, at, i)
+    at += len(kind.parameters)
+    motor = lane(kind.motor, rows, at, i)
+    at += len(kind.motor)
+    if plain is not None:
+        motor = Motor(motor.limit, 0.0, 0.0, 0.0, 0.0, 0.0)
+    obeys = rows[i + (at + 1) * LANES] != 0.0
+    vehicle, constants = lane(kind.vehicle, rows, _ROBOT, i), lane(kind.constants, rows, at + 2, i)
+    return PlanarRobot(vehicle, parameters, motor, rows[i + at * LANES], obeys, constants)
+
+
+@jit
+def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float) -> None:
+    """Advance lane i by one physics step."""
+    now = lane(_STATE, rows, 0, i)
+    v, w = rows[i + _HELD * LANES], rows[i + (_HELD + 1) * LANES]
+    asked = Driven(now.asked_v, now.asked_w, v, w)
+    if prescribed is None:
+        drive = lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
+        asked = drive_on(
+            v,
+            w,
+            drive,
+            drive.share if plain is None else 1.0,
+            Driven(now.asked_v, now.asked_w, now.asked_left, now.asked_right),
+        )
+    before = PlanarMotion(now.x, now.y, now.yaw, now.v, now.w, 0.0, 0.0, now.integral_left, now.integral_right)
+    then = move(before, Sides(asked.left, asked.right), 0.0, dt, _robot(kind, plain, rows, i))
+    left, right = then.integral_left, then.integral_right
+    _keep(_State(then.x, then.y, then.yaw, then.v, then.w, left, right, asked.v, asked.w, asked.left, asked.right), rows, i)
+
+
+@jit
+def _lay_out(held: FloatArray, places: NDArray[np.uint64], first: int, ahead: FloatArray) -> None:
+    """Write what each lane holds from step `first` on, step after step, into one half of `ahead`."""
+    for j in range(_PAIR):
+        at = np.uint64(first) + places[j]
+        for c in range(_CHUNK):
+            ahead[(first % (2 * _CHUNK) + c) * _PAIR + j] = held[at + np.uint64(c)]
+
+
+@jit_alone
+def _run_lanes(
+    kind: PlanarRobot,
+    plain: Any,
+    prescribed: Any,
+    held: FloatArray,
+    places: NDArray[np.uint64],
+    rows: FloatArray,
+    times: _Times,
+    poses: FloatArray,
+) -> None:
+    """Drive a group of robots.
+
+    Args:
+        kind: any robot of the model; the types of its parts choose the law.
+        plain: None where a robot has more to its motors and its driver than a proportional loop, limits and a delay. What it
+            has not is left out of the compiled loop, which changes no bit.
+        prescribed: None unless the held values are the wheel rates themselves.
+        held: the sequences of held values.
+        places: (2 LANES,) index of the first held v, then of the first held omega, of each lane.
+        rows: (R LANES,) the group's numbers; its state advances in place.
+        times: step and length of the run.
+        poses: (s, M, 3) space for the poses of the first s lanes; NaN where one diverges.
+    """
+    prefer_wide_vectors()
+    ahead = np.empty(2 * _CHUNK * _PAIR)
+    due, sample = 0, 0
+    for k in range(-_CHUNK, times.steps + 1):
+        if k % _CHUNK == 0:
+            _lay_out(held, places, k + _CHUNK, ahead)
+        if k < 0:
+            continue
+        if k == due:
+            for i in range(len(poses)):
+                poses[i, sample, 0], poses[i, sample, 1], poses[i, sample, 2] = rows[i], rows[i + LANES], rows[i + 2 * LANES]
+            sample, due = sample + 1, due + times.stride
+        if k == times.steps:
+            break
+        copy_numbers(rows, _HELD * LANES, ahead, k % (2 * _CHUNK) * _PAIR, _PAIR)
+        for i in range(LANES):
+            _step(kind, plain, prescribed, rows, i, times.dt)
+    for i in range(len(poses)):
+        if not np.isfinite(rows[i] + rows[i + LANES] + rows[i + 2 * LANES]):
+            poses[i] = np.nan
+
+
+@jit
+def _fill_held(values: FloatArray, drive: DriveNumbers, before: tuple[float, float], longest: int, out: FloatArray) -> None:
+    """Write the (2, n) twists that a driver holds from `longest` steps before the first command on."""
+    for column in range(2):
+        for k in range(out.shape[1]):
+            out[column, k] = held_value(values, column, k - longest, 0, drive, before[column])
+
+
+def run_population(
+    models: Sequence[PlanarModel], commands: Commands, starts: Sequence[State], sample_dt: float, dt: float = PLANAR_DT
+) -> FloatArray:
+    """Drive many candidates of one model with the same inputs, on the threads of `numba.set_num_threads`.
+
+    Args:
+        models: S candidates of the same kind.
+        commands: commands that all of them get.
+        starts: state from which each starts.
+        sample_dt: time between samples [s].
+        dt: physics step [s].
+
+    Returns:
+        (S, M, 3) poses, those of `PlanarPlant.run` to the bit; a candidate that diverges is NaN throughout, for the caller
+        to rate.
+
+    Raises:
+        ValueError: candidates of different kinds, or periods that are no whole number of steps.
+    """
+    if len({type(m.parameters) for m in models}) != 1:
+        raise ValueError("a population is one kind of model")
+    wheels = commands.kind == "wheels"
+    stride = whole_steps(sample_dt, dt, "the sample period")
+    robots = [(m.prescribed() if wheels else m).packed(dt) for m in models]
+    drives = [drive_numbers(m.drive, commands.dt, dt) for m in models]
+    times = _Times(dt, commands.n * drives[0].period, stride)
+    held, places = _held_wheels(commands, times, len(models)) if wheels else _held_twists(commands, drives, times)
+    rows = np.array([_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)], dtype=np.float64)
+    kind = robots[0], None if any(map(_is_special, drives, robots)) else True, True if wheels else None
+    poses = np.empty((len(models), 1 + times.steps // stride, 3))
+
+    def run(first: int) -> None:
+        which = np.minimum(np.arange(first, first + LANES), len(models) - 1)  # the last candidate fills the last group up
+        _run_lanes(*kind, held, places[which].T.ravel(), rows[which].T.ravel(), times, poses[first : first + LANES])
+
+    firsts = range(0, len(models), LANES)
+    with ThreadPoolExecutor(min(numba.get_num_threads(), len(firsts))) as pool:
+        list(pool.map(run, firsts))
+    return poses
+
+
+def _row(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
+    """Return the numbers of one lane: its state, two that are held, its driver and its robot."""
+    asked = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
+    state = _State(start.x, start.y, start.yaw, start.v_x, start.yaw_rate, 0.0, 0.0, *asked)
+    return [*state, 0.0, 0.0, *drive[:_DRIVEN], *robot_row(robot)]
+
+
+def _is_special(drive: DriveNumbers, robot: PlanarRobot) -> bool:
+    """Return whether a robot has more to its driver and its motors than delays, limits and a proportional loop."""
+    motor = robot.motor
+    return drive.share != 1.0 or any((motor.braking, motor.integral_gain, motor.gear_loss))
+
+
+def _held_twists(commands: Commands, drives: Sequence[DriveNumbers], times: _Times) -> tuple[FloatArray, NDArray[np.uint64]]:
+    """Return the twists that the drivers hold, and the (S, 2) places in them of each one's first v and omega."""
+    longest = max(max(d.delay_v, d.delay_w) for d in drives)
+    length = longest + times.steps + 2 * _CHUNK
+    samplings = {(d.hold, d.ramp): d for d in drives}  # usually one: a fit moves neither
+    held = np.empty((len(samplings), 2, length))
+    for drive, out in zip(samplings.values(), held, strict=True):
+        _fill_held(commands.values, drive, commands.before, longest, out)
+    begins = {sampling: 2 * k * length + longest for k, sampling in enumerate(samplings)}
+    places = [(begins[d.hold, d.ramp] - d.delay_v, begins[d.hold, d.ramp] + length - d.delay_w) for d in drives]
+    return held.ravel(), np.array(places, dtype=np.uint64)
+
+
+def _held_wheels(commands: Commands, times: _Times, count: int) -> tuple[FloatArray, NDArray[np.uint64]]:
+    """Return the wheel rates of all steps, and the (S, 2) places in them of each robot's first left and right one."""
+    steps = np.minimum(np.arange(times.steps + 2 * _CHUNK) // (times.steps // commands.n), commands.n - 1)
+    return commands.values[steps].T.ravel(), np.tile(np.array([0, len(steps)], dtype=np.uint64), (count, 1))

@@ -65,7 +65,7 @@ class Task:
     """Something to minimise."""
 
     name: str
-    """What it is called."""
+    """The name by which tables show it."""
     n: int
     """Number of parameters."""
     population: int
@@ -81,7 +81,7 @@ class Comparison:
     """Final costs of both rules."""
 
     task: str
-    """What was searched."""
+    """The name of the task that was searched."""
     finals: dict[str, tuple[float, ...]]
     """By rule, one for each seed."""
     p: float

@@ -155,7 +155,7 @@ def search_rows(population: int, seeds: int) -> list[Row]:
 
 @dataclass(frozen=True)
 class Found:
-    """What one run of a search came to."""
+    """The cost that one run of a search reached, and what it spent."""
 
     search: str
     """Its name."""
@@ -187,7 +187,7 @@ class Counted:
         return np.asarray(np.linalg.norm(self.residuals(points), axis=1))
 
     def found(self, search: str) -> Found:
-        """What was spent until now, and reached."""
+        """Return what the search has reached and spent until now."""
         return Found(search, self.least, self.evaluations, time.process_time() - self.began)
 
 

@@ -26,8 +26,8 @@ SYMMETRY = 1e-8
 """Rollouts that mirror or move the frame: the contact solver stops at 1e-10, a thousand steps follow; far under any
 physics."""
 DRAKE_SYMMETRY = 1e-5
-"""The same of Drake, whose solver stops at a relative 1e-6 of all momenta (SapSolverParameters), among them those of wheels
-that turn at some 5 rad/s; nothing in Python asks for less."""
+"""The same rollouts in Drake: its solver stops at a relative 1e-6 of all momenta (SapSolverParameters), those of wheels at
+some 5 rad/s among them, and Python cannot set a smaller limit."""
 DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 

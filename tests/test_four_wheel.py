@@ -163,7 +163,7 @@ def energy(motion: Trajectory) -> FloatArray:
 
 @pytest.mark.parametrize("changes", [{}, {"stiffness_x": 30.0, "relaxation": 0.2, "friction": 0.8}, {"tyre_damping": 0.0}])
 def test_the_ground_takes_energy_and_gives_none(changes: dict[str, float]) -> None:
-    """What the motors gave and the body does not have is in bent tyres or lost: never less than nothing."""
+    """The motors give at least the energy that the body has: the rest bends tyres or is lost."""
     wild = Commands(0.05, np.random.default_rng(5).uniform(-1.5, 1.5, (100, 2)))
     motion = plant(**changes).run(wild, State(), 0.001)
     rates = 0.5 * (motion.wheels[1:] + motion.wheels[:-1])

@@ -28,7 +28,7 @@ from ssmr.types import FloatArray
 
 
 class Moment(NamedTuple):
-    """What a controller sees when it is asked for a command."""
+    """A moment at which a controller is asked for a command, with all that it may know then."""
 
     t: float
     """Mission time, zero when the reference begins [s]."""
@@ -43,14 +43,14 @@ class Moment(NamedTuple):
     ahead: Observation
     """The robot `Mission.dead_time` later, when this command begins to act, as the planar model predicts it."""
     asked: Asked
-    """What its driver will ask of the wheels then, and what was learnt of the robot: see `ssmr.control.predictor.Asked`."""
+    """The references of its driver by then, and what was learnt of the robot while driving: see `predictor.Asked`."""
     past: FloatArray
     """(n, 2) the newest commands that were sent, the newest last; zero where there were none yet."""
 
 
 @dataclass(frozen=True)
 class Mission:
-    """What a controller knows before it starts."""
+    """The task of a controller, which it is told before it starts."""
 
     waypoints: Waypoints
     """The reference."""

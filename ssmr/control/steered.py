@@ -48,7 +48,7 @@ class Steered:
         self._observe = getattr(self._steering, "observe", None)
         self._seen_at = 0.0
         self.mind: Mind = FRESH_MIND
-        """What it saw last, and its command."""
+        """The state that it keeps between two commands: the last estimate, the errors and the command it gave."""
 
     def _moment(self, t: float) -> Moment:
         mind, tracker = self.mind, self._tracker

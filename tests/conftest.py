@@ -31,9 +31,9 @@ some 5 rad/s among them, and Python cannot set a smaller limit."""
 DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 
-settings.register_profile("ci", derandomize=True, deadline=None)
-settings.register_profile("local", deadline=None)
-settings.load_profile("ci" if os.environ.get("CI") else "local")
+settings.register_profile("repeat", derandomize=True, database=None, deadline=None)  # the same examples for everybody
+settings.register_profile("explore", max_examples=2000, deadline=None)  # new ones: pytest --hypothesis-profile=explore
+settings.load_profile("repeat")
 
 
 @pytest.hookimpl(optionalhook=True)

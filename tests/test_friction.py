@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ssmr.models.friction import (
@@ -21,10 +21,12 @@ from ssmr.models.friction import (
 )
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
-loads = st.floats(0.0, 1e3)
-coefficients = st.floats(0.0, 2.0)
-speeds = st.floats(-5.0, 5.0)
+loads = st.floats(0.0, 1e3, allow_subnormal=False)  # relative bounds mean nothing where a force has lost its digits
+coefficients = st.floats(0.0, 2.0, allow_subnormal=False)
+speeds = st.floats(-5.0, 5.0, allow_subnormal=False)
 steepnesses = st.floats(0.01, 1e4)
+TINY = 1e-290
+"""Products of smaller numbers lose their digits."""
 
 
 @given(mu=coefficients, load=loads, v=speeds)
@@ -66,6 +68,7 @@ def test_sign_at_zero_is_zero() -> None:
 
 @given(mu=coefficients, load=loads, v=speeds, k=steepnesses)
 def test_the_arctangent_is_odd_never_drives_and_stays_below_coulomb(mu: float, load: float, v: float, k: float) -> None:
+    assume(mu * load * v == 0.0 or abs(mu * load * v) > TINY)
     force = arctangent_friction(mu, load, v, k)
     assert force == -arctangent_friction(mu, load, -v, k)
     assert force * v >= 0.0  # it is subtracted
@@ -75,6 +78,7 @@ def test_the_arctangent_is_odd_never_drives_and_stays_below_coulomb(mu: float, l
 @given(mu=coefficients, load=loads, v=st.floats(1e-3, 5.0), k=st.floats(1.0, 1e6))
 def test_the_arctangent_tends_to_coulomb_as_the_steepness_grows(mu: float, load: float, v: float, k: float) -> None:
     """Eq. 2.34, with the rate: arctan(z) = pi/2 - arctan(1/z), so mu N 2/(pi k_s v) is missing, less for small k_s v."""
+    assume(mu * load == 0.0 or mu * load > TINY)
     missing = coulomb_friction(mu, load, v) - arctangent_friction(mu, load, v, k)
     most = mu * load * 2.0 / (math.pi * k * v)
     assert -ROUNDOFF * mu * load <= missing <= most + ROUNDOFF * mu * load
@@ -94,10 +98,11 @@ def test_the_slope_is_the_derivative_and_greatest_at_rest(mu: float, load: float
     assert arctangent_slope(mu, load, 0.0, k) == pytest.approx(at_rest, rel=ROUNDOFF)
 
 
-@given(mu=st.floats(0.01, 2.0), load=st.floats(1.0, 1e3), share=st.floats(-1.0, 1.0), k=steepnesses)
+@given(mu=st.floats(0.01, 2.0), load=st.floats(1.0, 1e3), share=st.floats(-1.0, 1.0, allow_subnormal=False), k=steepnesses)
 def test_the_line_is_right_about_rest_and_too_great_beyond(mu: float, load: float, share: float, k: float) -> None:
     """For small z = k_s v the arctangent is z - z^3/3 + ..., so the line is too great by z^2/3 of itself at most."""
     v = share / k
+    assume(v == 0.0 or abs(v) > TINY)
     line, law = hyperviscous_friction(mu, load, v, k), arctangent_friction(mu, load, v, k)
     assert line == -hyperviscous_friction(mu, load, -v, k)
     assert abs(law) <= abs(line) * (1.0 + ROUNDOFF)

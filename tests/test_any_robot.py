@@ -156,7 +156,7 @@ def test_fit_of_the_simulator(robot: str, tmp_path: Path) -> None:
 def test_recordings(robot: str, tmp_path: Path) -> None:
     """A simulated log of the robot, converted, is a log that a comparison and a fit take."""
     log = tmp_path / "log.csv"
-    commands = recordings_program.LOG_COMMANDS
+    commands = recordings_program.PROGRAM
     assert run(commands, "recordings", "convert", "traj4@mujoco", "--robot", robot, "--out", str(log), "--rate", "50") == 0
     assert run(commands, "recordings", "info", "traj4@mujoco", "--robot", robot, "--json", str(tmp_path / "info.json")) == 0
     out = tmp_path / "out"
@@ -194,7 +194,7 @@ STUDIES = {
 @pytest.mark.parametrize("study", STUDIES)
 def test_studies(robot: str, study: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run(study_program.program(), "study", study, "--robot", robot, *STUDIES[study], "--out", str(out)) == 0
+    assert run(study_program.PROGRAM, "study", study, "--robot", robot, *STUDIES[study], "--out", str(out)) == 0
     assert document(out / "study.json")["robot"] == load_robot(robot).name
     assert "nan" not in (out / "study.md").read_text(encoding="utf-8").lower().split()
 

@@ -29,7 +29,7 @@ from validation.logs.recording import Recording, RecordingError
 from validation.logs.recording_csv import read_csv
 from validation.motion.sources import open_source
 from validation.recordings import ConvertSettings, convert, info
-from validation.recordings.__main__ import LOG_COMMANDS
+from validation.recordings.__main__ import PROGRAM
 from validation.track.waypoint_files import WaypointError, read_waypoints
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "logs.md"
@@ -297,12 +297,12 @@ def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
 def test_limits_can_be_raised_by_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = drive(tmp_path, 10.0 * np.arange(100))
     with pytest.raises(SystemExit):
-        cli.run(LOG_COMMANDS, "recordings", ["info", str(path)])
+        cli.run(PROGRAM, "recordings", ["info", str(path)])
     assert "the limit period is 5 s" in capsys.readouterr().err
-    cli.run(LOG_COMMANDS, "recordings", ["info", str(path), "--limits", "period=20"])
+    cli.run(PROGRAM, "recordings", ["info", str(path), "--limits", "period=20"])
     assert "drive.csv" in capsys.readouterr().out
     with pytest.raises(SystemExit) as left:
-        cli.run(LOG_COMMANDS, "recordings", ["info", str(path), "--limits", "perid=20"])
+        cli.run(PROGRAM, "recordings", ["info", str(path), "--limits", "perid=20"])
     assert left.value.code == cli.EXIT_USER_ERROR
     assert "unknown limit 'perid'; there are: table_size, " in capsys.readouterr().err
     with pytest.raises(ValueError, match="span"):

@@ -18,9 +18,9 @@ from validation import cli
 from validation.compare.__main__ import main as compare
 from validation.fit.__main__ import main as fit
 from validation.plants.profile import load_profile
-from validation.recordings.__main__ import LOG_COMMANDS
-from validation.robots.__main__ import ROBOT_COMMANDS
-from validation.study.__main__ import program as studies
+from validation.recordings.__main__ import PROGRAM as LOG_COMMANDS
+from validation.robots.__main__ import PROGRAM as ROBOT_COMMANDS
+from validation.study.__main__ import PROGRAM as STUDY_COMMANDS
 from validation.track.__main__ import main as track
 from validation.tune.__main__ import main as tune
 
@@ -94,7 +94,7 @@ REFUSED: dict[str, tuple[Main, tuple[str, ...]]] = {
         ("new", NAME, *(f"--{n}=1" for n in ("wheelbase", "track", "wheel-radius", "wheel-width", "mass"))),
     ),
     "urdf": (ROBOT_COMMANDS, ("import", f"{NAME}.urdf")),
-    "study": (studies(), (NAME,)),
+    "study": (STUDY_COMMANDS, (NAME,)),
 }
 
 

@@ -28,7 +28,7 @@ from validation.logs.recording_csv import read_csv, write_csv
 from validation.logs.rest import find_rest, unbiased
 from validation.plants.profile import load_profile
 from validation.recordings import ConvertSettings, convert, info, open_log
-from validation.recordings.__main__ import LOG_COMMANDS
+from validation.recordings.__main__ import PROGRAM
 from validation.recordings.simulated_log import LogSettings, simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -201,7 +201,7 @@ def test_mistakes_end_in_one_line_and_write_nothing(
     monkeypatch.chdir(tmp_path / "here")
     before = paths["csv"].read_bytes()
     with pytest.raises(SystemExit) as ended:
-        cli.run(LOG_COMMANDS, "recordings", [a.format(**paths) for a in args])
+        cli.run(PROGRAM, "recordings", [a.format(**paths) for a in args])
     assert ended.value.code == cli.EXIT_USER_ERROR
     said = capsys.readouterr()
     assert message in said.err

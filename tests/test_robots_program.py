@@ -18,7 +18,7 @@ from tests.urdf_factory import UrdfRobot
 from validation import cli, load_robot
 from validation.plants.profile import load_profile, shipped
 from validation.robots import TapeMeasure, check_robot, draft_from_tape, list_robots
-from validation.robots.__main__ import ROBOT_COMMANDS
+from validation.robots.__main__ import PROGRAM
 from validation.robots.mechanics import load_shares, spot_turn, tyre_hull_overlap
 from validation.robots.raster import rasterised
 from validation.simulator.calibration import Calibration
@@ -45,7 +45,7 @@ def changed(name: str = "warthog", **sections: Mapping[str, Any]) -> Robot:
 
 
 def run(*arguments: str) -> None:
-    cli.run(ROBOT_COMMANDS, "robots", arguments)
+    cli.run(PROGRAM, "robots", arguments)
 
 
 # ------------------------------------------------------------------------------------------- list

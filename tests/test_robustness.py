@@ -21,7 +21,7 @@ from tests.conftest import ROUNDOFF
 from validation import cli
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
-from validation.study.__main__ import program
+from validation.study.__main__ import PROGRAM
 from validation.study.catalogue import STUDIES, Study
 from validation.study.result import StudyResult
 from validation.study.robustness import Robustness, RobustnessOptions, study_robustness
@@ -226,7 +226,7 @@ def run_program(*arguments: str) -> int:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["study", *arguments])
         try:
-            cli.run(program(), "python -m validation.study")
+            cli.run(PROGRAM, "python -m validation.study")
         except SystemExit as left:
             return int(left.code or 0)
     return 0

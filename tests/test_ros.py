@@ -15,7 +15,7 @@ import pytest
 
 from tests.ros_floods import KINDS, flood
 from validation import cli
-from validation.ros.__main__ import ROS_COMMANDS
+from validation.ros.__main__ import PROGRAM
 from validation.ros.port import APT_PACKAGES, SET_POSE_MD5, NoGraphError, load_rospy
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -73,7 +73,7 @@ def test_mistakes_are_told_before_anything_is_started(tmp_path: Path, capsys: py
         (("control", "pid", "line", "--patience", "0"), "--patience 0 s"),
     ):
         with pytest.raises(SystemExit) as ended:
-            cli.run(ROS_COMMANDS, "ros", arguments)
+            cli.run(PROGRAM, "ros", arguments)
         assert ended.value.code == cli.EXIT_USER_ERROR
         assert message in capsys.readouterr().err
 

@@ -19,7 +19,7 @@ from tests.ros_fakes import FakeClock, FakePort, make
 from validation import cli
 from validation.ros import messages as msg
 from validation.ros import run as running
-from validation.ros.__main__ import _STOPPING, ROS_COMMANDS, _Interrupt
+from validation.ros.__main__ import _STOPPING, PROGRAM, _Interrupt
 from validation.ros.control import ControlNode, RobotTopics
 
 TOPICS = RobotTopics()
@@ -60,7 +60,7 @@ class Drive:
         """Drive; the exit status."""
         handlers = {n: signal.getsignal(n) for n in SIGNALS}
         try:
-            cli.run(ROS_COMMANDS, "ros", ("control", "pid", str(self.path), "--speed", "0.25", "--out", str(self.out)))
+            cli.run(PROGRAM, "ros", ("control", "pid", str(self.path), "--speed", "0.25", "--out", str(self.out)))
         except SystemExit as ended:
             return int(ended.code or 0)
         finally:

@@ -4,7 +4,7 @@ import sys
 
 import lazy_loader as lazy
 
-if sys.argv[:1] == ["-m"]:  # a program is being loaded: until it runs, Ctrl-C shall end it without a traceback
+if sys.argv[:1] == ["-m"] or sys.argv[0].endswith("/ssmr"):  # while a program is loaded, Ctrl-C ends it without a traceback
     import signal
 
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:

@@ -76,9 +76,7 @@ _BUDGETS = {"--population", "--seeds", "--resamples", "--runs", "--noise-seeds",
 @functools.cache
 def mains(program: str) -> Any:
     """Return what a program hands to `validation.cli.run`."""
-    module = import_module(f"validation.{program}.__main__")
-    name = {"recordings": "LOG_COMMANDS", "robots": "ROBOT_COMMANDS", "ros": "ROS_COMMANDS"}.get(program, "main")
-    return module.program() if program == "study" else getattr(module, name)
+    return import_module(f"validation.{program}.__main__").PROGRAM
 
 
 @functools.cache

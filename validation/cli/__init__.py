@@ -13,6 +13,7 @@ early.require_resources()
 # ruff: noqa: E402 - what is loaded below takes half a second, in which Ctrl-C may come
 from validation.cli.early import EXIT_FAILED_RUN as EXIT_FAILED_RUN
 from validation.cli.early import EXIT_FAULT as EXIT_FAULT
+from validation.cli.options import NUMBERS as NUMBERS
 from validation.cli.options import Bounds as Bounds
 from validation.cli.options import Count as Count
 from validation.cli.options import Flag as Flag
@@ -42,6 +43,7 @@ from validation.cli.running import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.running import EXIT_USER_ERROR as EXIT_USER_ERROR
 from validation.cli.running import leave_out as leave_out
 from validation.cli.running import mistakes_are_users as mistakes_are_users
+from validation.cli.running import options_type as options_type
 from validation.cli.running import output_folder as output_folder
 from validation.cli.running import run as run
 from validation.cli.running import search_kept_in as search_kept_in

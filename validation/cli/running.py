@@ -186,19 +186,17 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
         UserError: the command line says something that cannot be.
         SystemExit: it asked for help.
     """
+    words = sys.argv[1:] if arguments is None else arguments
+    if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
+        raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
     said = io.StringIO()
     read = functools.partial(tyro.cli, prog=program, args=arguments, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
     try:
         with contextlib.redirect_stderr(said):
             if isinstance(main, Mapping):
-                mains = {_options_of(function): function for function in main.values()}
-                kinds = [
-                    Annotated[kind, tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
-                    for name, (kind, function) in zip(main, mains.items(), strict=True)
-                ]
-                options = read(typing.Union[tuple(kinds)])  # noqa: UP007 - of a list that is known at run time only
-                return mains[type(options)], options
-            if (kind := _options_of(main)) is not None:
+                options = read(options_type(main))
+                return next(function for function in main.values() if _options_of(function) is type(options)), options
+            if (kind := options_type(main)) is not None:
                 return main, read(kind, description=inspect.getdoc(main))
     except SystemExit as left:
         if left.code:
@@ -215,6 +213,20 @@ def _mistake_in(box: str) -> str:
     said = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])
     text = one_line(" ".join(said))
     return re.sub(r"^Error parsing ([^ :]+):", r"\1:", text) or "the command line cannot be read; see --help"
+
+
+def options_type(main: Callable[..., Any] | Mapping[str, Callable[..., Any]]) -> Any:
+    """Return the type that reads a program's command line: its options, or one of those of its subcommands.
+
+    None where the arguments of `main` are the options themselves.
+    """
+    if not isinstance(main, Mapping):
+        return _options_of(main)
+    kinds = [
+        Annotated[_options_of(function), tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
+        for name, function in main.items()
+    ]
+    return typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
 
 
 def _options_of(main: Callable[..., Any]) -> Any:

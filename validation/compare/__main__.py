@@ -101,6 +101,8 @@ def main(options: CompareOptions) -> None:
     output.show(folder / "compare.rrd")
 
 
+PROGRAM = main
+
 if __name__ == "__main__":
     cli.leave_out("pandas")
-    cli.run(main, "python -m validation.compare")
+    cli.run(PROGRAM, "python -m validation.compare")

@@ -142,5 +142,7 @@ def main(options: Options) -> None:
         raise KeyboardInterrupt
 
 
+PROGRAM = main
+
 if __name__ == "__main__":
-    cli.run(main, "python -m validation.fit")
+    cli.run(PROGRAM, "python -m validation.fit")

@@ -189,7 +189,7 @@ def _convert(options: ConvertOptions) -> None:
     cli.report_result(converted, [target])
 
 
-LOG_COMMANDS: Mapping[str, Callable[[Any], None]] = {"info": _info, "convert": _convert}
+PROGRAM: Mapping[str, Callable[[Any], None]] = {"info": _info, "convert": _convert}
 
 if __name__ == "__main__":
-    cli.run(LOG_COMMANDS, "python -m validation.recordings")
+    cli.run(PROGRAM, "python -m validation.recordings")

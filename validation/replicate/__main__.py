@@ -88,5 +88,7 @@ def main(options: ReplicateCommand) -> None:
     cli.report_result(result, written)
 
 
+PROGRAM = main
+
 if __name__ == "__main__":
-    cli.run(main, "python -m validation.replicate")
+    cli.run(PROGRAM, "python -m validation.replicate")

@@ -149,7 +149,7 @@ def _write(drafted: DraftedRobot, out: Path | None) -> None:
     )
 
 
-ROBOT_COMMANDS: Mapping[str, Callable[[Any], None]] = {"list": _list, "check": _check, "new": _new, "import": _import}
+PROGRAM: Mapping[str, Callable[[Any], None]] = {"list": _list, "check": _check, "new": _new, "import": _import}
 
 if __name__ == "__main__":
-    cli.run(ROBOT_COMMANDS, "python -m validation.robots")
+    cli.run(PROGRAM, "python -m validation.robots")

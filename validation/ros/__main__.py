@@ -199,7 +199,7 @@ def _on_a_graph() -> Iterator[_Interrupt]:
         raise cli.UserError(str(error)) from error
 
 
-ROS_COMMANDS: Mapping[str, Callable[[Any], None]] = {"sim": sim, "control": control}
+PROGRAM: Mapping[str, Callable[[Any], None]] = {"sim": sim, "control": control}
 
 if __name__ == "__main__":
-    cli.run(ROS_COMMANDS, "python -m validation.ros")
+    cli.run(PROGRAM, "python -m validation.ros")

@@ -103,10 +103,7 @@ def _command(study: Study) -> Callable[[Any], None]:
     return main
 
 
-def program() -> Mapping[str, Callable[[Any], None]]:
-    """Return the function behind each command."""
-    return {study.name: _command(study) for study in STUDIES}
-
+PROGRAM: Mapping[str, Callable[[Any], None]] = {study.name: _command(study) for study in STUDIES}
 
 if __name__ == "__main__":
-    cli.run(program(), "python -m validation.study")
+    cli.run(PROGRAM, "python -m validation.study")

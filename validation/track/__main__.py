@@ -143,5 +143,7 @@ def main(options: TrackOptions) -> None:
     tracked.require_kept()
 
 
+PROGRAM = main
+
 if __name__ == "__main__":
-    cli.run(main, "python -m validation.track")
+    cli.run(PROGRAM, "python -m validation.track")

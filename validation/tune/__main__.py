@@ -132,5 +132,7 @@ def main(options: Options) -> None:
         raise KeyboardInterrupt
 
 
+PROGRAM = main
+
 if __name__ == "__main__":
-    cli.run(main, "python -m validation.tune")
+    cli.run(PROGRAM, "python -m validation.tune")

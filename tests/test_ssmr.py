@@ -1,0 +1,84 @@
+"""The command `ssmr`, which every program can be called by."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import validation
+from validation.cli import __main__ as ssmr
+
+ROOT = Path(validation.__file__).parent
+
+
+def call(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Call the command in a process of its own, as its script in the environment does."""
+    program = "import sys; sys.argv[0] = '/bin/ssmr'; from validation.cli.__main__ import main; sys.exit(main())"
+    return subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, cwd=cwd, timeout=300)
+
+
+def test_every_program_is_there() -> None:
+    assert set(ssmr.PROGRAMS) == {path.parent.name for path in ROOT.glob("*/__main__.py")} - {"cli"}
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",)])
+def test_help_lists_the_programs_with_a_line_each(arguments: tuple[str, ...]) -> None:
+    done = call(*arguments)
+    assert done.returncode == 0, done.stderr
+    text = " ".join(done.stdout.replace("│", " ").split())
+    for name, says in ssmr.PROGRAMS.items():
+        assert f"{name} {says}" in text
+
+
+def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
+    done = call("compare", "traj2", "--plants", "kinematic,linear", "--reference", "linear", "--no-rerun", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"kinematic", "linear"}
+
+
+def test_usage_names_the_command_that_was_called() -> None:
+    assert call("study", "contact", "--help").stdout.startswith("usage: ssmr study contact")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("compere", "traj4"), "error: there is no 'ssmr compere'; there are: compare, fit,"),
+        (("study", "contacts"), "error: there is no 'ssmr study contacts'; there are: "),
+        (("compare", "traj9"), "error: no source 'traj9'"),
+        (("completion", "fish"), "error: invalid choice 'fish'"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments: tuple[str, ...], said: str) -> None:
+    done = call(*arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(said)
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_version_is_the_packages() -> None:
+    done = call("--version")
+    assert done.returncode == 0
+    assert done.stdout.split()[0] == "ssmr-testbed"
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash here")
+def test_bash_completes_programs_studies_and_options(tmp_path: Path) -> None:
+    script = call("completion", "bash")
+    assert script.returncode == 0, script.stderr
+    (tmp_path / "complete.sh").write_text(script.stdout)
+
+    def completed(*words: str) -> set[str]:
+        ask = f"source complete.sh; COMP_WORDS=({' '.join(words)} ''); COMP_CWORD={len(words)}"
+        find = "complete -p ssmr | sed 's/.*-F \\([^ ]*\\).*/\\1/'"
+        ask += f"; $({find}); printf '%s\\n' \"${{COMPREPLY[@]}}\""
+        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+        return {word.split("\t")[0].strip() for word in done.stdout.splitlines()}
+
+    assert set(ssmr.PROGRAMS) <= completed("ssmr")
+    assert "contact" in completed("ssmr", "study")

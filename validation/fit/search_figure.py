@@ -95,7 +95,7 @@ def _draw_strips(looks: SearchLooks, which: Sequence[int], places: int, ax: Axes
     """Draw some of the parameters within their bounds, a strip each, in a panel with room for `places` strips."""
     result = looks.result
     names = [f"{i + 1}  {p.name}" if looks.numbered else p.name for i, p in enumerate(result.parameters)]
-    right = max(len(f"{p.upper:g} {unit_text(p.unit)}") for p in result.parameters)
+    right = max(len(f"{p.upper:.4g} {unit_text(p.unit)}") for p in result.parameters)
     drawing.inset(ax, left=_CHARACTER_IN * (max(map(len, names)) + 8) - 0.45, right=_CHARACTER_IN * right)
     ax.set(xlim=(0.0, 1.0), ylim=(places - 0.45, -0.6), xticks=[], yticks=[])
     ax.set_title(f"{looks.what} within their bounds" if which[0] == 0 else "")
@@ -109,7 +109,7 @@ def _draw_strips(looks: SearchLooks, which: Sequence[int], places: int, ax: Axes
     parts = ["dot: found", f"tick: {looks.before}", "grey dots: last generation"]
     if any(p.interval_95 is not None for p in result.parameters):
         parts.insert(1, "bar: 95 % interval")
-    legend = " · ".join(parts) if which[0] == 0 else ""
+    legend = " · ".join(parts[:-1]) + "\n" + parts[-1] if which[0] == 0 else ""  # one line would run into the next panel
     ax.annotate(legend, (0.0, 0.0), (0.0, -6.0), xycoords="axes fraction", textcoords="offset points", va="top",
                 ha="left", fontsize=8.5, color=QUIET, annotation_clip=False)  # fmt: skip
 
@@ -134,7 +134,7 @@ def _draw_strip(p: FittedParameter, row: int, members: FloatArray, ink: Ink, ax:
     side = "left" if x < 0.3 else "right" if x > 0.7 else "center"
     ax.annotate(text, ({"left": 0.0, "right": 1.0}.get(side, x), row), (0.0, 7.0), textcoords="offset points", ha=side,
                 va="bottom", fontsize=9.0, fontweight="bold", color=colour, annotation_clip=False)  # fmt: skip
-    ends_text = ((f"{p.lower:g}", 0.0, -7.0, "right"), (f"{p.upper:g} {unit_text(p.unit)}".rstrip(), 1.0, 7.0, "left"))
+    ends_text = ((f"{p.lower:.4g}", 0.0, -7.0, "right"), (f"{p.upper:.4g} {unit_text(p.unit)}".rstrip(), 1.0, 7.0, "left"))
     for bound, at, away, align in ends_text:
         ax.annotate(bound, (at, row), (away, 0.0), textcoords="offset points", ha=align, va="center", fontsize=8.5,
                     color="0.3", annotation_clip=False)  # fmt: skip

@@ -143,7 +143,7 @@ def tall_grid(table: Table, number: str) -> tuple[Grid, tuple[str, ...]]:
             numbers.append(NOTHING if under is None else _with_error(replace(pair, ours=under.value, spread=under.spread)))
         if searched:
             known = "lower" in pair.beside
-            numbers.append(f"{pair.beside['lower']:g} to {pair.beside['upper']:g}" if known else NOTHING)
+            numbers.append(f"{pair.beside['lower']:.4g} to {pair.beside['upper']:.4g}" if known else NOTHING)
         numbers += [number_text(pair.beside[n]) if n in pair.beside else NOTHING for n in names]
         values = [pairs[m].published if m in pairs else None for m in others]
         numbers += [NOTHING if value is None else f"{value:g}" for value in values]

@@ -10,13 +10,15 @@ from __future__ import annotations
 import ctypes
 import itertools
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -34,20 +36,12 @@ from ssmr.lanes import run_population
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.paths import nearest_squared
 from ssmr.models import improved, linear
-from ssmr.models.law import PlanarRobot
 from ssmr.models.table import PLANAR_MODELS, planar_law
-from ssmr.robot.drive import wheel_references
+from ssmr.robot.drive import DRIVE_TEMPLATE, drive_numbers, wheel_references
 from ssmr.robot.motor import Wanted
-from ssmr.robot.vehicle import Vehicle
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulation import (
-    PLANAR_DT,
-    SAMPLE_DT,
-    PlanarModel,
-    PlanarMotion,
-    PlanarPlant,
-    run_planar,
-)
+from ssmr.simulation import PLANAR_DT, SAMPLE_DT, PlanarModel, PlanarPlant, robot_row
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
 from validation.plants.kind import PlantProfile
@@ -57,10 +51,10 @@ from validation.simulator.description import WHEELS
 from validation.simulator.model import calibrate, controls, robot_model, set_motors
 from validation.simulator.plant import MujocoPlant
 
-COLUMNS = 13
-"""Numbers of a step, as the compiled loops write them."""
-AGREED = 1e-9
-"""Greatest difference of a number between C and numba, 20 000 steps long [m, rad, m/s, N m, ...]."""
+LANES = 8
+"""Robots of a group in planar.cpp; it divides the population."""
+AGREED = 1e-12
+"""Greatest difference of a pose between C++ and numba, 20 000 steps long [m, rad]; usually not a bit."""
 SIMULINK_S = {"coulomb": 2.75, "improved": 0.70}
 """Sec. 3.6: trajectory 4 on the authors' machine [s]."""
 POPULATION = 64
@@ -69,78 +63,57 @@ SAME_PATH, SAME_LOADS = 5e-5, 5e-3
 load over its load at rest [1]."""
 
 
+def _fields(numbers: Any) -> str:
+    """Return the fields of a named tuple of numbers, and of named tuples of them, as C++ declares them."""
+    parts = zip(numbers._fields, numbers, strict=True)
+    return " ".join(f"struct {{ {_fields(x)} }} {name};" if isinstance(x, tuple) else f"V {name};" for name, x in parts)
+
+
 def shared_header() -> str:
-    """Return C declarations of what both languages share: models, their numbers, and the columns of a step."""
-    lines = [f"enum {{ {', '.join(name.upper() for name in PLANAR_MODELS)} }};", f"enum {{ COLUMNS = {COLUMNS} }};"]
-    lines.append(f"static const double LOAD_SUM = {linear.LOAD_SUM!r};")
-    kinds = {"vehicle": Vehicle, **{name: planar_law(name).parameters for name in PLANAR_MODELS}}
-    lines += [
-        f"typedef struct {{ double {', '.join(f.name for f in fields(kind))}; }} {name}_t;" for name, kind in kinds.items()
-    ]
-    return "\n".join(lines) + "\n"
+    """Return C++ declarations of what both languages share: a driver's numbers, and those of each model's robots."""
+    kinds: dict[str, Any] = {"drive": DRIVE_TEMPLATE}
+    for name in PLANAR_MODELS:
+        kinds[name] = PlanarModel(planar_law(name).parameters(), Vehicle(), Drive()).packed(PLANAR_DT)
+    lines = [f"enum {{ LANES = {LANES} }};", "typedef double V __attribute__((vector_size(8 * LANES)));"]
+    return "\n".join([*lines, *(f"struct {name}_t {{ {_fields(kind)} }};" for name, kind in kinds.items())]) + "\n"
 
 
-def compile_c(folder: Path) -> ctypes.CDLL:
-    """Return benchmarks/planar.c, compiled by gcc -O3 in a folder.
+def compiled(folder: Path, contract: str) -> ctypes.CDLL:
+    """Return benchmarks/planar.cpp, compiled in a folder for this processor.
+
+    Args:
+        folder: where to compile.
+        contract: `off` for the sums of Python, `fast` for products and sums that the compiler rounds once.
 
     Raises:
-        MissingError: there is no gcc.
+        MissingError: there is no g++.
     """
-    gcc = shutil.which("gcc")
-    if gcc is None:
-        raise MissingError("gcc is not installed; the benchmark compiles benchmarks/planar.c with it")
+    compiler = shutil.which("g++")
+    if compiler is None:
+        raise MissingError("g++ is not installed; the benchmark compiles benchmarks/planar.cpp with it")
     (folder / "shared.h").write_text(shared_header(), encoding="utf-8")
-    source, target = Path(__file__).with_name("planar.c"), folder / "planar.so"
-    subprocess.run([gcc, "-O3", "-shared", "-fPIC", "-I", folder, "-o", target, source, "-lm"], check=True)
-    library = ctypes.CDLL(str(target))
-    library.simulate.restype = ctypes.c_double
-    return library
+    source, target = Path(__file__).with_name("planar.cpp"), folder / f"planar-{contract}.so"
+    wide = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD64") else []
+    flags = ["-O3", "-march=native", *wide, f"-ffp-contract={contract}", "-shared", "-fPIC"]
+    subprocess.run([compiler, *flags, "-I", folder, "-o", target, source], check=True)
+    return ctypes.CDLL(str(target))
 
 
-def simulate_in_c(library: ctypes.CDLL, name: str, robot: PlanarRobot, references: FloatArray, out: FloatArray) -> float:
-    """Drive a planar model by the loop in C.
+def in_cpp(library: ctypes.CDLL, models: Sequence[PlanarModel], commands: Commands, out: FloatArray) -> Callable[[], None]:
+    """Return a call that drives a population in C++ from rest and writes (S, M, 3) poses. All is packed beforehand."""
+    drives = [drive_numbers(m.drive, commands.dt, PLANAR_DT) for m in models]
+    rows = np.array([[*d, *robot_row(m.packed(PLANAR_DT))] for d, m in zip(drives, models, strict=True)])
+    rows = np.ascontiguousarray(rows.reshape(-1, LANES, rows.shape[1]).swapaxes(1, 2))
+    robots, count, steps, stride = map(
+        ctypes.c_long, (len(models), commands.n, commands.n * drives[0].period, round(SAMPLE_DT / PLANAR_DT))
+    )
 
-    It writes (n, COLUMNS) numbers and returns the last yaw [rad], or NaN where planar.c has no such model.
-    """
-    vehicle, parameters = np.array(robot.vehicle), np.array(robot.parameters)
-    return float(
-        library.simulate(
-            ctypes.c_int(PLANAR_MODELS.index(name)), ctypes.c_long(len(references)), references.ctypes,
-            ctypes.c_double(PLANAR_DT), vehicle.ctypes, parameters.ctypes, ctypes.c_double(robot.motor.limit), out.ctypes,
+    def drive() -> None:
+        getattr(library, models[0].name)(
+            robots, rows.ctypes, commands.values.ctypes, count, steps, ctypes.c_double(PLANAR_DT), stride, out.ctypes
         )
-    )  # fmt: skip
 
-
-def simulate_in_numba(robot: PlanarRobot, references: FloatArray, out: FloatArray) -> None:
-    """Drive a planar model by the compiled loop; it writes (1 + n, COLUMNS) numbers."""
-    run_planar(references, np.zeros(1), PLANAR_DT, 1, robot, PlanarMotion(0.0, 0.0, 0.0, 0.0, 0.0), out)
-
-
-def planar_rows(commands: Commands, repeats: int) -> list[Row]:
-    """Time each planar model against the same loop in C; both write the same numbers of every step.
-
-    Raises:
-        SsmrError: the numbers differ.
-    """
-    profile, rows = load_profile("thesis-lab"), []
-    with tempfile.TemporaryDirectory() as folder:
-        library = compile_c(Path(folder))
-        for name in PLANAR_MODELS:
-            section = profile.plants[name]
-            references = wheel_references(commands, section.drive, PLANAR_DT, State())
-            mine, theirs = np.empty((1 + len(references), COLUMNS)), np.empty((len(references), COLUMNS))
-            robot = PlanarModel(section.parameters, section.vehicle, section.drive).packed(PLANAR_DT)
-            in_numba = partial(simulate_in_numba, robot, references, mine)
-            in_c = partial(simulate_in_c, library, name, robot, references, theirs)
-            if np.isnan(in_c()):
-                cli.warn(f"planar.c has no model {name}; it is left out")
-                continue
-            ours, peer = alternate(in_numba, in_c, repeats=repeats)
-            difference = float(np.abs(mine[1:] - theirs).max())
-            if difference > AGREED:
-                raise SsmrError(f"{name}: C and numba disagree by {difference:g}; planar.c is out of date")
-            rows.append(Row(f"{name}, 20 s at 1 ms / C", ours / peer, "<= 1.5", ours, peer, ours <= 1.5 * peer))
-    return rows
+    return drive
 
 
 def peer_rows(commands: Commands, repeats: int) -> list[Row]:
@@ -216,38 +189,51 @@ def _poses_of(plants: Sequence[PlanarPlant], commands: Commands) -> list[FloatAr
     return [plant.run(commands, State(), SAMPLE_DT).pose for plant in plants]
 
 
-def lane_rows(commands: Commands, repeats: int) -> list[Row]:
-    """64 candidates of each planar model side by side in lanes against the same ones, one by one, on one thread.
+def lane_rows(commands: Commands, repeats: int, quick: bool) -> list[Row]:
+    """64 candidates of each planar model in numba's lanes, against the same ones one by one and in C++, on one thread.
 
     Raises:
-        SsmrError: the poses differ by a bit.
+        SsmrError: poses of the lanes differ from those of single robots, or from those in C++.
     """
-    profile, rows, most = load_profile("thesis-lab"), [], numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        for name in PLANAR_MODELS:
-            section = profile.plants[name]
-            drives = [replace(section.drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i) for i in range(POPULATION)]
-            models = [PlanarModel(section.parameters, section.vehicle, drive) for drive in drives]
-            plants, starts = [PlanarPlant(model) for model in models], [State()] * POPULATION
-            together = partial(run_population, models, commands, starts, SAMPLE_DT)
-            one_by_one = partial(_poses_of, plants, commands)
-            if not np.array_equal(together(), one_by_one()):
-                raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
-            lanes, single = alternate(together, one_by_one, repeats=repeats)
-            rows.append(
-                Row(
-                    f"{name}: {POPULATION} robots one by one / in lanes",
-                    single / lanes,
-                    ">= 6",
-                    lanes,
-                    single,
-                    single >= 6 * lanes,
-                )
-            )
-    finally:
-        numba.set_num_threads(most)
+    rows, most = list[Row](), numba.get_num_threads()
+    with tempfile.TemporaryDirectory() as folder:
+        libraries = optional(quick, lambda: [compiled(Path(folder), contract) for contract in ("off", "fast")])
+        numba.set_num_threads(1)
+        try:
+            for name in PLANAR_MODELS:
+                rows += lane_rows_of(name, commands, repeats, libraries or [])
+        finally:
+            numba.set_num_threads(most)
     return rows
+
+
+def lane_rows_of(name: str, commands: Commands, repeats: int, libraries: Sequence[ctypes.CDLL]) -> list[Row]:
+    """Return what `lane_rows` says of one model; without libraries nothing of C++."""
+    section = load_profile("thesis-lab").plants[name]
+    drives = [replace(section.drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i) for i in range(POPULATION)]
+    models = [PlanarModel(section.parameters, section.vehicle, drive) for drive in drives]
+    plants, starts = [PlanarPlant(model) for model in models], [State()] * POPULATION
+    together = partial(run_population, models, commands, starts, SAMPLE_DT)
+    one_by_one = partial(_poses_of, plants, commands)
+    poses = together()
+    if not np.array_equal(poses, one_by_one()):
+        raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
+    if libraries and not hasattr(libraries[0], name):
+        cli.warn(f"planar.cpp has no model {name}; it is left out")
+        libraries = []
+    theirs = np.empty_like(poses)
+    limits, apart = [in_cpp(library, models, commands, theirs) for library in libraries], 0.0
+    for fused, drive in enumerate(limits):
+        drive()
+        apart = float(np.abs(theirs - poses).max())
+        if not fused and not apart <= AGREED:  # NaN too
+            raise SsmrError(f"{name}: C++ and numba disagree by {apart:g}; planar.cpp is out of date")
+    lanes, single, *limit = alternate(together, one_by_one, *limits[1:], repeats=repeats)
+    ratio, what = single / lanes, f"{name}: {POPULATION} robots"
+    rows = [Row(f"{what} one by one / in lanes", ratio, ">= 6", lanes, single, ratio >= 6.0)]
+    return rows + [
+        Row(f"{what} in lanes / in C++ (fused sums, {apart:.0e} apart)", lanes / cpp, "", lanes, cpp, True) for cpp in limit
+    ]
 
 
 def former_model(section: PlantProfile) -> mujoco.MjModel:
@@ -384,11 +370,10 @@ def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 31, q
     commands = TRAJECTORIES["traj4"].commands()
     often = 1 if quick else repeats
     few = 1 if quick else max(3, repeats // 3)
-    rows = optional(quick, lambda: planar_rows(commands, often)) or []
-    rows += [] if quick else peer_rows(commands, repeats)
-    rows += [
+    rows = [
+        *([] if quick else peer_rows(commands, repeats)),
         population_row(commands, few),
-        *lane_rows(commands, few),
+        *lane_rows(commands, few, quick),
         *mujoco_rows(commands, few),
         *metric_rows(commands, often),
     ]

@@ -1,4 +1,4 @@
-"""Every benchmark runs, quickly; C and numba agree."""
+"""Every benchmark runs, quickly; C++ and numba agree."""
 
 from __future__ import annotations
 
@@ -39,13 +39,15 @@ def test_a_quick_run_ends_well(name: str, tmp_path: Path) -> None:
     assert json.loads(out.read_text(encoding="utf-8"))["schema"] == "ssmr.benchmark/1"
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
-def test_models_in_another_order_than_c_was_told_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Version 1.0 failed in this way: the order of models changed in Python alone."""
-    header = simulate.shared_header()
-    monkeypatch.setattr(simulate, "shared_header", lambda: header.replace("enum { ", "enum { ANOTHER, ", 1))
-    with pytest.raises(SsmrError, match=r"C and numba disagree by .*; planar\.c is out of date"):
-        simulate.planar_rows(TRAJECTORIES["traj4"].commands(), 1)
+@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+def test_numbers_in_another_order_than_cpp_was_told_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    header, threads = simulate.shared_header(), numba.get_num_threads()
+    swapped = header.replace("V half_track; V radius;", "V radius; V half_track;")
+    assert swapped != header
+    monkeypatch.setattr(simulate, "shared_header", lambda: swapped)
+    with pytest.raises(SsmrError, match=r"C\+\+ and numba disagree by .*; planar\.cpp is out of date"):
+        simulate.lane_rows(TRAJECTORIES["traj4"].commands(), 1, True)
+    assert numba.get_num_threads() == threads
 
 
 def test_only_a_quick_run_goes_on_without_what_is_missing() -> None:

@@ -14,6 +14,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -192,6 +193,8 @@ def _poses_of(plants: Sequence[PlanarPlant], commands: Commands) -> list[FloatAr
 def lane_rows(commands: Commands, repeats: int, quick: bool) -> list[Row]:
     """64 candidates of each planar model in numba's lanes, against the same ones one by one and in C++, on one thread.
 
+    Times are the processor's, so that a busy machine hurts them less.
+
     Raises:
         SsmrError: poses of the lanes differ from those of single robots, or from those in C++.
     """
@@ -228,7 +231,7 @@ def lane_rows_of(name: str, commands: Commands, repeats: int, libraries: Sequenc
         apart = float(np.abs(theirs - poses).max())
         if not fused and not apart <= AGREED:  # NaN too
             raise SsmrError(f"{name}: C++ and numba disagree by {apart:g}; planar.cpp is out of date")
-    lanes, single, *limit = alternate(together, one_by_one, *limits[1:], repeats=repeats)
+    lanes, single, *limit = alternate(together, one_by_one, *limits[1:], repeats=repeats, clock=time.process_time)
     ratio, what = single / lanes, f"{name}: {POPULATION} robots"
     rows = [Row(f"{what} one by one / in lanes", ratio, ">= 6", lanes, single, ratio >= 6.0)]
     return rows + [

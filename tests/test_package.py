@@ -26,7 +26,13 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
         names = set(archive.namelist())
         archive.extractall(site)
     profiles = {f"validation/plants/profiles/{p.name}" for p in (ROOT / "validation/plants/profiles").glob("*.toml")}
-    data = {"_models/husky.xml", "thesis/published.toml", "thesis/verdicts.toml", "replicate/templates/replicate.html"}
+    data = {
+        "_models/husky.xml",
+        "thesis/published.toml",
+        "logs/sample.csv",
+        "thesis/verdicts.toml",
+        "replicate/templates/replicate.html",
+    }
     assert {*(f"validation/{name}" for name in data), *profiles} <= names
     assert not any(name.startswith(("tests/", "benchmarks/", "docs/")) or ".nbi" in name for name in names)
     (entries,) = site.glob("*.dist-info/entry_points.txt")

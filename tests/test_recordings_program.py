@@ -21,6 +21,7 @@ from tests.bag_factory import circle, poses_at, write
 from tests.conftest import data_folder
 from validation import cli
 from validation.logs.dead_reckoning import integrated, reckon
+from validation.logs.formats import log_path, read_recording
 from validation.logs.log import ReadOptions
 from validation.logs.offsets import estimate_offsets
 from validation.logs.recording import Recording
@@ -271,3 +272,21 @@ def test_no_constant_bias_and_scale_bring_the_parking_lot_near_its_gps() -> None
     best = least_squares(away, [0.0, 1.0])
     assert np.sqrt(2.0 * best.cost / len(gps)) == pytest.approx(2.44, abs=0.05)
     assert 0.96 < best.x[1] < 0.985  # the wheels are 2 to 3 % fast
+
+
+def test_the_sample_is_what_the_robot_drives(tmp_path: Path) -> None:
+    """All columns are rounded to 1e-4 at most; contacts may differ by a little more on another processor."""
+    made = tmp_path / "made.csv"
+    assert run("convert", "varied@mujoco", "--profile", "husky-tile", "--rate", 20, "--out", made).returncode == 0
+    ours, theirs = read_recording("sample"), read_recording(made)
+    assert ours.columns.keys() == theirs.columns.keys()
+    assert ours.t == pytest.approx(theirs.t, abs=1e-3)
+    for name, values in theirs.columns.items():
+        assert ours.columns[name] == pytest.approx(values, abs=1e-3, nan_ok=True), name
+
+
+def test_a_file_of_that_name_comes_before_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert log_path("sample").is_file()
+    (tmp_path / "sample").mkdir()
+    assert log_path("sample") == Path("sample")

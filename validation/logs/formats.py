@@ -15,6 +15,15 @@ from validation.logs.tum import TUM
 
 FORMATS: tuple[LogFormat, ...] = (CSV, TUM, BAG)
 """Every format of logs. A new one is a module that makes a `LogFormat`, and its name here."""
+SAMPLE_LOG = "sample"
+"""Name, where the path of a log is wanted, of the one that travels with the package: 70 s of the MuJoCo Husky of profile
+husky-tile at 20 Hz, as `recordings convert varied@mujoco --profile husky-tile --rate 20` writes it, rounded."""
+
+
+def log_path(name: str | Path) -> Path:
+    """Return the path of a log: `sample` is the one that travels with the package, unless there is a file of that name."""
+    path = Path(name)
+    return Path(__file__).with_name("sample.csv") if str(name) == SAMPLE_LOG and not exists(path) else path
 
 
 def readable() -> str:
@@ -38,7 +47,7 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     """Read a log of any format in `FORMATS`.
 
     Args:
-        path: a file or folder; its ending says which format it has.
+        path: a file or folder, whose ending says which format it has, or `sample`.
         options: choices for formats with topics; all guessed if not given.
 
     Returns:
@@ -47,7 +56,7 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     Raises:
         RecordingError: no format has that ending, or the log cannot be read, or is beyond the limits.
     """
-    path = Path(path)
+    path = log_path(path)
     if not exists(path):
         raise RecordingError(path, f"there is no such file; wanted a recording ({readable()})")
     found = _reader(path)

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, State, Trajectory
 from validation.logs.files import exists
-from validation.logs.formats import is_log, read_recording, readable
+from validation.logs.formats import is_log, log_path, read_recording, readable
 from validation.logs.groups import groups_of
 from validation.logs.health import find_faults
 from validation.logs.limits import USUAL, LogLimits
@@ -99,7 +98,7 @@ def open_source(
     """Open a scenario or a recording by its name.
 
     Args:
-        name: `traj1` ... `traj4`, one of them with `@PLANT`, or the path of a recording.
+        name: `traj1` ... `traj4`, one of them with `@PLANT`, the path of a recording, or `sample`.
         kind: which of a recording's inputs drives the plants.
         start: leave out what was recorded before [s].
         stop: leave out what was recorded after [s].
@@ -118,7 +117,7 @@ def open_source(
             raise ValueError(f"a time span cuts recordings; {name} is a scenario")
         piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
         return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
-    path = Path(name)
+    path = log_path(name)
     if exists(path) or is_log(path):
         recording = read_recording(path, limits).cut(start, stop)
         periods = (float(recording.t[-1]) - float(recording.t[0])) / RECORDING_GRID
@@ -131,7 +130,9 @@ def open_source(
         span = "" if start is None and stop is None else f", {recording.t[0]:.0f} to {recording.t[-1]:.0f} s"
         return source_of(recording, name, kind, recording.name + span)
     paths = f"paths of recordings ({readable()})"
-    raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, and {paths}")
+    raise ValueError(
+        f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, sample, and {paths}"
+    )
 
 
 def source_of(recording: Recording, name: str, kind: CommandKind = "twist", title: str | None = None) -> Source:

@@ -184,8 +184,11 @@ def compare(
     progress: Report = silent,
     *,
     robot: str | Path | Robot | None = None,
+    **options: Any,
 ) -> Comparison:
     """Drive every plant with the same commands and compare each with the reference.
+
+    Every field of the settings can be given by its own name too: `compare("drive.csv", input="wheels", start=50.0)`.
 
     Args:
         source: `traj1` ... `traj4`, one of them with `@PLANT`, the path of a recording, or an opened source.
@@ -197,6 +200,7 @@ def compare(
         workers: threads, None for all processors; the result does not depend on it.
         progress: told how far the work is.
         robot: the robot, its name or its path; None for that of the profile.
+        options: fields of the settings by name.
 
     Returns:
         The comparison, which prints (`table()`), draws (`figure()`) and saves (`save(folder)`) itself.
@@ -205,7 +209,8 @@ def compare(
         SsmrError: a plant diverged.
         ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
     """
-    return prepare(source, profile, plants, reference, settings, robot=robot).run(workers, progress)
+    changed = replace(settings or CompareSettings(), **options)
+    return prepare(source, profile, plants, reference, changed, robot=robot).run(workers, progress)
 
 
 def prepare(

@@ -70,7 +70,10 @@ class Profile:
         return {name: _finite(self.section(name).numbers()) for name in (self.plants if plants is None else plants)}
 
     def save(self, path: str | Path) -> Path:
-        """Write a TOML file without the numbers that the robot has anyway; return its path. `load_profile` reads it back."""
+        """Write a TOML file without the numbers that the robot has anyway; return its path. `load_profile` reads it back.
+
+        The file's folder is made if it is not there.
+        """
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
             usual = _usual(name, plant.robot).numbers()
@@ -82,8 +85,10 @@ class Profile:
         robot = self.robot.name if self.robot.shipped else self.robot.as_document()
         document = {"schema": SCHEMA, "name": self.name, "description": self.description, "robot": robot, "plants": plants}
         text = tomli_w.dumps(store.encodable({**document, "provenance": dict(self.provenance)}))
-        store.write_text(Path(path), text)
-        return Path(path)
+        path = Path(path)
+        store.make_folder(path.parent)
+        store.write_text(path, text)
+        return path
 
 
 def shipped() -> list[str]:

@@ -1,0 +1,42 @@
+"""The scripts and the notebook of examples/ run as they stand."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+SAYS = {
+    "compare_plants.py": ("improved", "compare.rrd"),
+    "fit_a_log.py": ("husky-tile: ", "fitted: "),
+    "other_robots.py": ("warthog", "mm apart"),
+    "own_controller.py": ("Chase follows slalom", "mpc follows slalom"),
+    "first_steps.ipynb": ("compared with recording", "track.rrd"),
+}
+"""What is printed, among other things."""
+
+
+def test_every_example_is_tried() -> None:
+    assert {path.name for path in EXAMPLES.iterdir() if path.is_file()} == set(SAYS)
+
+
+def code_of(path: Path) -> str:
+    """The program, the code cells of a notebook one after the other."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        return text
+    return "\n".join("".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "code")
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_an_example_runs(name: str, tmp_path: Path) -> None:
+    program = tmp_path / Path(name).with_suffix(".py").name
+    program.write_text(code_of(EXAMPLES / name), encoding="utf-8")
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True, cwd=tmp_path, timeout=500)
+    assert done.returncode == 0, done.stderr
+    for words in SAYS[name]:
+        assert words in done.stdout

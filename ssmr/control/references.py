@@ -6,6 +6,7 @@ is continuous. All begin at the origin. Speeds are those of the caller: the thes
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -17,6 +18,8 @@ from ssmr.types import FloatArray
 SPACING = 0.02
 """Greatest arc length between neighbouring waypoints [m]; a tenth of a second at 0.2 m/s, and a heading step of 0.08 rad in
 the tightest corner that is practicable at 0.5 m/s."""
+_GAUSS = np.polynomial.legendre.leggauss(5)
+"""Nodes and weights of the rule that integrates the direction of a step."""
 _REFINEMENT = 20
 """Steps in which the arc length of a sine is summed, for each waypoint: its error is below 1e-6 of the length."""
 
@@ -210,6 +213,23 @@ def long_line(speed: float, length: float = 200.0) -> Waypoints:
     return line(speed, length)
 
 
+def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Waypoints:
+    """Return a path along which the curvature goes evenly from each of the given ones to the next; it begins along x.
+
+    Args:
+        speed: reference speed [m/s].
+        curvatures: two or more, positive to the left [1/m].
+        piece: arc length from one to the next [m].
+
+    Raises:
+        ValueError: a speed or a length that is not positive and finite, or fewer than two curvatures.
+    """
+    _require_positive(piece=piece)
+    if len(curvatures) < 2:
+        raise ValueError(f"a winding path has two curvatures or more, got {len(curvatures)}")
+    return Waypoints.from_path(_curved([(piece, a, b) for a, b in itertools.pairwise(curvatures)]), speed)
+
+
 def _half_turn(curvature: float) -> list[tuple[float, float, float]]:
     """Return the pieces of a turn by 180 degrees with this greatest curvature [1/m]; see `u_turn`."""
     quarter = math.pi / curvature / 3.0
@@ -235,7 +255,7 @@ def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     ds, k0, k1 = map(np.concatenate, (steps, begins, ends))
     turns = 0.5 * (k0 + k1) * ds
     headings = np.cumsum(turns) - turns
-    nodes, weights = np.polynomial.legendre.leggauss(5)
+    nodes, weights = _GAUSS
     u = 0.5 * (1.0 + nodes)
     along = headings[:, None] + ds[:, None] * (k0[:, None] * u + 0.5 * (k1 - k0)[:, None] * u**2)
     chords = 0.5 * ds[:, None] * np.column_stack([np.cos(along) @ weights, np.sin(along) @ weights])

@@ -1,4 +1,4 @@
-"""Reinforcement learning: a MuJoCo robot as a dm_control entity, and trajectory tracking as a `dm_env` environment."""
+"""Reinforcement learning: trajectory tracking on MuJoCo for `dm_env` and Gymnasium, and a dm_control entity."""
 
 import lazy_loader as lazy
 

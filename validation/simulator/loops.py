@@ -40,28 +40,40 @@ class HuskyLoop:
     """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""
 
 
-class _Bodies:
-    """A batch of robots and their planar states."""
+class MujocoBodies:
+    """A batch of robots of one structure, each with its own numbers, and their planar states."""
 
-    def __init__(self, loops: Sequence[HuskyLoop], state: State, workers: int) -> None:
-        """Place every robot in `state`."""
-        first = self._first = loops[0].plant
-        self._batch = batch.Batch(first.model, len(loops), workers)
-        self._batch.set_models([p.plant.model for p in loops])
-        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+    qpos: FloatArray
+    """(S, nq) MuJoCo's positions, the free joint's first; a view."""
+    qvel: FloatArray
+    """(S, nv) MuJoCo's velocities; a view."""
+
+    def __init__(self, plants: Sequence[MujocoPlant], workers: int) -> None:
+        """Make room for robots that move as `plants` do, several of which may be one; `place` puts each on its ground."""
+        first = self._first = plants[0]
+        self._plants = list(plants)
+        self._batch = batch.Batch(first.model, len(plants), workers)
+        self._batch.set_models([p.model for p in plants])
+        self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._force = self._batch.bind("qfrc_actuator")
         rough = first.terrain.kind == "rough"
         self._ground = [self._batch.bind(name) for name in ("mocap_pos", "mocap_quat")] if rough else []
-        nq = first.model.nq
-        for row, p in enumerate(loops):
-            start = p.plant.placed(state)
-            self._qpos[row], self._qvel[row] = start[1 : 1 + nq], start[1 + nq : 1 + nq + first.model.nv]
-        self._inertia = np.array([p.plant.yaw_inertia for p in loops])
-        self._yaw = np.full(len(loops), state.yaw)
+        self._inertia, self._braking, self._yaw = np.empty(len(plants)), np.empty((len(plants), 1)), np.empty(len(plants))
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
         self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]  # in the order of `WHEELS`
-        self._braking = np.array([motor_numbers(p.plant.drive, p.plant.dt).braking for p in loops])[:, None]
+
+    def place(self, rows: Sequence[int], states: Sequence[State]) -> None:
+        """Put the robots of some rows into states, with no memory of what they did before; their plants may have changed."""
+        self._batch.set_models([p.model for p in self._plants])  # MuJoCo wants to be told of models that were edited
+        self._batch.reset(np.asarray(rows, dtype=np.int32), stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        nq, nv = self._first.model.nq, self._first.model.nv
+        for row, state in zip(rows, states, strict=True):
+            plant = self._plants[row]
+            start = plant.placed(state)
+            self.qpos[row], self.qvel[row] = start[1 : 1 + nq], start[1 + nq : 1 + nq + nv]
+            self._inertia[row], self._yaw[row] = plant.yaw_inertia, state.yaw
+            self._braking[row] = motor_numbers(plant.drive, plant.dt).braking
 
     @property
     def gave_up(self) -> NDArray[np.bool_]:
@@ -71,27 +83,33 @@ class _Bodies:
     def states(self) -> FloatArray:
         """Return (S, 10) the fields of `ssmr.control.tick.Truth`; yaw is unwrapped from the last reading."""
         out = np.empty((len(self._yaw), 10))
-        turn = quat_wxyz_to_yaw(self._qpos[:, 3:7]) - self._yaw
+        turn = quat_wxyz_to_yaw(self.qpos[:, 3:7]) - self._yaw
         self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
-        out[:, :2], out[:, 2] = self._qpos[:, :2], self._yaw
-        out[:, 3:5] = rotate_world_to_body(self._qvel[:, :2], self._yaw)
-        out[:, 5] = self._qvel[:, 5]
-        out[:, 6], out[:, 7] = (self._qvel[:, dofs].mean(axis=1) for dofs in self._first.wheel_dofs)
+        out[:, :2], out[:, 2] = self.qpos[:, :2], self._yaw
+        out[:, 3:5] = rotate_world_to_body(self.qvel[:, :2], self._yaw)
+        out[:, 5] = self.qvel[:, 5]
+        out[:, 6], out[:, 7] = (self.qvel[:, dofs].mean(axis=1) for dofs in self._first.wheel_dofs)
         force = self._force[:, self._wheels]
         out[:, 8:] = force[:, :2] + force[:, 2:] - self._braking * out[:, 6:8]
         return out
 
-    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
-        """Take (S, n, 2) wheel-rate references and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+    def advance(self, references: FloatArray, pushes: FloatArray, rows: NDArray[np.int32] | None = None) -> None:
+        """Take n physics steps with wheel-rate references and yaw accelerations.
+
+        Args:
+            references: (S, n, 2) wheel-rate references [rad/s], or (k, n, 2) of the k `rows`.
+            pushes: (S, n) yaw accelerations [rad/s2], or (k, n).
+            rows: (k,) robots that move; all if not given.
+        """
         control = np.zeros((*references.shape[:2], self._width))
         nu = self._first.model.nu
         control[:, :, :nu] = controls(self._first.model, references)
-        control[:, :, nu + 5] = self._inertia[:, None] * pushes
+        control[:, :, nu + 5] = (self._inertia if rows is None else self._inertia[rows])[:, None] * pushes
         for piece in np.split(control, references.shape[1], axis=1) if self._ground else [control]:
             if self._ground:
-                for bound, values in zip(self._ground, self._first.planes_under(self._qpos[:, :7]), strict=True):
+                for bound, values in zip(self._ground, self._first.planes_under(self.qpos[:, :7]), strict=True):
                     bound[:] = values.reshape(bound.shape)
-            self._batch.rollout(piece.shape[1], piece, control_spec=self._spec, record=())
+            self._batch.rollout(piece.shape[1], piece, control_spec=self._spec, record=(), ids=rows)
 
 
 @mujoco_failures()
@@ -121,7 +139,12 @@ def run_husky_loops(
     if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
         raise ValueError("a population of Huskies has one time step, one terrain, one shape of tyre and one kind of motor")
     controllers, settings = [p.controller for p in loops], [p.settings for p in loops]
+
+    def bodies_at(state: State) -> MujocoBodies:
+        bodies = MujocoBodies(plants, workers or os.cpu_count() or 1)
+        bodies.place(range(len(plants)), [state] * len(plants))
+        return bodies
+
     return run_bodies(
-        lambda state: _Bodies(loops, state, workers or os.cpu_count() or 1),
-        [p.drive for p in plants], plants[0].dt, controllers, settings, waypoints, seeds, start,
+        bodies_at, [p.drive for p in plants], plants[0].dt, controllers, settings, waypoints, seeds, start,
     )  # fmt: skip

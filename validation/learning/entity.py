@@ -1,0 +1,66 @@
+"""A robot as a dm_control entity, for tasks of one's own: its file, calibrated by a profile, with a profile's motors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dm_control import composer
+
+from ssmr.robot.vehicle import Drive
+from validation.simulator.calibration import Calibration
+from validation.simulator.composing import add_integral_parts, compose_robot
+from validation.simulator.description import WHEELS, Robot
+from validation.simulator.model import calibrate, set_motors
+
+
+class RobotEntity(composer.Entity):
+    """A robot without its free joint: `Arena.add_free_entity` gives it one."""
+
+    def _build(self, robot: Robot, integral: bool = False) -> None:
+        self._robot, self._model = robot, compose_robot(robot)
+        if integral:
+            add_integral_parts(self._model, robot)
+        self._model.model = robot.name
+        self._model.find("joint", "root").remove()
+
+    @property
+    def mjcf_model(self) -> Any:
+        """The MJCF tree."""
+        return self._model
+
+    @property
+    def prefix(self) -> str:
+        """Prefix of all names once the robot is attached."""
+        return f"{self._model.model}/"
+
+    @property
+    def wheels(self) -> list[Any]:
+        """The four wheel joints, in the order of `WHEELS`."""
+        return [self._model.find("joint", f"{wheel}_wheel") for wheel in WHEELS]
+
+    @property
+    def motors(self) -> list[Any]:
+        """Velocity servos [rad/s]: of the left and the right side, or of every wheel."""
+        return [self._model.find("actuator", f"{motor}_motor") for motor in self._robot.motors]
+
+    def calibrate(self, physics: Any, calibration: Calibration, drive: Drive) -> None:
+        """Set a calibration and the motors of a drive on compiled physics.
+
+        Raises:
+            ValueError: the drive has an integral part and the robot was built without, or the other way round.
+        """
+        calibrate(physics.model.ptr, calibration, self.prefix)
+        set_motors(physics.model.ptr, calibration, drive, self.prefix)
+
+
+def ground(robot: Robot) -> composer.Arena:
+    """Return a plane under a lamp, with the solver's settings of the robot: an attached robot does not bring its own."""
+    arena = composer.Arena(name="ground")
+    made, root = compose_robot(robot), arena.mjcf_model
+    for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
+        setattr(root.option, name, getattr(made.option, name))
+    root.option.flag.multiccd = made.option.flag.multiccd
+    root.compiler.angle = "radian"
+    root.worldbody.add("geom", name="plane", type="plane", size=[0, 0, 0.05], condim=3)
+    root.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
+    return arena

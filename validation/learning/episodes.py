@@ -1,0 +1,241 @@
+"""Episodes of trajectory tracking: what may be drawn for one, and one that was drawn.
+
+Everything about an episode follows from a generator: the robot, the reference, where it starts, and all noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings
+from ssmr.control.references import winding
+from ssmr.control.waypoints import Waypoints, targets_at
+from ssmr.parameters import require_in_range
+from ssmr.robot.drive import wheel_rates, whole_steps
+from ssmr.robot.sensors import yaw_disturbance
+from ssmr.robot.vehicle import Drive
+from ssmr.types import FloatArray, State
+from validation.learning.kernels import ERRORS
+from validation.plants.profile import PlantProfile, Profile, choose_profile
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import Robot
+from validation.simulator.physics import SHIPPED, PhysicsSettings
+from validation.simulator.plant import MujocoPlant
+from validation.track.waypoint_files import open_reference
+
+Physics = Literal["fast", "profile"]
+FAST_STEP = 0.005
+"""Physics step of fast physics [s]: a tick is ten steps."""
+FAST = PhysicsSettings(solver="PGS", iterations=3)
+"""Solver of fast physics. Three sweeps of projected Gauss-Seidel take three quarters of the shipped solver's time, and end
+as near to the shipped physics as that solver does with the same step (docs/learning.md)."""
+AHEAD_TICKS = (0, 4, 8, 12)
+"""Ticks from now to each target in an observation: up to 0.6 s ahead, three dead times of the thesis' robot."""
+LOST_TRACKS = 2.0
+"""Distance from the target at which an episode ends, over the robot's track [1]; 1.1 m for a Husky."""
+FRICTION, MASS, DELAY, RADIUS_DIFFERENCE, CENTRE = 0.3, 0.1, 0.25, 0.01, 0.1
+"""Greatest deviations of a drawn robot from its profile [1]: of friction, of mass and inertia, and of the dead times, over
+their own; of the left radii from the right over the radius; of the centre of mass over wheelbase and track."""
+START_PLACE, START_YAW = 0.5, 0.5
+"""Greatest deviations of a drawn start from the reference's: of x and y over the track [1], and of the heading [rad]."""
+CURVATURE, YAW_SHARE = 1.3, 0.45
+"""Greatest curvature of a drawn reference over one over the track [1], and greatest share of the drive's yaw rate that it
+asks for [1]."""
+SPEED_SHARE = 0.8
+"""Greatest share of the drive's speed that is drawn [1]."""
+
+
+@dataclass(frozen=True)
+class TrackTask:
+    """What the episodes of an environment are about."""
+
+    profiles: str | None = None
+    """Names or paths of profiles, comma-separated; each episode takes one at random. None for `thesis-lab`, or the robot's
+    own numbers if that is of another robot than `robot`."""
+    reference: str | None = None
+    """A reference by name or the path of a file of waypoints; None for a winding path that is drawn for each episode."""
+    speed: float | tuple[float, float] = (0.2, 0.8)
+    """Reference speed, or the range in which each episode draws one [m/s]."""
+    robot: str | Path | Robot | None = None
+    """The robot, its name or its path; None for that of the profiles."""
+    seconds: float = 20.0
+    """Greatest length of an episode [s]; a reference that ends before ends the episode."""
+    spread: float = 1.0
+    """Share of the greatest deviations of robots and starts that is drawn [1]; 0 for the profiles' own robots, at rest at
+    the first waypoint."""
+    noise: bool = True
+    """Whether feedback is noisy (Tab. 3.4) and the yaw is pushed at random (Sec. 3.4.5)."""
+    physics: Physics = "fast"
+    """`fast` for training; `profile` for the step and the solver of all other programs."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ValueError: a number outside its range, or an unknown physics.
+        """
+        require_in_range(self, "seconds", VELOCITY_PERIOD, 3600.0)
+        require_in_range(self, "spread", 0.0, 1.0)
+        low, high = self.speeds
+        if not 0.0 < low <= high < math.inf:
+            raise ValueError(f"speed {self.speed} must be a positive number, or two that do not fall [m/s]")
+        if self.physics not in ("fast", "profile"):
+            raise ValueError(f"unknown physics '{self.physics}'; there are: fast, profile")
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """The least and the greatest reference speed [m/s]."""
+        return self.speed if isinstance(self.speed, tuple) else (self.speed, self.speed)
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One episode, whole before it begins."""
+
+    calibration: Calibration
+    """The robot's numbers."""
+    drive: Drive
+    """The robot's drive."""
+    start: State
+    """The state in which it starts."""
+    before: tuple[float, float]
+    """Command until the beginning: speed [m/s] and yaw rate [rad/s]."""
+    targets: FloatArray
+    """(T + 1 + the farthest preview, 5) x, y, heading, speed and yaw rate of the target at each tick."""
+    noise: FloatArray
+    """(T + 1, 5) what the feedback adds to x, y, yaw, speed and yaw rate at each tick."""
+    pushes: FloatArray
+    """(T, n) yaw acceleration at each physics step [rad/s2]."""
+
+    @property
+    def ticks(self) -> int:
+        """T, the number of ticks after which the episode is over."""
+        return len(self.pushes)
+
+
+class EpisodeSource:
+    """Everything of which the episodes of a task are made."""
+
+    def __init__(self, task: TrackTask) -> None:
+        """Read profiles and reference.
+
+        Raises:
+            ValueError: profiles or waypoints that cannot be read, several robots or kinds of motor, or a physics step that
+                does not divide the profile's periods.
+        """
+        self.task = task
+        names = [None] if task.profiles is None else [name.strip() for name in task.profiles.split(",") if name.strip()]
+        profiles = [choose_profile(name, task.robot, "thesis-lab") for name in names]
+        self.sections = [_with_step(p, task.physics) for p in profiles]
+        first = self.sections[0] if profiles else None
+        if first is None or len({p.robot for p in profiles}) != 1:
+            raise ValueError(f"the profiles must be of one robot, they are of {', '.join(p.robot.name for p in profiles)}")
+        kinds = {(s.parameters.wheel_shape, s.drive.integral_gain > 0.0, s.parameters.timestep) for s in self.sections}
+        if len(kinds) != 1:
+            raise ValueError("all profiles must have one shape of tyre, one time step, and the same kind of speed loop")
+        self.waypoints = None if task.reference is None else open_reference(task.reference, task.speeds[1])[1]
+        self.steps = whole_steps(VELOCITY_PERIOD, first.parameters.timestep, "the period of commands")
+        most = task.seconds if self.waypoints is None else min(task.seconds, self._at(task.speeds[0]).duration)
+        self.most_ticks = math.ceil(most / VELOCITY_PERIOD - 1e-9)
+        longest = max(max(s.drive.delay_v, s.drive.delay_w) + s.drive.command_ramp for s in self.sections)
+        self.past = 1 + math.ceil((1.0 + DELAY) * longest / VELOCITY_PERIOD - 1e-9)
+        self.track = 2.0 * first.parameters.half_track
+        self.lost = LOST_TRACKS * self.track
+
+    @cached_property
+    def top(self) -> FloatArray:
+        """(2,) greatest command that any of the drives lets through: speed [m/s] and yaw rate [rad/s]."""
+        return np.array([max(s.drive.v_max for s in self.sections), max(s.drive.w_max for s in self.sections)])
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """(n,) greatest size of each number of an observation."""
+        v, w = self.top
+        reach = self.lost + v * VELOCITY_PERIOD * max(AHEAD_TICKS)
+        target = [reach, reach, math.pi, 2.0 * v, 4.0 * w]
+        return np.array([2.0 * v, 4.0 * w, *target * len(AHEAD_TICKS), *[v, w] * self.past])
+
+    @property
+    def slices(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
+        """The parts of an observation by name: where each stands, and its shape."""
+        end = 2 + ERRORS * len(AHEAD_TICKS)
+        return {
+            "speed": (slice(0, 2), (2,)),
+            "targets": (slice(2, end), (len(AHEAD_TICKS), ERRORS)),
+            "commands": (slice(end, None), (self.past, 2)),
+        }
+
+    def make_plant(self) -> MujocoPlant:
+        """Return a robot of the first profile, which can become that of any episode (`MujocoPlant.renumber`)."""
+        section, settings = self.sections[0], FAST if self.task.physics == "fast" else SHIPPED
+        return MujocoPlant(section.parameters, section.drive, settings=settings)
+
+    def _at(self, speed: float) -> Waypoints:
+        """Return the reference of the task at a speed [m/s]."""
+        assert self.waypoints is not None  # only asked for then
+        return self.waypoints if len({*self.task.speeds}) == 1 else self.waypoints.at_speed(speed)
+
+    def draw_episode(self, rng: np.random.Generator) -> Episode:
+        """Return an episode; equal generators give equal ones."""
+        section = self.sections[int(rng.integers(len(self.sections)))]
+        calibration, drive = self._draw_robot(section, rng)
+        low, high = (min(s, max(SPEED_SHARE * drive.v_max, self.task.speeds[0])) for s in self.task.speeds)
+        speed = float(rng.uniform(low, high))
+        waypoints = self._draw_path(speed, drive, rng) if self.waypoints is None else self._at(speed)
+        n = min(self.most_ticks, math.ceil(waypoints.duration / VELOCITY_PERIOD - 1e-9))
+        targets = targets_at(waypoints.course(), VELOCITY_PERIOD * np.arange(n + 1.0 + max(AHEAD_TICKS)))
+        start, before = self._draw_start(waypoints.start, speed, drive, rng)
+        seed = int(rng.integers(2**32))
+        noise, push = (np.random.default_rng([seed, k]) for k in range(2))
+        if self.task.noise:
+            off = noise.standard_normal((n + 1, 5)) * np.array(LoopSettings().deviations())[:5]
+            pushes = yaw_disturbance(n * VELOCITY_PERIOD, VELOCITY_PERIOD / self.steps, push).reshape(n, self.steps)
+        else:
+            off, pushes = np.zeros((n + 1, 5)), np.zeros((n, self.steps))
+        return Episode(calibration, drive, start, before, targets, off, pushes)
+
+    def _draw_robot(self, section: PlantProfile, rng: np.random.Generator) -> tuple[Calibration, Drive]:
+        c, d, geometry = section.parameters, section.drive, section.robot.geometry
+        friction, mass, delay, radius, x, y = self.task.spread * rng.uniform(-1.0, 1.0, 6)
+        calibration = replace(
+            c,
+            friction=min(c.friction * (1.0 + FRICTION * friction), 5.0),
+            mass=c.mass * (1.0 + MASS * mass),
+            yaw_inertia=c.yaw_inertia * (1.0 + MASS * mass),
+            radius_difference=c.radius_difference + RADIUS_DIFFERENCE * radius * c.wheel_radius,
+            com_x=c.com_x + CENTRE * x * geometry.wheelbase,
+            com_y=c.com_y + CENTRE * y * 2.0 * c.half_track,
+        )
+        factor = 1.0 + DELAY * delay
+        return calibration, replace(d, delay_v=factor * d.delay_v, delay_w=factor * d.delay_w)
+
+    def _draw_path(self, speed: float, drive: Drive, rng: np.random.Generator) -> Waypoints:
+        """Return a winding path that is long enough for an episode."""
+        most = min(CURVATURE / self.track, YAW_SHARE * drive.w_max / speed)
+        piece = 1.5 * self.track
+        count = 2 + math.ceil(speed * self.task.seconds / piece)
+        return winding(speed, rng.uniform(-most, most, count).tolist(), piece)
+
+    def _draw_start(
+        self, first: State, speed: float, drive: Drive, rng: np.random.Generator
+    ) -> tuple[State, tuple[float, float]]:
+        """Return a state near the first waypoint, rolling straight ahead, and the command that it obeys."""
+        x, y, yaw = (
+            self.task.spread * rng.uniform(-1.0, 1.0, 3) * (START_PLACE * self.track, START_PLACE * self.track, START_YAW)
+        )
+        v = self.task.spread * float(rng.uniform(0.0, speed))
+        wheels = wheel_rates(v, 0.0, drive.command_half_track, drive.command_radius)
+        state = State(first.x + x, first.y + y, first.yaw + yaw, v, 0.0, 0.0, float(wheels.left), float(wheels.right))
+        return state, (v, 0.0)
+
+
+def _with_step(profile: Profile, physics: Physics) -> PlantProfile:
+    """Return the numbers of a profile's MuJoCo robot with the step of the physics."""
+    section: PlantProfile = profile.plants["mujoco"]
+    return section if physics == "profile" else replace(section, parameters=replace(section.parameters, timestep=FAST_STEP))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 import unittest
 import warnings
@@ -300,6 +301,24 @@ def test_a_vector_is_many_single_environments(gymnasium: Any) -> None:
     assert not over.any()
     with pytest.raises(ValueError, match="3 robots need as many seeds, got 1"):
         many.reset(seed=[1])
+
+
+@pytest.mark.slow
+def test_the_policy_of_the_page_learns(tmp_path: Path) -> None:
+    """From standing still to following, and then the picture of the page; what it learnt holds on a path it never saw."""
+    path = Path(__file__).resolve().parents[1] / "docs" / "examples" / "learn_to_track.py"
+    spec = importlib.util.spec_from_file_location("learn_to_track", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    policy, weights, history = module.learn(20, every=20)
+    assert history[0]["reward"] < 0.1
+    assert history[-1]["reward"] > 0.5
+    found = module.judge(policy, weights, ("sine@0.5",), 1)
+    assert not found["sine"]["learnt"]["lost"]
+    module.draw(history, module.pid_reward(8), found, tmp_path / "learning.png")
+    assert (tmp_path / "learning.png").stat().st_size > 10_000
 
 
 def test_who_has_no_gymnasium_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

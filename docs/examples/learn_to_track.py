@@ -186,12 +186,13 @@ def draw(history: list[dict[str, float]], pid: tuple[float, float], found: dict[
         right.bar(np.arange(len(found)) + (k - 1.5) * width, heights, width, color=colour, label=name)
     right.set_xticks(range(len(found)), list(found))
     right.set(ylabel="RMS distance to the moving target [mm]", title="References at 0.5 m/s that no training saw")
-    right.legend()
+    right.set_ylim(0.0, 1.25 * right.get_ylim()[1])
+    right.legend(ncols=len(names), loc="upper center")
     figure.savefig(path, dpi=120)
     plt.close(figure)
 
 
-def main(folder: Path, generations: int = 300) -> dict[str, Any]:
+def main(folder: Path, generations: int = 60) -> dict[str, Any]:
     """Learn, judge, write; return what was found."""
     policy, weights, history = learn(generations)
     pid, found = pid_reward(), judge(policy, weights)

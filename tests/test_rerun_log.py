@@ -7,9 +7,12 @@ from __future__ import annotations
 import logging
 import math
 import os
+import signal
 import socket
 import subprocess
 import sys
+import time
+import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -544,6 +547,46 @@ def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
     assert bool(caplog.text) != opened
     if fate != "missing":
         assert viewer.command[viewer.command.index("--bind") + 1] == "127.0.0.1"
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="only Linux says who listens where in /proc")
+def test_a_browser_is_served_on_loopback_until_an_interrupt(tmp_path: Path) -> None:
+    """The program says where; what it says can be fetched; after Ctrl-C nobody listens there any more."""
+    command = [
+        sys.executable,
+        "-m",
+        "validation.compare",
+        "traj2",
+        "--plants",
+        "linear",
+        "--reference",
+        "linear",
+        "--view",
+        "web",
+    ]
+    program = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert program.stdout is not None
+    address = next(word for line in program.stdout for word in line.split() if word.startswith("http://127.0.0.1:"))
+    page = int(address.split(":")[2].partition("/")[0])
+    data = int(address.rpartition("%3A")[2].partition("%2F")[0])
+    with urllib.request.urlopen(f"http://127.0.0.1:{page}/", timeout=60) as answer:
+        assert b"rerun" in answer.read().lower()
+    others = {line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"}
+    assert {f"0100007F:{port:04X}" for port in (page, data)} <= others
+    assert not {f"00000000:{port:04X}" for port in (page, data)} & others
+    program.send_signal(signal.SIGINT)
+    _, said = program.communicate(timeout=120)
+    assert program.returncode == 130, said
+    until = time.monotonic() + 60.0
+    while any(answers(port) for port in (page, data)) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not any(answers(port) for port in (page, data))
+
+
+def answers(port: int) -> bool:
+    """Whether somebody listens there."""
+    with socket.socket() as trial:
+        return trial.connect_ex(("127.0.0.1", port)) == 0
 
 
 # --- the robot's looks ---

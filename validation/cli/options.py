@@ -215,6 +215,13 @@ Limits = Annotated[
 ]
 """NAME=NUMBER,... as limits of a log that replace the usual ones."""
 View = Annotated[Flag, option(help="Open the recording in the rerun viewer afterwards.", default="off")]
+ViewWeb = Annotated[
+    Flag,
+    option(
+        help="Serve the recording to a browser on this machine afterwards, until Ctrl-C; --view web is the same.",
+        default="off",
+    ),
+]
 NoRerun = Annotated[Flag, option(help="Do not write the rerun recording (.rrd).", default="off")]
 
 
@@ -250,11 +257,12 @@ class Output:
 
     out: Path | None = None
     view: View = False
+    view_web: ViewWeb = False
     no_rerun: NoRerun = False
 
     def check(self) -> None:
         """Refuse to show a recording that is not written."""
-        if self.view and self.no_rerun:
+        if (self.view or self.view_web) and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
 
     def show(self, recording: Path) -> None:
@@ -263,3 +271,7 @@ class Output:
             from validation.show.viewer import open_viewer
 
             open_viewer(recording)
+        elif self.view_web:
+            from validation.show.viewer import serve_viewer
+
+            serve_viewer(recording)

@@ -186,11 +186,13 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
         UserError: the command line says something that cannot be.
         SystemExit: it asked for help.
     """
-    words = sys.argv[1:] if arguments is None else arguments
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    for at in [i for i, pair in enumerate(itertools.pairwise(words)) if pair == ("--view", "web")]:
+        words[at : at + 2] = ["--view-web"]
     if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
         raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
     said = io.StringIO()
-    read = functools.partial(tyro.cli, prog=program, args=arguments, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
+    read = functools.partial(tyro.cli, prog=program, args=words, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
     try:
         with contextlib.redirect_stderr(said):
             if isinstance(main, Mapping):

@@ -1,7 +1,7 @@
-"""What the ROS nodes keep to, measured against a real master on loopback: `python -m benchmarks.ros [--only rates,circle]`.
+"""What the ROS nodes keep to, measured on a real graph on loopback: `python -m benchmarks.ros [--ros 2] [--only rates]`.
 
-It starts a roscore of its own on a free port, and the nodes as a user would, as processes. What it says was seen from
-outside: by a third node that listens and commands, on one monotonic clock.
+It starts the nodes as a user would, as processes; of ROS 1 also a roscore of its own on a free port. What it says was seen
+from outside: by a third node that listens and commands, on one monotonic clock.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from rich.table import Table
@@ -33,10 +34,13 @@ from validation import cli, store
 from validation.plants.profile import load_profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.commands import BASE_TIMEOUT
+from validation.ros.graph import Graph
 from validation.ros.inbox import Received
 from validation.ros.pacing import EDGE, Pacer, drift
-from validation.ros.port import Port, load_rospy, message_class, set_pose_service
-from validation.ros.sim import FILTERED_TOPIC, MESSAGE_TYPES, POSE_TOPIC, PUBLISH_RATES, SET_POSE_TOPIC, SIM_TIME_PARAMETER
+from validation.ros.port import Port
+from validation.ros.ros1 import SIM_TIME_PARAMETER, Ros1Port, load_rospy, message_class, set_pose_service
+from validation.ros.run import open_port
+from validation.ros.sim import FILTERED_TOPIC, MESSAGE_TYPES, POSE_TOPIC, PUBLISH_RATES, SET_POSE_TOPIC
 from validation.simulator.plant import MujocoPlant
 from validation.track.gains import load_gains
 from validation.track.loops import make_controller, make_robot, odometry_of, rate, run_robots
@@ -124,14 +128,26 @@ def wait_until(true: Callable[[], bool], what: str, patience: float = 30.0) -> N
 
 
 class Watcher:
-    """Listens to the robot and commands it."""
+    """Listens to the robot and commands it. Topics have the names of ROS 1 here, whichever ROS it is."""
 
-    def __init__(self, folder: Path) -> None:
-        """Start a master, and join it."""
+    port: Port
+
+    def __init__(self, folder: Path, graph: Graph | None = None) -> None:
+        """Join a graph; of ROS 1 a master is started for it."""
+        self.folder, self.graph = folder, graph or Graph()
+        self._usual = {self.graph.topic(topic, "husky"): topic for topic in MESSAGE_TYPES}
+        self._stack = contextlib.ExitStack()
+        self.options: tuple[str, ...] = ()
+        if self.graph.ros == 2:
+            self.options = ("--ros", "2", "--domain", str(self.graph.domain))
+            self._join()
+        else:
+            self._start_master()
+
+    def _start_master(self) -> None:
         if shutil.which("roscore") is None:
             raise MissingError("there is no roscore; on Debian 12: apt-get install --no-install-recommends ros-core")
-        self.folder = folder
-        port = free_port()
+        port, folder = free_port(), self.folder
         os.environ.update(
             ROS_MASTER_URI=f"http://127.0.0.1:{port}",
             ROS_IP="127.0.0.1",
@@ -139,20 +155,22 @@ class Watcher:
             ROS_LOG_DIR=str(folder / "log"),
         )
         os.environ.pop("ROS_HOSTNAME", None)
-        self._stack = contextlib.ExitStack()
-        self.master = self._stack.enter_context(process(["roscore", "-p", str(port)], folder / "roscore.log"))
+        self._stack.enter_context(process(["roscore", "-p", str(port)], folder / "roscore.log"))
         try:
             wait_until(lambda: answers(port), "the master")
             time.sleep(1.0)  # rosout comes after the master
-            with cli.mistakes_are_users():  # without rospy
-                self.port = Port("watcher")
-            self.port.advertise(COMMAND, "geometry_msgs/Twist")
-            self.port.advertise(JOYSTICK, "geometry_msgs/Twist")
-            for topic, kind in MESSAGE_TYPES.items():
-                self.port.listen(topic, kind)
+            self._join()
         except BaseException:
             self._stack.close()
             raise
+
+    def _join(self) -> None:
+        with cli.mistakes_are_users():  # without rospy or cyclonedds
+            self.port = open_port("watcher", self.graph)
+        self.port.advertise(COMMAND, "geometry_msgs/Twist")
+        self.port.advertise(JOYSTICK, "geometry_msgs/Twist")
+        for name, topic in self._usual.items():
+            self.port.listen(name, MESSAGE_TYPES[topic])
 
     def close(self) -> None:
         """Leave, and end the master."""
@@ -163,7 +181,7 @@ class Watcher:
     def sim(self, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
         """The simulation, once it is heard and hears; its process and what it says."""
         log = self.folder / f"sim{time.monotonic_ns()}.log"
-        command = [sys.executable, "-m", "validation.ros", "sim", "--profile", PROFILE, *options]
+        command = [sys.executable, "-m", "validation.ros", "sim", "--profile", PROFILE, *self.options, *options]
         with process(command, log) as running:
 
             def ready() -> bool:
@@ -180,7 +198,7 @@ class Watcher:
         got, until = [], time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             if (one := self.port.receive(left)) is not None:
-                got.append(one)
+                got.append(one._replace(topic=self._usual.get(one.topic, one.topic)))
         return got
 
     def drive(self, v: float, w: float, seconds: float, topic: str = COMMAND) -> tuple[list[Received], float]:
@@ -257,8 +275,9 @@ def measure_rates(watcher: Watcher, seconds: float) -> list[Finding]:
                     found.append(
                         Finding(f"arrivals later than their median: {name}", 1e3 * float(np.percentile(spread, q)), "ms", "")
                     )
-    left = load_rospy().get_param(SIM_TIME_PARAMETER, None)
-    found.append(yes("the simulation has left the graph as it was", left is None))
+    if watcher.graph.ros == 1:
+        left = load_rospy().get_param(SIM_TIME_PARAMETER, None)
+        found.append(yes("the simulation has left the graph as it was", left is None))
     tail = said(log)
     found.append(at_most("pacing error, as the node says", float(tail.split("pacing error ")[1].split(" ms")[0]), "ms", 1.0))
     return found
@@ -336,6 +355,7 @@ def drive_circle(watcher: Watcher, *options: str) -> float:
             PROFILE,
             "--out",
             str(out),
+            *watcher.options,
         ]
         with process(command, log) as running:
             while running.poll() is None:
@@ -344,7 +364,7 @@ def drive_circle(watcher: Watcher, *options: str) -> float:
                 kind = StalledError if "no feedback for" in said(log) else cli.UserError
                 raise kind(f"the controller failed: {said(log)}")
     document = json.loads((out / "track.json").read_text(encoding="utf-8"))
-    if document["options"]["judged_by"] != POSE_TOPIC:
+    if document["options"]["judged_by"] != watcher.graph.topic(POSE_TOPIC, "husky"):
         raise cli.UserError("the tracking system did not see the drive")
     return float(document["metrics"]["d_rms_m"])
 
@@ -484,7 +504,7 @@ def check_master(watcher: Watcher, simulation: subprocess.Popen[bytes], log: Pat
     """The master ends, and commands go on all the same; last of all, for nobody comes back from that."""
     watcher.drive(SPEED, 0.0, 1.2)
     gone = time.monotonic()
-    os.kill(watcher.port.master_pid, signal.SIGKILL)
+    os.kill(cast(Ros1Port, watcher.port).master_pid, signal.SIGKILL)
     got, _ = watcher.drive(SPEED, 0.0, 1.5)
     status = simulation.wait(20.0)
     return [
@@ -495,8 +515,13 @@ def check_master(watcher: Watcher, simulation: subprocess.Popen[bytes], log: Pat
 
 
 def measure_behaviour(watcher: Watcher) -> list[Finding]:
-    """What a robot does that is told where it is, is told by two, is told nothing any more, and has lost its master."""
+    """What a robot does that is told where it is, is told by two, is told nothing any more, and has lost its master.
+
+    ROS 2 has neither the service nor a master.
+    """
     with watcher.sim() as (simulation, log):
+        if watcher.graph.ros == 2:
+            return [*check_priority(watcher, log), *check_silence(watcher, log)]
         return [
             *check_set_pose(watcher),
             *check_priority(watcher, log),
@@ -513,7 +538,7 @@ def measure_orphans(watcher: Watcher) -> list[Finding]:
         wait_until(lambda: len(watcher.hear(0.1)) > 0 and "driving" in said(log), "the controller")
         watcher.hear(2.0)
         gone = time.monotonic()
-        os.kill(watcher.port.master_pid, signal.SIGKILL)
+        os.kill(cast(Ros1Port, watcher.port).master_pid, signal.SIGKILL)
         got = watcher.hear(1.6)
         statuses = [p.wait(20.0) for p in (simulation, controller)]
     return [
@@ -523,14 +548,37 @@ def measure_orphans(watcher: Watcher) -> list[Finding]:
     ]
 
 
-NAMES = ("rates", "latency", "circle", "behaviour", "orphans")
+def measure_memory(watcher: Watcher, minutes: float) -> list[Finding]:
+    """Memory and share of a core of a simulation that drives in circles, and what comes of its messages."""
+    samples: list[tuple[float, float, float]] = []
+    counts: Counter[str] = Counter()
+    with watcher.sim() as (simulation, _):
+        began = time.monotonic()
+        while (past := time.monotonic() - began) < 60.0 * minutes:
+            counts.update(got.topic for got in watcher.drive(SPEED, 0.2, 5.0)[0])
+            fields = Path(f"/proc/{simulation.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+            ticks = int(fields[11]) + int(fields[12])
+            samples.append((past, int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 2**20, ticks / os.sysconf("SC_CLK_TCK")))
+    t, memory, processor = np.array(samples).T
+    settled = t >= 0.2 * t[-1]
+    growth = float(np.polyfit(t[settled], memory[settled], 1)[0]) if np.count_nonzero(settled) > 2 else math.nan
+    return [
+        Finding(f"memory of the simulation after {t[0]:.0f} s", float(memory[0]), "MiB", ""),
+        Finding(f"after {t[-1] / 60.0:.1f} min", float(memory[-1]), "MiB", ""),
+        Finding("growth over the last four fifths", 3600.0 * growth, "MiB/h", ""),
+        Finding("processor time over time", 100.0 * float(np.ptp(processor) / max(np.ptp(t), 1e-9)), "% of a core", ""),
+        Finding("messages heard meanwhile", float(counts.total()), "", ""),
+    ]
+
+
+NAMES = ("rates", "latency", "circle", "behaviour", "memory", "orphans")
 """What can be measured."""
 LAST = ("behaviour", "orphans")
 """What ends the master: one of them a run."""
 
 
-def measure(names: Sequence[str], seconds: float, trials: int, repeats: int) -> list[Finding]:
-    """Measure, one after the other, against one master.
+def measure(names: Sequence[str], seconds: float, trials: int, repeats: int, minutes: float, graph: Graph) -> list[Finding]:
+    """Measure, one after the other, on one graph.
 
     Raises:
         UserError: no ROS, or something does not come up.
@@ -540,10 +588,11 @@ def measure(names: Sequence[str], seconds: float, trials: int, repeats: int) -> 
         "latency": lambda w: measure_latency(w, trials),
         "circle": lambda w: measure_circle(w, repeats),
         "behaviour": measure_behaviour,
+        "memory": lambda w: measure_memory(w, minutes),
         "orphans": measure_orphans,
     }
     with tempfile.TemporaryDirectory() as folder:
-        watcher = Watcher(Path(folder))
+        watcher = Watcher(Path(folder), graph)
         try:
             return [finding for name in NAMES if name in names for finding in calls[name](watcher)]
         finally:
@@ -552,20 +601,24 @@ def measure(names: Sequence[str], seconds: float, trials: int, repeats: int) -> 
 
 def main(
     out: Path = Path("runs/benchmarks/ros.json"),
-    only: str = ",".join(NAMES[:-1]),
+    only: str = "rates,latency,circle,behaviour",
+    ros: Literal[1, 2] = 1,
     seconds: float = 30.0,
     trials: int = 30,
     repeats: int = 5,
+    minutes: float = 5.0,
     quick: bool = False,
 ) -> None:
     """Measure the ROS nodes; print what was found and write it as JSON.
 
     Args:
         out: Where the JSON goes.
-        only: Which of rates, latency, circle, and behaviour or orphans, which both end the master.
+        only: Which of rates, latency, circle, memory, and behaviour or orphans, which both end the master of ROS 1.
+        ros: Version of ROS.
         seconds: How long rates are counted [s].
         trials: Commands whose latency is taken.
         repeats: Drives on the circle with noise.
+        minutes: How long memory is watched.
         quick: Count rates only, and briefly: a check that everything runs.
     """
     names = tuple(name.strip() for name in only.split(",") if name.strip())
@@ -573,11 +626,14 @@ def main(
         raise cli.UserError(f"--only {only}: there are {', '.join(NAMES)}")
     if all(name in names for name in LAST):
         raise cli.UserError(f"{' and '.join(LAST)} both end the master; measure one a run")
+    if ros == 2 and "orphans" in names:
+        raise cli.UserError("ROS 2 has no master that could leave orphans")
     if not seconds >= 2.0 * EDGE or trials < 1 or repeats < 0:
         raise cli.UserError(f"--seconds must be at least {2 * EDGE:g}, --trials positive, --repeats not negative")
     if quick:
         names, seconds = ("rates",), 2.0 * EDGE
-    found = optional(quick, lambda: measure(names, seconds, trials, repeats)) or []
+    graph = Graph(ros, 1 + os.getpid() % 100) if ros == 2 else Graph()  # a domain that is likely to be nobody else's
+    found = optional(quick, lambda: measure(names, seconds, trials, repeats, minutes, graph)) or []
     table: Any = Table(title="benchmarks/ros")
     for column in ("what", "value", "unit", "asked", ""):
         table.add_column(column, justify="right" if column == "value" else "left")

@@ -59,6 +59,8 @@ MAKERS: dict[str, Callable[[], SimpleNamespace]] = {
     ),
     "tf2_msgs/TFMessage": lambda: SimpleNamespace(transforms=[]),
     "rosgraph_msgs/Clock": lambda: SimpleNamespace(clock=_stamp()),
+    "std_msgs/String": lambda: SimpleNamespace(data=""),
+    "sensor_msgs/JointState": lambda: SimpleNamespace(header=_header(), name=[], position=[], velocity=[], effort=[]),
     "std_msgs/Bool": lambda: SimpleNamespace(data=False),
 }  # fmt: skip
 
@@ -95,12 +97,15 @@ class FakePort(Port):
         self.inbox = Inbox(self.notices, lambda: self._arriving)
         self._arriving = clock()
         self.coming: deque[tuple[str, float, Any]] = deque()
-        self.calls: list[Call] = []
+        self.waiting: list[Call] = []
         self.sent: list[tuple[str, float, Any]] = []
         self.gone_at = self.back_at = float("inf")
         self.robot_at = 0.0
         self.closed = ""
         self._read_call: Callable[[Any], Any] = lambda pose: pose
+
+    def simulate_time(self) -> None:
+        """Nobody is there to be told."""
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
         """Note a topic's type."""
@@ -117,7 +122,7 @@ class FakePort(Port):
     def ask(self, pose: Any, answer: Callable[[str], None]) -> None:
         """Let somebody call the service."""
         try:
-            self.calls.append(Call(self._read_call(pose), answer))
+            self.waiting.append(Call(self._read_call(pose), answer))
         except ValueError as error:
             answer(str(error))
 
@@ -167,7 +172,7 @@ class FakePort(Port):
 
     def call(self) -> Call | None:
         """The next call."""
-        return self.calls.pop(0) if self.calls else None
+        return self.waiting.pop(0) if self.waiting else None
 
     def close(self, why: str) -> None:
         """Leave nothing."""

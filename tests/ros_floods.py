@@ -257,7 +257,7 @@ def _messages(
 def _send(kind: str, rate: float, seconds: float) -> int:
     """Send a flood in bunches of 5 ms; return the number of messages."""
     from validation.ros import messages as msg
-    from validation.ros.port import load_rospy, message_class
+    from validation.ros.ros1 import load_rospy, message_class
     from validation.ros.sim import POSE_TOPIC
 
     rospy = load_rospy()

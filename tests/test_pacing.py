@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.ros_fakes import FakeClock
-from validation.ros.pacing import Pacer, instants
+from validation.ros.pacing import Excerpt, Pacer, drift, instants
 
 
 @given(st.dictionaries(st.sampled_from("abc"), st.sampled_from([7.0, 20.0, 50.0, 100.0, 120.0, 333.3, 500.0]), min_size=1))
@@ -90,3 +90,27 @@ def test_nothing_to_say_before_the_first_wait() -> None:
     clock = FakeClock()
     with pytest.raises(ValueError, match="nothing"):
         Pacer(clock, clock.sleep).pace()
+
+
+def test_a_long_run_takes_no_more_memory_and_says_the_same() -> None:
+    """Instants come without end; what is kept of them does not grow, and still is a fair excerpt."""
+    numbers = np.random.default_rng(0).exponential(size=100_000)
+    excerpt = Excerpt(most=1024)
+    for number in numbers:
+        excerpt.append(float(number))
+        assert len(excerpt.kept) < 1024
+    assert excerpt.count == len(numbers)
+    np.testing.assert_array_equal(excerpt.kept, numbers[::128])
+
+
+def test_the_drift_of_a_pacer_is_that_of_all_its_instants() -> None:
+    clock = FakeClock()
+    pacer = Pacer(clock, clock.sleep)
+    rng = np.random.default_rng(1)
+    t = 0.01 * np.arange(500)
+    late = []
+    for instant in t:
+        late.append(pacer.wait(float(instant)))
+        clock.now += float(rng.exponential(0.012))
+    assert pacer.pace().error == pytest.approx(drift(t, np.array(late)), abs=1e-12)
+    assert pacer.pace().late_max == max(late)

@@ -15,8 +15,10 @@ import pytest
 
 from tests.ros_floods import KINDS, flood
 from validation import cli
+from validation.ros import ros1
 from validation.ros.__main__ import PROGRAM
-from validation.ros.port import APT_PACKAGES, SET_POSE_MD5, NoGraphError, load_rospy
+from validation.ros.port import NoGraphError
+from validation.ros.ros1 import APT_PACKAGES, SET_POSE_MD5, load_rospy
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -33,7 +35,7 @@ def why_no_ros() -> str:
     """Why there is no ROS here; empty where there is."""
     if shutil.which("roscore") is None:
         return f"there is no roscore; on Debian 12: apt-get install --no-install-recommends {APT_PACKAGES}"
-    loaded = python("-c", "from validation.ros.port import load_rospy; load_rospy()")
+    loaded = python("-c", "from validation.ros.ros1 import load_rospy; load_rospy()")
     return loaded.stderr.strip().splitlines()[-1] if loaded.returncode else ""
 
 
@@ -54,12 +56,21 @@ def measured(tmp_path: Path, *options: str, timeout: float) -> dict[str, Any]:
     return {r["what"]: r["value"] for r in rows}
 
 
-def test_without_ros_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("here", "more"), [((3, 11, 2), "std-srvs"), ((3, 12, 1), "; they are for Python 3.11, this is 3.12")]
+)
+def test_without_ros_one_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, here: tuple[int, ...], more: str
+) -> None:
+    monkeypatch.setattr(ros1, "_here", lambda: here)
     monkeypatch.setattr(sys, "path", sys.path[:])
     for name in ("rospy", "rosgraph"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(NoGraphError, match=r"^ROS 1 is not there \(.*apt-get install --no-install-recommends ros-core"):
+    with pytest.raises(
+        NoGraphError, match=r"^ROS 1 is not there \(.*apt-get install --no-install-recommends ros-core"
+    ) as why:
         load_rospy()
+    assert str(why.value).endswith(more)
 
 
 def test_mistakes_are_told_before_anything_is_started(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -90,7 +101,7 @@ def test_without_a_master_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> N
 def test_the_services_checksum_is_genmsgs() -> None:
     """What genmsg makes of `geometry_msgs/PoseWithCovarianceStamped pose`: the type's checksum in the place of its name."""
     code = (
-        "from validation.ros.port import load_rospy, message_class, set_pose_service; load_rospy();"
+        "from validation.ros.ros1 import load_rospy, message_class, set_pose_service; load_rospy();"
         "import io; m = message_class('geometry_msgs/PoseWithCovarianceStamped'); r = set_pose_service()._request_class();"
         "r.pose.pose.pose.position.x = 1.5; b = io.BytesIO(); r.serialize(b);"
         "s = set_pose_service()._request_class().deserialize(b.getvalue());"

@@ -62,7 +62,11 @@ def speeds(port: FakePort) -> tuple[np.ndarray, np.ndarray]:
 def test_every_topic_comes_at_its_rate_and_its_instants(plant: MujocoPlant) -> None:
     node, port = simulation(plant, overshoot=3e-4)
     node.run(2.0)
-    assert port.counts() == {"/tf_static": 1, **{topic: round(2.0 * f) for topic, f in PUBLISH_RATES.items()}}
+    assert port.counts() == {
+        "/tf_static": 1,
+        "/robot_description": 1,
+        **{topic: round(2.0 * f) for topic, f in PUBLISH_RATES.items()},
+    }
     stamps = np.array([msg.get_stamp(m.header.stamp) for _, m in port.of(POSE_TOPIC)])
     assert np.all((stamps - np.arange(1, 241) / 120.0 >= -1e-9) & (stamps - np.arange(1, 241) / 120.0 < plant.dt))
     sent = np.array([t for t, _ in port.of(POSE_TOPIC)])

@@ -12,7 +12,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from validation.ros.port import ask_master, stay_on_loopback
+from validation.ros.ros1 import ask_master, stay_on_loopback
 
 
 @contextmanager

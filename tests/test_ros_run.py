@@ -33,7 +33,7 @@ class Drive:
         self.out, self.clock, self.path = out, FakeClock(), out.parent / "way.csv"
         self.path.write_text("x,y\n0,0\n1,0\n2,0\n", encoding="utf-8")  # 8 s
         self.port = FakePort(self.clock)
-        monkeypatch.setattr(running, "Port", lambda name: self.port)
+        monkeypatch.setattr(running, "open_port", lambda name, graph: self.port)
         monkeypatch.setattr(running, "ControlNode", functools.partial(ControlNode, clock=self.clock))
 
     def speak(self, until: float) -> None:

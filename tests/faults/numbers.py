@@ -33,7 +33,7 @@ def constructors() -> Mapping[str, type]:
 
     found = {}
     for name in sorted(modules()):
-        if name.startswith("validation.ros.port"):
+        if name.startswith("validation.ros.ros1"):
             continue
         module = importlib.import_module(name)
         for _, kind in inspect.getmembers(module, inspect.isclass):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -17,8 +18,8 @@ import tyro
 from ssmr.types import State
 from validation import cli
 from validation.plants.profile import choose_profile
-from validation.ros.commands import robot_topic
 from validation.ros.control import START_PATIENCE, RobotTopics
+from validation.ros.graph import Graph
 from validation.ros.pilot import Pilot, PilotSettings, StoppedError
 from validation.ros.port import NoGraphError
 from validation.ros.result import DriveStatus
@@ -30,6 +31,34 @@ from validation.words import file_name
 _STOPPING = 60.0
 """Longest time for which signals are ignored after the first one, or after the end of a drive [s]: the robot is being
 stopped, and the drive saved, which takes three seconds and, on a busy machine, more than ten."""
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """The graph to join."""
+
+    ros: Annotated[Literal[1, 2], cli.option()] = 1
+    """Version of ROS: 1 needs rospy and a master, 2 the extra `ros2` alone."""
+    domain: Annotated[int | None, cli.option(metavar="N", default="ROS_DOMAIN_ID, or 0")] = None
+    """ROS 2: domain."""
+    namespace: Annotated[str, cli.option(metavar="NAME", default="none")] = ""
+    """ROS 2: namespace of the robot, such as a200_0000."""
+    interface: Annotated[str, cli.option(metavar="NAME|ADDRESS", default="loopback, or what CYCLONEDDS_URI says")] = ""
+    """ROS 2: network interface."""
+
+    def graph(self) -> Graph:
+        """Return the graph.
+
+        Raises:
+            ValueError: a domain that is no number, or what `Graph` refuses.
+        """
+        domain = self.domain
+        if domain is None and self.ros == 2:
+            told = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+            if not (told.isascii() and told.isdigit()):
+                raise cli.UserError("ROS_DOMAIN_ID is set, and is no whole number")
+            domain = int(told[:9])
+        return Graph(self.ros, domain or 0, self.namespace.strip("/"), self.interface)
 
 
 @dataclass(frozen=True)
@@ -49,18 +78,21 @@ class SimOptions:
     wall_time: cli.Flag = False
     """Stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set."""
     seed: cli.Seed = 0
+    graph: GraphOptions = field(default_factory=GraphOptions)
 
 
 @dataclass(frozen=True)
 class TopicOptions:
     """Topics of the robot and of a tracking system."""
 
-    odometry: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.odometry
+    odometry: Annotated[str | None, cli.option(metavar="TOPIC", default="the robot's filter")] = None
     """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose."""
-    pose: Annotated[str | None, cli.option(metavar="TOPIC", default="/vrpn_client_node/ROBOT/pose")] = None
+    pose: Annotated[
+        str | None, cli.option(metavar="TOPIC", default="/vrpn_client_node/ROBOT/pose, or /vrpn_mocap/ROBOT/pose")
+    ] = None
     """Topic of a tracking system's geometry_msgs/PoseStamped."""
-    command: Annotated[str, cli.option(metavar="TOPIC")] = RobotTopics.command
-    """Topic of geometry_msgs/Twist on which the robot listens."""
+    command: Annotated[str | None, cli.option(metavar="TOPIC", default="cmd_vel")] = None
+    """Topic of geometry_msgs/Twist on which the robot listens; in ROS 2 also of TwistStamped."""
     feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
 
@@ -104,11 +136,12 @@ class ControlOptions:
     """Gains: published, manual (lqr), tuned, or the path of a TOML file."""
     topics: TopicOptions = field(default_factory=TopicOptions)
     drive: DriveOptions = field(default_factory=DriveOptions)
+    graph: GraphOptions = field(default_factory=GraphOptions)
     out: Annotated[Path | None, cli.out_option("runs/ros/CONTROLLER-REFERENCE")] = None
 
 
 def sim(options: SimOptions) -> None:
-    """Put a MuJoCo robot on a ROS 1 graph, in real time, until Ctrl-C.
+    """Put a MuJoCo robot on a graph of ROS 1 or ROS 2, in real time, until Ctrl-C.
 
     Its topics are those of a Clearpath robot of its name; docs/ros.md lists them.
     """
@@ -117,9 +150,10 @@ def sim(options: SimOptions) -> None:
         if not o.duration > 0.0 or not all(map(math.isfinite, o.start)):
             raise cli.UserError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
         chosen = choose_profile(o.profile, o.robot, "thesis-lab")
+        graph = o.graph.graph()
         sensors = SensorSettings(noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
     with _on_a_graph():
-        simulate_robot(chosen, State(*o.start), o.duration, sensors, wall_time=o.wall_time)
+        simulate_robot(chosen, State(*o.start), o.duration, sensors, wall_time=o.wall_time, graph=graph)
 
 
 def control(options: ControlOptions) -> None:
@@ -152,11 +186,16 @@ def control(options: ControlOptions) -> None:
         if not drive.patience > 0.0:
             raise cli.UserError(f"--patience {drive.patience:g} s must be positive")
         pilot = Pilot(law.on(chosen.plants["mujoco"].drive), waypoints, settings)
-        pose = o.topics.pose or robot_topic(RobotTopics.pose, chosen.robot.name)
-        topics = RobotTopics(o.topics.odometry, pose, o.topics.command, o.topics.feedback == "pose")
+        graph, told, usual = o.graph.graph(), o.topics, RobotTopics()
+        topics = RobotTopics(
+            told.odometry or graph.topic(usual.odometry, chosen.robot.name),
+            told.pose or graph.topic(usual.pose, chosen.robot.name),
+            told.command or graph.topic(usual.command, chosen.robot.name),
+            told.feedback == "pose",
+        )
         folder = cli.output_folder(o.out or Path("runs") / "ros" / file_name(f"{law.name}-{label}"))
     with _on_a_graph() as interrupt:
-        result = control_robot(pilot, wanted, chosen, label, topics, drive.patience)
+        result = control_robot(pilot, wanted, chosen, label, topics, drive.patience, graph)
         interrupt.wait_a_while()
     cli.report_result(result, result.save(folder, recording=False))
     if result.status is DriveStatus.INTERRUPTED:

@@ -8,6 +8,7 @@ ROS or of a test.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,8 +79,12 @@ class Seen(NamedTuple):
 
 
 def set_stamp(stamp: Any, seconds: float) -> None:
-    """Write a time [s], not negative, into a message's stamp, to the nanosecond."""
-    stamp.secs, stamp.nsecs = divmod(round(seconds * 1e9), _NANO)
+    """Write a time [s], not negative, into a message's stamp, to the nanosecond; ROS 2 has other names for its fields."""
+    whole, rest = divmod(round(seconds * 1e9), _NANO)
+    if hasattr(stamp, "nanosec"):
+        stamp.sec, stamp.nanosec = whole, rest
+    else:
+        stamp.secs, stamp.nsecs = whole, rest
 
 
 def get_stamp(stamp: Any) -> float:
@@ -88,8 +93,9 @@ def get_stamp(stamp: Any) -> float:
     Raises:
         ValueError: it is negative, or later than a stamp of ROS can hold.
     """
-    seconds = plausible("header.stamp.secs", stamp.secs, _MOST_STAMP, 0.0)
-    return seconds + 1e-9 * plausible("header.stamp.nsecs", stamp.nsecs, _MOST_STAMP, 0.0)
+    names = ("sec", "nanosec") if hasattr(stamp, "nanosec") else ("secs", "nsecs")
+    seconds, nano = (plausible(f"header.stamp.{name}", getattr(stamp, name), _MOST_STAMP, 0.0) for name in names)
+    return seconds + 1e-9 * nano
 
 
 def set_pose(pose: Any, x: float, y: float, yaw: float, z: float = 0.0) -> None:
@@ -175,6 +181,12 @@ def fill_imu(message: Any, stamp: float, rates: FloatArray, forces: FloatArray, 
     message.orientation_covariance = [-1.0, *[0.0] * 8]
     message.angular_velocity_covariance = [float(v) for v in (variances[0] * np.eye(3)).ravel()]
     message.linear_acceleration_covariance = [float(v) for v in (variances[1] * np.eye(3)).ravel()]
+
+
+def fill_joints(message: Any, stamp: float, names: Sequence[str], angles: FloatArray, rates: FloatArray) -> None:
+    """Fill a sensor_msgs/JointState with (N,) angles [rad] and rates [rad/s] of named joints; there are no efforts."""
+    set_stamp(message.header.stamp, stamp)
+    message.name, message.position, message.velocity = list(names), angles.tolist(), rates.tolist()
 
 
 def fill_transform(message: Any, stamp: float, frames: tuple[str, str], at: tuple[float, float, float], yaw: float) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -81,6 +82,25 @@ def drift(t: FloatArray, late: FloatArray) -> float:
     return float(late[t >= t[-1] - EDGE].min() - late[t <= t[0] + EDGE].min())
 
 
+class Excerpt:
+    """Numbers of a stream without end, in limited memory: every k-th is kept, and k doubles when there are too many."""
+
+    def __init__(self, most: int = 1 << 15) -> None:
+        """Begin without numbers, and keep at most `most`."""
+        self.kept = array("d")
+        self.count = 0
+        """Number of all numbers."""
+        self._most, self._every = most, 1
+
+    def append(self, number: float) -> None:
+        """Take the next number."""
+        if self.count % self._every == 0:
+            self.kept.append(number)
+            if len(self.kept) >= self._most:
+                self.kept, self._every = self.kept[::2], 2 * self._every
+        self.count += 1
+
+
 class Pacer:
     """Waits for instants counted from one start, and catches up after lateness, unless that is too much."""
 
@@ -97,7 +117,9 @@ class Pacer:
         self.start = clock()
         self.dropped = 0.0
         """Time that was dropped [s]."""
-        self._deadlines, self._late = array("d"), array("d")
+        self._late, self._most_late = Excerpt(), -math.inf
+        self._first: tuple[float, float] | None = None  # the first instant, and the least lateness of the first second
+        self._recent: deque[tuple[float, float]] = deque()
 
     def wait(self, instant: float) -> float:
         """Sleep until `instant` [s] after the start, unless that has passed, and return the lateness [s]."""
@@ -105,8 +127,13 @@ class Pacer:
         while (left := deadline - self._clock()) > 0.0:
             self._sleep(left)
         late = self._clock() - deadline
-        self._deadlines.append(instant)
         self._late.append(late)
+        self._most_late = max(self._most_late, late)
+        begin, least = self._first or (instant, late)
+        self._first = begin, min(least, late) if instant <= begin + EDGE else least
+        self._recent.append((instant, late))
+        while self._recent[0][0] < instant - EDGE:
+            self._recent.popleft()
         if late > self._most:
             self.start += late
             self.dropped += late
@@ -118,8 +145,8 @@ class Pacer:
         Raises:
             ValueError: nothing was waited for yet.
         """
-        if not self._late:
+        if self._first is None:
             raise ValueError("nothing was waited for yet")
-        t, late = np.array(self._deadlines), np.array(self._late)
-        median, p95 = map(float, np.percentile(late, [50.0, 95.0]))
-        return Pace(float(t[-1]), drift(t, late) + self.dropped, median, p95, float(late.max()), self.dropped)
+        median, p95 = map(float, np.percentile(self._late.kept, [50.0, 95.0]))
+        drifted = min(late for _, late in self._recent) - self._first[1]
+        return Pace(self._recent[-1][0], drifted + self.dropped, median, p95, self._most_late, self.dropped)

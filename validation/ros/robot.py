@@ -66,6 +66,7 @@ class SimulatedRobot:
         self._deviations = settings.model.packed() if settings.noise else SensorErrors(0.0, 0.0, 0.0)
         self.belief = initial_belief(State())
         self._wheel_pose = np.zeros(3)
+        self._wheels = np.zeros((2, 2))
         self._wheel_twist: Twist = STAND_STILL
         self._gyro = np.zeros(3)
         self._push_steps = whole_steps(_PUSH_TIME, plant.dt, "the time of a push")
@@ -110,6 +111,8 @@ class SimulatedRobot:
         s, draws = self.state, self._noise.standard_normal(5)
         sample = sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._deviations)
         filter_step(self.belief, sample, dt, self._numbers)
+        self._wheels[1] = sample.left, sample.right
+        self._wheels[0] += dt * self._wheels[1]
         self._gyro = np.array([*(self._plant.imu()[0][:2] + self._deviations.gyro_std * draws[3:]), sample.gyro])
         v, w = (float(rate) for rate in body_rates(sample.left, sample.right, self.filter.half_track, self.filter.radius))
         heading = self._wheel_pose[2] + 0.5 * dt * w
@@ -146,6 +149,11 @@ class SimulatedRobot:
         """Return pose, twist and covariances by wheel odometry alone, as `believed` does."""
         twist_cov = np.diag([self.filter.variance_v, _SIDE_SLIP_VARIANCE, self.filter.variance_wheel_yaw_rate])
         return self._wheel_pose.copy(), self._wheel_twist, np.diag(_WHEEL_POSE_VARIANCE), twist_cov
+
+    def joints(self) -> tuple[FloatArray, FloatArray]:
+        """Return the (4,) angles [rad] and rates [rad/s] of the wheels by the encoders, one a side."""
+        angles, rates = np.tile(self._wheels, 2)
+        return angles, rates
 
     def imu(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Return the (3,) rates sensed last [rad/s], the (3,) specific force [m/s2], and the variances reported for both."""

@@ -1,4 +1,4 @@
-"""Join a ROS 1 graph as the simulated robot, or as the controller of a robot."""
+"""Join a graph of ROS 1 or ROS 2 as the simulated robot, or as the controller of a robot."""
 
 from __future__ import annotations
 
@@ -12,16 +12,28 @@ from validation import store
 from validation.plants.profile import Profile, make_plant
 from validation.ros.commands import STAND_STILL, CommandGate, ros_name
 from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
+from validation.ros.graph import Graph
 from validation.ros.pilot import MasterLostError, Pilot, StoppedError
 from validation.ros.port import Port
 from validation.ros.result import DriveResult, DriveStatus
 from validation.ros.robot import SensorSettings, SimulatedRobot
-from validation.ros.sim import SIM_TIME_PARAMETER, SimNode, SimReport, connect_simulation
+from validation.ros.ros1 import Ros1Port
+from validation.ros.ros2 import Ros2Port
+from validation.ros.sim import SimNode, SimReport, connect_simulation
 from validation.simulator.plant import MujocoPlant
 from validation.track.data import TrackedRobot, reference_of, track_metrics
 from validation.track.gains import GainSet
 
 _logger = logging.getLogger(__name__)
+
+
+def open_port(name: str, graph: Graph) -> Port:
+    """Return a port of a new node on a graph.
+
+    Raises:
+        NoGraphError: what speaks that ROS is not installed, or nobody answers.
+    """
+    return Ros1Port(name, graph) if graph.ros == 1 else Ros2Port(name, graph)
 
 
 def simulate_robot(
@@ -31,6 +43,7 @@ def simulate_robot(
     sensors: SensorSettings | None = None,
     *,
     wall_time: bool = False,
+    graph: Graph | None = None,
 ) -> SimReport:
     """Put the simulated robot on the graph, in real time, until `duration` [s] is over or the user interrupts.
 
@@ -40,13 +53,14 @@ def simulate_robot(
         duration: time after which to end [s].
         sensors: noise of the sensors, disturbance and seed.
         wall_time: stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set.
+        graph: what to join; ROS 1 if not given.
 
     Raises:
-        NoGraphError: rospy is missing, or no master answers.
+        NoGraphError: rospy or cyclonedds is missing, or no master answers.
         MasterGoneError: the master went away; the robot stands.
     """
     settings, state = sensors or SensorSettings(), start or State()
-    port = Port(f"{ros_name(profile.robot.name)}_simulation")
+    port = open_port(f"{ros_name(profile.robot.name)}_simulation", graph or Graph())
     try:
         plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
         compiled = SimulatedRobot(plant, settings)  # compiles the kernels, and is not used afterwards
@@ -54,9 +68,9 @@ def simulate_robot(
         compiled.sense()
         robot = SimulatedRobot(plant, settings, state)
         if not wall_time:
-            port.set_parameter(SIM_TIME_PARAMETER, True)
+            port.simulate_time()
         connect_simulation(port, profile.robot)
-        node = SimNode(port, robot, CommandGate(), stamp_offset=time.time() if wall_time else 0.0)
+        node = SimNode(port, robot, CommandGate(port.graph.sources), stamp_offset=time.time() if wall_time else 0.0)
         said = "the robot of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends"
         _logger.info(said, profile.name, state.x, state.y, state.yaw)
         try:
@@ -76,6 +90,7 @@ def control_robot(
     reference: str,
     topics: RobotTopics,
     patience: float = START_PATIENCE,
+    graph: Graph | None = None,
 ) -> DriveResult:
     """Drive a robot on the graph along the pilot's reference, and stop it at the end, in doubt, and on any error.
 
@@ -86,17 +101,18 @@ def control_robot(
         reference: name of the reference, for the result.
         topics: topics of the robot and of a tracking system.
         patience: time for which a robot is waited for [s].
+        graph: what to join; ROS 1 if not given.
 
     Returns:
         The drive as far as it came. `status` says how it ended: the robot arrived, the user interrupted, the master was
         lost, or the robot had to be stopped.
 
     Raises:
-        NoGraphError: rospy is missing, or no master answers.
+        NoGraphError: rospy or cyclonedds is missing, or no master answers.
         StoppedError: no robot came, or it had to be stopped before it had gone anywhere.
         KeyboardInterrupt: the user interrupted before the robot had gone anywhere.
     """
-    port = Port(f"{ros_name(profile.robot.name)}_control")
+    port = open_port(f"{ros_name(profile.robot.name)}_control", graph or Graph())
     status, why = DriveStatus.ARRIVED, ""
     try:
         connect_control(port, topics)

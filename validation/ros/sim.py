@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import time
-from array import array
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,13 +14,14 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
+from validation.robots.urdf_writing import urdf_text
 from validation.ros import messages as msg
-from validation.ros.commands import LOCK_TOPIC, SOURCES, STAND_STILL, CommandGate, Twist, robot_topic
+from validation.ros.commands import LOCK_TOPIC, STAND_STILL, CommandGate, Twist
 from validation.ros.inbox import Tally
-from validation.ros.pacing import Pace, Pacer, instants
+from validation.ros.pacing import Excerpt, Pace, Pacer, instants
 from validation.ros.port import Port
 from validation.ros.robot import SENSOR_RATE, SimulatedRobot
-from validation.simulator.description import Robot, load_robot
+from validation.simulator.description import WHEELS, Robot, load_robot
 
 _logger = logging.getLogger(__name__)
 
@@ -34,18 +34,21 @@ TF_TOPIC = "/tf"
 _TF_STATIC_TOPIC = "/tf_static"
 _CLOCK_TOPIC = "/clock"
 SET_POSE_TOPIC = "/set_pose"
-SIM_TIME_PARAMETER = "/use_sim_time"
+_DESCRIPTION_TOPIC = "/robot_description"
+_JOINT_TOPIC = "/joint_states"
 
 MESSAGE_TYPES = {
     FILTERED_TOPIC: "nav_msgs/Odometry",
     WHEELS_TOPIC: "nav_msgs/Odometry",
     _IMU_TOPIC: "sensor_msgs/Imu",
+    _JOINT_TOPIC: "sensor_msgs/JointState",
     POSE_TOPIC: "geometry_msgs/PoseStamped",
     TF_TOPIC: "tf2_msgs/TFMessage",
     _CLOCK_TOPIC: "rosgraph_msgs/Clock",
 }
-"""Message type of each topic that is published."""
-_SENSOR_TOPICS = (FILTERED_TOPIC, WHEELS_TOPIC, _IMU_TOPIC, TF_TOPIC)
+"""Message type of each topic that is published at a rate. The names of topics here are those of a Husky of ROS 1; the port's
+graph has the names that they go by."""
+_SENSOR_TOPICS = (FILTERED_TOPIC, WHEELS_TOPIC, _IMU_TOPIC, _JOINT_TOPIC, TF_TOPIC)
 PUBLISH_RATES = {_CLOCK_TOPIC: 100.0, **dict.fromkeys(_SENSOR_TOPICS, SENSOR_RATE), POSE_TOPIC: 120.0}
 """Rate of each topic [Hz]: Tab. 3.5, Sec. 4.2; 120 Hz for the tracking system."""
 _BEHIND = 0.1
@@ -74,7 +77,7 @@ class SimReport:
     """Lateness of its loop; None if nothing was simulated."""
     sent: Counter[str] = field(default_factory=Counter)
     """Number of messages by topic."""
-    waits: array[float] = field(default_factory=lambda: array("d"))
+    waits: Excerpt = field(default_factory=Excerpt)
     """Time from each command's arrival to the first physics step that uses it [s]."""
     simulated: float = 0.0
     """Time simulated [s]."""
@@ -87,9 +90,11 @@ class SimReport:
             return ["nothing was simulated"]
         rates = ", ".join(f"{topic} {n / self.simulated:.2f} Hz" for topic, n in sorted(self.sent.items()))
         found = [self.pace.text(), f"rates: {rates}"]
-        if self.waits:
-            median, p95 = 1e3 * np.percentile(self.waits, [50.0, 95.0])
-            found.append(f"commands: {len(self.waits)}, taken up {median:.1f} ms after they came (median), {p95:.1f} (95 %)")
+        if self.waits.count:
+            median, p95 = 1e3 * np.percentile(self.waits.kept, [50.0, 95.0])
+            found.append(
+                f"commands: {self.waits.count}, taken up {median:.1f} ms after they came (median), {p95:.1f} (95 %)"
+            )
         return found + self.tally.lines()
 
 
@@ -117,12 +122,15 @@ class SimNode:
             stamp_offset: stamp of simulated time zero [s]; not zero if stamps are to be wall time.
         """
         self._port, self._robot, self._gate = port, robot, gate
-        self._names = {topic: robot_topic(topic, robot.description.name) for topic in MESSAGE_TYPES}
+        topics = (*MESSAGE_TYPES, LOCK_TOPIC, SET_POSE_TOPIC)
+        self._names = {topic: port.graph.topic(topic, robot.description.name) for topic in topics}
+        self._joints = [port.graph.joint(wheel) for wheel in WHEELS]
         self._clock, self._sleep, self._offset = clock, sleep, stamp_offset
         self._senders: dict[str, Callable[[Any], None]] = {
             FILTERED_TOPIC: lambda m: msg.fill_odometry(m, self._stamp, *robot.believed()),
             WHEELS_TOPIC: lambda m: msg.fill_odometry(m, self._stamp, *robot.wheels()),
             _IMU_TOPIC: lambda m: msg.fill_imu(m, self._stamp, *robot.imu()),
+            _JOINT_TOPIC: lambda m: msg.fill_joints(m, self._stamp, self._joints, *robot.joints()),
             POSE_TOPIC: lambda m: msg.fill_pose_stamped(m, self._stamp, msg.WORLD, robot.pose),
             _CLOCK_TOPIC: lambda m: msg.set_stamp(m.clock, self._stamp),
             TF_TOPIC: self._fill_tf,
@@ -179,9 +187,9 @@ class SimNode:
         """Take everything that has come: commands, locks, poses for the filter."""
         now = self._clock()
         for got in self._port.drain():
-            if got.topic == LOCK_TOPIC:
-                self._gate.lock(got.message)
-            elif got.topic == SET_POSE_TOPIC:
+            if got.topic == self._names[LOCK_TOPIC]:
+                self._gate.lock(got.message, got.topic)
+            elif got.topic == self._names[SET_POSE_TOPIC]:
                 self._set_pose(*got.message)
             elif self._gate.offer(got.topic, got.message, got.arrival):
                 self.report.waits.append(now - got.arrival)
@@ -193,7 +201,7 @@ class SimNode:
         """Set the filter's (3,) pose [m, m, rad] with its (3, 3) covariance."""
         self._robot.set_pose(pose, covariance)
         x, y, yaw = pose
-        self._say(f"set {SET_POSE_TOPIC}", f"the filter was set to x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad")
+        self._say("set_pose", f"the filter was set to x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad")
 
     def _fill_tf(self, message: Any) -> None:
         x, y, yaw = map(float, self._robot.believed()[0])
@@ -240,15 +248,21 @@ class SimNode:
 def connect_simulation(port: Port, robot: Robot | None = None) -> None:
     """Open a simulated robot's topics and service on a port; a Husky's, if it is not given."""
     simulated = robot or load_robot()
-    for topic, kind in MESSAGE_TYPES.items():
-        port.advertise(robot_topic(topic, simulated.name), kind)
-    port.advertise(_TF_STATIC_TOPIC, "tf2_msgs/TFMessage", latch=True)
 
+    def name(topic: str) -> str:
+        return port.graph.topic(topic, simulated.name)
+
+    for topic, kind in MESSAGE_TYPES.items():
+        port.advertise(name(topic), kind)
     mount = port.make("geometry_msgs/TransformStamped")
     msg.fill_transform(mount, 0.0, (msg.BASE, msg.IMU), simulated.geometry.imu, 0.0)
-    port.send(_TF_STATIC_TOPIC, lambda message: setattr(message, "transforms", [mount]))
-    for source in SOURCES:
+    port.advertise(name(_TF_STATIC_TOPIC), "tf2_msgs/TFMessage", latch=True)
+    port.send(name(_TF_STATIC_TOPIC), lambda message: setattr(message, "transforms", [mount]))
+    text = urdf_text(simulated, {wheel: port.graph.joint(wheel) for wheel in WHEELS}, msg.BASE, msg.IMU)
+    port.advertise(name(_DESCRIPTION_TOPIC), "std_msgs/String", latch=True)
+    port.send(name(_DESCRIPTION_TOPIC), lambda message: setattr(message, "data", text))
+    for source in port.graph.sources:
         port.listen(source.topic, "geometry_msgs/Twist", msg.read_twist, 1)
-    port.listen(LOCK_TOPIC, "std_msgs/Bool", msg.read_lock, _LOCKS_KEPT)
-    port.listen(SET_POSE_TOPIC, "geometry_msgs/PoseWithCovarianceStamped", msg.read_set_pose, 1)
-    port.serve_set_pose(SET_POSE_TOPIC, msg.read_set_pose)
+    port.listen(name(LOCK_TOPIC), "std_msgs/Bool", msg.read_lock, _LOCKS_KEPT)
+    port.listen(name(SET_POSE_TOPIC), "geometry_msgs/PoseWithCovarianceStamped", msg.read_set_pose, 1)
+    port.serve_set_pose(name(SET_POSE_TOPIC), msg.read_set_pose)

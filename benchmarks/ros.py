@@ -48,6 +48,8 @@ from validation.track.waypoint_files import open_reference
 
 COMMAND = "/cmd_vel"
 JOYSTICK = "/joy_teleop/cmd_vel"
+MESSAGES = "/messages"
+"""Topic of a sender that has no robot."""
 SPEED = 0.25
 """At which the robot is driven [m/s]."""
 SLOW = 0.01
@@ -548,6 +550,48 @@ def measure_orphans(watcher: Watcher) -> list[Finding]:
     ]
 
 
+def send_messages(ros: int, domain: int, count: int) -> None:
+    """Send odometry at 100 Hz, stamped with the time of sending, and print the processor time of one message [ms]."""
+    port = open_port("sender", Graph(ros, domain))
+    port.advertise(MESSAGES, "nav_msgs/Odometry")
+    wait_until(lambda: port.listeners(MESSAGES) > 0, "the reader")
+    time.sleep(0.5)
+    pose, spread, began = np.zeros(3), np.eye(3), time.process_time()
+    for _ in range(count):
+        port.send(MESSAGES, lambda m: msg.fill_odometry(m, time.time(), pose, (0.1, 0.2), spread, spread))
+        time.sleep(0.01)
+    print(1e3 * (time.process_time() - began) / count)
+    time.sleep(1.0)
+    port.close("sent")
+
+
+def measure_messages(watcher: Watcher, count: int) -> list[Finding]:
+    """Time that an odometry needs from one process to another, and what the processor does for it on both sides."""
+    late: list[float] = []
+
+    def read(message: Any) -> None:
+        now = time.time()
+        late.append(now - msg.read_odometry(message).stamp)
+
+    watcher.port.listen(MESSAGES, "nav_msgs/Odometry", read, 32)
+    log, graph = watcher.folder / "sender.log", watcher.graph
+    code = f"from benchmarks.ros import send_messages; send_messages({graph.ros}, {graph.domain}, {count})"
+    with process([sys.executable, "-c", code], log) as running:
+        wait_until(lambda: bool(late) or running.poll() is not None, "the first message")
+        began, first = time.process_time(), len(late)
+        running.wait(10.0 + 0.1 * count)
+    spent = 1e3 * (time.process_time() - began) / max(1, len(late) - first)
+    least, median, p95 = 1e3 * np.percentile(late, [0.0, 50.0, 95.0])
+    return [
+        Finding(f"odometries lost of {count}", float(count - len(late)), "", "0", len(late) == count),
+        Finding("from process to process: least", float(least), "ms", ""),
+        Finding("median", float(median), "ms", ""),
+        Finding("95 %", float(p95), "ms", ""),
+        Finding("processor time of a message, sender", float(said(log).split()[-1]), "ms", ""),
+        Finding("reader", spent, "ms", ""),
+    ]
+
+
 def measure_memory(watcher: Watcher, minutes: float) -> list[Finding]:
     """Memory and share of a core of a simulation that drives in circles, and what comes of its messages."""
     samples: list[tuple[float, float, float]] = []
@@ -571,7 +615,7 @@ def measure_memory(watcher: Watcher, minutes: float) -> list[Finding]:
     ]
 
 
-NAMES = ("rates", "latency", "circle", "behaviour", "memory", "orphans")
+NAMES = ("messages", "rates", "latency", "circle", "behaviour", "memory", "orphans")
 """What can be measured."""
 LAST = ("behaviour", "orphans")
 """What ends the master: one of them a run."""
@@ -584,6 +628,7 @@ def measure(names: Sequence[str], seconds: float, trials: int, repeats: int, min
         UserError: no ROS, or something does not come up.
     """
     calls: dict[str, Callable[[Watcher], list[Finding]]] = {
+        "messages": lambda w: measure_messages(w, round(50.0 * seconds)),
         "rates": lambda w: measure_rates(w, seconds),
         "latency": lambda w: measure_latency(w, trials),
         "circle": lambda w: measure_circle(w, repeats),
@@ -601,7 +646,7 @@ def measure(names: Sequence[str], seconds: float, trials: int, repeats: int, min
 
 def main(
     out: Path = Path("runs/benchmarks/ros.json"),
-    only: str = "rates,latency,circle,behaviour",
+    only: str = "messages,rates,latency,circle,behaviour",
     ros: Literal[1, 2] = 1,
     seconds: float = 30.0,
     trials: int = 30,
@@ -613,7 +658,7 @@ def main(
 
     Args:
         out: Where the JSON goes.
-        only: Which of rates, latency, circle, memory, and behaviour or orphans, which both end the master of ROS 1.
+        only: Which of messages, rates, latency, circle, memory, and behaviour or orphans; these two end ROS 1's master.
         ros: Version of ROS.
         seconds: How long rates are counted [s].
         trials: Commands whose latency is taken.

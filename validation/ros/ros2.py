@@ -79,7 +79,7 @@ class Ros2Port(Port):
     """Topics of a node of ROS 2."""
 
     def __init__(self, name: str, graph: Graph) -> None:
-        """Join the graph's domain, with a thread that receives.
+        """Join the graph's domain.
 
         Raises:
             NoGraphError: cyclonedds is missing, or the network interface is not there.
@@ -102,7 +102,7 @@ class Ros2Port(Port):
         self._news = dds.core.WaitSet(self._node)
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._receive, daemon=True)
-        self._thread.start()
+        """Receives; it begins with the first reader, because a wait for nothing ends at once."""
 
     def simulate_time(self) -> None:
         """Do nothing: in ROS 2 each node has its own parameter use_sim_time."""
@@ -167,6 +167,8 @@ class Ros2Port(Port):
             self._news.attach(status.ReadCondition(reader, states))
             stamped = form != kind
             self._readers.append((reader, topic, depth, (lambda m: m.twist) if stamped else (lambda m: m)))
+        if not self._thread.is_alive():
+            self._thread.start()
 
     def _receive(self) -> None:
         """Take messages as they come, and rest after each, so that a flood is thrown away before it is decoded."""
@@ -204,7 +206,8 @@ class Ros2Port(Port):
     def close(self, why: str) -> None:
         """Leave the domain; what was sent last is still delivered."""
         self._closed.set()
-        self._thread.join()
+        if self._thread.is_alive():
+            self._thread.join()
         self._senders.clear()  # cyclonedds deletes what nobody refers to
         self._readers.clear()
         del self._news, self._node

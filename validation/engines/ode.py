@@ -4,7 +4,9 @@ ODE bounds the two components of friction one by one, |f_1| <= mu N and |f_2| <=
 laws can be asked for. `world` leaves the direction to ODE, which takes the world's axes; `body` is the chassis' forward
 direction; `wheel` is a direction fixed in the wheel, which rolls with it, as Gazebo hands on `fdir1`; `cone` puts the first
 direction along the slip s and lets the second component give as a friction cone does, f_2 = -mu N v_2 / |s|, so that it is
-Coulomb's cone to first order of a step. The last is an emulation: ODE and Gazebo as they come have no such law.
+Coulomb's cone to first order of a step. The last is an emulation: ODE and Gazebo as they come have no such law. With the
+exact solver it takes N from the step before, because dWorldStep bounds friction by the normal forces that there would be
+without friction, in which a part of the load transfer is missing.
 
 Rotors turn with the wheels and their reaction reaches the base; their gyroscopic moments are left out.
 """
@@ -186,6 +188,8 @@ class OdeBody:
             self._contact.mode |= FDIR1
         if s.friction_law == "cone":
             self._contact.mode |= SLIP2
+            if s.solver == "exact":
+                self._contact.mode &= ~APPROX1  # friction's bounds are forces
         self._feedback = [[JointFeedback() for _ in range(_MOST_CONTACTS)] for _ in WHEELS]
 
     def place(self, motion: Rigid) -> None:
@@ -276,6 +280,8 @@ class OdeBody:
         slip = math.hypot(x, y)
         load = max(self._loads[k], _LEAST_LOAD * self._n.loads[k]) / points
         self._contact.slip2 = slip / (self._n.friction * load)
+        if self._settings.solver == "exact":
+            self._contact.mu = self._contact.mu2 = self._n.friction * load * _untied(k)
         if slip < _NO_SLIP:
             x, y = self._turned[0][0], self._turned[0][4]
             slip = math.hypot(x, y)

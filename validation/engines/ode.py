@@ -256,11 +256,11 @@ class OdeBody:
         contact.mu = contact.mu2 = self._n.friction * _untied(k)
         size, law = ctypes.sizeof(ContactGeom), self._settings.friction_law
         count = lib.dCollide(self._tyres[k], self._floor, _MOST_CONTACTS, found, size)
-        before, self._points[k] = max(1, self._points[k]), count
+        self._points[k] = count
         for i in range(count):
             contact.geom = found[i]
             if law == "cone":
-                self._along_slip(k, found[i], before)
+                self._along_slip(k, found[i], count)
             elif law != "world":
                 turned = self._turned[1 + k if law == "wheel" else 0]
                 x, y = turned[0], turned[4]

@@ -25,8 +25,8 @@ from .control.waypoints import Waypoints as Waypoints
 from .errors import DivergedError as DivergedError
 from .errors import SsmrError as SsmrError
 from .errors import UnhealthyRunError as UnhealthyRunError
-from .estimation.ekf import EkfSettings as EkfSettings
 from .estimation.ekf import run_ekf as run_ekf
+from .estimation.settings import EkfSettings as EkfSettings
 from .lanes import run_population as run_population
 from .metrics.declared import Metrics as Metrics
 from .metrics.declared import compare_paths as compare_paths

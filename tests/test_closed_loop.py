@@ -23,8 +23,8 @@ from ssmr.control.references import circle, line, sine
 from ssmr.control.smc import SmcGains
 from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING, is_lost
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.ekf import EkfSettings
 from ssmr.estimation.sensing import SensorModel
+from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import wrap_angle
 from ssmr.metrics.declared import compare_paths
 from ssmr.models.kinematic import KinematicParameters

@@ -19,8 +19,8 @@ import pytest
 
 from ssmr.control.laws import LAWS
 from ssmr.estimation.bias import BiasSettings
-from ssmr.estimation.ekf import EkfSettings
 from ssmr.estimation.sensing import SensorModel
+from ssmr.estimation.settings import EkfSettings
 from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.sensors import SensorNoise

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssmr.estimation.bias import BiasSettings, learn_bias
-from ssmr.estimation.ekf import Belief, EkfSettings, filter_log, filter_step, initial_belief, predict, run_ekf, update
+from ssmr.estimation.ekf import aside_of, filter_log, filter_step, initial_belief, predict, run_ekf, update
 from ssmr.estimation.sensing import SensorLog, SensorModel, SensorSample, sense, simulate_sensors
+from ssmr.estimation.settings import Aside, Belief, EkfSettings
 from ssmr.geometry import compose, rotate_body_to_world
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.robot.drive import wheel_rates
@@ -34,6 +35,10 @@ def random_belief(seed: int) -> Belief:
     rng = np.random.default_rng(seed)
     root = 0.3 * rng.standard_normal((5, 5))
     return Belief(rng.standard_normal(5), root @ root.T)
+
+
+def moving(t: FloatArray) -> Aside:
+    return aside_of(np.zeros(len(t), dtype=bool))
 
 
 def copied(belief: Belief) -> Belief:
@@ -190,15 +195,15 @@ def test_a_step_is_predict_wheels_and_gyro_in_this_order() -> None:
 
 def test_the_compiled_filter_is_its_own_source() -> None:
     t, _ = circle(0.02, 1.0)
-    rng, out = np.random.default_rng(1), np.empty((len(t), 8))
+    rng, out = np.random.default_rng(1), np.empty((len(t), 13))
     left, right, gyro = rng.normal(5.0, 0.1, (3, len(t)))
     one, two = initial_belief(State(), SURE), initial_belief(State(), SURE)
     for k in range(len(t)):
         filter_step.py_func(one, SensorSample(left[k], right[k], gyro[k]), t[k] - t[max(k - 1, 0)], STOCK.packed())
-    filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), two, out)
+    filter_log(SensorLog(t, left, right, gyro), moving(t), STOCK.packed(), two, out)
     assert np.allclose(one.mean, two.mean, rtol=ROUNDOFF, atol=ROUNDOFF)
     assert np.allclose(one.covariance, two.covariance, rtol=ROUNDOFF, atol=ROUNDOFF)
-    assert np.allclose(out[-1], [*two.mean, *np.sqrt(np.diag(two.covariance)[:3])], rtol=ROUNDOFF)
+    assert np.allclose(out[-1, :10], [*two.mean, *np.sqrt(np.diag(two.covariance))], rtol=ROUNDOFF)
 
 
 @given(numbers, numbers, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
@@ -217,12 +222,12 @@ def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: flo
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.02, 0.5]), st.sampled_from([1.0, 30.0, 1000.0]))
 def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild: float) -> None:
     rng, n = np.random.default_rng(seed), 1000
-    belief, out = initial_belief(State()), np.empty((n, 8))
+    belief, out = initial_belief(State()), np.empty((n, 13))
     for _ in range(100):
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
         gyro[rng.random(n) < 0.3] = np.nan
-        filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), belief, out)
+        filter_log(SensorLog(t, left, right, gyro), moving(t), STOCK.packed(), belief, out)
         p = belief.covariance
         assert np.array_equal(p, p.T)
         assert np.all(np.isfinite(belief.mean))
@@ -244,10 +249,10 @@ def test_no_frame_is_preferred(x: float, y: float, yaw: float) -> None:
     rng, n = np.random.default_rng(5), 200
     t = np.cumsum(rng.uniform(0.01, 0.03, n))
     log = SensorLog(t, *rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T.copy())
-    out, moved = np.empty((n, 8)), np.empty((n, 8))
+    out, moved = np.empty((n, 13)), np.empty((n, 13))
     here, elsewhere = initial_belief(State(v_x=0.5)), initial_belief(State(x, y, yaw, v_x=0.5))
-    filter_log(log, STOCK.packed(), here, out)
-    filter_log(log, STOCK.packed(), elsewhere, moved)
+    filter_log(log, moving(t), STOCK.packed(), here, out)
+    filter_log(log, moving(t), STOCK.packed(), elsewhere, moved)
     assert np.allclose(moved[:, :3], compose([x, y, yaw], out[:, :3]), rtol=0.0, atol=1e-11)
     turn = np.eye(5)
     turn[:2, :2] = rotate_body_to_world(np.eye(2), yaw).T

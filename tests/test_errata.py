@@ -11,8 +11,9 @@ import pytest
 
 from ssmr.control.law import Observation
 from ssmr.control.waypoints import Target, position_errors
-from ssmr.estimation.ekf import EkfSettings, run_ekf
+from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.sensing import simulate_sensors
+from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import wrap_angle
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.paths import path_length

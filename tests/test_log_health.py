@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.estimation.ekf import EkfSettings
+from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.poses import horizon_windows
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.robot.drive import wheel_rates

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.estimation.ekf import EkfSettings
+from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
 from validation.logs.groups import Group, groups_of, merge
 from validation.logs.offsets import Offset, estimate_offsets, synchronised

@@ -33,8 +33,9 @@ from ssmr.control.tick import (
 )
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
-from ssmr.estimation.ekf import Belief, EkfSettings, initial_belief
+from ssmr.estimation.ekf import initial_belief
 from ssmr.estimation.sensing import SensorModel
+from ssmr.estimation.settings import Belief, EkfSettings
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import whole_steps
 from ssmr.robot.sensors import SensorNoise, yaw_disturbance
@@ -164,9 +165,9 @@ class Trackers(NamedTuple):
     lookaheads: FloatArray
     by_filter: bool
     means: FloatArray
-    """(S, 5) means of the beliefs; a parallel loop takes no nested tuples of arrays."""
+    """(S, n) means of the beliefs, n the 5 or 10 states of the filters; a parallel loop takes no nested tuples of arrays."""
     covariances: FloatArray
-    """(S, 5, 5) covariances of the beliefs."""
+    """(S, n, n) covariances of the beliefs."""
     filters: FloatArray
     noises: FloatArray
     sensors: FloatArray
@@ -199,7 +200,8 @@ def make_trackers(
     Raises:
         ValueError: no regulator exists for a controller's weights.
     """
-    rows, belief = [c.packed() for c in controllers], initial_belief(state)
+    rows, learns = [c.packed() for c in controllers], any(s.filter.learns for s in settings)
+    beliefs = [initial_belief(state, settings=s.filter if learns else None) for s in settings]
     period = clock.velocity * clock.dt
     seers = [c.foresight(period) for c in controllers]
     gains = np.zeros((len(rows), max(map(len, rows))))
@@ -215,8 +217,8 @@ def make_trackers(
         waypoints.course(),
         np.array([s.lookahead for s in settings]),
         settings[0].feedback == "ekf",
-        np.array([belief.mean] * len(settings)),
-        np.array([belief.covariance] * len(settings)),
+        np.array([belief.mean for belief in beliefs]),
+        np.array([belief.covariance for belief in beliefs]),
         np.array([s.filter.packed() for s in settings]),
         np.array([s.deviations() for s in settings]),
         np.array([s.sensors.packed() for s in settings]),

@@ -18,8 +18,9 @@ from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.predictor import Foresight, carry_ahead, remember
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
-from ssmr.estimation.ekf import YAW, Belief, FilterNumbers, V, W, X, Y, filter_step
+from ssmr.estimation.ekf import filter_step, speed
 from ssmr.estimation.sensing import SensorErrors, sense
+from ssmr.estimation.settings import YAW, Belief, FilterNumbers, W, X, Y
 from ssmr.types import FloatArray
 
 LOST = 3.0
@@ -136,7 +137,7 @@ class LogRow(NamedTuple):
 
 
 NO_DRAWS = Draws(*(0.0,) * 8)
-NO_NUMBERS = FilterNumbers(*(0.0,) * 9)
+NO_NUMBERS = FilterNumbers(*(0.0,) * len(FilterNumbers._fields))
 NO_ERRORS = SensorErrors(*(0.0,) * 5)
 """Templates for `named_like`."""
 LOG_COLUMNS = LogRow._fields
@@ -163,7 +164,7 @@ def observe(tracker: Tracker, truth: Truth, draws: Draws, elapsed: float) -> Obs
         )  # fmt: skip
         filter_step(tracker.belief, sample, elapsed, tracker.filter)
         mean = tracker.belief.mean
-        return Observation(mean[X], mean[Y], mean[YAW], mean[V], mean[W])
+        return Observation(mean[X], mean[Y], mean[YAW], speed(mean, tracker.filter), mean[W])
     return Observation(
         truth.x + noise.x * draws.x,
         truth.y + noise.y * draws.y,

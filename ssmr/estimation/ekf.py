@@ -3,95 +3,49 @@
 The state is (x, y, yaw, v, omega) of the reference point, with yaw unwrapped. As in the stock filter of a Husky (the ROS
 package robot_localization, `two_d_mode`), both velocities are constant except for white accelerations, and every measurement
 is linear: v and omega as the driver's odometry computes them from the wheels (Eq. 2.9), and omega from the gyro. Nothing
-measures the pose, so its uncertainty only grows. The lateral speed is taken to be 0.
+measures the pose, so its uncertainty only grows. The lateral speed is taken to be 0. This is the thesis' filter, which the
+default settings are.
 
-A filter's state is a `Belief`, whose two arrays the kernels update in place. They allocate nothing, so that they run as well
-inside other compiled loops.
+A filter that learns has seven states more: the six constants of `EkfSettings.constants`, and the slip of the wheels in
+turning, which lasts longer than a sample. With constants that are neutral and known it is the thesis' filter. `see_pose`
+takes in the pose of a localiser or satellite receiver; `Aside` tells `run_ekf` of poses, by the instants at which they were
+true.
+
+A filter's state is a `Belief`, whose two arrays the kernels update in place. With five states they allocate nothing, so that
+they run as well inside other compiled loops.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone, named_like, source
+from ssmr.estimation.constants import forget, forward_speed, weighed, wheel_yaw_rate
 from ssmr.estimation.sensing import SensorLog, SensorSample
-from ssmr.parameters import check_parameters, parameter
+from ssmr.estimation.settings import (
+    BIAS,
+    NO_POSE,
+    SLIDE,
+    SLIP,
+    STANDING,
+    TURNING,
+    YAW,
+    Aside,
+    Belief,
+    EkfSettings,
+    FilterNumbers,
+    SeenPose,
+    V,
+    W,
+    X,
+    Y,
+)
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
-
-X, Y, YAW, V, W = range(5)
-"""Places of x [m], y [m], yaw [rad], v [m/s] and omega [rad/s] in the filter's state."""
-
-
-class Belief(NamedTuple):
-    """Everything that a filter remembers: the state it believes in, and how sure of it it is."""
-
-    mean: FloatArray
-    """(5,) x [m], y [m], yaw [rad], v [m/s], omega [rad/s]."""
-    covariance: FloatArray
-    """(5, 5) covariance of these, symmetric."""
-
-
-class FilterNumbers(NamedTuple):
-    """The fields of `EkfSettings`, for the kernels."""
-
-    radius: float
-    half_track: float
-    process_position: float
-    process_yaw: float
-    process_v: float
-    process_yaw_rate: float
-    variance_v: float
-    variance_wheel_yaw_rate: float
-    variance_gyro: float
-
-
-@dataclass(frozen=True)
-class EkfSettings:
-    """Assumptions of the filter about the robot and its sensors.
-
-    The wheels of a skidding robot tell its yaw rate only through `half_track`. Unless that is the effective one, they
-    overstate it, by a factor of 1.8 on tile. By default the gyro is therefore trusted, and the wheels' yaw rate has the
-    large variance that the stock driver claims. Both are fused, as on a stock Husky; the wheels count a thousandth of the
-    gyro.
-    """
-
-    radius: float = parameter(0.1651, unit="m", low=0.0, high=1e6, open_low=True)
-    """Wheel radius of the odometry [m]; the driver's."""
-    half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True)
-    """Half-track of the odometry, half of (separation x multiplier) [m]; the driver's, which assumes no slip."""
-    process_position: float = parameter(1e-4, unit="m2/s", low=0.0, high=1e6)
-    """Spectral density of slip in x and in y [m2/s]: 1 cm after 1 s, 4.5 cm after 20 s. It is isotropic, so that no frame is
-    preferred."""
-    process_yaw: float = parameter(1e-6, unit="rad2/s", low=0.0, high=1e6)
-    """Spectral density of yaw errors besides the gyro's noise [rad2/s]: 1 mrad after 1 s."""
-    process_v: float = parameter(0.025, unit="m2/s3", low=0.0, high=1e6)
-    """Spectral density of white acceleration [m2/s3], from the stock filter; 0.7 m/s2 over each command of 0.05 s."""
-    process_yaw_rate: float = parameter(0.02, unit="rad2/s3", low=0.0, high=1e6)
-    """Spectral density of white yaw acceleration [rad2/s3], from the stock filter; 0.6 rad/s2 over each command. Trajectory
-    4 has 0.83 rms, and the robot's limit is 6."""
-    variance_v: float = parameter(5.0115e-05, unit="m2/s2", low=0.0, open_low=True)
-    """Variance of the wheels' v [m2/s2]; Tab. 3.4. The table was measured on the filter's output, which at 50 Hz and with
-    the densities above has 0.85 of its input's variance."""
-    variance_wheel_yaw_rate: float = parameter(0.03, unit="rad2/s2", low=0.0, open_low=True)
-    """Variance of the wheels' yaw rate [rad2/s2]; from the maker's driver. It stands for slip, not for noise; if it is
-    infinite, the wheels' yaw rate is not used."""
-    variance_gyro: float = parameter(3.5298e-05, unit="rad2/s2", low=0.0, open_low=True)
-    """Variance of the gyro's yaw rate [rad2/s2]; Tab. 3.4, of the filter's output as well."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges; ValueError for a length or variance that is not positive, or a negative or infinite density."""
-        check_parameters(self)
-
-    def packed(self) -> FilterNumbers:
-        """Return the fields for the kernels."""
-        return FilterNumbers(*(float(getattr(self, f.name)) for f in fields(self)))
 
 
 @jit
@@ -106,6 +60,7 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
             | 0  0    0        1          0      |
             | 0  0    0        0          1      |
 
+    A filter that learns moves at its `forward_speed`, and across itself at slide times omega.
     The process noise is white in continuous time, so that the covariance does not depend on how a straight path is cut into
     steps: Q is the integral of f(s) q f(s)' over the step, where an error of yaw, v or omega that is s old has moved the
     pose along its column f(s) of the Jacobian.
@@ -113,28 +68,43 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
     The duration `dt` [s] is not negative.
     """
     m, p = belief
-    v, w, half = m[V], m[W], 0.5 * dt
+    n = len(m)
+    w, half = m[W], 0.5 * dt
+    if n > SLIP:
+        forward = np.empty(n)  # derivative of the forward speed by the state
+        v, slide = forward_speed(m, numbers.half_track, forward), m[SLIDE]
+    else:
+        v, slide = m[V], 0.0
+    rolled = abs(v) + numbers.half_track * abs(w)  # by the faster side's wheels, per second
     heading = m[YAW] + half * w
     along_x, along_y = dt * math.cos(heading), dt * math.sin(heading)  # derivatives by v
-    turn_x, turn_y = -v * along_y, v * along_x  # derivatives by yaw
-    m[X] += v * along_x
-    m[Y] += v * along_y
+    turn_x, turn_y = -v * along_y - slide * w * along_x, v * along_x - slide * w * along_y  # derivatives by yaw
+    m[X] += turn_y
+    m[Y] -= turn_x
     m[YAW] += dt * w
-    for j in range(5):  # P <- F P, column by column
+    if n > SLIP:
+        forget(belief, dt, rolled, numbers)
+    for j in range(n):  # P <- F P, column by column
         swing = p[YAW, j] + half * p[W, j]
-        p[X, j] += turn_x * swing + along_x * p[V, j]
-        p[Y, j] += turn_y * swing + along_y * p[V, j]
+        ahead, across = p[V, j], 0.0
+        if n > SLIP:
+            ahead, across = weighed(forward, p[:, j]), slide * p[W, j] + w * p[SLIDE, j]
+        p[X, j] += turn_x * swing + along_x * ahead - along_y * across
+        p[Y, j] += turn_y * swing + along_y * ahead + along_x * across
         p[YAW, j] += dt * p[W, j]
-    for i in range(5):  # P <- P F', row by row
+    for i in range(n):  # P <- P F', row by row
         swing = p[i, YAW] + half * p[i, W]
-        p[i, X] += turn_x * swing + along_x * p[i, V]
-        p[i, Y] += turn_y * swing + along_y * p[i, V]
+        ahead, across = p[i, V], 0.0
+        if n > SLIP:
+            ahead, across = weighed(forward, p[i]), slide * p[i, W] + w * p[i, SLIDE]
+        p[i, X] += turn_x * swing + along_x * ahead - along_y * across
+        p[i, Y] += turn_y * swing + along_y * ahead + along_x * across
         p[i, YAW] += dt * p[i, W]
     slip, q_yaw = dt * numbers.process_position, dt * numbers.process_yaw
     q_v, q_w = dt * numbers.process_v, dt * numbers.process_yaw_rate
     q_turn = q_yaw / 3.0 + q_w * dt * dt / 20.0
     x_yaw, x_w = 0.5 * q_yaw + q_w * dt * dt / 8.0, q_w * dt / 6.0
-    for i in range(1, 5):  # F P F' is symmetric; the upper triangle is kept
+    for i in range(1, n):  # F P F' is symmetric; the upper triangle is kept
         for j in range(i):
             p[i, j] = p[j, i]
     p[X, X] += slip + q_turn * turn_x * turn_x + q_v / 3.0 * along_x * along_x
@@ -150,6 +120,11 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
     _add(p, X, W, x_w * turn_x)
     _add(p, Y, W, x_w * turn_y)
     _add(p, YAW, W, half * q_w)
+    ahead, across = rolled * numbers.slip_along, rolled * numbers.slip_across
+    if ahead + across > 0.0 and dt > 0.0:
+        p[X, X] += (ahead * along_x * along_x + across * along_y * along_y) / dt
+        p[Y, Y] += (ahead * along_y * along_y + across * along_x * along_x) / dt
+        _add(p, X, Y, (ahead - across) * along_x * along_y / dt)
 
 
 @jit
@@ -160,7 +135,7 @@ def _add(p: FloatArray, i: int, j: int, value: float) -> None:
 
 
 @jit
-def update(belief: Belief, j: int, value: float, variance: float) -> None:
+def update(belief: Belief, j: int, value: float, variance: float, gate: float = math.inf) -> float:
     """Take in one measurement of one state, in place; a NaN or a measurement of infinite variance changes nothing.
 
     With the gain K = P H'/S, S = H P H' + R, this is the mean m + K (z - H m) and Joseph's form of the covariance, (I - K
@@ -172,60 +147,184 @@ def update(belief: Belief, j: int, value: float, variance: float) -> None:
         j: place of the measured state.
         value: the measurement z, in the state's unit.
         variance: variance of its noise, R > 0.
+        gate: normalised squared innovation beyond which the measurement changes nothing.
+
+    Returns:
+        The normalised squared innovation (z - H m)^2 / S, which has a chi-squared distribution of one degree of freedom; NaN
+        without a measurement.
     """
     if math.isnan(value) or variance == math.inf:
-        return
+        return math.nan
     m, p = belief
-    column = (p[j, 0], p[j, 1], p[j, 2], p[j, 3], p[j, 4])  # P H'
-    total = column[j] + variance  # S
+    total = p[j, j] + variance  # S
     keep, step = variance / total, (value - m[j]) / total
-    for i in range(5):
-        m[i] += column[i] * step
-        gain = column[i] / total
-        for k in range(i, 5):
-            if i == j:
-                left = column[k] * keep
-            elif k == j:
-                left = column[i] * keep
-            else:
-                left = p[i, k] - gain * column[k]
-            p[i, k] = left
-            p[k, i] = left
+    squared = step * (value - m[j])
+    if squared > gate:
+        return float(squared)
+    n = len(m)
+    for i in range(n):
+        m[i] += p[j, i] * step
+        gain = p[j, i] / total
+        for k in range(i, n):
+            if i != j and k != j:
+                left = p[i, k] - gain * p[j, k]
+                p[i, k] = left
+                p[k, i] = left
+    for k in range(n):  # row and column j, which the others needed as they were
+        p[j, k] *= keep
+        p[k, j] = p[j, k]
+    return float(squared)
 
 
 @jit
-def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: FilterNumbers) -> None:
+def update_row(belief: Belief, row: FloatArray, residual: float, variance: float, gate: float) -> float:
+    """Take in one measurement of a sum of states, in place, as `update`; the turning ratio stays as uncertain as it was.
+
+    It is a state that is only considered (Schmidt's filter), since learning it cannot be trusted: it multiplies a yaw rate
+    as noisy as the gyro, and where slip hides all slow differences, that noise would pull the ratio towards 0.
+
+    Args:
+        belief: the mean m and the covariance P.
+        row: (n,) H, the derivative of the measurement by the state.
+        residual: the measurement less what the mean says that it is.
+        variance: variance of its noise, R > 0; infinity for a measurement that is not used.
+        gate: normalised squared innovation beyond which the measurement changes nothing.
+
+    Returns:
+        The normalised squared innovation; NaN without a measurement.
+    """
+    if math.isnan(residual) or variance == math.inf:
+        return math.nan
+    m, p = belief
+    n = len(m)
+    column, total = np.empty(n), variance
+    for i in range(n):
+        column[i] = 0.0
+        for k in range(n):
+            column[i] += p[i, k] * row[k]
+        total += row[i] * column[i]
+    step = residual / total
+    if step * residual > gate:
+        return step * residual
+    for i in range(n):
+        if i != TURNING:  # no other filter has a state in this place
+            m[i] += column[i] * step
+        gain = column[i] / total
+        for k in range(i, n):
+            if i != TURNING or k != TURNING:
+                left = p[i, k] - gain * column[k]
+                p[i, k] = left
+                p[k, i] = left
+    return step * residual
+
+
+@jit
+def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: FilterNumbers) -> tuple[float, float, float]:
     """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
 
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy wheels have independent
     noise. The sample is NaN where a sensor gave nothing.
+
+    Returns:
+        The normalised squared innovations of the wheels' v, of their yaw rate and of the gyro; NaN for what was not used.
     """
+    m, gate = belief.mean, numbers.gate
     predict(belief, dt, numbers)
     v, w = body_rates(sample.left, sample.right, numbers.half_track, numbers.radius)
-    update(belief, V, v, numbers.variance_v)
-    update(belief, W, w, numbers.variance_wheel_yaw_rate)
-    update(belief, W, sample.gyro, numbers.variance_gyro)
+    variance_w = numbers.variance_wheel_yaw_rate
+    if len(m) <= BIAS:
+        first = update(belief, V, v, numbers.variance_v, gate)
+        second = update(belief, W, w, variance_w, gate)
+        return first, second, update(belief, W, sample.gyro, numbers.variance_gyro, gate)
+    row = np.zeros(len(m))
+    row[W], row[BIAS] = 1.0, 1.0
+    third = update_row(belief, row, sample.gyro - m[W] - m[BIAS], numbers.variance_gyro, gate)
+    row[:] = 0.0
+    row[V] = 1.0
+    first = update_row(belief, row, v - m[V], numbers.variance_v, gate)
+    shown = wheel_yaw_rate(m, numbers.half_track, row)
+    return first, update_row(belief, row, w - shown, variance_w, gate), third
 
 
 @jit
-def filter_log(log: SensorLog, numbers: FilterNumbers, belief: Belief, out: FloatArray) -> None:
-    """Filter a `SensorLog`, in place; write (M, 8) `out`: the mean and the standard deviations of x, y and yaw."""
+def speed(m: FloatArray, numbers: FilterNumbers) -> float:
+    """Return the forward speed of the reference point [m/s] that a filter believes in."""
+    if len(m) <= SLIP:
+        return float(m[V])
+    return forward_speed(m, numbers.half_track, np.empty(len(m)))
+
+
+@jit
+def see_pose(belief: Belief, seen: SeenPose, gate: float) -> None:
+    """Take in a pose that something else measured, such as a localiser or a satellite receiver, in place.
+
+    x and y are used one after the other, then the yaw, unless it is NaN; each has to pass the gate by itself.
+    """
+    m, n = belief.mean, len(belief.mean)
+    row = np.zeros(n)
+    for axis in range(2):
+        c, s = math.cos(m[YAW]), math.sin(m[YAW])
+        arm_x, arm_y = c * seen.ahead - s * seen.left, s * seen.ahead + c * seen.left
+        row[:] = 0.0
+        row[axis], row[YAW] = 1.0, arm_x if axis else -arm_y
+        residual = seen.y - m[Y] - arm_y if axis else seen.x - m[X] - arm_x
+        update_row(belief, row, residual, seen.variance, gate)
+    row[:] = 0.0
+    row[YAW] = 1.0
+    off = seen.yaw - m[YAW]
+    update_row(belief, row, off - 2.0 * math.pi * math.floor(0.5 + off / (2.0 * math.pi)), seen.variance_yaw, gate)
+
+
+@jit
+def stand(belief: Belief) -> None:
+    """Tell the filter, in place, that the robot stands: then the gyro shows its bias."""
+    row = np.zeros(len(belief.mean))
+    for j in (V, W):
+        row[:] = 0.0
+        row[j] = 1.0
+        update_row(belief, row, -belief.mean[j], STANDING**2, math.inf)
+
+
+@jit_alone
+def filter_log(log: SensorLog, aside: Aside, numbers: FilterNumbers, belief: Belief, out: FloatArray) -> None:
+    """Filter a `SensorLog`, in place.
+
+    `out` (M, 2 n + 3) is written: the mean, with the forward speed in the place of v, its standard deviations, and what
+    `filter_step` returns.
+    """
+    n, following = len(belief.mean), 0
+    now = log.t[0]
+    while following < len(aside.poses) and aside.poses[following, 0] < now:
+        following += 1
     for k in range(len(log.t)):
+        while following < len(aside.poses) and aside.poses[following, 0] <= log.t[k]:
+            predict(belief, aside.poses[following, 0] - now, numbers)
+            see_pose(belief, named_like(NO_POSE, aside.poses[following, 1:]), numbers.gate)
+            now = aside.poses[following, 0]
+            following += 1
         sample = SensorSample(log.left[k], log.right[k], log.gyro[k])
-        filter_step(belief, sample, log.t[k] - log.t[max(k - 1, 0)], numbers)
-        for i in range(5):
+        nis = filter_step(belief, sample, log.t[k] - now, numbers)
+        now = log.t[k]
+        if aside.still[k]:
+            stand(belief)
+        for i in range(n):
             out[k, i] = belief.mean[i]
+            out[k, n + i] = math.sqrt(belief.covariance[i, i])
+        out[k, V] = speed(belief.mean, numbers)
         for i in range(3):
-            out[k, 5 + i] = math.sqrt(belief.covariance[i, i])
+            out[k, 2 * n + i] = nis[i]
 
 
-def initial_belief(state: State, std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0)) -> Belief:
+def initial_belief(
+    state: State, std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0), settings: EkfSettings | None = None
+) -> Belief:
     """Return the belief of a filter that starts; its arrays are writable.
 
     Args:
         state: the robot's state as the filter believes it; lateral speed and wheels are not part of it.
         std: standard deviations of x, y [m], yaw [rad], v [m/s], omega [rad/s]. The lab's filter was set to its start
             (Sec. 4.2), so the default is 0.
+        settings: those of a filter that learns, which tell its constants; a filter of five states if not given.
 
     Raises:
         ValueError: a standard deviation that is negative, or a number that is not finite.
@@ -234,6 +333,11 @@ def initial_belief(state: State, std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0
     deviations = frozen_array(std, "the start's standard deviations", (5,))
     if np.any(deviations < 0.0):
         raise ValueError(f"a standard deviation must not be negative, got {tuple(std)}")
+    if settings is not None:
+        mean, deviations = np.append(mean, (*settings.constants, 0.0)), np.append(deviations, (*settings.constants_std, 0.0))
+        row = np.zeros(len(mean))
+        rest = source(forward_speed)(np.where(np.arange(len(mean)) == V, 0.0, mean), settings.half_track, row)
+        mean[V] = (mean[V] - rest) / row[V]  # the odometry's
     return Belief(mean.copy(), np.diag(np.square(deviations)))
 
 
@@ -245,6 +349,7 @@ def run_ekf(
     settings: EkfSettings,
     start: State,
     start_std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+    aside: Aside | None = None,
 ) -> Trajectory:
     """Filter a whole log.
 
@@ -256,10 +361,13 @@ def run_ekf(
         settings: assumptions about robot and sensors.
         start: state of the robot at the first instant, whose sample is used as well.
         start_std: standard deviations of that state, see `initial_belief`.
+        aside: when the robot stood, and poses that something else measured; see `aside_of`.
 
     Returns:
-        The estimate after each sample, with lateral speed 0 and the wheels as measured. Channel `pose_std` is (M, 3), the
-        standard deviations of x, y [m] and yaw [rad].
+        The estimate after each sample, with the lateral speed that the slide means and the wheels as measured. Channel
+        `pose_std` is (M, 3), the standard deviations of x, y [m] and yaw [rad]; `innovations` is (M, 3), the normalised
+        squared ones of the wheels' v, of their yaw rate and of the gyro, 0 for what was not used. A filter that learns
+        adds `constants` and `constants_std`, (M, 6), see `EkfSettings.constants`.
 
     Raises:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.
@@ -268,11 +376,33 @@ def run_ekf(
     wheels = np.column_stack([frozen_array(a, name, (len(times),)) for a, name in ((left, "left"), (right, "right"))])
     turning = np.full(len(times), np.nan) if gyro is None else np.array(gyro, dtype=np.float64)
     frozen_array(np.where(np.isnan(turning), 0.0, turning), "gyro", (len(times),))
-    out = np.empty((len(times), 8))
-    belief = initial_belief(start, start_std)
-    filter_log(SensorLog(times, wheels[:, 0].copy(), wheels[:, 1].copy(), turning), settings.packed(), belief, out)
-    twist = np.column_stack([out[:, V], np.zeros(len(times)), out[:, W]])
-    return Trajectory(times, out[:, :3], twist, wheels, {"pose_std": out[:, 5:]})
+    besides = aside or aside_of(np.zeros(len(times), dtype=np.bool_))
+    if besides.still.shape != times.shape:
+        raise ValueError(f"still has shape {besides.still.shape}, wanted {times.shape}")
+    belief = initial_belief(start, start_std, settings if settings.learns else None)
+    n = len(belief.mean)
+    out = np.empty((len(times), 2 * n + 3))
+    log = SensorLog(times, wheels[:, 0].copy(), wheels[:, 1].copy(), turning)
+    filter_log(log, besides, settings.packed(), belief, out)
+    mean, std, innovations = np.split(out, [n, 2 * n], axis=1)
+    channels = {"pose_std": std[:, :3], "innovations": np.nan_to_num(innovations)}
+    lateral = np.zeros(len(times))
+    if settings.learns:
+        channels |= {"constants": mean[:, BIAS:SLIP], "constants_std": std[:, BIAS:SLIP]}
+        lateral = mean[:, SLIDE] * mean[:, W]
+    return Trajectory(times, mean[:, :3], np.column_stack([mean[:, V], lateral, mean[:, W]]), wheels, channels)
+
+
+def aside_of(still: ArrayLike, poses: Mapping[float, SeenPose] | None = None) -> Aside:
+    """Return what a log tells the filter besides wheels and gyro.
+
+    Args:
+        still: (M,) True for samples at which the robot is known to stand; there the gyro shows its bias.
+        poses: poses that something else measured, by the instants [s] at which they were true, however late they came.
+            Those before the first sample are not used.
+    """
+    rows = [(at, *pose) for at, pose in sorted((poses or {}).items())]
+    return Aside(np.array(still, dtype=np.bool_), np.array(rows, dtype=np.float64).reshape(-1, 1 + len(SeenPose._fields)))
 
 
 def increasing(t: ArrayLike) -> FloatArray:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ssmr._jit import source
 from ssmr.estimation.bias import learn_bias
-from ssmr.estimation.ekf import EkfSettings, run_ekf
+from ssmr.estimation.ekf import run_ekf
+from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssmr._jit import source
-from ssmr.estimation.ekf import EkfSettings
+from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray
 from validation.logs.groups import Group, Groups

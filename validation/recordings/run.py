@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ssmr.estimation.ekf import EkfSettings
+from ssmr.estimation.settings import EkfSettings
 from validation.logs.dead_reckoning import reckon, with_filter
 from validation.logs.formats import check_target, losses, read_log
 from validation.logs.groups import aligned, cut_groups, merge, smoothed_groups

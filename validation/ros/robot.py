@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ssmr.estimation.ekf import EkfSettings, filter_step, initial_belief
+from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.sensing import SensorErrors, SensorModel, sense
+from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
 from ssmr.types import FloatArray, State

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ssmr.estimation.ekf import EkfSettings
+from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import relative, wrap_angle
 from ssmr.parameters import require_in_range, require_within
 from ssmr.types import FloatArray, Trajectory

@@ -37,11 +37,11 @@ from validation.show.robot_mesh import robot_mesh
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 from validation.study import __main__ as study_program
-from validation.study.robustness.cases import LEVELS, levels_of, single_mismatches
 from validation.study.terrain import TerrainOptions, study_terrain
 from validation.study.terrain.findings import TerrainAxes
 from validation.track import __main__ as track_program
 from validation.track import track
+from validation.track.mismatch import single_mismatches
 from validation.tune import __main__ as tune_program
 from validation.tune import tune
 
@@ -186,8 +186,8 @@ STUDIES = {
     "gains": ("--plants", "improved", "--seeds", "1"),
     "tables": ("--numbers", "4.5", "--seeds", "1"),
     "filter": ("--references", "circle", "--seeds", "1", "--frictions", "0.6"),
-    "robustness": ("--controllers", "pid", "--runs", "16", "--seeds", "1", "--reference", "line", "--speed", "0.5",
-                   "--timestep", "0.005"),
+    "robustness": ("--controllers", "pid", "--gains", "tuned", "--runs", "17", "--seeds", "1", "--reference", "line",
+                   "--speed", "0.5", "--timestep", "0.005"),
 }  # fmt: skip
 
 
@@ -210,12 +210,12 @@ def test_the_terrain_study(robot: str) -> None:
 
 
 def test_mismatches_grow_with_the_robot() -> None:
-    """A centre of mass that is 5 cm off means less to a Warthog than to a Husky, and more to a Jackal."""
-    usual, large = levels_of(load_robot("husky")), levels_of(load_robot("warthog"))
-    assert usual == LEVELS
-    assert large["com_x"] == pytest.approx([0.0, -0.05 * 0.914734 / 0.512, 0.05 * 0.914734 / 0.512])
-    assert large["friction"] == LEVELS["friction"]
-    assert [m.label for m in single_mismatches(large)][2:4] == ["mass 8.9 cm back", "mass 8.9 cm ahead"]
+    """A centre of mass that is 4 cm off means less to a Warthog than to a Husky."""
+    usual, large = (single_mismatches(load_robot(name)) for name in ("husky", "warthog"))
+    assert [m.com_x for m in usual[4:6]] == pytest.approx([-0.04, 0.04], abs=1e-3)
+    assert [m.com_x for m in large[4:6]] == pytest.approx([-0.0714, 0.0714], abs=1e-4)
+    assert [m.friction for m in large] == [m.friction for m in usual]
+    assert [m.label for m in large[4:6]] == ["centre 7.1 cm back", "centre 7.1 cm ahead"]
 
 
 def test_learning(robot: str) -> None:

@@ -40,7 +40,7 @@ USUAL: Mapping[str, Usual] = {
     "tune": Usual("pid", {"--reference": "line@0.5", "--held-out": "line@1", **_SMALL}),
     "study robustness": Usual(
         "robustness",
-        {"--controllers": "pid", "--runs": "13", "--seeds": "1", "--reference": "line", "--speed": "1"},
+        {"--controllers": "pid", "--gains": "tuned", "--runs": "17", "--seeds": "1", "--reference": "line", "--speed": "1"},
     ),
     "study filter": Usual(
         "filter",

@@ -23,6 +23,7 @@ _SPECIAL: Mapping[str, Any] = {
     "recording": Annotated[str | None, cli.option(metavar="PATH", default="none")],
     "ground": Annotated[str | None, cli.option(metavar="PATH", default="none")],
     "held_out": Annotated[cli.Names, cli.option(metavar="PATH,...", default="none")],
+    "robustness.gains": Annotated[cli.Names, cli.option(metavar="NAME,...|PATH")],
     "robot": cli.RobotName,
     "profile": Annotated[str | None, cli.profile_option("thesis-lab")],
     "recording_profile": Annotated[str | None, cli.profile_option("husky-tile")],

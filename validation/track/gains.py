@@ -84,6 +84,11 @@ def profile_sets(controller: str) -> list[str]:
     return sorted(p.name for p in folder.iterdir() if p.is_dir() and p.joinpath(f"{controller}.toml").is_file())
 
 
+def sets_of(controller: str) -> list[str]:
+    """Return every name that a shipped set of a controller's gains can be asked for by, without the controller's."""
+    return [*(name.removeprefix(f"{controller}-") for name in names(controller)), *profile_sets(controller), DEFAULT]
+
+
 def shipped_gains(controller: str, profile: str) -> GainSet | None:
     """Return the tuned gains that are shipped for a profile, else the usual tuned ones; None where there are none."""
     if profile in profile_sets(controller):
@@ -133,7 +138,7 @@ def load_gains(controller: str, name_or_path: str | None = None, profile: str | 
         elif os.path.exists(name_or_path):
             document = reading.read_toml(name_or_path)
         else:
-            every = ", ".join([*(n.removeprefix(f"{controller}-") for n in names(controller)), *own, DEFAULT])
+            every = ", ".join(sets_of(controller))
             raise GainsError(
                 f"{controller} has no gains '{name_or_path}'; there are: {every}; or give the path of a TOML file"
             )

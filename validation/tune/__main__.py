@@ -30,6 +30,8 @@ class _Task(TuneTask):
         ),
     ] = None
     """References to judge the gains on, in the form of --reference."""
+    draws: Annotated[cli.Count, cli.option(default="20, or 10 with mujoco")] = None
+    """Number of robots that are drawn for --robots robust, and number of others that the gains are scored on."""
     noise: Annotated[bool, tyro.conf.FlagCreatePairsOff, cli.option(default="off")] = True
     """Turn off noise and disturbances."""
 

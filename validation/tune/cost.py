@@ -33,7 +33,8 @@ class TuneCost:
     """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times in the place of distances between
     paths (Sec. 5)."""
     guard: float = 0.1
-    """Stability guard: candidates that lose the reference with this much more delay are refused [s]; 0 turns it off."""
+    """Stability guard: candidates that lose the reference with this much more delay are refused [s]; 0 turns it off. Drawn
+    robots have delays of their own, and no guard."""
     seeds: Sequence[int] | None = None
     """Seeds of noise and disturbance; the cost is the mean over them. None takes the seed of the search."""
     k_rms: float = 100.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ssmr.control.loop import ClosedRun
@@ -12,6 +12,7 @@ from ssmr.metrics.declared import Metrics
 from ssmr.types import Trajectory
 from validation.fit.data import SearchData
 from validation.track.gains import GainSet
+from validation.track.mismatch import Mismatch
 
 
 class Followed(NamedTuple):
@@ -77,6 +78,14 @@ class TuneData(SearchData):
     """Runs along the references that it was tuned on."""
     held_out: tuple[TunedRun, ...]
     """Runs along references that the tuning has not seen."""
+
+    tuned_on: tuple[Mismatch, ...] = ()
+    """Differences of the drawn robots that it was tuned on; none if it was tuned on the profile's own."""
+    scored_on: tuple[Mismatch, ...] = ()
+    """Differences of other drawn robots, which the tuning has not seen."""
+    scores: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """Costs with each of those robots, means over the references, by gains: `tuned`, `baseline`, and `shipped` if there are
+    any others; infinite where a reference was lost."""
 
     @property
     def gains(self) -> Mapping[str, float]:

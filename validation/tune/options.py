@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.parameters import require_within
 from validation.fit.search import FreeParameters
+from validation.plants.table import SIMULATED
 from validation.simulator.description import Robot
+
+Robots = Literal["nominal", "robust"]
+MOST_DRAWS = 1000
+"""Greatest number of robots that are drawn for a tuning."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +36,32 @@ class TuneTask:
     """Distance at which the robot keeps behind its target [m]."""
     robot: Robot | str | Path | None = None
     """The robot: itself, its name or its path; None for that of the profile."""
+    robots: Robots = "nominal"
+    """nominal: the robot of the profile. robust: robots drawn at random that differ from it in mass, friction, centre of
+    mass, delay, strength of the sides and slip; the cost is the mean over the worst fifth of them."""
+    draws: int | None = None
+    """Number of robots that are drawn, and number of others that the gains are scored on; None for 20, or 10 with mujoco."""
 
     def __post_init__(self) -> None:
         """Check the speed, and the numbers of the loop.
 
         Raises:
-            ValueError: no plant, an unknown feedback, or a number out of its range.
+            ValueError: no plant, an unknown feedback or kind of robots, or a number out of its range.
         """
         require_within(self, ("speed",), 1e-3, 100.0)
+        if self.robots not in get_args(Robots):
+            raise ValueError(f"unknown robots '{self.robots}'; there are: {', '.join(get_args(Robots))}")
+        if self.draws is not None:
+            require_within(self, ("draws",), 1, MOST_DRAWS, whole=True)
         if not self.plants:
             raise ValueError("plants is empty; name at least one")
         self.loop()
+
+    @property
+    def drawn(self) -> int:
+        """Number of robots that are drawn; 0 for the profile's own."""
+        usual = 10 if any(name in SIMULATED for name in self.plants) else 20
+        return 0 if self.robots == "nominal" else self.draws or usual
 
     def loop(self) -> LoopSettings:
         """Return the settings of the closed loop."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from ssmr.control.laws import LAWS
-from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.loop import LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import described
 from ssmr.search.space import ParameterSpace, declared
@@ -17,6 +18,7 @@ from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 from validation.track.gains import GainSet
 from validation.track.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
+from validation.track.mismatch import Mismatch, mismatched, worst_mean
 from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
 from validation.tune.data import Followed, TunedRun
 
@@ -121,17 +123,23 @@ class TuneProblem:
         cases: Sequence[TuneCase],
         cost: TuneCost,
         shipped: GainSet | None = None,
+        mismatches: Sequence[Mismatch] = (),
     ) -> None:
-        """Sample the references, and delay each robot for the stability guard.
+        """Sample the references, and delay each robot for the stability guard, or make the robots with `mismatches`.
 
         The profile gives model-based laws their model; the tuned gains are compared with those of `base`, and with those
-        that are `shipped` if these are others.
+        that are `shipped` if these are others. With mismatches, costs are means over the worst fifth of those robots.
         """
         self.profile, self.base, self.space, self.cases, self.cost = profile, base, space, tuple(cases), cost
-        self.shipped = shipped
+        self.shipped, self.mismatches = shipped, tuple(mismatches)
         self._seeds = cost.seeds or (0,)
         self._targets = [case.target for case in self.cases]
-        self._late = [delayed(case.robot, cost.guard) if cost.guard > 0.0 else None for case in self.cases]
+        guarded = cost.guard > 0.0 and not self.mismatches
+        self._late = [delayed(case.robot, cost.guard) if guarded else None for case in self.cases]
+        drawn = {
+            name: [mismatched(profile, name, m) for m in self.mismatches] for name in {c.robot.name for c in self.cases}
+        }
+        self._robots = [drawn[case.robot.name] or [case.robot] for case in self.cases]
 
     def gains(self, point: FloatArray) -> GainSet:
         """Return all gains that an (n,) point of the unit cube stands for."""
@@ -155,49 +163,82 @@ class TuneProblem:
         """Rate candidates case by case, see `SearchProblem.costs`.
 
         Returns:
-            (S,) means over the cases; infinite for a candidate that loses a reference, or fails the guard.
+            (S,) means over the cases, and over the worst fifth of drawn robots; infinite for a candidate that loses a
+            reference, or fails the guard.
         """
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):
             laws = [self.controller(p) for p in points]
         bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
-        sums = np.array([np.inf if law is None else 0.0 for law in laws])
+        sums = np.tile([np.inf if law is None else 0.0 for law in laws], (len(self._robots[0]), 1))  # by robot
         total = float(sum(case.waypoints.duration for case in self.cases))
         done = 0.0
         for k, case in enumerate(self.cases):
-            live = [i for i in range(len(points)) if np.isfinite(sums[i]) and (sums[i] == 0.0 or sums[i] <= bounds[i])]
+            worst, share, driven = worst_mean(sums), case.waypoints.duration / total, itertools.count(1)
+
+            def on_robot(begun: float = done, part: float = share / len(sums), driven: Iterator[int] = driven) -> None:
+                if on_share is not None:
+                    on_share(begun + part * next(driven))
+
+            live = [i for i in range(len(points)) if np.isfinite(worst[i]) and (k == 0 or worst[i] <= bounds[i])]
             if live:
-                sums[live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
-            done += case.waypoints.duration / total
-            if on_share is not None:
+                sums[:, live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers, on_robot=on_robot)
+            done += share
+            if on_share is not None and not live:
                 on_share(done)
-        return sums / len(self.cases)
+        return worst_mean(sums) / len(self.cases)
 
-    def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, guarded: bool = True) -> FloatArray:
-        """Return the (S,) costs of candidates on one case, the mean over the seeds."""
-        case, target, late = self.cases[k], self._targets[k], self._late[k]
-        found = np.zeros(len(laws))
+    def _case_costs(
+        self,
+        k: int,
+        laws: Sequence[AnyController],
+        workers: int,
+        searching: bool = True,
+        on_robot: Callable[[], object] | None = None,
+    ) -> FloatArray:
+        """Return the (R, S) costs of candidates with each robot on one case, means over the seeds.
 
-        def runs(robot: ClosedLoopRobot, some: Sequence[AnyController], seeds: Sequence[int]) -> list[ClosedRun]:
-            n = len(some)
-            return run_robots([robot] * n, some, [case.settings] * n, case.waypoints, seeds, workers)
-
-        for seed in self._seeds:
-            costs = costs_of(runs(case.robot, laws, [seed]), target, case.waypoints.rms_speed, self.cost)
-            found += costs / len(self._seeds)
-        some = [int(i) for i in np.flatnonzero(np.isfinite(found))]
-        if late is not None and guarded and some:
-            for i, run in zip(some, runs(late, [laws[i] for i in some], self._seeds[:1]), strict=True):
+        In a search the guard is asked, and a candidate that lost one robot is not driven on: its costs with the next are
+        infinite.
+        """
+        case, late = self.cases[k], self._late[k]
+        found = np.full((len(self._robots[k]), len(laws)), np.inf)
+        kept = list(range(len(laws)))
+        for row, robot in zip(found, self._robots[k], strict=True):
+            if kept:
+                row[kept] = self._robot_costs(k, robot, [laws[i] for i in kept], workers)
+            kept = [i for i in kept if np.isfinite(row[i])] if searching else kept
+            if on_robot is not None:
+                on_robot()
+        if late is not None and searching and kept:
+            some, around = [laws[i] for i in kept], [case.settings] * len(kept)
+            runs = run_robots([late] * len(kept), some, around, case.waypoints, self._seeds[:1], workers)
+            for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
-                    found[i] = np.inf
+                    found[:, i] = np.inf
         return found
+
+    def _robot_costs(self, k: int, robot: ClosedLoopRobot, laws: Sequence[AnyController], workers: int) -> FloatArray:
+        """Return the (S,) costs of candidates with one robot on one case, the means over the seeds."""
+        case, found, n = self.cases[k], np.zeros(len(laws)), len(laws)
+        for seed in self._seeds:
+            runs = run_robots([robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
+            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost) / len(self._seeds)
+        return found
+
+    def costs_by_robot(self, gains: GainSet, workers: int, guarded: bool = False) -> FloatArray:
+        """Return the (R,) costs of gains with each robot, means over the cases; infinite where they lose a reference.
+
+        With the guard, all are infinite where they lose one robot, or fail it.
+        """
+        law = make_controller(self.profile, gains)
+        costs = [self._case_costs(k, [law], workers, guarded)[:, 0] for k in range(len(self.cases))]
+        return np.asarray(np.mean(costs, axis=0))
 
     def cost_of(self, gains: GainSet, workers: int, guarded: bool = False) -> float:
         """Return the cost of gains, by default without the guard; infinite where they lose a reference or fail the guard."""
-        law = make_controller(self.profile, gains)
-        costs = [float(self._case_costs(k, [law], workers, guarded)[0]) for k in range(len(self.cases))]
-        return float(np.mean(costs))
+        return float(worst_mean(self.costs_by_robot(gains, workers, guarded)))
 
     def compared(self, case: TuneCase, tuned: GainSet, workers: int) -> TunedRun:
         """Drive one case with the tuned gains, those of before and the shipped ones, with the first seed's noise."""
@@ -225,5 +266,6 @@ class TuneProblem:
                 for c in self.cases
             ],
             "feedback, noise or disturbance": [repr(case.settings) for case in self.cases],
+            "robots": [asdict(m) for m in self.mismatches],
             "cost": asdict(self.cost),
         }

@@ -12,7 +12,7 @@ from validation.show.result import Result
 from validation.show.tables import Grid
 from validation.track.gains import dump_gains
 from validation.tune.data import TuneData
-from validation.tune.table import runs_dict, tune_grids, tune_notes
+from validation.tune.table import robots_dict, runs_dict, tune_grids, tune_notes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,6 +64,7 @@ class TuneResult(TuneData, Result):
             "shipped": self.shipped_name,
             "shipped_cost": self.shipped_cost,
             "gains": dict(self.gains),
+            **robots_dict(self),
             "train": runs_dict(self.train),
             "held_out": runs_dict(self.held_out),
         }

@@ -29,6 +29,7 @@ from validation.track.loops import (
     odometry_of,
     require_practicable,
 )
+from validation.track.mismatch import SCORING, TUNING, draw_mismatches
 from validation.track.waypoint_files import open_reference, split_speed
 from validation.tune.cost import TuneCost
 from validation.tune.options import TuneParameters, TuneTask
@@ -97,12 +98,17 @@ def tune(
     cost = replace(cost, k_u=LAWS[controller].k_u if cost.k_u is None else cost.k_u, seeds=cost.seeds or (search.seed,))
     shipped = shipped_gains(controller, chosen.name)
     other = shipped if shipped is not None and shipped.values != base.values else None
-    problem, said = TuneProblem(chosen, base, space, cases, cost, other), _said(chosen.name, base, cases)
+    tuned_on, scored_on = (draw_mismatches(task.drawn, search.seed, use, chosen.robot) for use in (TUNING, SCORING))
+    problem = TuneProblem(chosen, base, space, cases, cost, other, tuned_on)
+    said = _said(chosen.name, base, cases)
     start = None if begun is None else space.points([base.values[name] for name in space.names])[None]
     found = search_for(problem, settings, search, start, progress)
     threads, total = search.threads, settings.generations + 1
     progress(Progress(total, total, "tuned and earlier gains on every reference"))
     kept = _better(problem, found, begun is not None, threads)
+    judge = TuneProblem(chosen, base, space, cases, cost, other, scored_on)
+    compared = {"tuned": kept.gains, "baseline": base, **({} if other is None else {"shipped": other})}
+    by_robot = {name: tuple(judge.costs_by_robot(gains, threads).tolist()) for name, gains in compared.items() if scored_on}
     result = TuneResult(
         controller=controller,
         begun_with=chosen.name,
@@ -117,6 +123,9 @@ def tune(
         worse_than_start=kept.start_cost < kept.cost,
         parameters=found_parameters(space, kept.point, [base.values[name] for name in space.names]),
         remarks=(*said, *kept.remarks, *bound_sentences(space, kept.point)),
+        tuned_on=tuned_on,
+        scored_on=scored_on,
+        scores=by_robot,
         train=tuple(problem.compared(case, kept.gains, threads) for case in cases),
         held_out=tuple(problem.compared(case, kept.gains, threads) for case in held_out),
         options=_record(cost, task, parameters, search.record(settings)),
@@ -225,10 +234,20 @@ def _record(cost: TuneCost, task: TuneTask, parameters: TuneParameters, search: 
         "feedback": around.feedback,
         "disturbance": around.disturbance,
         "lookahead_m": around.lookahead,
+        "robots": task.robots,
         "fixed": dict(parameters.fix) or None,
         **search,
         "from_scratch": parameters.from_scratch,
     }
+
+
+def _robust_provenance(result: TuneResult) -> dict[str, Any]:
+    """Return what a set of gains says of the drawn robots that it was tuned and scored on."""
+    if not result.tuned_on:
+        return {}
+    kept = {name: [cost for cost in costs if math.isfinite(cost)] for name, costs in result.scores.items()}
+    scores = {name: {"lost": len(result.scores[name]) - len(c), "costs": c} for name, c in kept.items()}
+    return {"robots": [robot.label for robot in result.tuned_on], "other_robots": scores}
 
 
 def _with_provenance(result: TuneResult) -> GainSet:
@@ -247,6 +266,7 @@ def _with_provenance(result: TuneResult) -> GainSet:
         "robot": result.robot,
         "cost_name": result.cost_name,
         "cost": result.cost,
+        **_robust_provenance(result),
         "baseline": result.baseline_name,
         **({"baseline_cost": result.baseline_cost} if np.isfinite(result.baseline_cost) else {}),
         "status": result.status,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from ssmr.metrics.declared import Metrics
 from validation.fit.table import effort, ending, parameter_grid
 from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened, units_of
 from validation.track.data import TRACK_METRICS
+from validation.track.mismatch import WORST, spread
 from validation.track.table import gains_text, lost_text
 from validation.tune.data import Followed, TuneData, TunedRun
 
@@ -111,6 +112,24 @@ def _score_grid(result: TuneData) -> Grid:
     return Grid(tuple(header), tuple(groups), left=2)
 
 
+def _robots_grid(result: TuneData) -> Grid:
+    """Return the spread of costs over the robots that the tuning has not seen; the least of each column is emphasised."""
+    rows = {name: (spread(costs), sum(not math.isfinite(cost) for cost in costs)) for name, costs in result.scores.items()}
+    columns = []
+    for part in ("mean", "cvar", "worst"):
+        values = {name: getattr(found, part) for name, (found, _) in rows.items()}
+        texts = {name: cost_text(value, not math.isfinite(value)) for name, value in values.items()}
+        best = best_of(texts, {name: value for name, value in values.items() if math.isfinite(value)}, "low")
+        columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+    header = (("gains", ""), ("mean", ""), ("mean of the worst fifth", ""), ("worst", ""), ("robots lost", ""))
+    lines = tuple((Cell(name), *(column[name] for column in columns), Cell(str(lost))) for name, (_, lost) in rows.items())
+    title = f"Costs with {len(result.scored_on)} robots that the tuning has not seen"
+    caption = (
+        f"Tuned on {len(result.tuned_on)} others of the same distribution: the cost is the mean of the worst fifth of them."
+    )
+    return Grid(header, (lines,), 1, title, caption)
+
+
 def tune_grids(result: TuneData) -> list[Grid]:
     """Return the gains within their bounds, and the tuned gains beside those of before on each reference."""
     caption = f"{effort(result)}\ncompared with {against(result)}\n{ending(result)}\n"
@@ -120,6 +139,7 @@ def tune_grids(result: TuneData) -> list[Grid]:
     return [
         replace(parameter_grid(result.parameters, "gain", "baseline"), title=title, caption=caption),
         replace(_score_grid(result), title=f"Tuned gains compared with {one_line(result.baseline_name)}"),
+        *([_robots_grid(result)] if result.scores else []),
     ]
 
 
@@ -132,7 +152,25 @@ def tune_notes(result: TuneData) -> list[str]:
         for who, run in (("tuned gains lose", f.tuned), (f"gains {one_line(result.baseline_name)} lose", f.baseline)):
             if run.lost:
                 notes.append(f"The {who} {run_text(f)}: {lost_text(run)}.")
+    if result.scores:
+        costs = {name: spread(costs).cvar for name, costs in result.scores.items()}
+        told = ", ".join(f"{cost_text(cost, not math.isfinite(cost))} with the {name} gains" for name, cost in costs.items())
+        drawn = len(result.scored_on)
+        notes.append(f"Mean cost of the worst fifth of {drawn} drawn robots that the tuning has not seen: {told}.")
     return notes + _transfer_notes(result) + [one_line(note) for note in result.remarks]
+
+
+def robots_dict(result: TuneData) -> dict[str, Any]:
+    """Return the drawn robots as tune.json holds them; nothing for a tuning on the profile's own."""
+    if not result.tuned_on:
+        return {}
+    drawn = {
+        "worst_share": WORST,
+        "tuned_on": [asdict(robot) for robot in result.tuned_on],
+        "scored_on": [asdict(robot) for robot in result.scored_on],
+        "costs": {name: list(costs) for name, costs in result.scores.items()},
+    }
+    return {"robots": drawn}
 
 
 def _shipped_dict(shipped: Followed | None) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ssmr.control.laws import CONTROLLERS
 from validation.show.drawing import (
     controller_ink,
     draw_footer,
@@ -20,16 +21,17 @@ from validation.study.gains.result import GainStudy
 
 def _draw(study: GainStudy, plant: str, ax: Axes) -> None:
     rows = study.by_reference(plant)
-    marks = {"published": "s", "manual": "D", "tuned": "o"}
+    marks = {"published": "s", "manual": "D", "tuned": "o", "robust": "^"}
     for name in study.sets:
-        controller, _, kind = name.rpartition("-")
+        controller = max((c for c in CONTROLLERS if name.startswith(f"{c}-")), key=len)
+        kind = name.removeprefix(f"{controller}-")
         points = [
             (s.cost, k) for k, (_, scores) in enumerate(rows) for s in scores if s.gains == name and s.cost is not None
         ]
         if points:
             ink = controller_ink(controller)
             face = ink if kind == "tuned" else "white"
-            ax.plot(*zip(*points, strict=True), marks[kind], color=ink, mfc=face, ms=7, mew=1.5, label=name)
+            ax.plot(*zip(*points, strict=True), marks.get(kind, "v"), color=ink, mfc=face, ms=7, mew=1.5, label=name)
     inset(ax, left=1.0)
     ax.set_yticks(range(len(rows)), [label for label, _ in rows])
     ax.set(xscale="log", xlabel="cost, Sec. 4.3.3", ylim=(len(rows) - 0.5, -0.5))

@@ -48,11 +48,9 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
             progress(Progress(done, len(places), f"{plant}, {reference} {speed:g}"))
             _, waypoints = open_reference(reference, speed)
             target, robot = waypoints.trajectory(LoopSettings().position_period), robots[plant]
-            loops = [LoopSettings()] * n * len(laws)
-            runs = run_robots([robot] * len(loops), [law for law in laws for _ in seeds], loops, waypoints, seeds, workers)
             place = []
-            for k, g in enumerate(sets):
-                mine = runs[k * n : (k + 1) * n]
+            for g, law in zip(sets, laws, strict=True):
+                mine = run_robots([robot] * n, [law] * n, [LoopSettings()] * n, waypoints, seeds, workers)
                 lost = sum(run.lost for run in mine)
                 rated = [] if lost else [rate(run, waypoints, robot) for run in mine]
                 cost = None if lost else float(np.mean(costs_of(mine, target, waypoints.rms_speed, _COST)))

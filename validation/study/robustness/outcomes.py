@@ -1,9 +1,8 @@
-"""The outcomes of a robustness study: the errors of each run, their spread, and wheel loads."""
+"""The outcomes of a robustness study: the errors of each run, and wheel loads."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +17,6 @@ from validation.simulator.health import Health, check_health
 from validation.simulator.plant import MujocoPlant
 from validation.track.gains import GainSet
 from validation.track.loops import ClosedLoopRobot, rate
-
-CVAR_LEVEL = 0.5
-"""The conditional value at risk is the mean of what is worse than this quantile."""
 
 
 @dataclass(frozen=True)
@@ -52,60 +48,16 @@ def errors_of(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot, tick
     return RunErrors(min(rate(kept, waypoints, robot)["d_rms_m"], LOST), math.sqrt(squares / ticks), lost_at)
 
 
-def cvar(values: Sequence[float], level: float = CVAR_LEVEL) -> float:
-    """Return the conditional value at risk: the mean of the greatest share 1 - `level` of values.
-
-    Where that share is no whole number of values, the last one counts in part.
-
-    Raises:
-        ValueError: `values` is empty, or `level` is outside [0, 1).
-    """
-    if not len(values) or not 0.0 <= level < 1.0:
-        raise ValueError(f"{len(values)} values at level {level}: wanted some, and a level from 0 to below 1")
-    falling = np.sort(np.asarray(values, dtype=np.float64))[::-1]
-    tail = (1.0 - level) * len(falling)
-    weights = np.clip(tail - np.arange(len(falling)), 0.0, 1.0)
-    return float(weights @ falling / tail)
-
-
-@dataclass(frozen=True)
-class Spread:
-    """The spread of a number over runs, in the unit of that number."""
-
-    mean: float
-    """Mean of all runs."""
-    std: float
-    """Standard deviation (n - 1) of all runs; 0 for a single one."""
-    cvar: float
-    """Mean of the worse half."""
-    worst: float
-    """Greatest value."""
-
-
-def spread(values: Sequence[float]) -> Spread:
-    """Return the spread of values."""
-    array = np.asarray(values, dtype=np.float64)
-    return Spread(float(array.mean()), float(array.std(ddof=1)) if len(array) > 1 else 0.0, cvar(values), float(array.max()))
-
-
 @dataclass(frozen=True, eq=False)
 class ControllerRuns:
-    """All runs of one controller."""
+    """All runs of one controller with one set of gains."""
 
     gains: GainSet
-    """Gains of the controller."""
+    """Its gains."""
     errors: tuple[RunErrors, ...]
     """Errors of each run, in the order of the study's cases."""
     health: Health
     """Wheel loads of the first nominal run."""
-
-
-def torque_needed(robot: ClosedLoopRobot, waypoints: Waypoints) -> float:
-    """Return a robot's greatest torque of a wheel [N m] when it is driven at the reference's velocities without feedback."""
-    assert isinstance(robot.body, MujocoPlant)
-    hold = robot.drive.hold
-    motion = robot.body.run(Commands(hold, waypoints.trajectory(hold).twist[:-1, [0, 2]]), waypoints.start, robot.body.dt)
-    return 0.5 * float(np.abs(motion.channels["torque_N_m"]).max())
 
 
 def health_of(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot, settings: LoopSettings, seed: int) -> Health:

@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
-from validation.show.tables import MILLIMETRES, Cell, Grid
+from validation.show.tables import MILLIMETRES, Cell, Grid, best_of
 from validation.study.result import StudyResult
-from validation.study.robustness.cases import (
-    LEVELS,
-    NOMINAL,
-    CaseKind,
-    Levels,
-    Mismatch,
-    RobustnessCase,
-    RobustnessOptions,
-    full_grid,
-    single_mismatches,
-)
-from validation.study.robustness.outcomes import CVAR_LEVEL, ControllerRuns, RunErrors, spread
+from validation.study.robustness.cases import CaseKind, RobustnessCase, RobustnessOptions
+from validation.study.robustness.outcomes import ControllerRuns, RunErrors
+from validation.track.mismatch import NOMINAL, WORST, Mismatch, spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,18 +31,14 @@ class Robustness(StudyResult):
     """Mean speed of the reference [m/s]."""
     duration: float
     """Duration of one run [s]."""
-    torque: float
-    """Greatest torque of a wheel that the reference needs [N m]."""
     options: RobustnessOptions
     """Options of the study."""
     cases: tuple[RobustnessCase, ...]
-    """Runs that every controller made."""
+    """Runs that every set of gains made."""
     controllers: Mapping[str, ControllerRuns]
-    """Runs by controller."""
+    """Runs by the name of the set of gains, such as `pid-tuned`; by any names if the user gave the sets."""
     remarks: tuple[str, ...] = ()
     """Remarks on the choice of gains."""
-    levels: Levels = field(default_factory=lambda: LEVELS)
-    """Values that were tried, by field of `Mismatch`."""
 
     def errors(self, controller: str, kind: CaseKind, mismatch: Mismatch | None = None) -> list[RunErrors]:
         """Return a controller's errors in cases of one kind, all of them or those with one mismatch."""
@@ -63,16 +50,20 @@ class Robustness(StudyResult):
         return sum(e.failed(self.options.bound) for e in errors)
 
     @property
-    def combined(self) -> int:
-        """Number of runs with a combination of mismatches."""
-        return sum(c.kind == "grid" for c in self.cases)
+    def drawn(self) -> int:
+        """Number of robots that were drawn."""
+        return sum(c.kind == "drawn" for c in self.cases)
+
+    @property
+    def single(self) -> list[Mismatch]:
+        """The mismatches that were tried alone."""
+        return list(dict.fromkeys(c.mismatch for c in self.cases if c.kind == "alone"))
 
     def heading(self) -> str:
         """Return what was studied, in one line."""
         return (
-            f"{self.of_profile(self.profile)}, {self.reference} at {self.speed:.3g} m/s: "
-            f"{len(self.cases)} runs of each controller, {self.combined} of them from {len(full_grid())} combinations; "
-            f"seed {self.options.seed}"
+            f"{self.of_profile(self.profile)}, {self.reference} at {self.speed:.3g} m/s: {len(self.cases)} runs of each set "
+            f"of gains, {self.drawn} of them with robots drawn at random; seed {self.options.seed}"
         )
 
     def notes(self) -> list[str]:
@@ -85,13 +76,8 @@ class Robustness(StudyResult):
         return [*self.remarks, *unhealthy]
 
     def grids(self) -> list[Grid]:
-        """Return the spread of errors over combinations, and both errors under each mismatch alone."""
-        explained = (
-            f"Means over {self.options.seeds} seeds of noise, and how many of them failed. Torque: share of the "
-            f"{self.torque:.0f} N m a wheel that the reference needs without feedback."
-        )
-        alone = self._alone_grid("d_rms_m", "d_rms under each mismatch alone", "")
-        return [self._spread_grid(), alone, self._alone_grid("e_rho_rms_m", "e_rho under each mismatch alone", explained)]
+        """Return the spread of errors over the drawn robots, and d_rms under each mismatch alone."""
+        return [self._spread_grid(), self._alone_grid()]
 
     def findings(self) -> dict[str, Any]:
         """Return options, levels, cases, and for each controller its spread, failures and single runs."""
@@ -105,24 +91,23 @@ class Robustness(StudyResult):
             "seed": o.seed,
             "options": {name: getattr(o, name) for name in names},
             "position_period_s": o.position_period,
-            "reference_torque_N_m": self.torque,
-            "cvar_level": CVAR_LEVEL,
-            "levels": dict(self.levels),
+            "worst_share": WORST,
             "controllers": {name: self._of_controller(name) for name in self.controllers},
             "cases": [{"kind": c.kind, "seed": c.seed, **asdict(c.mismatch)} for c in self.cases],
             "parameters": dict(self.parameters),
         }
 
     def _of_controller(self, name: str) -> dict[str, Any]:
-        runs, grid = self.controllers[name], self.errors(name, "grid")
+        runs, drawn = self.controllers[name], self.errors(name, "drawn")
         return {
+            "controller": runs.gains.controller,
             "gains": runs.gains.name,
             "gain_values": dict(runs.gains.values),
-            **self._summary(grid),
-            "lost": sum(e.lost_at_s is not None for e in grid),
-            "failure_rate": self.failures(grid) / len(grid),
+            **self._summary(drawn),
+            "lost": sum(e.lost_at_s is not None for e in drawn),
+            "failure_rate": self.failures(drawn) / len(drawn),
             "nominal": self._summary(self.errors(name, "nominal")),
-            "alone": {m.label: self._summary(self.errors(name, "alone", m)) for m in single_mismatches(self.levels)},
+            "alone": {m.label: self._summary(self.errors(name, "alone", m)) for m in self.single},
             "health": runs.health.as_dict(),
             "runs": [asdict(e) for e in runs.errors],
         }
@@ -136,37 +121,49 @@ class Robustness(StudyResult):
         }
 
     def _spread_grid(self) -> Grid:
-        rows = []
-        for name, runs in self.controllers.items():
-            grid = self.errors(name, "grid")
-            both = spread([e.d_rms_m for e in grid]), spread([e.e_rho_rms_m for e in grid])
-            numbers = [MILLIMETRES.text(value) for found in both for value in asdict(found).values()]
-            shares = (sum(e.lost_at_s is not None for e in grid), self.failures(grid))
-            percent = [f"{100.0 * share / len(grid):.0f}" for share in shares]
-            rows.append(tuple(map(Cell, (name, runs.gains.name.removeprefix(f"{name}-"), *numbers, *percent))))
+        """Return the errors over the drawn robots; the least of each controller's are emphasised."""
+        groups = []
+        for controller in dict.fromkeys(runs.gains.controller for runs in self.controllers.values()):
+            mine = {
+                name: self.errors(name, "drawn") for name, r in self.controllers.items() if r.gains.controller == controller
+            }
+            columns = []
+            for values in ("d_rms_m", "e_rho_rms_m"):
+                found = {name: asdict(spread([getattr(e, values) for e in errors])) for name, errors in mine.items()}
+                for part in ("mean", "std", "cvar", "worst"):
+                    texts = {name: MILLIMETRES.text(of[part]) for name, of in found.items()}
+                    best = best_of(texts, {name: of[part] for name, of in found.items()}, "low") if len(found) > 1 else ()
+                    columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+            rows = []
+            for k, (name, errors) in enumerate(mine.items()):
+                lost = sum(e.lost_at_s is not None for e in errors)
+                own = self.controllers[name].gains.name.removeprefix(f"{controller}-")
+                counts = [Cell(str(count)) for count in (lost, self.failures(errors))]
+                rows.append((Cell("" if k else controller), Cell(own), *(column[name] for column in columns), *counts))
+            groups.append(tuple(rows))
         parts = ("mean", "std", "CVaR", "worst")
-        errors = [(f"{what} {part}", MILLIMETRES.symbol) for what in ("d_rms", "e_rho") for part in parts]
-        header = (("controller", ""), ("gains", ""), *errors, ("lost", "%"), ("failed", "%"))
+        spreads = [(f"{what} {part}", MILLIMETRES.symbol) for what in ("d_rms", "e_rho") for part in parts]
+        header = (("controller", ""), ("gains", ""), *spreads, ("lost", ""), ("failed", ""))
         caption = (
-            "Over the drawn combinations of mismatches: d_rms, distance from the reference to the robot's path; e_rho, root "
-            "mean square of how far the moving target is ahead; CVaR, mean of the worse half. "
+            f"Over the {self.drawn} drawn robots: d_rms, distance from the reference to the robot's path; e_rho, root mean "
+            "square of how far the moving target is ahead; CVaR, mean of the worst fifth. "
             f"Failed: lost, or one of the two greater than {self.options.bound:g} m."
         )
-        return Grid(header, (tuple(rows),), 2, f"Robustness, {self.heading()}", caption)
+        return Grid(header, tuple(groups), 2, f"Robustness, {self.heading()}", caption)
 
-    def _alone_grid(self, name: Literal["d_rms_m", "e_rho_rms_m"], title: str, caption: str) -> Grid:
-        """Return the mean of an error over seeds, and how many of them failed, by mismatch and controller."""
-        nominal = {c: self.errors(c, "nominal") for c in self.controllers}
-        single = {m: {c: self.errors(c, "alone", m) for c in self.controllers} for m in single_mismatches(self.levels)}
+    def _alone_grid(self) -> Grid:
+        """Return the mean of d_rms over seeds, and how many of them failed, by mismatch and set of gains."""
 
-        def line(label: str, row: Mapping[str, list[RunErrors]]) -> tuple[Cell, ...]:
+        def line(label: str, row: Sequence[list[RunErrors]]) -> tuple[Cell, ...]:
             cells = [Cell(label)]
-            for errors in row.values():
+            for errors in row:
                 failures = self.failures(errors)
-                mean = MILLIMETRES.text(float(np.mean([getattr(e, name) for e in errors])))
+                mean = MILLIMETRES.text(float(np.mean([e.d_rms_m for e in errors])))
                 cells.append(Cell(f"{failures}/{len(errors)} failed, {mean}" if failures else mean))
             return tuple(cells)
 
-        header = (("mismatch", ""), *((c, MILLIMETRES.symbol) for c in self.controllers))
-        rows = tuple(line(m.label, row) for m, row in single.items())
-        return Grid(header, ((line(NOMINAL, nominal),), rows), 1, title, caption)
+        header = (("mismatch", ""), *((name, MILLIMETRES.symbol) for name in self.controllers))
+        nominal = line(NOMINAL, [self.errors(name, "nominal") for name in self.controllers])
+        rows = tuple(line(m.label, [self.errors(name, "alone", m) for name in self.controllers]) for m in self.single)
+        caption = f"Means over {self.options.seeds} seeds of noise, and how many of them failed."
+        return Grid(header, ((nominal,), rows), 1, "d_rms under each mismatch alone", caption)

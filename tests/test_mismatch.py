@@ -1,0 +1,172 @@
+"""Robots that differ from their profile: drawn as declared, made as said, and what the worst of them cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.parameters import described
+from tests.conftest import ROUNDOFF
+from validation.plants.profile import Profile, load_profile
+from validation.simulator.plant import MujocoPlant
+from validation.track.gains import load_gains
+from validation.track.loops import make_controller, make_robot, run_robots
+from validation.track.mismatch import (
+    NOMINAL,
+    SCORING,
+    STUDYING,
+    TUNING,
+    Mismatch,
+    draw_mismatches,
+    mismatched,
+    single_mismatches,
+    spread,
+    worst_mean,
+)
+from validation.track.waypoint_files import open_reference
+from validation.tune import tune
+
+FEW = {"plants": ("linear",), "free": ("q_x", "r_v"), "population": 6, "generations": 2, "held_out": ("line@0.5",)}
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40), st.floats(0.01, 1.0))
+def test_the_worst_lie_between_mean_and_worst(values: list[float], worst: float) -> None:
+    slack = 1e-9  # of sums of up to 40 numbers as great as 1e3
+    assert np.mean(values) - slack <= worst_mean(values, worst) <= max(values) + slack
+    assert worst_mean(values, 1.0) == pytest.approx(np.mean(values), rel=ROUNDOFF, abs=slack)
+
+
+def test_the_worst_count_in_part_where_the_share_is_no_whole_number() -> None:
+    assert worst_mean([1.0, 2.0, 3.0], 0.5) == pytest.approx((3.0 + 0.5 * 2.0) / 1.5, rel=ROUNDOFF)
+    assert worst_mean([1.0, 2.0, 3.0, 4.0, 5.0]) == 5.0
+    assert worst_mean([7.3]) == 7.3, "one robot costs what it costs, to the bit"
+    assert worst_mean([[1.0, 2.0], [3.0, math.inf]]).tolist() == [3.0, math.inf]
+
+
+@pytest.mark.parametrize(("values", "worst"), [([], 0.5), ([1.0], 0.0), ([1.0], 1.1)])
+def test_no_worst_of_nothing(values: list[float], worst: float) -> None:
+    with pytest.raises(ValueError, match="share above 0"):
+        worst_mean(values, worst)
+
+
+def test_spread_of_known_numbers() -> None:
+    found = spread([1.0, 2.0, 3.0, 6.0, 3.0])
+    assert (found.mean, found.cvar, found.worst) == (3.0, 6.0, 6.0)
+    assert found.std == pytest.approx(math.sqrt(14.0 / 4.0), rel=ROUNDOFF)
+    assert spread([2.0]).std == 0.0
+    assert spread([2.0, math.inf]).mean == math.inf
+
+
+@given(st.integers(1, 40), st.integers(0, 2**40))
+def test_draws_lie_in_their_ranges_once_in_every_strip(count: int, seed: int) -> None:
+    robot = load_profile("thesis-lab").robot
+    drawn = draw_mismatches(count, seed, TUNING, robot)
+    assert drawn == draw_mismatches(count, seed, TUNING, robot)
+    for name, d in described(Mismatch).items():
+        low, high = d.bounds(robot.sizes) or (0.0, 0.0)
+        values = np.sort([getattr(m, name) for m in drawn])
+        share = np.log(values / low) / np.log(high / low) if d.scale == "log" else (values - low) / (high - low)
+        assert np.all(np.abs(share * count - np.arange(count) - 0.5) <= 0.5 + 1e-9), name
+
+
+def test_purposes_have_robots_of_their_own(lab: Profile) -> None:
+    drawn = [draw_mismatches(5, 3, purpose, lab.robot) for purpose in (TUNING, SCORING, STUDYING)]
+    assert len({m for some in drawn for m in some}) == 15
+
+
+def test_every_end_alone(lab: Profile) -> None:
+    single = single_mismatches(lab.robot)
+    assert len(single) == 2 * len(described(Mismatch))
+    usual = asdict(Mismatch())
+    assert all(sum(value != usual[name] for name, value in asdict(m).items()) == 1 for m in single)
+    assert len({m.label for m in (*single, Mismatch())}) == len(single) + 1
+    assert Mismatch().label == NOMINAL
+
+
+def test_a_mismatch_becomes_the_simulated_robot(lab: Profile) -> None:
+    section = lab.plants["mujoco"]
+    robot = mismatched(lab, "mujoco", Mismatch(1.2, 1.3, -0.05, 0.02, 0.1, 0.05, 0.04), timestep=0.005)
+    assert isinstance(robot.body, MujocoPlant)
+    c, p = robot.body.calibration, section.parameters
+    assert (c.mass, c.yaw_inertia, c.timestep) == (1.2 * p.mass, 1.2 * p.yaw_inertia, 0.005)
+    assert (c.friction, c.com_x, c.com_y) == (1.3 * p.friction, p.com_x - 0.05, p.com_y + 0.02)
+    assert c.wheel_radius == 0.96 * p.wheel_radius
+    assert c.radius_difference == pytest.approx(0.05 * c.wheel_radius, rel=ROUNDOFF)
+    assert robot.drive == replace(section.drive, delay_v=section.drive.delay_v + 0.1, delay_w=section.drive.delay_w + 0.1)
+    assert robot.known == section.drive, "no controller knows of it"
+
+
+def test_sides_stay_within_what_a_simulated_robot_can_have() -> None:
+    tile = load_profile("husky-tile")
+    body = mismatched(tile, "mujoco", Mismatch(sides=0.06)).body
+    assert isinstance(body, MujocoPlant)
+    assert 0.058 < body.calibration.radius_difference / body.calibration.wheel_radius < 0.1
+
+
+def test_delays_do_not_become_negative(lab: Profile) -> None:
+    assert mismatched(lab, "improved", Mismatch(delay=-5.0)).drive.delay_v == 0.0
+
+
+@pytest.mark.parametrize("plant", ["kinematic", "coulomb", "improved", "linear", "four_wheel"])
+def test_every_plant_drives_with_every_mismatch(lab: Profile, plant: str) -> None:
+    """No mismatch is the profile's own robot, to the bit; the others each change the motion, but for what a plant lacks."""
+    law, (_, ways) = make_controller(lab, load_gains("lqr", "tuned")), open_reference("u-turn", 0.5)
+    single = single_mismatches(lab.robot)
+    robots = [make_robot(lab, plant), *(mismatched(lab, plant, m) for m in (Mismatch(), *single))]
+    around: Any = [_settings()] * len(robots)
+    own, same, *others = (r.columns("x", "y", "yaw") for r in run_robots(robots, [law] * len(robots), around, ways, [0]))
+    assert np.array_equal(own, same)
+    idle = [m.label for m, run in zip(single, others, strict=True) if np.array_equal(run, own)]
+    lacks = {"kinematic": ("mass", "friction", "cm right", "cm left"), "four_wheel": (), "coulomb": ("cm right", "cm left")}
+    wanted = lacks.get(plant, ("cm right", "cm left", "cm back", "cm ahead"))
+    assert idle == [m.label for m in single if any(word in m.label for word in wanted)]
+
+
+def _settings() -> Any:
+    from ssmr.control.loop import LoopSettings
+
+    return LoopSettings("truth", disturbance=False)
+
+
+def test_a_robust_tuning_is_scored_on_robots_that_it_has_not_seen(lab: Profile) -> None:
+    found = tune("lqr", "circle@0.5", lab, robots="robust", draws=6, seed=2, workers=2, **FEW)
+    assert found.tuned_on == draw_mismatches(6, 2, TUNING, lab.robot)
+    assert found.scored_on == draw_mismatches(6, 2, SCORING, lab.robot)
+    assert {name: len(costs) for name, costs in found.scores.items()} == {"tuned": 6, "baseline": 6, "shipped": 6}
+    assert found.cost <= found.baseline_cost
+    document = found.as_dict()["robots"]
+    assert document["worst_share"] == 0.2
+    assert document["costs"]["tuned"] == list(found.scores["tuned"])
+    assert document["tuned_on"][0] == asdict(found.tuned_on[0])
+    assert "robots that the tuning has not seen" in found.table()
+    assert found.gain_set.provenance["robots"][0] == found.tuned_on[0].label
+    again = tune("lqr", "circle@0.5", lab, robots="robust", draws=6, seed=2, workers=1, **FEW)
+    assert (again.gains, again.cost, again.scores) == (found.gains, found.cost, found.scores)
+    other = tune("lqr", "circle@0.5", lab, robots="robust", draws=6, seed=3, workers=2, **FEW)
+    assert other.tuned_on != found.tuned_on
+
+
+def test_the_cost_of_a_robust_tuning_is_that_of_the_worst(lab: Profile) -> None:
+    """Five robots: the worst fifth is the worst one, and the same gains cost that much on each alone."""
+    found = tune("lqr", "circle@0.5", lab, robots="robust", draws=5, seed=4, noise=False, **FEW)
+    law = make_controller(lab, found.gain_set)
+    _, ways = open_reference("circle", 0.5)
+    from validation.tune.cost import TuneCost, costs_of
+
+    robots = [mismatched(lab, "linear", m) for m in found.tuned_on]
+    runs = run_robots(robots, [law] * 5, [_settings()] * 5, ways, [4])
+    target = ways.trajectory(_settings().position_period)
+    costs = costs_of(runs, target, ways.rms_speed, TuneCost(k_u=50.0))
+    assert found.cost == pytest.approx(float(costs.max()), rel=1e-6)
+
+
+@pytest.mark.parametrize(("option", "said"), [({"robots": "drawn"}, "unknown robots"), ({"draws": 0}, "draws")])
+def test_mistakes_are_said(lab: Profile, option: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        tune("lqr", "circle@0.5", lab, **option)

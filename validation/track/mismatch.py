@@ -1,0 +1,205 @@
+"""Robots that differ from their profile: by how much they do, drawn at random, and what the worst of them cost.
+
+This is the one place that says how uncertain a robot is. The ranges of `Mismatch` are those that the shipped profiles and
+the errors of their identification show; `tune --robots robust` draws from them, and so does `study robustness`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssmr.parameters import Declaration, described, parameter
+from ssmr.search.space import ParameterSpace, declared
+from ssmr.types import FloatArray
+from validation.plants.kind import PlantProfile
+from validation.plants.profile import Profile
+from validation.simulator.description import Robot
+from validation.track.loops import ClosedLoopRobot, make_robot
+
+WORST = 0.2
+"""Share of the robots that count as the worst: the conditional value at risk (CVaR) is the mean over them."""
+TUNING, SCORING, STUDYING = range(3)
+"""Purposes of a draw. With one seed, every purpose has robots of its own, which the others have not seen."""
+NOMINAL = "nominal"
+"""Label of a robot without a mismatch."""
+_MOST_SIDES = 0.099
+"""Greatest difference of the two sides' rolling radii, over the radius [1]; simulated robots allow a tenth."""
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """The difference between a robot and its profile; each field declares the range that it is drawn from."""
+
+    mass: float = parameter(1.0, unit="1", low=0.0, open_low=True, search=(0.7, 1.6), scale="log")
+    """Factor of mass and yaw inertia [1]: the lab's robot weighs 73 kg, bare it weighs 50, with its full load 125."""
+    friction: float = parameter(1.0, unit="1", low=0.0, open_low=True, search=(0.7, 1.4), scale="log")
+    """Factor of the friction between tyre and ground; of the lateral friction in planar models [1]. The profiles hold it at
+    0.5, because 0.35 to 0.7 explain their motions as well."""
+    com_x: float = parameter(0.0, unit="m", low=-10.0, search=(-0.156, 0.156), of="half_wheelbase")
+    """Shift of the centre of mass forward [m]: the recorded Husky's lies 4.0 cm behind the middle. Of
+    the planar models only `coulomb` and `kinematic` have it, as their centre of rotation."""
+    com_y: float = parameter(0.0, unit="m", low=-10.0, search=(-0.07, 0.07), of="half_track")
+    """Shift of the centre of mass to the left [m]: the recorded Husky's lies 1.9 cm to the left. Planar models have none."""
+    delay: float = parameter(0.0, unit="s", low=-10.0, search=(-0.1, 0.1))
+    """Addition to the dead times of commands, which stay at 0 or above [s]: three standard errors of husky-tile's; plants
+    that were fitted to that one recording differ by 0.14 s."""
+    sides: float = parameter(0.0, unit="1", low=-1.0, high=1.0, search=(-0.06, 0.06))
+    """Way of the left wheels less that of the right in one turn, over its mean [1]: 0.058 on tile, 0.004 for the same
+    machine on grass, -0.020 for the Warthog."""
+    slip: float = parameter(0.0, unit="1", low=-1.0, high=0.9, search=(-0.05, 0.05))
+    """Share by which wheels roll less far than the profile says [1]: of the way that was commanded the profiles' robots go
+    0.93 to 0.98."""
+
+    @property
+    def label(self) -> str:
+        """The differences in words; `nominal` if there is none."""
+        usual = Mismatch()
+        differing = [_text(name, value) for name, value in asdict(self).items() if value != getattr(usual, name)]
+        return ", ".join(differing) or NOMINAL
+
+
+def _text(name: str, value: float) -> str:
+    """Return one field of a mismatch in words."""
+    if name in ("mass", "friction"):
+        return f"{name} {100.0 * (value - 1.0):+.0f} %"
+    if name == "delay":
+        return f"delay {value:+.2f} s"
+    if name == "slip":
+        return f"slip {100.0 * value:+.0f} %"
+    if name == "sides":
+        return f"{'left' if value > 0.0 else 'right'} wheels {100.0 * abs(value):.2g} % larger"
+    where = {"com_x": ("ahead", "back"), "com_y": ("left", "right")}[name][value < 0.0]
+    return f"centre {100.0 * abs(value):.2g} cm {where}"
+
+
+def _space(robot: Robot) -> ParameterSpace:
+    """Return the ranges of a robot: shifts of the centre of mass grow with its wheelbase and track."""
+    ranges: dict[str, Declaration] = dict(described(Mismatch))
+    return ParameterSpace(tuple(declared(d, d.bounds(robot.sizes)) for d in ranges.values()))
+
+
+def single_mismatches(robot: Robot) -> list[Mismatch]:
+    """Return both ends of every range, each alone."""
+    return [Mismatch(**{p.name: end}) for p in _space(robot).parameters for end in (p.lower, p.upper)]
+
+
+def draw_mismatches(count: int, seed: int, purpose: int, robot: Robot) -> tuple[Mismatch, ...]:
+    """Return mismatches drawn at random: each range is cut into `count` strips, and every strip is drawn from once.
+
+    Args:
+        count: number of robots.
+        seed: seed of the draw.
+        purpose: `TUNING`, `SCORING` or `STUDYING`.
+        robot: the robot, whose size matters for shifts of the centre of mass.
+    """
+    space, rng = _space(robot), np.random.default_rng((seed, purpose))
+    strips = rng.permuted(np.tile(np.arange(count), (len(space), 1)), axis=1).T
+    points = (strips + rng.random(strips.shape)) / max(count, 1)
+    return tuple(Mismatch(**dict(zip(space.names, map(float, space.values(p)), strict=True))) for p in points)
+
+
+def mismatched(profile: Profile, plant: str, mismatch: Mismatch, timestep: float | None = None) -> ClosedLoopRobot:
+    """Return a robot that differs from its profile, and of whose difference no controller knows.
+
+    Args:
+        profile: the numbers of the robot that it was taken for.
+        plant: name of the plant.
+        mismatch: the difference. What a plant lacks stays as it is: planar models have no lateral centre of mass, and the
+            kinematic one has no mass and no friction.
+        timestep: physics step of a simulated robot [s]; None for the profile's.
+
+    Raises:
+        ProfileError: an unknown plant, or changed numbers that are out of range.
+    """
+    section = profile.section(plant)
+    changed = _changed(section, mismatch)
+    if timestep is not None:
+        changed = replace(changed, parameters=replace(changed.parameters, timestep=timestep))
+    robot = make_robot(replace(profile, plants={**profile.plants, plant: changed}), plant)
+    return replace(robot, known=section.drive)
+
+
+def _changed(section: PlantProfile, m: Mismatch) -> PlantProfile:
+    """Return the numbers of a plant with a mismatch."""
+    own, drive, way = section.parameters, section.drive, 1.0 - m.slip
+    heavy = hasattr(own, "wheel_radius")  # the plant has a body of its own
+    body: Any = own if heavy else section.vehicle
+    sides = min(max(body.radius_difference / body.wheel_radius + m.sides, -_MOST_SIDES), _MOST_SIDES)
+    sized = {
+        "mass": m.mass * body.mass,
+        "yaw_inertia": m.mass * body.yaw_inertia,
+        "wheel_radius": way * body.wheel_radius,
+        "radius_difference": sides * way * body.wheel_radius if m.sides else way * body.radius_difference,
+    }
+    factors = {"friction": m.friction}
+    if not heavy:
+        # their motors have no integral part and would not bear a load up: resistances stay those of the profile's weight
+        aside, along = m.friction / m.mass, 1.0 / m.mass
+        factors = {"mu_s": aside, "mu_d": aside, "mu_c": aside, "k_y": aside, "u_x": along, "k_u": along}
+    if hasattr(own, "alpha_l"):
+        sized = {}
+        factors = {"alpha_l": way * (1.0 + 0.5 * m.sides), "alpha_r": way * (1.0 - 0.5 * m.sides)}
+    numbers = {name: factor * getattr(own, name) for name, factor in factors.items() if hasattr(own, name)}
+    if heavy:
+        numbers |= {**sized, "com_x": own.com_x + m.com_x, "com_y": own.com_y + m.com_y}
+    else:
+        # four contacts turn about a point that lies (1 + track^2 / wheelbase^2) times as far off as the centre of mass
+        g = section.robot.geometry
+        x_icr = (1.0 + (g.track / g.wheelbase) ** 2) * m.com_x
+        if hasattr(own, "x_icr"):
+            numbers["x_icr"] = own.x_icr + x_icr
+        else:
+            sized["x_icr"] = body.x_icr + x_icr
+    late = {name: max(0.0, getattr(drive, name) + m.delay) for name in ("delay_v", "delay_w")}
+    vehicle = section.vehicle if heavy else replace(section.vehicle, **sized)
+    return replace(section, parameters=replace(own, **numbers), vehicle=vehicle, drive=replace(drive, **late))
+
+
+def worst_mean(values: ArrayLike, worst: float = WORST) -> FloatArray:
+    """Return the mean of the worst share of values along the first axis, the conditional value at risk (CVaR).
+
+    Where that share is no whole number of values, the last one counts in part. It is infinite where one of them is.
+
+    Args:
+        values: (n, ...) numbers.
+        worst: the share, above 0 and at most 1.
+
+    Raises:
+        ValueError: no values, or no such share.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if not len(array) or not 0.0 < worst <= 1.0:
+        raise ValueError(f"{len(array)} values, and {worst} of them: wanted some, and a share above 0 and at most 1")
+    tail = worst * len(array)
+    weights = np.minimum(tail - np.arange(math.ceil(tail)), 1.0) / tail
+    falling = np.sort(array, axis=0)[::-1][: len(weights)]
+    return np.asarray(np.tensordot(weights, falling, axes=1))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The spread of a number over robots, in the unit of that number."""
+
+    mean: float
+    """Mean over all of them."""
+    std: float
+    """Standard deviation (n - 1); 0 for a single one."""
+    cvar: float
+    """Mean of the worst fifth."""
+    worst: float
+    """Greatest value."""
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """Return the spread of values; all of it is infinite where one of them is."""
+    array = np.asarray(values, dtype=np.float64)
+    if not np.isfinite(array).all():
+        return Spread(*[math.inf] * 4)
+    std = float(array.std(ddof=1)) if len(array) > 1 else 0.0
+    return Spread(float(array.mean()), std, float(worst_mean(array)), float(array.max()))

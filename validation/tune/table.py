@@ -121,12 +121,11 @@ def _robots_grid(result: TuneData) -> Grid:
         texts = {name: cost_text(value, not math.isfinite(value)) for name, value in values.items()}
         best = best_of(texts, {name: value for name, value in values.items() if math.isfinite(value)}, "low")
         columns.append({name: Cell(text, name in best) for name, text in texts.items()})
-    header = (("gains", ""), ("mean", ""), ("mean of the worst fifth", ""), ("worst", ""), ("robots lost", ""))
+    header = (("gains", ""), ("mean", ""), ("CVaR", ""), ("worst", ""), ("robots lost", ""))
     lines = tuple((Cell(name), *(column[name] for column in columns), Cell(str(lost))) for name, (_, lost) in rows.items())
     title = f"Costs with {len(result.scored_on)} robots that the tuning has not seen"
-    caption = (
-        f"Tuned on {len(result.tuned_on)} others of the same distribution: the cost is the mean of the worst fifth of them."
-    )
+    others = f"Tuned on {len(result.tuned_on)} others of the same distribution"
+    caption = f"{others}: the cost was the mean of the worst fifth of them, as CVaR is here."
     return Grid(header, (lines,), 1, title, caption)
 
 

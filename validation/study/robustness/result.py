@@ -165,5 +165,5 @@ class Robustness(StudyResult):
         header = (("mismatch", ""), *((name, MILLIMETRES.symbol) for name in self.controllers))
         nominal = line(NOMINAL, [self.errors(name, "nominal") for name in self.controllers])
         rows = tuple(line(m.label, [self.errors(name, "alone", m) for name in self.controllers]) for m in self.single)
-        caption = f"Means over {self.options.seeds} seeds of noise, and how many of them failed."
+        caption = f"Means over seeds of noise ({self.options.seeds}), and how many of them failed."
         return Grid(header, ((nominal,), rows), 1, "d_rms under each mismatch alone", caption)

@@ -199,13 +199,15 @@ def test_a_bad_file_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
 
 def test_pid_has_no_manual_set() -> None:
     assert refused("pid", "manual") == (
-        "pid has no gains 'manual'; there are: published, robust, tuned, husky-tile, husky-wet-grass, warthog-grass, default; "
-        "or give the path of a TOML file"
+        "pid has no gains 'manual'; there are: published, robust, tuned, husky-tile, husky-wet-grass, warthog-grass, "
+        "default; or give the path of a TOML file"
     )
 
 
 def test_unknown_names_list_those_there_are() -> None:
-    assert refused("lqr", "best").startswith("lqr has no gains 'best'; there are: manual, published, robust, tuned, husky-tile, ")
+    assert refused("lqr", "best").startswith(
+        "lqr has no gains 'best'; there are: manual, published, robust, tuned, husky-tile, "
+    )
     assert refused("psychic", "published").startswith("unknown controller 'psychic'; there are: pid, lqr")
     assert "these are gains of pid, wanted lqr" in refused("lqr", "pid-published")
 

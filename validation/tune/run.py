@@ -29,7 +29,7 @@ from validation.track.loops import (
     odometry_of,
     require_practicable,
 )
-from validation.track.mismatch import SCORING, TUNING, draw_mismatches
+from validation.track.mismatch import SCORING, TUNING, Mismatch, draw_mismatches
 from validation.track.waypoint_files import open_reference, split_speed
 from validation.tune.cost import TuneCost
 from validation.tune.options import TuneParameters, TuneTask
@@ -83,32 +83,26 @@ def tune(
     task, parameters, cost, search = put_options(
         options, task or TuneTask(), parameters or TuneParameters(), cost or TuneCost(), search or SearchOptions()
     )
-    if controller not in LAWS:
-        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(LAWS)}")
     chosen = choose_profile(profile, task.robot, "thesis-lab")
     base = _base_gains(controller, parameters, chosen)
     begun = None if parameters.from_scratch else base.values
     space = make_tuning_space(controller, parameters.free, parameters.all, parameters.bounds, parameters.fix, begun)
     settings = search.settings(*_usual_size(controller, task.plants))
-    robots = [make_robot(chosen, name) for name in task.plants]
+    plants = [make_robot(chosen, name) for name in task.plants]
     wanted = _references([references] if isinstance(references, str) else references, task.speed)
-    if not (cases := _cases(wanted, robots, task.loop())):
+    if not (cases := _cases(wanted, plants, task.loop())):
         raise ValueError("no reference is named; name one such as generic or circle@0.5")
-    held_out = _cases(_judged(task, wanted, cases), robots, task.loop())
+    held_out = _cases(_judged(task, wanted, cases), plants, task.loop())
     cost = replace(cost, k_u=LAWS[controller].k_u if cost.k_u is None else cost.k_u, seeds=cost.seeds or (search.seed,))
     shipped = shipped_gains(controller, chosen.name)
     other = shipped if shipped is not None and shipped.values != base.values else None
-    tuned_on, scored_on = (draw_mismatches(task.drawn, search.seed, use, chosen.robot) for use in (TUNING, SCORING))
-    problem = TuneProblem(chosen, base, space, cases, cost, other, tuned_on)
-    said = _said(chosen.name, base, cases)
+    robots = [draw_mismatches(task.drawn, search.seed, use, chosen.robot) for use in (TUNING, SCORING)]
+    problem, said = TuneProblem(chosen, base, space, cases, cost, other, robots[0]), _said(chosen.name, base, cases)
     start = None if begun is None else space.points([base.values[name] for name in space.names])[None]
     found = search_for(problem, settings, search, start, progress)
     threads, total = search.threads, settings.generations + 1
     progress(Progress(total, total, "tuned and earlier gains on every reference"))
     kept = _better(problem, found, begun is not None, threads)
-    judge = TuneProblem(chosen, base, space, cases, cost, other, scored_on)
-    compared = {"tuned": kept.gains, "baseline": base, **({} if other is None else {"shipped": other})}
-    by_robot = {name: tuple(judge.costs_by_robot(gains, threads).tolist()) for name, gains in compared.items() if scored_on}
     result = TuneResult(
         controller=controller,
         begun_with=chosen.name,
@@ -120,18 +114,27 @@ def tune(
         baseline_cost=kept.baseline_cost,
         shipped_name="" if shipped is None else shipped.name,
         shipped_cost=math.nan if shipped is None else problem.cost_of(shipped, threads),
+        **_scored(problem, kept.gains, robots[1], threads),
         worse_than_start=kept.start_cost < kept.cost,
         parameters=found_parameters(space, kept.point, [base.values[name] for name in space.names]),
         remarks=(*said, *kept.remarks, *bound_sentences(space, kept.point)),
-        tuned_on=tuned_on,
-        scored_on=scored_on,
-        scores=by_robot,
         train=tuple(problem.compared(case, kept.gains, threads) for case in cases),
         held_out=tuple(problem.compared(case, kept.gains, threads) for case in held_out),
         options=_record(cost, task, parameters, search.record(settings)),
         **{**found.outcome(), "cost": kept.cost},
     )
     return replace(result, gain_set=_with_provenance(result))
+
+
+def _scored(problem: TuneProblem, tuned: GainSet, robots: tuple[Mismatch, ...], threads: int) -> dict[str, Any]:
+    """Return the robots that a tuning used and has not seen, and what all gains cost with the latter."""
+    p = problem
+    if not robots:
+        return {}
+    judge = TuneProblem(p.profile, p.base, p.space, p.cases, p.cost, mismatches=robots)
+    sets = {"tuned": tuned, "baseline": p.base, **({} if p.shipped is None else {"shipped": p.shipped})}
+    costs = {name: tuple(judge.costs_by_robot(gains, threads).tolist()) for name, gains in sets.items()}
+    return {"tuned_on": p.mismatches, "scored_on": robots, "scores": costs}
 
 
 def _usual_size(controller: str, plants: Sequence[str]) -> tuple[int, int]:
@@ -194,6 +197,8 @@ def _judged(task: TuneTask, wanted: Sequence[tuple[str, float]], cases: Sequence
 
 def _base_gains(controller: str, parameters: TuneParameters, profile: Profile) -> GainSet:
     """Return the gains that a tuning begins with: those named, else the published, else the defaults; with those held."""
+    if controller not in LAWS:
+        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(LAWS)}")
     published = f"{controller}-published" in names(controller)
     base = load_gains(controller, parameters.gains or ("published" if published else DEFAULT))
     unknown = [name for name in parameters.fix if name not in base.values]

@@ -156,7 +156,9 @@ def draw_robustness(study: Robustness) -> Figure:
         side_by_side(_SPREAD_IN, spreads),
     ]
     for name, value in _MEASURES:
-        title = f"{name} under each mismatch alone: mean over seeds of noise ({study.options.seeds}); red: one of them failed"
+        title = (
+            f"{name} under each mismatch alone: mean over seeds of noise ({study.options.seeds}); red: one of them failed"
+        )
         rows += [text_row(_SECTION_IN, partial(draw_section, title)), _alone_row(study, name, value)]
     o, versions = study.options, study.versions
     footer = (

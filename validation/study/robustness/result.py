@@ -76,8 +76,12 @@ class Robustness(StudyResult):
         return [*self.remarks, *unhealthy]
 
     def grids(self) -> list[Grid]:
-        """Return the spread of errors over the drawn robots, and d_rms under each mismatch alone."""
-        return [self._spread_grid(), self._alone_grid()]
+        """Return the spread of errors over the drawn robots."""
+        return [self._spread_grid()]
+
+    def report_grids(self) -> list[Grid]:
+        """Return that table, and d_rms under each mismatch alone, for which a terminal is too narrow."""
+        return [*self.grids(), self._alone_grid()]
 
     def findings(self) -> dict[str, Any]:
         """Return options, levels, cases, and for each controller its spread, failures and single runs."""

@@ -37,7 +37,8 @@ class Mismatch:
     """The difference between a robot and its profile; each field declares the range that it is drawn from."""
 
     mass: float = parameter(1.0, unit="1", low=0.0, open_low=True, search=(0.7, 1.6), scale="log")
-    """Factor of mass and yaw inertia [1]: the lab's robot weighs 73 kg, bare it weighs 50, with its full load 125."""
+    """Factor of the mass, and of the body's yaw inertia with it [1]: the lab's robot weighs 73 kg, bare it weighs
+    50, with its full load 125."""
     friction: float = parameter(1.0, unit="1", low=0.0, open_low=True, search=(0.7, 1.4), scale="log")
     """Factor of the friction between tyre and ground; of the lateral friction in planar models [1]. The profiles hold it at
     0.5, because 0.35 to 0.7 explain their motions as well."""
@@ -131,9 +132,13 @@ def _changed(section: PlantProfile, m: Mismatch) -> PlantProfile:
     heavy = hasattr(own, "wheel_radius")  # the plant has a body of its own
     body: Any = own if heavy else section.vehicle
     sides = min(max(body.radius_difference / body.wheel_radius + m.sides, -_MOST_SIDES), _MOST_SIDES)
+    robot = section.robot
+    rest = robot.masses.total - robot.base_mass if heavy else 0.0  # its wheels bear the load but do not become heavier
+    rest_inertia = robot.yaw_inertia - robot.masses.inertia[2] if heavy else 0.0
+    more = (m.mass * body.mass - rest) / (body.mass - rest)
     sized = {
         "mass": m.mass * body.mass,
-        "yaw_inertia": m.mass * body.yaw_inertia,
+        "yaw_inertia": rest_inertia + more * (body.yaw_inertia - rest_inertia) if m.mass != 1.0 else body.yaw_inertia,
         "wheel_radius": way * body.wheel_radius,
         "radius_difference": sides * way * body.wheel_radius if m.sides else way * body.radius_difference,
     }
@@ -150,7 +155,7 @@ def _changed(section: PlantProfile, m: Mismatch) -> PlantProfile:
         numbers |= {**sized, "com_x": own.com_x + m.com_x, "com_y": own.com_y + m.com_y}
     else:
         # four contacts turn about a point that lies (1 + track^2 / wheelbase^2) times as far off as the centre of mass
-        g = section.robot.geometry
+        g = robot.geometry
         x_icr = (1.0 + (g.track / g.wheelbase) ** 2) * m.com_x
         if hasattr(own, "x_icr"):
             numbers["x_icr"] = own.x_icr + x_icr

@@ -11,10 +11,10 @@ import numba
 import numpy as np
 
 from ssmr._jit import config
-from ssmr.geometry import shift_reference
 from ssmr.lanes import run_population
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
+from ssmr.robot.localiser import told_poses
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State
@@ -104,31 +104,16 @@ class PlanarPopulation:
         """Drive some of the candidates, see `Population.poses`."""
         built = [(row, self._models[i], self._candidates[i]) for row, i in enumerate(which)]
         known = [(row, model, candidate) for row, model, candidate in built if model is not None and candidate is not None]
-        samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
-        out = np.full((len(which), samples, 3), np.nan)
         if not known:
-            return out
+            samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+            return np.full((len(which), samples, 3), np.nan)
         localisers = [candidate.localiser for _, _, candidate in known]
-        starts = [localiser.body_state(piece.start) for localiser in localisers]
+        starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
         numba.set_num_threads(min(self._workers, config.NUMBA_NUM_THREADS))
-        poses = self._run([model for _, model, _ in known], piece.commands, starts, sample_dt)
-        late = np.array([[t.position_late, t.yaw_late] for t in localisers]) / sample_dt
-        told = poses
-        if piece.t is not None or late.any():
-            places = np.arange(samples) if piece.t is None else (piece.t - piece.t[0]) / sample_dt
-            told = _at(poses, places - late[:, :1])
-        told = shift_reference(told, np.array([localiser.point for localiser in localisers])[:, None, :])
-        if np.any(late[:, 0] != late[:, 1]):
-            told[:, :, 2] = _at(poses, places - late[:, 1:])[:, :, 2]
-        told[:, :, 2] += np.array([[localiser.tracked_yaw] for localiser in localisers])
+        poses = self._run([m for _, m, _ in known], piece.commands, [starts[one] for one in localisers], sample_dt)
+        told = told_poses(poses, localisers, sample_dt, piece.t)
+        if len(known) == len(which):
+            return told
+        out = np.full((len(which), told.shape[1], 3), np.nan)
         out[[row for row, _, _ in known]] = told
         return out
-
-
-def _at(poses: FloatArray, places: FloatArray) -> FloatArray:
-    """Return (S, M, 3) poses at (S, M) fractional samples of (S, N, 3) ones, held before the first and after the last."""
-    rows = np.arange(len(poses))[:, None]
-    at = np.clip(places, 0.0, poses.shape[1] - 1.0)
-    k = np.minimum(np.floor(at).astype(np.intp), poses.shape[1] - 2)
-    before = poses[rows, k]
-    return np.asarray(before + (at - k)[:, :, None] * (poses[rows, k + 1] - before))

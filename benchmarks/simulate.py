@@ -35,7 +35,7 @@ from benchmarks.rows import MissingError, Row, alternate, optional, report
 from ssmr.errors import SsmrError
 from ssmr.lanes import run_population
 from ssmr.metrics.declared import compare_paths
-from ssmr.metrics.paths import nearest_squared
+from ssmr.metrics.nearest import nearest_squared
 from ssmr.models import improved, linear
 from ssmr.models.table import PLANAR_MODELS, planar_law
 from ssmr.robot.drive import DRIVE_TEMPLATE, drive_numbers, wheel_references
@@ -351,9 +351,8 @@ def nearest_row(repeats: int) -> Row:
     path = np.cumsum(0.01 * np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0)
     path[50_000:] += 200.0
     points = path + rng.normal(0.0, 0.02, path.shape)
-    longest = float(np.hypot(*np.diff(path, axis=0).T).max())
     ours, tree = alternate(
-        lambda: nearest_squared(points, path, longest), lambda: cKDTree(path).query(points), repeats=min(repeats, 5)
+        lambda: nearest_squared(points, path), lambda: cKDTree(path).query(points), repeats=min(repeats, 5)
     )
     return Row(
         "nearest samples of 100 000 poses with a jump / scipy's KD-tree", ours / tree, "<= 2", ours, tree, ours <= 2 * tree

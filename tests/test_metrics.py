@@ -15,6 +15,7 @@ from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
 from ssmr.metrics.declared import METRICS, compare_paths, compare_pieces
+from ssmr.metrics.nearest import nearest_squared
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
@@ -22,7 +23,7 @@ from ssmr.metrics.paths import (
     bend_ratio_kernel,
     bending_energy,
     measure_paths,
-    nearest_squared,
+    measured_length,
     one_sided_kernel,
     path_length,
 )
@@ -48,8 +49,7 @@ paths = st.one_of(
 
 def nearest_distances(points: FloatArray, path: FloatArray) -> FloatArray:
     """The compiled search: (N,) distances from points to the closest sample of a path."""
-    steps = np.hypot(*np.diff(path[:, :2], axis=0).T)
-    return np.sqrt(nearest_squared(points, path, float(steps.max()) if len(steps) else 0.0))
+    return np.sqrt(nearest_squared(points, path))
 
 
 def measured(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
@@ -147,7 +147,7 @@ def test_nearest_distances_of_walks_at_any_scale(seed: int, scale: float, offset
 @quick
 @given(seed=seeds, jump=st.floats(0.1, 1e4), jumps=st.integers(1, 5), still=st.integers(0, 300))
 def test_nearest_distances_of_a_path_that_jumps_and_stands_still(seed: int, jump: float, jumps: int, still: int):
-    """Jumps of a localiser, and a robot that stands: both change how many samples may be passed over."""
+    """Jumps of a localiser, and a robot that stands: batches of points and boxes of samples lie across both."""
     rng = np.random.default_rng(seed)
     path = random_walk(seed, 600)
     for at in rng.integers(1, len(path), jumps):
@@ -166,7 +166,7 @@ def test_nearest_distances_where_the_bound_is_tight(step: float):
         along = np.concatenate([10.0 + np.arange(out), np.arange(10.0 + out, 8.0, -1.0), np.arange(10.0, 200.0)])
         path = step * np.column_stack([along, np.zeros(len(along))])
         for asked in (path, path[::-1]):
-            # The first batch of points lies at the end of the path, so that the second one's walk goes backwards.
+            # The first batches of points lie at the end of the path, so that the search begins there.
             points = np.concatenate([np.tile(asked[-1], (64, 1)), np.zeros((1, 2))])
             for some in (points, points[-1:]):
                 assert np.array_equal(nearest_distances(some, asked), all_pairs(some, asked))
@@ -189,6 +189,14 @@ def test_nearest_distances_of_laps_that_cover_each_other():
 def test_nearest_distances_to_a_standing_robot():
     points = random_walk(3)
     path = np.full((400, 2), 0.25)
+    assert np.array_equal(nearest_distances(points, path), all_pairs(points, path))
+    assert np.array_equal(nearest_distances(path, points), all_pairs(path, points))
+
+
+def test_nearest_distances_of_points_that_go_to_and_fro():
+    """A localiser that tells two places by turns: no batch of its points belongs together."""
+    path = random_walk(5, 900)
+    points = path + 40.0 * (np.arange(len(path)) // 5 % 2)[:, None]
     assert np.array_equal(nearest_distances(points, path), all_pairs(points, path))
     assert np.array_equal(nearest_distances(path, points), all_pairs(path, points))
 
@@ -659,10 +667,14 @@ def test_the_parts_are_those_of_the_whole() -> None:
     ):
         whole = measured(candidate, reference)
         if np.isnan(whole.d_rms):
-            assert np.all(np.isnan(one_sided_kernel(candidate, reference)))
+            assert np.all(np.isnan(one_sided_kernel(candidate, reference, measured_length(reference))))
             continue
         found = {name: METRICS[name].pool([METRICS[name].of(whole)], [400]) for name in METRICS}
-        assert one_sided_kernel(candidate, reference) == (found["d_rms_m"], found["d_haus_m"], found["d_ratio"])
+        assert one_sided_kernel(candidate, reference, measured_length(reference)) == (
+            found["d_rms_m"],
+            found["d_haus_m"],
+            found["d_ratio"],
+        )
         assert bend_ratio_kernel(candidate, reference) == found["e_bend_ratio"]
 
 

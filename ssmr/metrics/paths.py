@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr._jit import jit
+from ssmr.metrics.nearest import nearest_squared
 from ssmr.metrics.poses import sync_rms_kernel
 from ssmr.types import FloatArray, frozen_array
 
@@ -32,152 +33,38 @@ LENGTH_FLOOR = 1e-3
 """A path shorter than this has no length to compare with [m]: a robot that stands still."""
 BENDING_FLOOR = 1e-3
 """A path of less bending energy is straight [1/m]: 10 m along a circle of 100 m radius."""
-_BATCH = 32
-"""Neighbouring points that share one walk along the path; of 8, 16, 24 and 32 the fastest for 1000 samples."""
-_SLACK = 1e-12
-"""Relative slack of a bound on distances: thousands of roundings wide, and too thin to cost a visit."""
-_EPSILON = 2.0**-52
-"""Relative rounding of a sum."""
 LARGEST = 1e75
 """Coordinates beyond this count as not finite [m]: their fourth powers would overflow."""
 
 
 @jit
-def _is_measurable(xy: FloatArray) -> bool:
-    """Return whether a path has samples and all of them are finite."""
-    for i in range(xy.shape[0]):
-        if not (abs(xy[i, 0]) <= LARGEST and abs(xy[i, 1]) <= LARGEST):
-            return False
-    return len(xy) > 0
-
-
-@jit
-def _steps(xy: FloatArray) -> tuple[float, float, float]:
-    """Return the sum of the steps between samples [m], the sum of their squares [m^2], and the longest step [m]."""
-    total, squares, longest = 0.0, 0.0, 0.0
+def _steps(xy: FloatArray) -> tuple[float, float]:
+    """Return the sum of the steps between samples [m], and the sum of their squares [m^2]."""
+    total, squares = 0.0, 0.0
     for i in range(xy.shape[0] - 1):
         dx, dy = xy[i + 1, 0] - xy[i, 0], xy[i + 1, 1] - xy[i, 1]
         square = dx * dx + dy * dy
-        step = math.sqrt(square)
-        total += step
+        total += math.sqrt(square)
         squares += square
-        longest = max(longest, step)
-    return total, squares, longest
+    return total, squares
 
 
 @jit
-def nearest_squared(points: FloatArray, path: FloatArray, longest_step: float) -> FloatArray:
-    """Square of the distance from each of (N, 2) points to the closest sample of the (M, 2) path, (N,) [m^2].
+def measured_length(xy: FloatArray) -> float:
+    """Return the length of a path [m], for use from other kernels: NaN where it has no sample or one that is not finite.
 
-    Consecutive points lie close together, so a batch of them shares one walk: from the sample nearest to the previous batch
-    outwards in both directions. Let c be the batch's middle point, r its radius about c and b the distance from c to the
-    closest sample seen yet. A sample farther than b + 2 r from c is nearest to no point of the batch, because for each of
-    them that closest sample is at most b + r away and this one more than b + r. And by the triangle inequality a sample is
-    nearer to c than another by at most the length of the path between them, so from a sample at distance d > b + 2 r the
-    walk may pass over all samples within d - b - 2 r along the path: floor((d - b - 2 r) / longest step) at least, and more
-    where the path has a jump elsewhere or stands still. Every bound gives way by `_SLACK` and by the rounding of the
-    lengths, so the answer is that of the search over all pairs, to the last bit.
+    Coordinates beyond 1e75 m count as not finite.
     """
-    n = points.shape[0]
-    m = path.shape[0] if longest_step > 0.0 else 1  # samples that all coincide are one sample
-    per_step = (1.0 - _SLACK) / longest_step if longest_step > 0.0 else 0.0
-    squared = np.empty(n)
-    x, y = path[:m, 0].copy(), path[:m, 1].copy()
-    along = _lengths(x, y)
-    rounding = 4.0 * _EPSILON * m * along[m - 1]
-    batch_x, batch_y, batch = np.empty(_BATCH), np.empty(_BATCH), np.empty(_BATCH)
-    nearest = 0
-    for first in range(0, n, _BATCH):
-        for i in range(_BATCH):  # the last batch is filled up with the last point: a fixed length compiles to vector code
-            k = min(first + i, n - 1)
-            batch_x[i], batch_y[i], batch[i] = points[k, 0], points[k, 1], np.inf
-        centre_x, centre_y = batch_x[_BATCH // 2], batch_y[_BATCH // 2]
-        radius_squared = 0.0
-        for i in range(_BATCH):
-            dx, dy = batch_x[i] - centre_x, batch_y[i] - centre_y
-            radius_squared = max(radius_squared, dx * dx + dy * dy)
-        margin = 2.0 * math.sqrt(radius_squared) * (1.0 + _SLACK)
-
-        start = _descend(centre_x, centre_y, x, y, nearest)
-        dx, dy = centre_x - x[start], centre_y - y[start]
-        best = math.sqrt(dx * dx + dy * dy)
-        nearest = start
-        for direction in (-1, 1):
-            j = start if direction < 0 else start + 1
-            while 0 <= j < m:
-                dx, dy = centre_x - x[j], centre_y - y[j]
-                distance = math.sqrt(dx * dx + dy * dy)
-                beyond = distance * (1.0 - _SLACK) - (best + margin)
-                if beyond > 0.0:
-                    least = 1 + int(min(beyond * per_step, float(m)))
-                    j = _pass_over(along, j, direction, least, beyond - rounding)
-                    continue
-                if distance < best:
-                    best = distance
-                    nearest = j
-                sample_x, sample_y = x[j], y[j]
-                for i in range(_BATCH):
-                    dx, dy = batch_x[i] - sample_x, batch_y[i] - sample_y
-                    square = dx * dx + dy * dy
-                    batch[i] = square if square < batch[i] else batch[i]
-                j += direction
-        for i in range(min(_BATCH, n - first)):
-            squared[first + i] = batch[i]
-    return squared
-
-
-@jit
-def _lengths(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the (M,) length of a path up to each of its samples [m]."""
-    along = np.zeros(x.shape[0])
-    for k in range(1, x.shape[0]):
-        along[k] = along[k - 1] + math.sqrt((x[k] - x[k - 1]) ** 2 + (y[k] - y[k - 1]) ** 2)
-    return along
-
-
-@jit
-def _pass_over(along: FloatArray, j: int, direction: int, least: int, room: float) -> int:
-    """Index of the next sample to look at from sample j, `least` places on or more: the first farther than `room` [m].
-
-    Args:
-        along: (M,) length of the path up to each sample [m].
-        j: index of the sample.
-        direction: 1 or -1.
-        least: number of places that may be passed over in any case.
-        room: length along the path within which no sample needs to be seen [m].
-    """
-    m, from_j = along.shape[0], along[j]
-    low, leap = least, 4  # `low` places on is still to be looked at, or passed over
-    while 0 <= j + direction * (low + leap) < m and abs(along[j + direction * (low + leap)] - from_j) <= room:
-        low += leap
-        leap *= 2
-    while leap > 1:
-        leap //= 2
-        there = j + direction * (low + leap)
-        if 0 <= there < m and abs(along[there] - from_j) <= room:
-            low += leap
-    return j + direction * low
-
-
-@jit
-def _descend(at_x: float, at_y: float, x: FloatArray, y: FloatArray, start: int) -> int:
-    """Index of the sample at which the distance to a point stops falling, going from `start` forwards, else backwards."""
-    k = start
-    best = (at_x - x[k]) ** 2 + (at_y - y[k]) ** 2
-    for direction in (1, -1):
-        while 0 <= k + direction < x.shape[0]:
-            square = (at_x - x[k + direction]) ** 2 + (at_y - y[k + direction]) ** 2
-            if not square < best:
-                break
-            best = square
-            k += direction
-    return k
+    for i in range(xy.shape[0]):
+        if not (abs(xy[i, 0]) <= LARGEST and abs(xy[i, 1]) <= LARGEST):
+            return math.nan
+    return _steps(xy)[0] if len(xy) > 0 else math.nan
 
 
 @jit
 def _bending(xy: FloatArray, spacing: float) -> float:
     """`bending_energy` without its checks."""
-    total, squares, _ = _steps(xy)
+    total, squares = _steps(xy)
     if not total > 0.0:
         return 0.0
     d = max(spacing, squares / total)  # hence at most M - 1 chords, however long the path: total^2 <= (M - 1) squares
@@ -223,17 +110,18 @@ def _ratio(candidate: float, reference: float, floor: float) -> float:
 
 
 @jit
-def one_sided_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> tuple[float, float, float]:
+def one_sided_kernel(
+    candidate_xy: FloatArray, reference_xy: FloatArray, reference_length: float
+) -> tuple[float, float, float]:
     """Return d_rms [m], d_haus [m] and d_ratio (Eq. 3.1), for use from other kernels: half the work of all metrics.
 
-    Paths are (N, 2) and (M, 2) positions [m]. It never raises: all are NaN where a path has no sample or one that is not
-    finite (or beyond 1e75 m).
+    Paths are (N, 2) and (M, 2) positions [m]; `reference_length` is `measured_length` of the reference. It never raises: all
+    are NaN where a path cannot be measured.
     """
-    if not (_is_measurable(candidate_xy) and _is_measurable(reference_xy)):
+    candidate_length = measured_length(candidate_xy)
+    if math.isnan(candidate_length + reference_length):
         return math.nan, math.nan, math.nan
-    candidate_length, _, candidate_step = _steps(candidate_xy)
-    reference_length, _, _ = _steps(reference_xy)
-    to_candidate = nearest_squared(reference_xy, candidate_xy, candidate_step)
+    to_candidate = nearest_squared(reference_xy, candidate_xy)
     lengths = _ratio(candidate_length, reference_length, LENGTH_FLOOR)
     return math.sqrt(np.mean(to_candidate)), math.sqrt(np.max(to_candidate)), lengths
 
@@ -281,16 +169,14 @@ def measure_paths(
     """
     n = reference_pose.shape[0]
     sync, yaw, common = sync_rms_kernel(candidate_t, candidate_pose, reference_t, reference_pose)
-    if not (_is_measurable(candidate_pose) and _is_measurable(reference_pose)):
+    lengths = measured_length(candidate_pose), measured_length(reference_pose)
+    if math.isnan(lengths[0] + lengths[1]):
         none = (math.nan, math.nan)
         return PathMeasures(n, common, math.nan, math.nan, math.nan, math.nan, none, none, sync, yaw)
-    candidate_length, _, candidate_step = _steps(candidate_pose)
-    reference_length, _, reference_step = _steps(reference_pose)
-    to_candidate = nearest_squared(reference_pose, candidate_pose, candidate_step)
-    to_reference = nearest_squared(candidate_pose, reference_pose, reference_step)
+    to_candidate = nearest_squared(reference_pose, candidate_pose)
+    to_reference = nearest_squared(candidate_pose, reference_pose)
     mean, largest = np.mean(to_candidate), np.max(to_candidate)
     rms_both, largest_both = math.sqrt(0.5 * (mean + np.mean(to_reference))), math.sqrt(max(largest, np.max(to_reference)))
-    lengths = candidate_length, reference_length
     bendings = _bending(candidate_pose, BENDING_SPACING), _bending(reference_pose, BENDING_SPACING)
     return PathMeasures(n, common, math.sqrt(mean), math.sqrt(largest), rms_both, largest_both, lengths, bendings, sync, yaw)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ssmr._jit import jit_parallel
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics.paths import one_sided_kernel
+from ssmr.metrics.paths import measured_length, one_sided_kernel
 from ssmr.metrics.poses import horizon_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, IndexArray, Trajectory
@@ -88,9 +88,9 @@ class FitTarget:
 @jit_parallel
 def path_costs(poses, truth, k_rms, k_haus, k_ratio):
     """Return (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
-    out = np.empty(len(poses))
+    out, length = np.empty(len(poses)), measured_length(truth)
     for i in numba.prange(len(poses)):
-        metrics = one_sided_kernel(poses[i], truth)
+        metrics = one_sided_kernel(poses[i], truth, length)
         out[i] = k_rms * metrics[0] + k_haus * metrics[1] + k_ratio * abs(1.0 - metrics[2])
     return out
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ssmr._jit import jit_parallel
 from ssmr.control.loop import ClosedRun
-from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, one_sided_kernel
+from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, measured_length, one_sided_kernel
 from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray, Trajectory
 
@@ -68,9 +68,9 @@ class TuneCost:
 @jit_parallel
 def _path_measures(poses, truth):
     """Return (S, 4) d_rms, d_haus, d_ratio and e_bend_ratio of (S, M, 3) poses against (N, 3)."""
-    out = np.empty((len(poses), 4))
+    out, length = np.empty((len(poses), 4)), measured_length(truth)
     for i in numba.prange(len(poses)):
-        out[i, 0], out[i, 1], out[i, 2] = one_sided_kernel(poses[i], truth)
+        out[i, 0], out[i, 1], out[i, 2] = one_sided_kernel(poses[i], truth, length)
         out[i, 3] = bend_ratio_kernel(poses[i], truth)
     return out
 

@@ -19,7 +19,8 @@ from numba.core import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from ssmr._jit import copy_numbers, jit, jit_alone, prefer_wide_vectors, source
+from ssmr._jit import copy_numbers, jit, jit_alone, jit_parallel, prefer_wide_vectors, source
+from ssmr._trig import fused, sine_cosine
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
@@ -32,6 +33,7 @@ from ssmr.robot.drive import (
     rolling,
     whole_steps,
 )
+from ssmr.robot.localiser import Localiser
 from ssmr.robot.motor import Motor
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_row
 from ssmr.types import Commands, FloatArray, State
@@ -270,3 +272,69 @@ def _held_wheels(commands: Commands, times: _Times, count: int) -> tuple[FloatAr
     """Return the wheel rates of all steps, and the (S, 2) places in them of each robot's first left and right one."""
     steps = np.minimum(np.arange(times.steps + 2 * _CHUNK) // (times.steps // commands.n), commands.n - 1)
     return commands.values[steps].T.ravel(), np.tile(np.array([0, len(steps)], dtype=np.uint64), (count, 1))
+
+
+@jit
+def _between(pose: FloatArray, place: float) -> tuple[int, int, float]:
+    """Return the samples before and after a place among (N, 3) poses, and the share of the way between them [1]."""
+    last = len(pose) - 1
+    at = min(max(place, 0.0), float(last))
+    before = max(min(int(at), last - 1), 0)
+    return before, min(before + 1, last), at - before
+
+
+@jit_alone
+def _shift(told: FloatArray, x: float, y: float) -> None:
+    """Move the reference point of (M, 3) poses by (x, y) in the body [m], in vector instructions."""
+    for k in range(len(told)):
+        s, c = sine_cosine(told[k, 2])
+        told[k, 0] += fused(c, x, -s * y)
+        told[k, 1] += fused(s, x, c * y)
+
+
+@jit_parallel
+def _tell(poses: FloatArray, places: FloatArray, numbers: FloatArray, told: FloatArray) -> None:
+    """Write (S, M, 3) poses of tracked frames at (M,) places among the samples of bodies; `told` may be `poses` itself.
+
+    `numbers` holds a row for each: the tracked frame's x, y and yaw in the body, delays of positions and headings [samples].
+    """
+    for i in numba.prange(len(poses)):
+        x, y, yaw, late, yaw_late = numbers[i]
+        pose, out = poses[i], told[i]
+        for k in range(len(places)):
+            before, after, share = _between(pose, places[k] - late)
+            for column in range(3):
+                out[k, column] = pose[before, column] + share * (pose[after, column] - pose[before, column])
+        if x != 0.0 or y != 0.0:
+            _shift(out, x, y)
+        if late != yaw_late:
+            for k in range(len(places)):
+                before, after, share = _between(pose, places[k] - yaw_late)
+                out[k, 2] = pose[before, 2] + share * (pose[after, 2] - pose[before, 2])
+        if yaw != 0.0:
+            out[:, 2] += yaw
+
+
+def told_poses(
+    poses: FloatArray, localisers: Sequence[Localiser], sample_dt: float, t: FloatArray | None = None
+) -> FloatArray:
+    """Return poses of many bodies as their localisers tell them, on the threads of `numba.set_num_threads`.
+
+    Args:
+        poses: (S, N, 3) poses of the bodies, which may be overwritten.
+        localisers: the localiser of each.
+        sample_dt: time between samples of the poses [s].
+        t: (M,) stamps of the log [s], the first of which is that of the first sample; None: the samples' own.
+
+    Returns:
+        (S, M, 3) poses of the tracked frames, linear between samples, held before the first and after the last.
+    """
+    late = [(one.position_late / sample_dt, one.yaw_late / sample_dt) for one in localisers]
+    numbers = np.array([(*one.point, one.tracked_yaw, *delays) for one, delays in zip(localisers, late, strict=True)])
+    if t is None and not numbers[:, 3:].any():
+        _tell(poses, np.empty(0), numbers, poses)
+        return poses
+    places = np.arange(poses.shape[1], dtype=np.float64) if t is None else (t - t[0]) / sample_dt
+    told = np.empty((len(poses), len(places), 3))
+    _tell(poses, places, numbers, told)
+    return told

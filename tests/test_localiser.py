@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.geometry import compose
-from ssmr.robot.localiser import Localiser, told_poses
+from ssmr.lanes import told_poses
+from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, State
 from tests.robots import HUSKY
 from validation.plants.kind import PlantProfile

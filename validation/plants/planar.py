@@ -11,10 +11,9 @@ import numba
 import numpy as np
 
 from ssmr._jit import config
-from ssmr.lanes import run_population
+from ssmr.lanes import run_population, told_poses
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
-from ssmr.robot.localiser import told_poses
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State

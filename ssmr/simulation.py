@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,6 +144,12 @@ def robot_from_row(kind: Any, row: FloatArray) -> PlanarRobot:
     return PlanarRobot(named_like(_BODY, row), parameters, motor, row[end], row[end + 1] != 0.0, constants)
 
 
+@lru_cache(maxsize=64)
+def _body(vehicle: Vehicle) -> Any:
+    """Return the `VehicleBody` of a vehicle; candidates of a fit often share theirs."""
+    return vehicle_body(packed(vehicle))
+
+
 @dataclass(frozen=True)
 class PlanarModel:
     """A planar model with all its numbers: everything that defines the plant, and no state."""
@@ -161,7 +168,7 @@ class PlanarModel:
 
     def packed(self, dt: float) -> PlanarRobot:
         """Return the numbers for compiled functions and physics steps `dt` [s]."""
-        law, body, parameters = law_of(self.parameters), vehicle_body(packed(self.vehicle)), packed(self.parameters)
+        law, body, parameters = law_of(self.parameters), _body(self.vehicle), packed(self.parameters)
         x_icr, constants = float(law.rotation_centre(self.vehicle, self.parameters)), law.constants(body, parameters, dt)
         return PlanarRobot(body, parameters, motor_numbers(self.drive, dt), x_icr, law.obeys, constants)
 

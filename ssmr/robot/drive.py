@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -174,6 +175,7 @@ def continue_references(
     return asked
 
 
+@lru_cache(maxsize=64)
 def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
     """Return a drive's numbers for commands of a period [s] and physics steps `dt` [s]; delays are rounded to whole steps.
 

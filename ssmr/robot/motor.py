@@ -14,6 +14,7 @@ that the thrust accelerates too.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ssmr._jit import jit
@@ -46,6 +47,7 @@ class Wanted(NamedTuple):
     integral_right: float  # integral part of the right side's torque [N m]
 
 
+@lru_cache(maxsize=64)
 def motor_numbers(drive: Drive, dt: float) -> Motor:
     """Return the numbers of a drive's motors for physics steps `dt` [s]."""
     d = packed(drive)

@@ -59,10 +59,17 @@ class FitProblem:
 
     def candidate(self, point: FloatArray) -> PlantProfile | None:
         """Return the plant that an (n,) point of the unit cube stands for; None where its numbers are impossible."""
-        try:
-            return with_values(self.model, self.base, self.space.names, self.space.values(point))
-        except ValueError:
-            return None
+        return self.candidates(point[None])[0]
+
+    def candidates(self, points: FloatArray) -> list[PlantProfile | None]:
+        """Return the plants that (S, n) points of the unit cube stand for; None for numbers that are impossible."""
+        found: list[PlantProfile | None] = []
+        for values in self.space.values(points).tolist():
+            try:
+                found.append(with_values(self.model, self.base, self.space.names, values))
+            except ValueError:
+                found.append(None)
+        return found
 
     def costs(
         self,
@@ -72,7 +79,7 @@ class FitProblem:
         on_share: Callable[[float], object] | None = None,
     ) -> FloatArray:
         """Rate candidates, see `SearchProblem.costs`."""
-        candidates = [self.candidate(p) for p in points]
+        candidates = self.candidates(points)
         bounds = np.full(len(points), np.inf) if limits is None else limits
         done = [0.0]
 
@@ -130,7 +137,7 @@ class FitProblem:
 
     def residuals(self, points: FloatArray, workers: int = 1) -> FloatArray:
         """Return (S, K) errors whose squares add up to what least squares make small; NaN for one that is impossible."""
-        candidates = [self.candidate(p) for p in points]
+        candidates = self.candidates(points)
 
         def drive_all(which: Sequence[int]) -> FloatArray:
             population = plant_kind(self.model).population([candidates[i] for i in which], workers)

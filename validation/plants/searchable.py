@@ -60,6 +60,7 @@ def searchable(plant: str, robot: Robot) -> tuple[Searchable, ...]:
     )
 
 
+@lru_cache(maxsize=1024)
 def find(plant: str, name: str, robot: Robot) -> Searchable:
     """Return a plant's searchable number by name.
 

@@ -201,6 +201,13 @@ def test_nearest_distances_of_points_that_go_to_and_fro():
     assert np.array_equal(nearest_distances(path, points), all_pairs(path, points))
 
 
+def test_nearest_distances_of_a_noisy_standstill():
+    """Boxes along such a path all overlap, so halves of a batch enter as many of them as the whole does."""
+    noise = np.random.default_rng(6).normal(0.0, 0.02, (2, 2000, 2))
+    points, path = np.concatenate([random_walk(7), noise[0]]), np.concatenate([random_walk(8), noise[1]])
+    assert np.array_equal(nearest_distances(points, path), all_pairs(points, path))
+
+
 def test_nearest_distances_read_poses_as_paths():
     a, b = drive(1), drive(2)
     assert np.array_equal(nearest_distances(a.pose, b.pose), nearest_distances(a.xy, b.xy))

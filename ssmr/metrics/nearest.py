@@ -26,7 +26,7 @@ _LEAF = 16
 _BATCH = 32
 """Points of a batch; of 8, 16 and 32 the fastest for 2500 samples."""
 _PATIENCE = 16
-"""Leaves that a batch enters before it is asked whether its points belong together."""
+"""Leaves that a batch enters, or twice as many as the last one, before it is asked whether its points belong together."""
 _DEEP = 128
 """Room for nodes that wait, two of each level at most: more than any tree in memory has."""
 
@@ -121,13 +121,13 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
 
     The nearer of two boxes is entered first, after the leaf that the last batch ended in. A batch whose points lie far from
     each other, as they do beside a jump, enters far more leaves than each of them alone would; it is halved until they
-    belong together. There must be a sample, and all numbers must be finite.
+    belong together, or a half enters as many all the same. There must be a sample, and all numbers must be finite.
     """
     n = points.shape[0]
     leaves, boxes, x, y = _grow(path)
     out, batch = np.empty(n), np.empty(3 * _BATCH)
     nodes, gaps = np.empty(_DEEP, dtype=np.int64), np.empty(_DEEP)
-    first, size, latest = 0, _BATCH, 0
+    first, size, latest, patience = 0, _BATCH, 0, _PATIENCE
     while first < n:
         count = min(size, n - first)
         low_x, high_x, low_y, high_y = _gather(points, first, count, batch)
@@ -150,7 +150,7 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
                         waiting += 1
                 continue
             entered += 1
-            scattered = entered > _PATIENCE and count > 1 and 4.0 * spread > bound
+            scattered = entered > patience and count > 1 and 4.0 * spread > bound
             if scattered:
                 break
             before = batch[2 * _BATCH + count - 1]
@@ -162,5 +162,5 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
             size = count // 2
         else:
             out[first : first + count] = batch[2 * _BATCH : 2 * _BATCH + count]
-            first += count
+            first, patience = first + count, max(_PATIENCE, 2 * entered)
     return out

@@ -195,7 +195,7 @@ def test_a_step_is_predict_wheels_and_gyro_in_this_order() -> None:
 
 def test_the_compiled_filter_is_its_own_source() -> None:
     t, _ = circle(0.02, 1.0)
-    rng, out = np.random.default_rng(1), np.empty((len(t), 13))
+    rng, out = np.random.default_rng(1), np.empty((len(t), 22))
     left, right, gyro = rng.normal(5.0, 0.1, (3, len(t)))
     one, two = initial_belief(State(), SURE), initial_belief(State(), SURE)
     for k in range(len(t)):
@@ -222,7 +222,7 @@ def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: flo
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.02, 0.5]), st.sampled_from([1.0, 30.0, 1000.0]))
 def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild: float) -> None:
     rng, n = np.random.default_rng(seed), 1000
-    belief, out = initial_belief(State()), np.empty((n, 13))
+    belief, out = initial_belief(State()), np.empty((n, 22))
     for _ in range(100):
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
@@ -249,7 +249,7 @@ def test_no_frame_is_preferred(x: float, y: float, yaw: float) -> None:
     rng, n = np.random.default_rng(5), 200
     t = np.cumsum(rng.uniform(0.01, 0.03, n))
     log = SensorLog(t, *rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T.copy())
-    out, moved = np.empty((n, 13)), np.empty((n, 13))
+    out, moved = np.empty((n, 22)), np.empty((n, 22))
     here, elsewhere = initial_belief(State(v_x=0.5)), initial_belief(State(x, y, yaw, v_x=0.5))
     filter_log(log, moving(t), STOCK.packed(), here, out)
     filter_log(log, moving(t), STOCK.packed(), elsewhere, moved)

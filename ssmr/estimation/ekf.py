@@ -289,8 +289,8 @@ def stand(belief: Belief) -> None:
 def filter_log(log: SensorLog, aside: Aside, numbers: FilterNumbers, belief: Belief, out: FloatArray) -> None:
     """Filter a `SensorLog`, in place.
 
-    `out` (M, 2 n + 3) is written: the mean, with the forward speed in the place of v, its standard deviations, and what
-    `filter_step` returns.
+    `out` (M, 2 n + 12) is written: the mean, with the forward speed in the place of v, its standard deviations, what
+    `filter_step` returns, and the covariance of the pose.
     """
     n, following = len(belief.mean), 0
     now = log.t[0]
@@ -313,6 +313,8 @@ def filter_log(log: SensorLog, aside: Aside, numbers: FilterNumbers, belief: Bel
         out[k, V] = speed(belief.mean, numbers)
         for i in range(3):
             out[k, 2 * n + i] = nis[i]
+            for j in range(3):
+                out[k, 2 * n + 3 + 3 * i + j] = belief.covariance[i, j]
 
 
 def initial_belief(
@@ -365,9 +367,10 @@ def run_ekf(
 
     Returns:
         The estimate after each sample, with the lateral speed that the slide means and the wheels as measured. Channel
-        `pose_std` is (M, 3), the standard deviations of x, y [m] and yaw [rad]; `innovations` is (M, 3), the normalised
-        squared ones of the wheels' v, of their yaw rate and of the gyro, 0 for what was not used. A filter that learns
-        adds `constants` and `constants_std`, (M, 6), see `EkfSettings.constants`.
+        `pose_std` is (M, 3), the standard deviations of x, y [m] and yaw [rad], and `pose_covariance` (M, 3, 3) their
+        covariance; `innovations` is (M, 3), the normalised squared ones of the wheels' v, of their yaw rate and of the gyro,
+        0 for what was not used. A filter that learns adds `constants` and `constants_std`, (M, 6), see
+        `EkfSettings.constants`.
 
     Raises:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.
@@ -381,11 +384,15 @@ def run_ekf(
         raise ValueError(f"still has shape {besides.still.shape}, wanted {times.shape}")
     belief = initial_belief(start, start_std, settings if settings.learns else None)
     n = len(belief.mean)
-    out = np.empty((len(times), 2 * n + 3))
+    out = np.empty((len(times), 2 * n + 12))
     log = SensorLog(times, wheels[:, 0].copy(), wheels[:, 1].copy(), turning)
     filter_log(log, besides, settings.packed(), belief, out)
-    mean, std, innovations = np.split(out, [n, 2 * n], axis=1)
-    channels = {"pose_std": std[:, :3], "innovations": np.nan_to_num(innovations)}
+    mean, std, innovations, covariance = np.split(out, [n, 2 * n, 2 * n + 3], axis=1)
+    channels = {
+        "pose_std": std[:, :3],
+        "pose_covariance": covariance.reshape(-1, 3, 3),
+        "innovations": np.nan_to_num(innovations),
+    }
     lateral = np.zeros(len(times))
     if settings.learns:
         channels |= {"constants": mean[:, BIAS:SLIP], "constants_std": std[:, BIAS:SLIP]}

@@ -1,0 +1,110 @@
+"""Whether a commissioned state filter is as sure of the pose as it may be, on a robot that drives in a closed loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.references import eight, sine
+from ssmr.estimation.commission import commission
+from ssmr.estimation.ekf import run_ekf
+from ssmr.estimation.sensing import SensorModel, simulate_sensors
+from ssmr.estimation.settings import EkfSettings
+from ssmr.types import FloatArray, State, Trajectory
+from validation.plants.profile import Profile
+from validation.track.gains import DEFAULT, load_gains
+from validation.track.loops import make_controller, make_robot, odometry_of, run_robots
+
+BIAS_STD, SCALE_STD, TURNING_SHARE, CENTRE_STD = 0.0156, 0.02, 0.1, 0.01
+"""Standard deviations by which robots differ from the one that was commissioned: bias of the gyro [rad/s], scale of each
+side's wheels [1], turning ratio over itself [1], and middle of turning [m] in both directions."""
+_SPEED, _EVERY, _RATE = 0.25, 4.0, 125.0
+_COMMISSIONED = (1000, 1001)
+"""Seeds of the drives by which the filter is commissioned; no other run has them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Errors of a filter's pose in units of what it claims, over many runs."""
+
+    settings: EkfSettings
+    """The filter, as it was commissioned."""
+    t: FloatArray
+    """(K,) instants [s]."""
+    nees: FloatArray
+    """(runs, K) normalised squared errors of the pose, which should be chi-squared with 3 degrees of freedom."""
+    nis: FloatArray
+    """(runs, M) normalised squared innovations of the wheels' yaw rate, with one degree of freedom."""
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Where 95 % of the means of `nees` over the runs should lie."""
+        return chi_squared_band(3, len(self.nees))
+
+    @property
+    def nis_share(self) -> float:
+        """Share of the instants at which the mean of `nis` over the runs lies within its own 95 % band."""
+        low, high = chi_squared_band(1, len(self.nis))
+        mean = self.nis.mean(axis=0)
+        return float(np.mean((mean > low) & (mean < high)))
+
+
+def chi_squared_band(degrees: int, runs: int) -> tuple[float, float]:
+    """Return the band in which 95 % of the means of `runs` independent chi-squared numbers lie."""
+    low, high = (float(chdtri(degrees * runs, p)) / runs for p in (0.975, 0.025))
+    return low, high
+
+
+def doubt_of(profile: Profile, plant: str, feedback: Feedback = "noisy", runs: int = 16, seed: int = 0) -> Doubt:
+    """Commission a filter on one reference, and judge it on another, on robots that differ as it says that they may.
+
+    A scheduled LQR drives the eight twice, from which the filter gets its constants and the size of its slip, then the sine,
+    with other seeds, pushed as in Sec. 3.4.5. Each run begins with constants that are off by draws of its doubts.
+
+    Args:
+        profile: the robot and its plants.
+        plant: name of the plant that is driven.
+        feedback: what the controller sees; the filter that is judged only listens.
+        runs: number of runs on the sine.
+        seed: seed of the first.
+
+    Raises:
+        LostError: a robot left the reference.
+    """
+    robot, controller = make_robot(profile, plant), make_controller(profile, load_gains("lqr-scheduled", DEFAULT))
+    loop = LoopSettings(feedback, filter=odometry_of(robot.drive))
+    driven = []
+    for reference, seeds in ((eight(_SPEED), _COMMISSIONED), (sine(_SPEED), range(seed, seed + runs))):
+        n = len(seeds)
+        found = run_robots([robot] * n, [controller] * n, [loop] * n, reference, list(seeds))
+        driven.append([run.require_kept(f"{plant} of {profile.name}").motion for run in found])
+    knows = commission(driven[0], odometry_of(robot.drive))
+    doubts = replace(
+        knows, bias_std=BIAS_STD, scale_std=SCALE_STD, turning_std=TURNING_SHARE * knows.turning, centre_std=CENTRE_STD
+    )
+    each = [_judge(truth, doubts, np.random.default_rng([seed, k])) for k, truth in enumerate(driven[1])]
+    return Doubt(doubts, each[0][0], np.array([e[1] for e in each]), np.array([e[2] for e in each]))
+
+
+def _judge(truth: Trajectory, doubts: EkfSettings, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return instants [s], normalised squared errors of the pose there, and innovations of the wheels' yaw rate."""
+    bias, left, right, turning, shift, slide = rng.standard_normal(6)
+    begins = replace(
+        doubts,
+        scale_left=doubts.scale_left + doubts.scale_std * left,
+        scale_right=doubts.scale_right + doubts.scale_std * right,
+        turning=doubts.turning + doubts.turning_std * turning,
+        shift=doubts.shift + doubts.centre_std * shift,
+        slide=doubts.slide + doubts.centre_std * slide,
+    )
+    log = simulate_sensors(truth, rng, SensorModel(gyro_bias=doubts.bias_std * float(bias)), _RATE)
+    (x, y, yaw), (v, _, w) = truth.pose[0].tolist(), truth.twist[0].tolist()
+    got = run_ekf(*log, begins, State(x, y, yaw, v_x=v, yaw_rate=w))
+    at = np.searchsorted(log.t, np.arange(_EVERY, log.t[-1], _EVERY) - 1e-9)
+    error = got.pose[at] - truth.pose[np.searchsorted(truth.t, log.t[at] - 1e-9)]
+    covariance = got.channels["pose_covariance"][at]
+    nees = np.einsum("ki,ki->k", error, np.linalg.solve(covariance, error[:, :, None])[:, :, 0])
+    return log.t[at], nees, got.channels["innovations"][1:, 1]

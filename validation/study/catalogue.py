@@ -43,6 +43,10 @@ STUDIES = (
     Study("engines", "Do ODE, which is Gazebo's engine, and Drake move the robot as MuJoCo does, and with which settings?"),
     Study("tables", "How do the thesis' tables of tracked references (Tab. 4.5-4.36) compare with this project's robots?"),
     Study("gains", "Which of the shipped sets of gains follows which reference best, on which plant?"),
+    Study(
+        "transfer",
+        "Does an analytic model choose the right controller for the MuJoCo robot, and what does choosing by it cost?",
+    ),
     Study("filter", "How fast does the pose drift that the state filter estimates from wheels and gyro?"),
     Study("drivetrain", "What are the driver, the friction, the losses and the inertia of a real robot's drive train?"),
     Study("noise", "How noisy is each signal of a log, by what a high-pass filter leaves of it (Sec. 3.4.4)?"),

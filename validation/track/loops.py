@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import track_metrics
 from validation.track.gains import GainSet
-from validation.track.reach import demand_sentence
+from validation.track.reach import demand_sentence, possible_share
 from validation.track.user_law import UserLaw
 
 AnyController = Controller | PythonController
@@ -158,13 +159,21 @@ def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metric
 
 def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: str) -> str | None:
     """Return a sentence on a reference that asks for more than the robot can do, with the speed that it could follow at."""
-    body, drive = robot.body, robot.drive
-    plant: Plant
+    limits = (robot.drive.v_max, robot.drive.w_max)
+    return demand_sentence(_plant_of(robot), waypoints, limits, f"{robot.name} of {profile}", what)
+
+
+def within_reach(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:
+    """Return the reference, slower where it asks for more than `part` of the robot's greatest speed or yaw rate."""
+    share, said = possible_share(_plant_of(robot), waypoints, (robot.drive.v_max, robot.drive.w_max), part)
+    return waypoints.at_speed(math.floor(100.0 * share * waypoints.speed) / 100.0) if said else waypoints
+
+
+def _plant_of(robot: ClosedLoopRobot) -> Plant:
+    body = robot.body
     if isinstance(body, PlanarModel):
-        plant = PlanarPlant(body)
-    else:
-        plant = FourWheelPlant(body) if isinstance(body, FourWheelModel) else body
-    return demand_sentence(plant, waypoints, (drive.v_max, drive.w_max), f"{robot.name} of {profile}", what)
+        return PlanarPlant(body)
+    return FourWheelPlant(body) if isinstance(body, FourWheelModel) else body
 
 
 def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:

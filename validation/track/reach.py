@@ -27,6 +27,38 @@ def settled_motion(plant: Plant, v: float, w: float) -> tuple[float, float]:
     return float(np.mean(twist[:, 0])), float(np.mean(twist[:, 2]))
 
 
+def possible_share(
+    plant: Plant, waypoints: Waypoints, limits: tuple[float, float], part: float = 1.0
+) -> tuple[float, list[str]]:
+    """Return the share of a reference's speed at which a plant can follow it, and what it asks for beyond that, in words.
+
+    Args:
+        plant: what is to follow; it is driven, and reset.
+        waypoints: the reference.
+        limits: greatest speed [m/s] and yaw rate [rad/s] that can be commanded.
+        part: share of the greatest motion that the reference may take.
+
+    Returns:
+        The share, 1 where the reference asks for no more than that, and the demands that exceed it.
+    """
+    course, speeds = waypoints.course(), waypoints.segment_speeds
+    k = int(np.argmax(np.abs(course["w"])))
+    at, turn, fastest = float(course["v"][k]), float(abs(course["w"][k])), float(np.max(speeds))
+    v_max, w_max = limits
+    share, said = 1.0, []
+    if turn > _EASY_TURN * w_max and math.isfinite(w_max):
+        possible = abs(settled_motion(plant, at, math.copysign(w_max, float(course["w"][k])))[1])
+        if turn > part * possible:
+            share = min(share, part * possible / turn)
+            said.append(f"a yaw rate of {turn:.2f} rad/s where {possible:.2f} rad/s are possible")
+    if fastest > _EASY_SPEED * v_max:
+        possible = settled_motion(plant, v_max, 0.0)[0]
+        if fastest > part * possible:
+            share = min(share, part * possible / fastest)
+            said.append(f"{fastest:.2f} m/s where {possible:.2f} m/s are possible")
+    return share, said
+
+
 def demand_sentence(plant: Plant, waypoints: Waypoints, limits: tuple[float, float], whose: str, label: str) -> str | None:
     """Return a sentence on a reference that asks for more than a plant can do; None where it does not.
 
@@ -37,21 +69,7 @@ def demand_sentence(plant: Plant, waypoints: Waypoints, limits: tuple[float, flo
         whose: name of the plant and its profile in the sentence.
         label: name of the reference in the sentence.
     """
-    course, speeds = waypoints.course(), waypoints.segment_speeds
-    k = int(np.argmax(np.abs(course["w"])))
-    at, turn, fastest = float(course["v"][k]), float(abs(course["w"][k])), float(np.max(speeds))
-    v_max, w_max = limits
-    share, said = 1.0, []
-    if turn > _EASY_TURN * w_max and math.isfinite(w_max):
-        possible = abs(settled_motion(plant, at, math.copysign(w_max, float(course["w"][k])))[1])
-        if turn > possible:
-            share = min(share, possible / turn)
-            said.append(f"a yaw rate of {turn:.2f} rad/s where {possible:.2f} rad/s are possible")
-    if fastest > _EASY_SPEED * v_max:
-        possible = settled_motion(plant, v_max, 0.0)[0]
-        if fastest > possible:
-            share = min(share, possible / fastest)
-            said.append(f"{fastest:.2f} m/s where {possible:.2f} m/s are possible")
+    share, said = possible_share(plant, waypoints, limits)
     if not said:
         return None
     slower = f"at {math.floor(100.0 * share * waypoints.speed) / 100.0:.2f} m/s it could be followed"

@@ -329,5 +329,15 @@ def test_it_keeps_to_its_target_three_times_as_closely_as_the_tuned_lqr(plant: s
     assert ours["d_rms_m"] <= 0.75 * theirs["d_rms_m"]
 
 
+def test_mpc_is_calm_on_a_fast_straight_line() -> None:
+    """Noise in the yaw rate must not come back as commands from one limit to the other, which dry friction answers late."""
+    lab, way = load_profile("thesis-lab"), line(0.8)
+    robot, law = make_robot(lab, "improved"), make_controller(lab, load_gains("mpc"))
+    (run,) = run_robots([robot], [law], [LoopSettings()], way, [3])
+    assert not run.lost
+    assert rate(run, way, robot)["d_rms_m"] < 0.01
+    assert float(np.sqrt(np.mean(run.column("w_cmd") ** 2))) < 0.2
+
+
 def test_names_of_predictors_end_alike() -> None:
     assert design("pid" + PREDICTOR, {}, np.array(A), np.array(B)).name == "pid" + PREDICTOR

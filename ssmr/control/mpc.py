@@ -52,7 +52,7 @@ class MpcGains(Gains):
     """Weight of the yaw-rate command less that of the target."""
     d_v: float = parameter(20.0, unit="s2/m2", low=0.0, high=1e6, search=(0.1, 100.0), scale="log")
     """Weight of the change of the speed command from step to step, less the target's."""
-    d_w: float = parameter(0.01, unit="s2/rad2", low=0.0, high=1e6, search=(0.001, 10.0), scale="log")
+    d_w: float = parameter(0.05, unit="s2/rad2", low=0.0, high=1e6, search=(0.001, 10.0), scale="log")
     """Weight of the change of the yaw-rate command from step to step, less the target's."""
     horizon: float = parameter(1.5, unit="s", low=0.2, high=10.0)
     """Length of the plan behind the dead time."""

@@ -16,16 +16,17 @@ from tests.test_robustness import gains_of, hopeless, run_program
 from tests.test_terrain_study import SMALL as TERRAIN
 from validation import cli
 from validation.progress import Progress
+from validation.study import scores as study_scores
 from validation.study.catalogue import STUDIES
 from validation.study.contact import ContactOptions
 from validation.study.drivetrain import DriveTrainOptions
 from validation.study.engines import EnginesOptions
 from validation.study.filter import FilterOptions
 from validation.study.gains import GainsOptions
-from validation.study.gains import run as gains_run
 from validation.study.noise import NoiseOptions
 from validation.study.result import StudyResult, keeping
 from validation.study.tables import TablesOptions
+from validation.study.transfer import TransferOptions
 
 SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "robustness": (
@@ -37,6 +38,12 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "engines": (EnginesOptions(engines=("mujoco",)), lambda s: len(s.tried), 1),
     "tables": (TablesOptions(seeds=1, numbers=("4.5", "4.13")), lambda s: len(s.entries), 1),
     "gains": (GainsOptions(plants=("kinematic", "improved"), seeds=1), lambda s: len({x.reference for x in s.scores}), 1),
+    "transfer": (
+        TransferOptions(
+            ("thesis-lab",), ("kinematic",), "linear", ("smc:tuned", "lqr:tuned"), references=("line@0.8", "circle@0.8")
+        ),
+        lambda s: len(s.fields[0].drives), 2,
+    ),
     "filter": (
         FilterOptions(("line", "circle"), profiles=("thesis-lab",), frictions=(), seeds=1, timestep=0.005),
         lambda s: len(s.drives), 1,
@@ -84,7 +91,7 @@ def test_nothing_is_kept_where_nothing_was_finished() -> None:
 def test_the_command_writes_and_leaves_with_130(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    real, calls = gains_run.run_robots, list[int]()
+    real, calls = study_scores.run_robots, list[int]()
 
     def pressed(*arguments: Any) -> Any:
         calls.append(1)
@@ -92,7 +99,7 @@ def test_the_command_writes_and_leaves_with_130(
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr(gains_run, "run_robots", pressed)
+    monkeypatch.setattr(study_scores, "run_robots", pressed)
     options = ["gains", "--plants", "kinematic", "--seeds", "1", "--out", str(tmp_path)]
     assert run_program(*options) == cli.EXIT_INTERRUPTED
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"

@@ -47,6 +47,11 @@ USUAL: Mapping[str, Usual] = {
         {"--references": "line", "--speed": "0.5", "--profiles": "thesis-lab", "--frictions": "0.5", "--seeds": "1"},
     ),
     "study gains": Usual("gains", {"--plants": "kinematic", "--seeds": "1"}),
+    "study transfer": Usual(
+        "transfer",
+        {"--judge": "linear", "--plants": "kinematic", "--controllers": "smc:tuned,lqr:tuned", "--references": "line@0.8",
+         "--profile": "thesis-lab"},
+    ),
     "study tables": Usual("tables", {"--numbers": "4.5", "--seeds": "1"}),
     "study contact": Usual("contact", {"--only": "cone"}),
     "study engines": Usual("engines", {"--engines": "mujoco"}),

@@ -17,7 +17,7 @@ SAME_COST = TuneCost(guard=0.0)
 """Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be compared."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FollowedScore:
     """The score of a controller on a reference: means over the seeds, None if the reference was lost under one of them."""
 
@@ -67,8 +67,9 @@ def score_all(
 def _score(runs: Sequence[ClosedRun], waypoints: Waypoints, robot: ClosedLoopRobot) -> FollowedScore:
     lost = sum(run.lost for run in runs)
     if lost:
-        return FollowedScore(None, None, None, None, lost)
+        return FollowedScore(cost=None, d_rms_m=None, sync_rms_m=None, e_rho_rms_m=None, lost=lost)
     target = waypoints.trajectory(LoopSettings().position_period)
     rated = [rate(run, waypoints, robot) for run in runs]
     d_rms, sync, e_rho = (float(np.mean([r[m] for r in rated])) for m in ("d_rms_m", "sync_rms_m", "e_rho_rms_m"))
-    return FollowedScore(float(np.mean(costs_of(runs, target, waypoints.rms_speed, SAME_COST))), d_rms, sync, e_rho, 0)
+    cost = float(np.mean(costs_of(runs, target, waypoints.rms_speed, SAME_COST)))
+    return FollowedScore(cost=cost, d_rms_m=d_rms, sync_rms_m=sync, e_rho_rms_m=e_rho, lost=0)

@@ -11,6 +11,7 @@ from validation.plants.profile import Profile
 from validation.show.tables import NOTHING, Cell, Grid
 from validation.simulator.description import Robot
 from validation.study.result import StudyResult, require_seeds
+from validation.study.scores import FollowedScore
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,8 @@ class GainsOptions:
             raise ValueError("plants must name at least one")
 
 
-@dataclass(frozen=True)
-class GainScore:
+@dataclass(frozen=True, kw_only=True)
+class GainScore(FollowedScore):
     """The score of one set of gains on one reference."""
 
     gains: str
@@ -47,14 +48,6 @@ class GainScore:
     """Name of the reference."""
     speed: float
     """Speed along the reference [m/s]."""
-    cost: float | None
-    """Mean cost (Sec. 4.3.3) over the seeds [1]; None if the reference was lost under one of them."""
-    d_rms_m: float | None
-    """Mean d_rms over the seeds [m]; None if the reference was lost under one of them."""
-    e_rho_rms_m: float | None
-    """Mean e_rho over the seeds [m]; None if the reference was lost under one of them."""
-    lost: int
-    """Number of seeds under which the reference was lost."""
 
 
 _MEASURES = (("cost", "Cost (Sec. 4.3.3)", "", 1.0, 2), ("d_rms_m", "d_rms", "mm", 1e3, 1))

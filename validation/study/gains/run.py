@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ssmr.control.laws import CONTROLLERS
-from ssmr.control.loop import LoopSettings
 from validation.plants.profile import PLANTS
 from validation.progress import Progress, Report, silent
 from validation.study.gains.result import GainScore, GainsOptions, GainStudy
 from validation.study.result import keeping, profile_of
+from validation.study.scores import score_all
 from validation.track.gains import load_gains, names, profile_sets
-from validation.track.loops import make_controller, make_robot, rate, run_robots
+from validation.track.loops import make_controller, make_robot
 from validation.track.waypoint_files import SAMPLES, open_reference
-from validation.tune.cost import TuneCost, costs_of
 
 GAIN_SPEEDS = (0.25, 0.5)
 """Speeds of the thesis [m/s]."""
-_COST = TuneCost(guard=0.0)
-"""Cost of Sec. 4.3.3, the same for all laws, so that they can be compared."""
 
 
 def study_gains(options: GainsOptions | None = None, *, workers: int | None = None, progress: Report = silent) -> GainStudy:
@@ -39,7 +34,7 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(PLANTS)}")
     sets = [load_gains(name.rpartition("-")[0], name) for name in names()]
     sets += [load_gains(law, profile.name) for law in CONTROLLERS if profile.name in profile_sets(law)]
-    laws, n = [make_controller(profile, g) for g in sets], len(seeds)
+    laws = [make_controller(profile, g) for g in sets]
     robots = {plant: make_robot(profile, plant) for plant in o.plants}
     places = [(plant, reference, speed) for plant in o.plants for reference in SAMPLES for speed in GAIN_SPEEDS]
     scores = list[GainScore]()
@@ -47,14 +42,7 @@ def study_gains(options: GainsOptions | None = None, *, workers: int | None = No
         for done, (plant, reference, speed) in enumerate(places):
             progress(Progress(done, len(places), f"{plant}, {reference} {speed:g}"))
             _, waypoints = open_reference(reference, speed)
-            target, robot = waypoints.trajectory(LoopSettings().position_period), robots[plant]
-            place = []
-            for g, law in zip(sets, laws, strict=True):
-                mine = run_robots([robot] * n, [law] * n, [LoopSettings()] * n, waypoints, seeds, workers)
-                lost = sum(run.lost for run in mine)
-                rated = [] if lost else [rate(run, waypoints, robot) for run in mine]
-                cost = None if lost else float(np.mean(costs_of(mine, target, waypoints.rms_speed, _COST)))
-                d_rms, e_rho = (float(np.mean([r[m] for r in rated])) if rated else None for m in ("d_rms_m", "e_rho_rms_m"))
-                place.append(GainScore(g.name, plant, reference, speed, cost, d_rms, e_rho, lost))
-            scores += place
+            found = score_all(robots[plant], laws, waypoints, seeds, workers)
+            scores += [GainScore(**vars(f), gains=g.name, plant=plant, reference=reference, speed=speed)
+                       for g, f in zip(sets, found, strict=True)]  # fmt: skip
     return GainStudy(profile.name, o, tuple(scores), robot=profile.robot.name, status=course.status)

@@ -1,0 +1,255 @@
+"""Transfer: a plant agrees with itself, losers come last, and a user's controller and waypoints take part."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from ssmr.types import FloatArray
+from tests.conftest import EXACT, ROUNDOFF
+from tests.test_robustness import hopeless, run_program
+from tests.test_user_law import GOOD
+from validation.plants.profile import Profile, load_profile
+from validation.study.transfer import TransferOptions, TransferStudy, study_transfer
+from validation.study.transfer.comparison import agreement, choice, mean_costs, places, rank_correlation, regret
+from validation.study.transfer.contenders import PRACTICABLE, contenders_of, missions_of
+from validation.track.gains import dump_gains, load_gains, names
+from validation.track.loops import make_robot, within_reach
+from validation.track.waypoint_files import open_reference
+
+WAY = "x,y,t\n0,0,0\n0.6,0,2\n1,0.2,3\n1.4,0.6,4.5\n1.4,0.6,5\n1.4,1.2,7\n"
+"""A short way with times of its own, and a wait."""
+
+
+def costs_of_some(draw: st.DrawFn, rows: int, columns: int) -> FloatArray:
+    numbers = arrays(np.float64, (rows, columns), elements=st.one_of(st.integers(1, 6).map(float), st.just(math.inf)))
+    return np.asarray(draw(numbers))
+
+
+@st.composite
+def two_tables(draw: st.DrawFn) -> tuple[FloatArray, FloatArray]:
+    """Costs on two plants, with equal ones and with losses."""
+    rows, columns = draw(st.integers(1, 4)), draw(st.integers(2, 6))
+    return costs_of_some(draw, rows, columns), costs_of_some(draw, rows, columns)
+
+
+@given(two_tables())
+def test_a_plant_agrees_with_itself(tables: tuple[FloatArray, FloatArray]) -> None:
+    costs, _ = tables
+    same = agreement(costs, costs, [str(k) for k in range(len(costs))], seed=0, resamples=5)
+    assert (same.regret, same.same_winner) == (0.0, len(costs))
+    tau = rank_correlation(costs, costs)
+    assert tau == pytest.approx(1.0, abs=ROUNDOFF) or (math.isnan(tau) and len(set(places(costs).tolist())) == 1)
+    assert all(value == 0.0 for value in same.regret_interval)
+
+
+@given(two_tables(), st.data())
+def test_the_order_of_controllers_is_of_no_account(tables: tuple[FloatArray, FloatArray], data: st.DataObject) -> None:
+    costs, truth = tables
+    order = data.draw(st.permutations(range(costs.shape[1])))
+    mixed, true = costs[:, order], truth[:, order]
+    assert (places(mixed) == places(costs)[list(order)]).all()
+    assert rank_correlation(mixed, true) == pytest.approx(rank_correlation(costs, truth), abs=ROUNDOFF, nan_ok=True)
+    assert regret(mixed, true) == regret(costs, truth)
+
+
+@given(two_tables())
+def test_who_loses_more_is_placed_behind(tables: tuple[FloatArray, FloatArray]) -> None:
+    costs, truth = tables
+    lost, place = np.isinf(costs).sum(axis=0), places(costs)
+    for a in range(costs.shape[1]):
+        for b in range(costs.shape[1]):
+            assert lost[a] <= lost[b] or place[a] > place[b]
+    chosen = choice(costs, truth)
+    assert lost[chosen] == lost.min()
+    assert 0.0 <= regret(costs, truth) or np.isinf(truth).any(), "of those that keep all, none is better than the best"
+
+
+def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
+    truth = np.array([[1.0, 2.0, 4.0], [3.0, 4.0, 6.0]])
+    model = np.array([[2.0, 1.0, 9.0]] * 2)
+    found = agreement(model, truth, ["a", "a"], seed=3)
+    assert found.tau == pytest.approx(1.0 / 3.0, rel=ROUNDOFF), "one pair of three is turned round"
+    assert (found.chosen, found.same_winner) == (1, 0)
+    assert found.regret == pytest.approx(3.0 / 2.0 - 1.0, rel=ROUNDOFF)
+    assert found.tau_interval == (found.tau, found.tau), "one reference at two speeds is drawn as one"
+    assert rank_correlation(-model, truth) == pytest.approx(-1.0 / 3.0, rel=ROUNDOFF)
+    lost = np.array([[1.0, math.inf, 4.0], [3.0, 1.0, 6.0]])
+    assert places(lost).tolist() == [0, 2, 1]
+    assert mean_costs(lost).tolist() == [2.0, 1.0, 5.0]
+    assert regret(model, lost) == math.inf
+    assert math.isnan(rank_correlation(np.ones((1, 3)), truth[:1])), "who cannot tell has no ranks"
+    assert regret(np.ones((1, 3)), truth[:1]) == 3.0, "who cannot tell may take the worst"
+
+
+def small(profile: Profile, folder: Path, **changes: object) -> TransferOptions:
+    """A user's controller and waypoints beside shipped ones, on plants that are quick."""
+    (folder / "mine.py").write_text(GOOD, encoding="utf-8")
+    (folder / "way.csv").write_text(WAY, encoding="utf-8")
+    (folder / "hopeless.toml").write_text(dump_gains(hopeless()), encoding="utf-8")
+    usual = TransferOptions(
+        profiles=(profile,),
+        plants=("kinematic", "linear"),
+        judge="improved",
+        controllers=("pid", "lqr-scheduled+predictor", "mpc", f"pid:{folder / 'hopeless.toml'}"),
+        own=(f"{folder / 'mine.py'}:Mine",),
+        references=("u-turn", "line@0.75"),
+        waypoints=(str(folder / "way.csv"),),
+        speeds=(0.4,),
+    )
+    return replace(usual, **changes)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def study(lab: Profile, tmp_path_factory: pytest.TempPathFactory) -> TransferStudy:
+    return study_transfer(small(lab, tmp_path_factory.mktemp("transfer")), workers=2)
+
+
+def test_everybody_follows_every_reference_on_every_plant(study: TransferStudy) -> None:
+    (field,) = study.fields
+    assert field.names == ["pid published", "pid tuned", "lqr-scheduled+predictor", "mpc", "pid hopeless", "Mine"]
+    assert [drive.label for drive in field.drives] == ["u-turn 0.4", "line 0.75", "way 0.34"]
+    for drive in field.drives:
+        assert list(drive.scores) == ["improved", "kinematic", "linear"]
+        for plant, scores in drive.scores.items():
+            for name, score in scores.items():
+                assert (score.cost is None) == (score.lost > 0)
+                assert score.lost == 0 or name == "pid hopeless", plant
+    assert list(field.contenders.values()) == [False, False, True, True, False, None]
+
+
+def test_a_lost_run_is_counted_and_comes_last(study: TransferStudy) -> None:
+    (field,) = study.fields
+    assert field.order[-1] == "pid hopeless"
+    text = "\n".join(study.report())
+    for plant in ("improved", "kinematic", "linear"):
+        lost = field.lost(plant)
+        assert set(lost) == {"pid hopeless"}
+        assert study.as_dict()["profiles"][field.profile]["plants"][plant]["lost"] == sum(lost.values())
+        assert f"{plant} pid hopeless {lost['pid hopeless']}" in text
+    assert "(2 lost)" in text or "(1 lost)" in text or "(3 lost)" in text
+
+
+def test_the_result_does_not_depend_on_threads_or_order(study: TransferStudy, lab: Profile, tmp_path: Path) -> None:
+    o = small(lab, tmp_path)
+    turned = study_transfer(replace(o, controllers=o.controllers[::-1]), workers=1)
+    (one,), (other,) = study.fields, turned.fields
+    assert one.order == other.order
+    for plant in study.options.plant_names:
+        order = [other.names.index(name) for name in one.names]
+        apart = mean_costs(one.table_of(plant)) - mean_costs(other.table_of(plant))[order]
+        assert np.nanmax(np.abs(apart)) == EXACT
+        a, b = one.agreement(plant), other.agreement(plant)
+        assert a is not None
+        assert b is not None
+        assert one.names[a.chosen] == other.names[b.chosen]
+        assert (a.regret, a.same_winner) == (b.regret, b.same_winner)
+        assert a.tau == pytest.approx(b.tau, abs=ROUNDOFF)
+        assert a.tau_interval == pytest.approx(b.tau_interval, abs=ROUNDOFF, nan_ok=True)
+
+
+def test_the_judge_agrees_with_itself(study: TransferStudy) -> None:
+    (field,) = study.fields
+    own = field.agreement("improved")
+    assert own is not None
+    assert (own.regret, own.same_winner, field.names[own.chosen]) == (0.0, len(field.drives), field.order[0])
+    assert own.tau == pytest.approx(1.0, abs=ROUNDOFF)
+    assert set(field.gap("improved").values()) - {0.0} == set() or math.isnan(field.gap("improved")["pid hopeless"])
+
+
+def test_table_sentences_picture_and_documents(study: TransferStudy) -> None:
+    assert max(map(len, study.table(80).splitlines())) <= 80
+    notes = study.notes()
+    for plant in ("kinematic", "linear"):
+        assert sum(note.startswith(f"{study.fields[0].profile}: {plant} chooses ") for note in notes) == 1
+    document = json.loads(json.dumps(study.as_dict(), allow_nan=False))
+    found = document["profiles"][study.fields[0].profile]
+    assert found["contenders"]["Mine"] == {"foresees": None, "gains": None}
+    assert found["contenders"]["pid tuned"]["gains"]["name"] == "pid-tuned"
+    assert found["plants"]["linear"]["contenders"]["pid hopeless"]["place"] == 6
+    assert found["plants"]["linear"]["tau_with"]["linear"] == pytest.approx(1.0, abs=ROUNDOFF)
+    assert [len(c["by_reference"]) for c in found["plants"]["linear"]["contenders"].values()] == [3] * 6
+    assert len(study.figure().axes) >= 4
+    for grid in study.report_grids():
+        assert all(len(row) == len(grid.header) for group in grid.groups for row in group)
+
+
+def test_references_are_as_fast_as_the_robot_can_drive() -> None:
+    """The Husky on tile turns at 0.9 rad/s at most, so a U-turn at 0.5 m/s is too fast for it, and a line is not."""
+    tile = load_profile("husky-tile")
+    robot = make_robot(tile, "improved")
+    o = TransferOptions(references=("u-turn", "line@0.5", "line"), speeds=(0.2, 0.5), judge="improved")
+    missions = missions_of(o, robot)
+    assert [name for name, _ in missions] == ["u-turn", "u-turn", "line", "line"], "line@0.5 stands there twice"
+    assert [w.speed for _, w in missions[2:]] == pytest.approx([0.5, 0.2], rel=ROUNDOFF)
+    slow, fast = (w for _, w in missions[:2])
+    assert slow.speed == pytest.approx(0.2, rel=ROUNDOFF)
+    assert 0.2 < fast.speed < 0.4
+    _, whole = open_reference("u-turn", 0.5)
+    assert fast.speed == pytest.approx(PRACTICABLE * within_reach(whole, robot, 1.0).speed, abs=0.01)
+
+
+def test_tuned_gains_are_those_of_the_profile() -> None:
+    tile = load_profile("husky-tile")
+    found = contenders_of(TransferOptions(controllers=("pid", "smc:tuned")), tile)
+    assert {name.split()[0] for name in found} == {"pid", "smc"}
+    assert len(found) == len(names("pid")) + 1
+    for name in ("pid tuned", "smc tuned"):
+        gains = found[name].gains
+        assert gains is not None
+        assert gains.values == load_gains(name.split()[0], "husky-tile").values
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--controllers", "pdi"), "unknown controller 'pdi'"),
+        (("--controllers", "pid:gone"), "pid has no gains 'gone'"),
+        (("--controllers", "mpc"), "there is no choice among mpc"),
+        (("--controllers", "pid,pid:tuned"), "two controllers are called 'pid tuned'"),
+        (("--controller", "gone.py:Mine"), "there is no file 'gone.py'"),
+        (("--references", "eihgt"), "no reference 'eihgt'"),
+        (("--waypoints", "gone.csv"), "gone.csv"),
+        (("--plants", "improvd"), "unknown plant 'improvd'"),
+        (("--plants", "mujoco"), "plants names none besides the judge"),
+        (("--judge", "ode"), "ode"),
+        (("--profile", "nowhere"), "nowhere"),
+        (("--speeds", "200"), "speeds must lie within"),
+        (("--seeds", "0"), "seeds must lie within"),
+    ],
+    ids=lambda a: "=".join(a) if isinstance(a, tuple) else "",
+)
+def test_mistakes_in_transfer_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str], said: str
+) -> None:
+    assert run_program("transfer", "--quick", *arguments, "--out", str(tmp_path / "out")) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert said in lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_takes_a_users_controller_and_waypoints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(GOOD, encoding="utf-8")
+    Path("way.csv").write_text("x,y\n0,0\n1,0\n1.5,0.4\n", encoding="utf-8")
+    asked = ("--judge", "linear", "--plants", "kinematic", "--controllers", "smc", "--controller", "mine.py:Mine")
+    assert (
+        run_program("transfer", "--quick", *asked, "--references", "line@0.8", "--waypoints", "way.csv", "--out", "out") == 0
+    )
+    assert {p.name for p in Path("out").iterdir()} == {"study.json", "study.png", "study.md"}
+    assert "thesis-lab: kinematic chooses" in capsys.readouterr().out.replace("\n", " ")
+    document = json.loads(Path("out/study.json").read_text(encoding="utf-8"))
+    found = document["profiles"]["thesis-lab"]
+    assert set(found["contenders"]) == {"smc tuned", "Mine"}
+    assert found["references"][1] == {"name": "way", "speed_m_s": pytest.approx(0.5)}

@@ -18,7 +18,7 @@ from validation.track.run import chosen_controller
 from validation.track.user_law import is_user_law
 from validation.track.waypoint_files import REFERENCES, WaypointError, open_reference, split_speed
 
-PROFILES = ("thesis-lab", "husky-tile")
+TRANSFER_PROFILES = ("thesis-lab", "husky-tile")
 """Profiles of the usual study; the quick one has the first."""
 TRANSFER_REFERENCES = (
     "eight", "u-turn", "stop-and-go",

@@ -89,7 +89,7 @@ def _draw_regrets(field: TransferField, ax: Axes) -> None:
         ax.barh(row, length, height=0.6, color=ink_of(plant), alpha=0.45)
         said = f"{field.names[a.chosen]}{'' if math.isfinite(a.regret) else ', loses runs'}"
         ax.text(0.02 * end, row, said, va="center", fontsize=9.0, color=ALARM if math.isinf(a.regret) else "0.1")
-    ax.set(xlim=(0.0, end), xlabel=f"regret on {field.options.judge} [%]", title="Chooses, and what that costs more")
+    ax.set(xlim=(0.0, end), xlabel=f"regret on {field.options.judge} [%]", title="What it chooses costs more")
     _rows(field, ax, named=False)
 
 

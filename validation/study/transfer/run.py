@@ -7,7 +7,13 @@ from dataclasses import replace
 from validation.progress import Progress, Report, silent
 from validation.study.result import keeping, profile_of
 from validation.study.scores import score_all
-from validation.study.transfer.contenders import PROFILES, TransferOptions, contenders_of, gains_by_name, missions_of
+from validation.study.transfer.contenders import (
+    TRANSFER_PROFILES,
+    TransferOptions,
+    contenders_of,
+    gains_by_name,
+    missions_of,
+)
 from validation.study.transfer.field import TransferDrive, TransferField
 from validation.study.transfer.result import TransferStudy
 from validation.track.loops import make_robot
@@ -28,7 +34,7 @@ def study_transfer(
         ValueError: a profile, plant, controller, gains or reference do not exist or do not go together.
     """
     o = options or TransferOptions()
-    named = o.profiles or ((None,) if o.robot is not None else PROFILES[:1] if o.quick else PROFILES)
+    named = o.profiles or ((None,) if o.robot is not None else TRANSFER_PROFILES[:1] if o.quick else TRANSFER_PROFILES)
     profiles = [profile_of(one, o.robot) for one in named]
     robots = [{plant: make_robot(profile, plant) for plant in o.plant_names} for profile in profiles]
     fields = [contenders_of(o, profile) for profile in profiles]

@@ -169,10 +169,10 @@ def test_another_candidate_is_quickly_made() -> None:
     plant = MujocoPlant(section.parameters, section.drive)
     other, data, taken = replace(section.parameters, friction=0.4), mujoco.MjData(plant.model), []
     for _ in range(20):
-        began = time.perf_counter()
+        began = time.thread_time()
         plant.renumber(other, section.drive)
-        between = time.perf_counter()
+        between = time.thread_time()
         mujoco.mj_step(plant.model, data, nstep=500)
-        taken.append((between - began, time.perf_counter() - between))
+        taken.append((between - began, time.thread_time() - between))
     renumbering, settling = np.min(taken, axis=0)
     assert renumbering < 0.3 * settling

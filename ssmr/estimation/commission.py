@@ -76,9 +76,9 @@ def learning(settings: EkfSettings, sensors: SensorModel | None = None) -> EkfSe
     """Return a filter for a robot that nobody has commissioned: it doubts the driver's numbers, and learns what it can.
 
     The doubts are round numbers of the size of what `commission` finds of the shipped robots in MuJoCo, set by eye: scales
-    that are 5 % wrong, turning ratios up to twice the driver's, a middle of turning 5 cm from the reference point. The
-    gyro's bias is that of data sheets of small gyros: 1 degree/s at start-up, which a real Husky's 0.0156 rad/s is within, and a
-    walk of 18 degrees/h after 1000 s. `settings` and `sensors` are as for `commission`.
+    that are 5 % wrong, turning ratios up to twice the driver's, a middle of turning 5 cm from the reference point. The bias
+    is that of data sheets of small gyros: 1 degree/s at start-up, which a real Husky's 0.0156 rad/s is within, and a walk of
+    18 degrees/h after 1000 s. `settings` and `sensors` are as for `commission`.
     """
     noise, r, h = sensors or SensorModel(), settings.radius, settings.half_track
     speed_variance = 0.5 * r * r * noise.variance_encoder

@@ -72,6 +72,11 @@ class TransferOptions:
             raise ValueError(f"plants names none besides the judge {self.judge}; name one that is to choose for it")
 
     @property
+    def seeds_text(self) -> str:
+        """The seeds in words, such as `seeds 11 to 13`."""
+        return f"seed {self.seed}" if self.seeds == 1 else f"seeds {self.seed} to {self.seed + self.seeds - 1}"
+
+    @property
     def plant_names(self) -> tuple[str, ...]:
         """Names of the plants, the judge first."""
         return (self.judge, *(name for name in self.plants if name != self.judge))

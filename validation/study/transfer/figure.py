@@ -115,7 +115,6 @@ def draw_transfer(study: TransferStudy) -> Figure:
         ]
         line_legend(ax, [*handles[::-1], *kinds], [*labels[::-1], *(name for *_, name in _KINDS)])
 
-    o = study.options
-    foot = f"seeds {o.seed} to {o.seed + o.seeds - 1} · bars on tau: 90 % of draws of the references · cross: lost a run"
+    foot = f"{study.options.seeds_text} · bars on tau: 90 % of draws of the references · cross: lost a run"
     rows += [text_row(0.4, legend), *note_rows(study.notes()), text_row(0.3, partial(draw_footer, foot))]
     return put_together(rows)

@@ -33,7 +33,7 @@ class TransferStudy(StudyResult):
         o, names = self.options, {name for field in self.fields for name in field.names}
         profiles = ", ".join(field.label for field in self.fields)
         drives = sum(len(field.drives) for field in self.fields)
-        return f"{profiles}: {len(names)} controllers, {drives} references; seeds {o.seed} to {o.seed + o.seeds - 1}"
+        return f"{profiles}: {len(names)} controllers, {drives} references; {o.seeds_text}"
 
     def grids(self) -> list[Grid]:
         """Return, for each profile, what choosing a controller by each plant costs."""

@@ -1,4 +1,4 @@
-"""What a tick of an episode costs: `python -m benchmarks.learning [--out FILE.json]`.
+"""This benchmark measures what a tick of an episode costs: `python -m benchmarks.learning [--out FILE.json]`.
 
 - 64 episodes at once on one thread, in ticks a second and core, beginnings of episodes included; and one episode alone.
 - The same beside bare rollouts of the same robots: what episodes, commands, targets, noise and observations cost.

@@ -1,4 +1,4 @@
-"""What planar fits cost in one version of this project: `benchmarks.fit` starts this process once for each version.
+"""Measure what planar fits cost in one version of this project; `benchmarks.fit` starts this process for each version.
 
 It is run with the version's sources on PYTHONPATH and takes all that it times from there, by names that every version since
 1.0 has. A line of standard input asks, a line of standard output answers, both in JSON.

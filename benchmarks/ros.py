@@ -1,4 +1,4 @@
-"""What the ROS nodes keep to, measured on a real graph on loopback: `python -m benchmarks.ros [--ros 2] [--only rates]`.
+"""Measure rates and delays of the ROS nodes on a real graph: `python -m benchmarks.ros [--ros 2] [--only rates]`.
 
 It starts the nodes as a user would, as processes; of ROS 1 also a roscore of its own on a free port. What it says was seen
 from outside: by a third node that listens and commands, on one monotonic clock.
@@ -520,7 +520,7 @@ def check_master(watcher: Watcher, simulation: subprocess.Popen[bytes], log: Pat
 
 
 def measure_behaviour(watcher: Watcher) -> list[Finding]:
-    """What a robot does that is told where it is, is told by two, is told nothing any more, and has lost its master.
+    """Measure what a robot does when it is told where it is, by one, by two, by nobody any more, and without a master.
 
     ROS 2 has neither the service nor a master.
     """

@@ -1,4 +1,4 @@
-"""How far do the improved model and MuJoCo part with other robots? Every shipped robot gets the same commands."""
+"""Every shipped robot gets the same commands; this prints how far the improved model and MuJoCo move apart."""
 
 from validation.compare import compare
 

@@ -26,8 +26,8 @@ SYMMETRY = 1e-8
 """Rollouts that mirror or move the frame: the contact solver stops at 1e-10, a thousand steps follow; far under any
 physics."""
 DRAKE_SYMMETRY = 1e-5
-"""The same rollouts in Drake: its solver stops at a relative 1e-6 of all momenta (SapSolverParameters), those of wheels at
-some 5 rad/s among them, and Python cannot set a smaller limit."""
+"""Drake repeats these rollouts less exactly: its solver stops at a relative 1e-6 of the sum of all momenta, those of wheels
+at some 5 rad/s among them, and Python cannot set a smaller limit (SapSolverParameters)."""
 DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 

@@ -17,7 +17,7 @@ SAYS = {
     "own_controller.py": ("Chase follows slalom", "mpc follows slalom"),
     "first_steps.ipynb": ("compared with recording", "track.rrd"),
 }
-"""What is printed, among other things."""
+"""Each example prints these words, among others."""
 
 
 def test_every_example_is_tried() -> None:

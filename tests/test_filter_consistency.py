@@ -47,10 +47,12 @@ def test_the_errors_of_the_pose_are_of_the_size_that_is_claimed(
 def test_on_every_planar_model_the_filter_is_as_sure_as_it_may_be(
     profile: str, plant: str, feedback: Feedback, request: pytest.FixtureRequest
 ) -> None:
-    if (profile, plant, feedback) == ("husky-tile", "coulomb", "ekf"):
-        request.applymarker(pytest.mark.xfail(reason="two of nine means are just above the band", strict=True))
     found = doubt_of(load_profile(profile), plant, feedback)
     low, high = found.band
     mean = found.nees.mean(axis=0)
-    assert np.mean((mean > low) & (mean < high)) >= LEAST_INSIDE
+    assert np.isfinite(mean).all()
     assert found.nis_share >= 0.93
+    if (profile, plant, feedback) == ("husky-tile", "coulomb", "ekf"):  # from here on, so that it excuses nothing else
+        reason = "two of nine means are just above the band"
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError))
+    assert np.mean((mean > low) & (mean < high)) >= LEAST_INSIDE

@@ -51,7 +51,7 @@ class TestInterface(test_utils.EnvironmentTestMixin, unittest.TestCase):
 
 
 def ended(batch: TrackBatch, ticks: int, seed: int) -> list[tuple[Any, ...]]:
-    """What each tick brought to all rows, driven at random; rows share no random numbers."""
+    """Drive all rows at random and return what each tick brought; rows share no random numbers."""
     commands = [np.random.default_rng([seed + i, 1]) for i in range(len(batch))]
     brought = [(batch.reset(),)]
     for _ in range(ticks):

@@ -1,4 +1,4 @@
-"""What a filter that learns makes of its constants: the speed at which it moves, and what the wheels should show."""
+"""A filter that learns turns its constants into the speed at which the robot moves, and into what the wheels should show."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ NO_POSE = SeenPose(math.nan, math.nan, math.nan, math.inf, math.inf)
 
 
 class Aside(NamedTuple):
-    """What a log tells the filter besides wheels and gyro."""
+    """These fields hold what a log tells the filter besides wheels and gyro."""
 
     still: NDArray[np.bool_]
     """(M,) True where the robot stood."""

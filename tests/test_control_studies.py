@@ -1,9 +1,8 @@
-"""The thesis' tables of chapter 4, and the shipped gains on all references: honest verdicts, and nothing left out."""
+"""The thesis' tables of chapter 4: honest verdicts, and nothing left out."""
 
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,20 +11,16 @@ import numpy as np
 import pytest
 
 from ssmr.types import Trajectory
-from tests.conftest import EXACT
 from validation.plants.profile import Profile
 from validation.replicate.control import CONTROL_SECTIONS
 from validation.replicate.evidence import Answer, Findings, ReplicationSettings, Table
 from validation.replicate.result import Replication
-from validation.study.gains import GainsOptions, study_gains
-from validation.study.gains.run import GAIN_SPEEDS
 from validation.study.tables import ControlTables, TablesOptions, study_tables
 from validation.study.tables.result import ALL_LOST, TABLE_METRICS
 from validation.study.tables.suppositions import K_11, K_33, PATH_RATE_HZ, supposed_gains, supposed_path
 from validation.thesis.verdicts import FACTOR, RATIO_REACH
-from validation.track.gains import load_gains, names
+from validation.track.gains import load_gains
 from validation.track.loops import make_controller
-from validation.track.waypoint_files import SAMPLES
 
 
 @pytest.fixture(scope="module")
@@ -112,21 +107,3 @@ def test_documents_and_tables_hold_every_row(few: ControlTables) -> None:
     text = "\n".join(few.report())
     assert all(f"| {e.table} |" in text for e in few.entries)
     assert len(few.figure().axes) >= 2
-
-
-def test_every_shipped_set_is_driven_along_every_reference(lab: Profile) -> None:
-    study = study_gains(GainsOptions(lab, ("kinematic",), 1, 5))
-    assert set(study.sets) == set(names())
-    assert len(study.scores) == len(names()) * len(SAMPLES) * len(GAIN_SPEEDS)
-    again = study_gains(GainsOptions(lab, ("kinematic",), 1, 5), workers=1)
-    for a, b in zip(study.scores, again.scores, strict=True):
-        assert (a.cost is None) == (b.cost is None)
-        if a.cost is not None and b.cost is not None:
-            assert abs(a.cost - b.cost) == EXACT
-            assert math.isfinite(a.cost)
-    document = json.loads(json.dumps(study.as_dict(), allow_nan=False))
-    assert len(document["scores"]) == len(study.scores)
-    for table in study.grids():
-        assert "kinematic" in table.title
-        assert sum(cell.best for row in table.groups[0] for cell in row) >= len(SAMPLES)
-    assert len(study.figure().axes) >= 2

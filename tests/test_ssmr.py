@@ -50,6 +50,7 @@ def test_usage_names_the_command_that_was_called() -> None:
     [
         (("compere", "traj4"), "error: there is no 'ssmr compere'; there are: compare, fit,"),
         (("study", "contacts"), "error: there is no 'ssmr study contacts'; there are: "),
+        (("study", "gains", "--seeds", "1"), "error: there is no 'ssmr study gains'; 'ssmr study transfer' took its place;"),
         (("compare", "traj9"), "error: no source 'traj9'"),
         (("completion", "fish"), "error: invalid choice 'fish'"),
     ],

@@ -22,7 +22,6 @@ from validation.study.contact import ContactOptions
 from validation.study.drivetrain import DriveTrainOptions
 from validation.study.engines import EnginesOptions
 from validation.study.filter import FilterOptions
-from validation.study.gains import GainsOptions
 from validation.study.noise import NoiseOptions
 from validation.study.result import StudyResult, keeping
 from validation.study.tables import TablesOptions
@@ -37,7 +36,6 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "contact": (ContactOptions(only=("cone",)), lambda s: len(s.tried), 1),
     "engines": (EnginesOptions(engines=("mujoco",)), lambda s: len(s.tried), 1),
     "tables": (TablesOptions(seeds=1, numbers=("4.5", "4.13")), lambda s: len(s.entries), 1),
-    "gains": (GainsOptions(plants=("kinematic", "improved"), seeds=1), lambda s: len({x.reference for x in s.scores}), 1),
     "transfer": (
         TransferOptions(
             ("thesis-lab",), ("kinematic",), "linear", ("smc:tuned", "lqr:tuned"), references=("line@0.8", "circle@0.8")
@@ -100,7 +98,7 @@ def test_the_command_writes_and_leaves_with_130(
         return real(*arguments)
 
     monkeypatch.setattr(study_scores, "run_robots", pressed)
-    options = ["gains", "--plants", "kinematic", "--seeds", "1", "--out", str(tmp_path)]
-    assert run_program(*options) == cli.EXIT_INTERRUPTED
+    two = ["--judge", "linear", "--plants", "kinematic", "--controllers", "smc:tuned,lqr:tuned"]
+    assert run_program("transfer", *two, "--quick", "--out", str(tmp_path)) == cli.EXIT_INTERRUPTED
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
     assert "written:" in capsys.readouterr().out

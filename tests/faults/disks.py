@@ -28,7 +28,6 @@ COMMANDS: Mapping[str, str] = {
     "recordings convert": "recordings convert good.csv",
     "study filter": "study filter --references line --speed 0.5 --profiles thesis-lab --frictions 0.5 --seeds 1 "
     "--timestep 0.005",
-    "study gains": "study gains --plants kinematic --seeds 1",
     "replicate": "replicate --quick --only 3.12",
 }
 _LIMITS = (0, 100, 2_000, 20_000, 100_000, 20_000_000)

@@ -20,7 +20,6 @@ COMMANDS: Mapping[str, str] = {
     "compare": "compare traj4 --plants improved --reference improved --disturbance",
     "fit": "fit linear --to traj4@improved --population 8 --generations 4",
     "tune": "tune pid --reference line@0.5 --held-out line@1 --population 8 --generations 2",
-    "study gains": "study gains --plants kinematic --seeds 1",
     "replicate": "replicate --quick --only 3.12",
 }
 

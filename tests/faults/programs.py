@@ -46,7 +46,6 @@ USUAL: Mapping[str, Usual] = {
         "filter",
         {"--references": "line", "--speed": "0.5", "--profiles": "thesis-lab", "--frictions": "0.5", "--seeds": "1"},
     ),
-    "study gains": Usual("gains", {"--plants": "kinematic", "--seeds": "1"}),
     "study transfer": Usual(
         "transfer",
         {"--judge": "linear", "--plants": "kinematic", "--controllers": "smc:tuned,lqr:tuned", "--references": "line@0.8",

@@ -1,4 +1,4 @@
-"""How well controllers follow one reference on one plant: what the studies of gains and of transfer have in common."""
+"""How well controllers follow one reference on one plant."""
 
 from __future__ import annotations
 

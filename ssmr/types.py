@@ -61,11 +61,7 @@ class Commands:
     """Command before the first one, which fills the delay lines."""
 
     def __post_init__(self) -> None:
-        """Check and freeze.
-
-        Raises:
-            ValueError: no commands, a period that is not positive, or numbers that are not finite.
-        """
+        """Check and freeze; a ValueError refuses no commands, a period that is not positive, and numbers not finite."""
         if not (np.isfinite(self.dt) and self.dt > 0.0):
             raise ValueError(f"the command period must be positive, got {self.dt} s")
         if self.kind not in ("twist", "wheels"):
@@ -123,11 +119,7 @@ class Trajectory:
     """Other signals by name, with the unit at the end, each (M,) or (M, k): loads, torques, accelerations."""
 
     def __post_init__(self) -> None:
-        """Check and freeze.
-
-        Raises:
-            ValueError: lengths differ, time does not increase, or a number is not finite.
-        """
+        """Check and freeze; a ValueError refuses other lengths, time that does not increase, and numbers not finite."""
         t = frozen_array(self.t, "t", (None,))
         if len(t) == 0:
             raise ValueError("a trajectory needs at least one sample")

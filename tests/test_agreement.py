@@ -76,9 +76,7 @@ def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     return model, {t: driven(fitted, t, "mujoco", model).metrics["d_rms_m"] for t in TRAJECTORIES}
 
 
-def test_models_fitted_to_mujoco_are_as_near_as_the_thesis_came(
-    refitted: tuple[str, Mapping[str, float]],
-) -> None:
+def test_models_fitted_to_mujoco_are_as_near_as_the_thesis_came(refitted: tuple[str, Mapping[str, float]]) -> None:
     model, d_rms = refitted
     for trajectory, value in d_rms.items():
         assert value <= limit(model, trajectory), f"{model} on {trajectory}"

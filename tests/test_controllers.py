@@ -270,10 +270,7 @@ def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
     used = applied(g.packed(A, B), speed)
     along = np.array([[0.0, -1.0], [0.0, A[1, 1]]]), np.array([[0.0], [B[1, 0]]])
     across = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, A[3, 3]]]), np.array([[0.0], [0.0], [B[3, 1]]])
-    for (a, b), q, r, part in (
-        (along, [q_x, g.q_v], g.r_v, used[:2]),
-        (across, [q_y, q_alpha, g.q_w], r_w, used[2:]),
-    ):
+    for (a, b), q, r, part in ((along, [q_x, g.q_v], g.r_v, used[:2]), (across, [q_y, q_alpha, g.q_w], r_w, used[2:])):
         k, _, poles = control.lqr(a, b, np.diag(q), np.diag([r]))
         # differences of commands of order one, over errors of 1e-3
         assert np.allclose(part, k[0], rtol=DERIVATIVE, atol=1e-9)

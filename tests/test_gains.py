@@ -61,11 +61,7 @@ PRINTED = {
     },
 }
 """Names of the thesis by ours."""
-FROM = {
-    "pid-published": ("4.4", "value"),
-    "lqr-published": ("4.21", "optimised"),
-    "lqr-manual": ("4.21", "manual"),
-}
+FROM = {"pid-published": ("4.4", "value"), "lqr-published": ("4.21", "optimised"), "lqr-manual": ("4.21", "manual")}
 """Table and column of each shipped set."""
 
 

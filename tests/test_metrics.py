@@ -316,10 +316,7 @@ def test_a_path_equals_itself(seed: int):
 
 
 @quick
-@given(
-    seed=seeds,
-    pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0)),
-)
+@given(seed=seeds, pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0)))
 def test_a_common_rigid_motion_changes_nothing(seed: int, pose: tuple[float, float, float]):
     a, b = drive(seed), drive(seed + 1)
     before, after = compare_paths(a, b), compare_paths(moved(a, pose), moved(b, pose))
@@ -508,10 +505,7 @@ def test_motions_at_different_times_cannot_be_synchronised(compare):
 
 
 @quick
-@given(
-    seed=seeds,
-    pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0)),
-)
+@given(seed=seeds, pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0)))
 def test_relative_errors_do_not_see_where_either_motion_lies(seed: int, pose: tuple[float, float, float]):
     a, b = drive(seed), drive(seed + 1)
     starts, ends = np.arange(0, 300), np.arange(100, 400)

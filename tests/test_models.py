@@ -206,10 +206,7 @@ def test_kinematic_drives_circles() -> None:
     w = motion.twist[-1, 2]
     centre = motion.xy[-1] + np.array(
         [[np.cos(motion.yaw[-1]), -np.sin(motion.yaw[-1])], [np.sin(motion.yaw[-1]), np.cos(motion.yaw[-1])]]
-    ) @ [
-        0.1,
-        motion.twist[-1, 0] / w,
-    ]
+    ) @ [0.1, motion.twist[-1, 0] / w]
     radius = math.hypot(0.1, motion.twist[-1, 0] / w)
     assert np.allclose(np.hypot(*(motion.xy[2:] - centre).T), radius, atol=1e-4)
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from ssmr.control import predictor
+from ssmr.control.law import EMPTY_MEMORY, Memory, Observation
 from ssmr.control.laws import PLAIN_CONTROLLERS, PREDICTOR, Controller, design, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import Mission, Moment, PythonController
 from ssmr.control.mpc import Channel, Mpc, MpcGains, PlannedBody, channel, condense, step_body
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import line, sine, slalom
-from ssmr.control.steered import CompiledSteering
 from ssmr.control.tick import LOG_COLUMNS
-from ssmr.control.waypoints import Waypoints
+from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Waypoints, position_errors
 from ssmr.errors import ControllerError
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.parameters import packed
@@ -46,6 +46,29 @@ def linear(drive: Drive) -> PlanarModel:
 
 def drive(body: PlanarModel, law: Controller | PythonController, way: Waypoints, start: State | None = None) -> ClosedRun:
     return run_loops([Loop(body, law, TRUTH)], way, [1], start=start)[0]
+
+
+class CompiledSteering:
+    """A compiled law as a Python object."""
+
+    def __init__(self, controller: Controller, mission: Mission) -> None:
+        self._controller, self._mission, self._memory = controller, mission, EMPTY_MEMORY
+        self._acts_on = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def observe(self, now: Moment) -> None:
+        """Run a step of the position loop."""
+        m, self._acts_on, aim, errors = self._mission, now.seen, now.target, now.errors
+        if self._controller.predictor:
+            self._acts_on, aim = now.ahead, m.target(now.seen_at + m.dead_time)
+            errors = position_errors(now.ahead, aim, ALPHA_SWITCH)
+        kept = Errors(errors.rho - m.lookahead, errors.y, errors.alpha)
+        self._memory = Memory(*self._controller.position_step(self._memory, kept, aim, self._acts_on, m.position_period))
+
+    def command(self, now: Moment) -> tuple[float, float]:
+        """Run a step of the velocity loop."""
+        memory, command = self._controller.velocity_step(self._memory, self._acts_on, self._mission.period)
+        self._memory = Memory(*memory)
+        return command.v, command.w
 
 
 def copied(law: Controller) -> PythonController:

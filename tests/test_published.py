@@ -31,10 +31,7 @@ ERRATA_4_38_LAST_DIGIT = {
     ("generic_0.50", "d_ratio"): (5.70, 5.71),
 }
 """Entries of Tab. 4.38 off by one in the last digit: printed, computed from Tab. 4.37."""
-ERRATA_4_38_WRONG = {
-    ("sine_0.25", "d_haus"): (34.86, 19.79),
-    ("sine_0.25", "d_rms"): (34.88, 31.25),
-}
+ERRATA_4_38_WRONG = {("sine_0.25", "d_haus"): (34.86, 19.79), ("sine_0.25", "d_rms"): (34.88, 31.25)}
 """Entries of Tab. 4.38 that no rounding of Tab. 4.37 explains: printed, computed from Tab. 4.37."""
 
 
@@ -327,18 +324,11 @@ def test_text_repeats_the_tables():
     # Sec. 3.6: from 2.75 s to "about 0.70 s" is "a reduction of 74 %"
     improved, coulomb, reduction = (
         published.value("text", name)
-        for name in (
-            "improved_simulation_time_s",
-            "coulomb_simulation_time_s",
-            "simulation_time_reduction_percent",
-        )
+        for name in ("improved_simulation_time_s", "coulomb_simulation_time_s", "simulation_time_reduction_percent")
     )
     assert 100.0 * (1.0 - improved / coulomb) == pytest.approx(reduction, abs=1.0)
     # Sec. 3.4: the commands saturate at the robot's greatest speeds
-    for limits, greatest in (
-        ("u_cmd_limits", "max_linear_speed"),
-        ("omega_cmd_limits", "max_angular_velocity"),
-    ):
+    for limits, greatest in (("u_cmd_limits", "max_linear_speed"), ("omega_cmd_limits", "max_angular_velocity")):
         assert published.value("text", limits, "upper") == published.value("3.1", greatest)
     assert published.value("text", "circle_radius") == published.table("4.7")["radius_m"]
 

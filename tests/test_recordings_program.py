@@ -95,11 +95,7 @@ def test_a_csv_comes_back_through_a_bag(tmp_path: Path) -> None:
 
 
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    rate=st.one_of(st.none(), st.floats(5.0, 60.0)),
-    align=st.booleans(),
-    until=st.one_of(st.none(), st.floats(3.0, 9.0)),
-)
+@given(rate=st.one_of(st.none(), st.floats(5.0, 60.0)), align=st.booleans(), until=st.one_of(st.none(), st.floats(3.0, 9.0)))
 def test_convert_is_idempotent(
     tmp_path_factory: pytest.TempPathFactory, rate: float | None, align: bool, until: float | None
 ) -> None:

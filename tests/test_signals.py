@@ -115,11 +115,7 @@ def test_without_rest_no_bias_is_told() -> None:
 
 
 # ------------------------------------------------------------------------------------------- smoothing
-@given(
-    st.floats(-5.0, 5.0),
-    st.floats(0.01, 0.5),
-    st.lists(st.floats(0.01, 0.3), min_size=2, max_size=60),
-)
+@given(st.floats(-5.0, 5.0), st.floats(0.01, 0.5), st.lists(st.floats(0.01, 0.3), min_size=2, max_size=60))
 def test_smoothing_keeps_constants_and_never_overshoots(level: float, sigma: float, steps: list[float]) -> None:
     t = np.cumsum(steps)
     np.testing.assert_allclose(smoothed(t, np.full(len(t), level), sigma), level, rtol=ROUNDOFF, atol=ROUNDOFF)

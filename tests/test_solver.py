@@ -64,9 +64,7 @@ def sized(mass: float) -> Robot:
 
 @pytest.mark.parametrize("scenario", ["traj2", "traj4"])
 @pytest.mark.parametrize(
-    "robot",
-    [sized(8.0), sized(800.0), *map(load_robot, shipped_robots())],
-    ids=["8 kg", "800 kg", *shipped_robots()],
+    "robot", [sized(8.0), sized(800.0), *map(load_robot, shipped_robots())], ids=["8 kg", "800 kg", *shipped_robots()]
 )
 def test_robots_of_any_size_drive_the_same_paths_with_either_solver(robot: Robot, scenario: str) -> None:
     """MuJoCo's tolerance is relative to the robot's inertia, so one tolerance does for all."""

@@ -32,14 +32,7 @@ WAYS: dict[str, Waypoints] = {
     "sine": sine(0.4, 0.2, 1.5, 1.0),
     "sharp": sine(0.9, 0.6, 1.2, 1.0),
 }
-TITLES = {
-    "speed": "Speed u",
-    "yaw rate": "Yaw rate",
-    "e_rho": "e_rho",
-    "e_y": "e_y",
-    "e_alpha": "e_alpha",
-    "paths": "Paths",
-}
+TITLES = {"speed": "Speed u", "yaw rate": "Yaw rate", "e_rho": "e_rho", "e_y": "e_y", "e_alpha": "e_alpha", "paths": "Paths"}
 
 
 @cache

@@ -60,11 +60,7 @@ class Gains:
     """Base of the gains of every law: a frozen dataclass whose fields are declared by `ssmr.parameters.parameter`."""
 
     def __post_init__(self) -> None:
-        """Check every gain against its declared range.
-
-        Raises:
-            ValueError: a gain is outside its range; the message names it.
-        """
+        """Raise a ValueError that names a gain outside its declared range."""
         check_parameters(self)
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -108,19 +104,12 @@ class Law:
     """Function of gains and a `ssmr.control.mission.Mission` that makes the object, for a law that is a Python object."""
     velocity_step: Callable[..., tuple[Memory, Command]] = hold
     """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the command."""
-    model_based: bool = False
-    """True if the linear model (Eq. 2.46) enters the design."""
     population: int = 50
     """Default number of candidates in a generation of a tuning."""
     generations: int = 150
     """Default number of generations of a tuning."""
     k_u: float = 0.0
     """Weight of |1 - u_RMS| in the cost of a tuning (Tab. 4.20)."""
-
-    @property
-    def two_rates(self) -> bool:
-        """True if the law has a velocity loop behind its position loop."""
-        return self.velocity_step is not hold
 
 
 def reader(template: Any) -> Any:

@@ -76,11 +76,7 @@ class LoopSettings:
     """Period of the velocity loop and of commands [s]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: an unknown feedback, a negative look-ahead, periods that are not positive.
-        """
+        """Raise a ValueError for an unknown feedback, a negative look-ahead, or periods that are not positive."""
         if self.feedback not in ("truth", "noisy", "ekf"):
             raise ValueError(f"unknown feedback '{self.feedback}'; there are: truth, noisy, ekf")
         require_in_range(self, "lookahead", 0.0, LOST / 2.0)

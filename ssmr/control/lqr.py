@@ -117,7 +117,6 @@ LAW = Law(
     regulate,
     searched=("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w"),
     colour="#0072b2",
-    model_based=True,
     generations=300,
     k_u=50.0,
 )

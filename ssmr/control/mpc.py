@@ -310,7 +310,6 @@ LAW = Law(
     MpcGains,
     searched=("q_along", "q_across", "q_heading", "r_v", "r_w", "d_v", "d_w"),
     colour="#111111",
-    model_based=True,
     population=24,
     generations=20,
     make=Mpc,

@@ -124,5 +124,4 @@ LAW = Law(
     regulate_at_speed,
     searched=("q_x", "q_y", "q_alpha", "q_v", "q_w", "r_w"),
     colour="#009e73",
-    model_based=True,
 )

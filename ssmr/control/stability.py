@@ -54,11 +54,7 @@ class CascadeLoop:
     """Period of the velocity loop and of commands [s]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a rate, a period or the speed is not positive, or the dead time is negative.
-        """
+        """Raise a ValueError where a rate, a period or the speed is not positive, or the dead time is negative."""
         for name in ("decay", "thrust", "speed", "position_period", "velocity_period"):
             require_in_range(self, name, 0.0, 1e6, open_low=True)
         require_in_range(self, "lag", -10.0, 10.0)

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 
 from ssmr._jit import jit, named_like
-from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
-from ssmr.control.laws import Controller
+from ssmr.control.law import EMPTY_MEMORY, Command, Observation
 from ssmr.control.loop import Batch, Clock, LoopSettings, Trackers, tracker_of
 from ssmr.control.mission import Mission, Moment, PythonController
 from ssmr.control.predictor import carry_ahead, remember
 from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, Mind, Tracker, Truth, is_lost, look, observed, record
-from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Waypoints, position_errors
+from ssmr.control.waypoints import Waypoints
 from ssmr.errors import ControllerError
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, DriveNumbers, Sides, follow, rolling
@@ -118,36 +117,6 @@ def ask_wheels(values: FloatArray, first: int, row: FloatArray, asked: Driven, o
         asked = follow(values, first + j, drive, (0.0, 0.0), asked)
         out[j, 0], out[j, 1] = asked.left, asked.right
     return asked
-
-
-class CompiledSteering:
-    """A compiled law as a Python object: it gives what the compiled loops give."""
-
-    def __init__(self, controller: Controller, mission: Mission) -> None:
-        """Begin with an empty memory; a law behind a predictor acts on `Moment.ahead`.
-
-        Raises:
-            ValueError: no regulator exists for the controller's weights.
-        """
-        self._controller, self._mission, self._memory = controller, mission, EMPTY_MEMORY
-        self._acts_on = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
-        controller.packed()
-
-    def observe(self, now: Moment) -> None:
-        """Run a step of the position loop."""
-        m, self._acts_on, aim, errors = self._mission, now.seen, now.target, now.errors
-        if self._controller.predictor:
-            self._acts_on, aim = now.ahead, m.target(now.seen_at + m.dead_time)
-            errors = position_errors(now.ahead, aim, ALPHA_SWITCH)
-        kept = Errors(errors.rho - m.lookahead, errors.y, errors.alpha)
-        after = self._controller.position_step(self._memory, kept, aim, self._acts_on, m.position_period)
-        self._memory = Memory(*after)
-
-    def command(self, now: Moment) -> tuple[float, float]:
-        """Run a step of the velocity loop."""
-        memory, command = self._controller.velocity_step(self._memory, self._acts_on, self._mission.period)
-        self._memory = Memory(*memory)
-        return command.v, command.w
 
 
 class SteeredPopulation:

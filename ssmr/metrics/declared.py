@@ -56,11 +56,7 @@ class Metrics(Mapping[str, float]):
         self._values = MappingProxyType(dict(values))
 
     def __getitem__(self, name: str) -> float:
-        """Return the value of a metric.
-
-        Raises:
-            KeyError: there is no such metric; the message lists all.
-        """
+        """Return the value of a metric; a KeyError for one that there is not lists all."""
         try:
             return self._values[name]
         except KeyError:

@@ -79,11 +79,7 @@ class JdeSettings:
     """Stop when the best cost is at or below this [unit of the cost]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a name is unknown, a number is out of its range, or there are too few vectors for the strategy.
-        """
+        """Raise a ValueError for an unknown name, a number out of its range, or too few vectors for the strategy."""
         if self.strategy not in PARTNERS:
             raise ValueError(f"unknown strategy '{self.strategy}'; there are: {', '.join(PARTNERS)}")
         if self.crossover not in CROSSOVERS:

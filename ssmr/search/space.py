@@ -39,11 +39,7 @@ class Parameter:
         return f"{value:g}" if self.unit == "1" else f"{value:g} {self.unit}"
 
     def __post_init__(self) -> None:
-        """Check the bounds.
-
-        Raises:
-            ValueError: they are not finite, not in order, or not positive on a logarithmic scale.
-        """
+        """Raise a ValueError for bounds that are not finite, not in order, or not positive on a logarithmic scale."""
         if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
             raise ValueError(f"the bounds of {self.name}, {self.lower:g} and {self.upper:g}, must be finite")
         if not self.lower < self.upper:

@@ -96,11 +96,7 @@ def _comma_numbers(text: str) -> tuple[float, ...]:
 
 
 def _comma_pairs(text: str, read: Callable[[str], T], form: str) -> dict[str, T]:
-    """Return NAME=SOMETHING,... as a dictionary.
-
-    Raises:
-        UserError: a part has another form, or a name stands twice.
-    """
+    """Return NAME=SOMETHING,... as a dictionary; a UserError refuses another form, and a name that stands twice."""
     found: dict[str, T] = {}
     for part in _parts(text):
         name, equals, value = (piece.strip() for piece in part.partition("="))

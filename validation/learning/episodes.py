@@ -75,11 +75,7 @@ class TrackTask:
     """`fast` for training; `profile` for the step and the solver of all other programs."""
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            ValueError: a number outside its range, or an unknown physics.
-        """
+        """Raise a ValueError for a number outside its range, or an unknown physics."""
         require_in_range(self, "seconds", VELOCITY_PERIOD, 3600.0)
         require_in_range(self, "spread", 0.0, 1.0)
         low, high = self.speeds

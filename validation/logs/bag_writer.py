@@ -178,11 +178,7 @@ def bag_losses(groups: Groups, path: Path) -> list[str]:
 
 
 def _epoch(groups: Groups, path: Path) -> int:
-    """Return the Unix time that stands for t = 0 [s].
-
-    Raises:
-        ValueError: the log is longer than the stamps of a bag.
-    """
+    """Return the Unix time that stands for t = 0 [s]; a ValueError where the log is longer than the stamps."""
     start, stop = min(float(g.t[0]) for g in groups.values()), max(float(g.t[-1]) for g in groups.values())
     for epoch in (0 if start >= EPOCH else EPOCH, EPOCH - math.floor(start)):
         if 1.0 <= start + epoch and stop + epoch < _LATEST:

@@ -106,10 +106,8 @@ class Bag:
     """Streams of a bag."""
 
     path: Path
-    epoch_ns: int
-    """Unix time of its first stamp [ns]; the times of streams are counted from here."""
     streams: tuple[Stream, ...]
-    """Streams in the order of their topics."""
+    """Streams in the order of their topics; times are counted from the first stamp of all."""
     others: Mapping[str, tuple[str, int]]
     """Type and message count of the topics that are left out: their type is unknown, or no message is of use."""
     written: Mapping[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
@@ -259,7 +257,7 @@ def read_bag(path: str | Path, stamps: Stamps = "header", limits: LogLimits = US
     clocks = {key: _preferred(collected[key], stamps) for key in sorted(collected)}
     epoch = min((int(ns.min()) for ns, _ in clocks.values()), default=0)
     streams = tuple(_stream(*key, collected[key], *clock, epoch) for key, clock in clocks.items())
-    return Bag(path, epoch, streams, others, written)
+    return Bag(path, streams, others, written)
 
 
 def _check_files(path: Path, limits: LogLimits) -> None:
@@ -345,11 +343,7 @@ def _written(reader: Any) -> _Written:
 
 
 def _messages(path: Path, reader: Any, written: _Written, limits: LogLimits) -> _Collected:
-    """Return all messages that can be read.
-
-    Raises:
-        RecordingError: there are more than the limits allow.
-    """
+    """Return all messages that can be read; a RecordingError says that there are more than the limits allow."""
     found: _Collected = {}
     known = [c for c in reader.connections if c.msgtype in READERS or (c.msgtype == CHANNEL and c.topic in written)]
     for count, (connection, ns, raw) in enumerate(reader.messages(known) if known else ()):

@@ -160,11 +160,7 @@ def check_apart(target: str | Path, source: str | Path) -> None:
 
 
 def _writer(path: Path) -> LogFormat:
-    """Return the format that writes a path's ending.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """Return the format that writes a path's ending; a ValueError lists those that there are."""
     found = next((f for f in FORMATS if f.write is not None and path.suffix.lower() in f.endings), None)
     if found is None:
         raise ValueError(f"{path}: no format has the ending '{path.suffix}'; there are: {', '.join(writable())}")

@@ -19,14 +19,7 @@ from numpy.typing import NDArray
 from ssmr.geometry import relative
 from ssmr.types import FloatArray
 from validation.logs.limits import USUAL, LogLimits
-from validation.logs.recording import (
-    POSE_COLUMNS,
-    TIME_ROUNDOFF,
-    Recording,
-    RecordingError,
-    fresh_poses,
-    refreshed,
-)
+from validation.logs.recording import POSE_COLUMNS, TIME_ROUNDOFF, Recording, RecordingError, fresh_poses, refreshed
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "pose": POSE_COLUMNS,

@@ -97,9 +97,7 @@ def standing_sentences(source: Source, horizon: float) -> list[str]:
 
 
 def _errors_of(
-    driven: Sequence[tuple[Source, Sequence[Trajectory]]],
-    horizon: float,
-    windows: WindowCut,
+    driven: Sequence[tuple[Source, Sequence[Trajectory]]], horizon: float, windows: WindowCut
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return (W,) position errors [m] and yaw errors [rad] over all windows; None where there is none."""
     found = [

@@ -89,11 +89,7 @@ class Source:
 
 
 def open_source(
-    name: str,
-    kind: CommandKind = "twist",
-    start: float | None = None,
-    stop: float | None = None,
-    limits: LogLimits = USUAL,
+    name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None, limits: LogLimits = USUAL
 ) -> Source:
     """Open a scenario or a recording by its name.
 

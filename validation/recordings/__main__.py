@@ -19,11 +19,7 @@ from validation.words import file_name
 
 
 def _parse_topics(text: str) -> dict[str, str]:
-    """Return `role=/topic,role=/topic` as a mapping.
-
-    Raises:
-        UserError: a part has another form, or a role stands twice.
-    """
+    """Return `role=/topic,role=/topic` as a mapping; a UserError refuses another form, and a role that stands twice."""
     found: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
         role, equals, topic = (s.strip() for s in part.partition("="))

@@ -43,11 +43,7 @@ class ConvertSettings:
     """Leave out what was logged after this time [s]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a rate that is not positive, or a negative width of smoothing.
-        """
+        """Raise a ValueError for a rate that is not positive, or a negative width of smoothing."""
         if self.rate is not None and not 0.0 < self.rate < math.inf:
             raise ValueError(f"rate {self.rate} must be positive [Hz]")
         if not 0.0 <= self.smooth < math.inf:

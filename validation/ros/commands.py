@@ -30,11 +30,7 @@ class CommandSource:
     """Time after a message for which sources of lower priority are ignored [s]."""
 
     def __post_init__(self) -> None:
-        """Check the timeout.
-
-        Raises:
-            ValueError: it is not positive.
-        """
+        """Raise a ValueError for a timeout that is not positive."""
         if not self.timeout > 0.0:
             raise ValueError(f"{self.topic}: the timeout must be positive, got {self.timeout} s")
 

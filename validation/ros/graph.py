@@ -48,11 +48,7 @@ class Graph:
     """ROS 2: name or address of the network interface; empty for loopback alone, unless CYCLONEDDS_URI says otherwise."""
 
     def __post_init__(self) -> None:
-        """Check what can be checked without joining.
-
-        Raises:
-            ValueError: a domain, a namespace or an interface that cannot be, or one of them with ROS 1.
-        """
+        """Raise a ValueError for a domain, a namespace or an interface that cannot be, or for one of them with ROS 1."""
         if self.ros not in (1, 2):
             raise ValueError(f"there are ROS 1 and ROS 2, not {self.ros}")
         if self.ros == 1 and (self.domain, self.namespace, self.interface) != (0, "", ""):

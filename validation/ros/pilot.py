@@ -82,11 +82,7 @@ class PilotSettings:
     """Number of fresh messages in a row from a standing robot before it is driven."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ValueError: a number out of its range.
-        """
+        """Raise a ValueError for a number out of its range."""
         require_in_range(self, "period", 0.0, 1.0, open_low=True)
         require_in_range(self, "v_limit", 0.0, 10.0, open_low=True)
         require_in_range(self, "w_limit", 0.0, 10.0, open_low=True)

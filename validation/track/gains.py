@@ -51,11 +51,7 @@ class GainSet:
     """Origin of the numbers, in one sentence."""
 
     def __post_init__(self) -> None:
-        """Check and freeze.
-
-        Raises:
-            ValueError: an unknown controller, gains that it does not have, gains that are missing, or no finite numbers.
-        """
+        """Check and freeze; a ValueError refuses an unknown controller, unknown or missing gains, and numbers not finite."""
         known = _gains_of(self.controller)
         unknown = [name for name in self.values if name not in known]
         missing = [name for name in known if name not in self.values]

@@ -32,11 +32,7 @@ class TrackResult(Result):
     program: ClassVar[str] = "track"
 
     def __post_init__(self) -> None:
-        """Refuse robots that do not belong together.
-
-        Raises:
-            ValueError: none of them or too many, different references or speeds, or one plant twice.
-        """
+        """Raise a ValueError for none or too many robots, different references or speeds, or one plant twice."""
         require_comparable(self.robots)
 
     @property

@@ -67,12 +67,7 @@ class TrackSettings:
     `ekf`, which alone reads them."""
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            ValueError: a negative seed, an unknown feedback, a look-ahead out of range, or a start from which the robot is
-                lost at once.
-        """
+        """Raise a ValueError for a negative seed, or for a feedback, a look-ahead, a start or encoders that cannot be."""
         if self.seed < 0:
             raise ValueError(f"seed {self.seed} must not be negative")
         x, y, yaw = self.start

@@ -110,11 +110,7 @@ def _fault(path: Path, error: BaseException) -> str:
 
 
 def _guarded(law: UserLaw, method: str, call: Callable[[], Any], t: float | None) -> Any:
-    """Return what a call of the user's code returns.
-
-    Raises:
-        ControllerError: the code raised an error, or wanted to end the program.
-    """
+    """Return what a call of the user's code returns; a ControllerError says what it raised, or that it wanted to end."""
     try:
         return call()
     except (Exception, SystemExit) as error:  # a user's code may raise anything
@@ -148,11 +144,7 @@ def load_user_law(name: str) -> UserLaw:
 
 
 def _run(path: Path) -> ModuleType:
-    """Return a file as a module.
-
-    Raises:
-        ValueError: it is no Python, or running it fails.
-    """
+    """Return a file as a module; a ValueError says that it is no Python, or that running it fails."""
     module_name = f"user_controller_{path.stem}"
     spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None:

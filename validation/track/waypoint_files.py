@@ -13,18 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ssmr.control.references import (
-    circle,
-    eight,
-    line,
-    long_line,
-    sine,
-    slalom,
-    spiral,
-    square,
-    stop_and_go,
-    u_turn,
-)
+from ssmr.control.references import circle, eight, line, long_line, sine, slalom, spiral, square, stop_and_go, u_turn
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
 from validation.logs.csv_table import CellTable, read_csv_table

@@ -53,7 +53,7 @@ def modules() -> dict[str, Path]:
     for package in ("ssmr", "validation"):
         for path in sorted((ROOT / package).rglob("*.py")):
             name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-            if not name.endswith("__init__"):
+            if not name.endswith("__init__") and name != "validation.__main__":  # which is another name of one program
                 found[name] = path
     return found
 

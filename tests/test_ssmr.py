@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -39,6 +40,27 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
     done = call("compare", "traj2", "--plants", "kinematic,linear", "--reference", "linear", "--no-rerun", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"kinematic", "linear"}
+
+
+def test_the_package_itself_is_the_command() -> None:
+    assert call_module() == (0, call().stdout, "")
+    assert call_module("compare", "traj9")[0] == 2
+
+
+def call_module(*arguments: str) -> tuple[int, str, str]:
+    done = subprocess.run([sys.executable, "-m", "validation", *arguments], capture_output=True, text=True, timeout=300)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_mistake_is_plain_text_on_a_terminal_with_colours() -> None:
+    pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "validation.compare", "traj4", "--no-such-option"]
+    environment = {**os.environ, "TERM": "xterm-256color"}
+    done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, env=environment, timeout=300)
+    os.close(theirs)
+    os.close(ours)
+    assert (done.returncode, done.stderr) == (2, b"error: Unrecognized options: --no-such-option\n")
 
 
 def test_usage_names_the_command_that_was_called() -> None:

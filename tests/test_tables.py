@@ -21,7 +21,7 @@ from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare.table import COLUMNS, comparison_markdown, headline_error
-from validation.show.tables import BEST_STYLE, NOTHING, length_unit, rich_table
+from validation.show.tables import BEST_STYLE, NOTHING, Cell, Grid, length_unit, rich_table
 from validation.simulator.health import Health
 
 TERMINAL = 110  # columns: what the tables must fit
@@ -137,6 +137,36 @@ def test_the_terminal_shows_all_within_its_width(values: list[Metrics]) -> None:
     assert all(len(line) <= TERMINAL for line in text.splitlines())
     shown = text.split()
     assert all(cell in shown for row in rich_rows(table)[1] for cell in row[1:])
+
+
+texts = st.text("abcdefg hijkl 0123456789", min_size=1, max_size=30).map(lambda t: " ".join(t.split()) or "x")
+numbers = st.floats(-1e6, 1e6).map("{:.4g}".format)
+
+
+@given(st.lists(st.tuples(texts, *[numbers] * 7, texts), min_size=1, max_size=4), st.sampled_from([60, 80, 200]))
+def test_a_narrow_terminal_shows_fewer_numbers_but_all_their_digits(rows: list[tuple[str, ...]], width: int) -> None:
+    header = (("who", ""), *((f"n{k} of all", "mm") for k in range(7)), ("remark", ""))
+    table = rich_table(Grid(header, (tuple(tuple(map(Cell, row)) for row in rows),), 1, trailing=1), width)
+    lines = rendered(table, width).splitlines()
+    assert all(len(line) <= width and "…" not in line for line in lines)
+    shown = [k for k in range(7) if f"n{k}" in rendered(table, width).partition("left out")[0].split()]
+    assert shown == list(range(len(shown)))
+    assert shown
+    missing = re.findall(r"n\d of all", " ".join(" ".join(lines).partition("left out for want of room:")[2].split()))
+    assert missing == [f"n{k} of all" for k in range(len(shown), 7)]
+    if width == 200:
+        assert len(shown) == 7
+    for row in rows:
+        assert all(number in " ".join(lines).split() for number in row[1 : 1 + len(shown)])
+
+
+def test_the_usual_table_of_a_comparison_has_all_its_columns_on_a_usual_terminal() -> None:
+    c = comparison(plant("mujoco", speed=204.0), plant("kinematic", speed=16600.0), reference="mujoco")
+    (grid,) = [grid for grid in c.grids() if grid.header[0] == ("plant", "")]
+    text = rendered(rich_table(grid, 80), 80)
+    assert "left out" not in text
+    assert "16600" in text
+    assert "left out for want of room: yaw rms, real time" in rendered(rich_table(grid, 70), 70)
 
 
 @given(st.dictionaries(st.sampled_from([0.5, 2.0, 6.0, 30.0]), st.tuples(errors, errors), min_size=1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,7 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from validation.progress import Progress, Report
-from validation.show.tables import Grid, rich_table
+from validation.show.tables import Grid, least_width, rich_table
 from validation.words import abridged, each_line, one_line, visible
 
 LOG_EVERY_S = 5.0
@@ -61,10 +62,19 @@ class _Output(Console):
         self.quiet = True
 
 
+PLAIN_WIDTH = 110
+"""Width of what is no terminal; a table that needs more gets it."""
+
+
+def _has_width(console: Console) -> bool:
+    """Return whether somebody says how wide standard output is: a terminal, or the variable COLUMNS."""
+    return console.is_terminal or os.environ.get("COLUMNS", "").isdigit()
+
+
 def report_console() -> Console:
-    """Return standard output for tables, wide enough for them where it is no terminal."""
+    """Return standard output for tables, wide enough for them where nothing says how wide it is."""
     console = _Output()
-    return console if console.is_terminal else _Output(width=110)
+    return console if _has_width(console) else _Output(width=PLAIN_WIDTH)
 
 
 class Reportable(Protocol):
@@ -80,8 +90,11 @@ class Reportable(Protocol):
 def report_result(result: Reportable, written: Iterable[Path] = ()) -> None:
     """Print a result's tables and notes, and the paths of what was written, on standard output."""
     console = report_console()
+    given = console.width if _has_width(console) else None
     for grid in result.grids():
-        console.print(rich_table(grid))
+        console.width = given or max(PLAIN_WIDTH, least_width(grid))
+        console.print(rich_table(grid, console.width))
+    console.width = given or PLAIN_WIDTH
     for note in result.notes():
         console.print(Text(each_line(note)))
     if files := ", ".join(map(visible, written)):

@@ -211,8 +211,8 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
 
 
 def _mistake_in(box: str) -> str:
-    """Return the message in the box that tyro draws around it, in one line."""
-    lines = [line.strip("│|+ ") for line in box.strip().splitlines()[1:]]
+    """Return the message in the box that tyro draws around it, in colours on a terminal, in one line."""
+    lines = [line.strip("│|+ ") for line in _COLOUR.sub("", box).strip().splitlines()[1:]]
     rule = [set(line) <= {"─", "-"} for line in lines]
     start = rule.index(False) if False in rule else 0
     said = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])

@@ -7,28 +7,25 @@ from collections.abc import Sequence
 
 from validation.robots.data import CheckedRobot
 from validation.robots.numbers import robot_numbers
-from validation.show.tables import NOTHING, Cell, Grid
+from validation.show.tables import NOTHING, Cell, Grid, one_line
 from validation.simulator.description import WHEELS, Robot
 
 
 def number_grid(robot: Robot) -> Grid:
-    """Return the table of all numbers of a robot with grade and source, a group for each section of its file."""
-    header = (("number", ""), ("value", ""), ("unit", ""), ("grade", ""), ("source", ""))
+    """Return the table of all numbers of a robot with grade and source, a group for each section of its file.
+
+    Many numbers share a source, which may be a paragraph: the table has its number, the caption its text.
+    """
+    header = (("number", ""), ("value", ""), ("unit", ""), ("grade [source]", ""))
     groups: dict[str, list[tuple[Cell, ...]]] = {}
+    sources: dict[str, int] = {}
     for number in robot_numbers(robot):
-        row = (number.key, number.text(), number.unit or NOTHING, number.grade, _beginning(number.source))
+        source = sources.setdefault(number.source, len(sources) + 1)
+        row = (number.key, number.text(), number.unit or NOTHING, f"{number.grade} [{source}]")
         groups.setdefault(number.key.partition(".")[0], []).append(tuple(map(Cell, row)))
     title = f"{robot.title or robot.name}: its numbers"
-    caption = "sources are cut short here; robot.json and the robot's file have all of them"
-    return Grid(header, tuple(map(tuple, groups.values())), 1, title, caption, trailing=3)
-
-
-_MOST_OF_SOURCE = 34
-"""Greatest length of a source in the table [characters]."""
-
-
-def _beginning(source: str) -> str:
-    return source if len(source) <= _MOST_OF_SOURCE else f"{source[: _MOST_OF_SOURCE - 1]}…"
+    caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
+    return Grid(header, tuple(map(tuple, groups.values())), 1, title, caption, trailing=2)
 
 
 def check_grid(check: CheckedRobot) -> Grid:

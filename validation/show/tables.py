@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -187,28 +188,109 @@ def text_tables(grids: Iterable[Grid], notes: Iterable[str] = (), width: int = 1
     out = io.StringIO()
     console = Console(file=out, width=width, color_system=None)
     for grid in grids:
-        console.print(rich_table(grid))
+        console.print(rich_table(grid, width))
     for note in notes:
         console.print(Text(each_line(note)))
     return out.getvalue()
 
 
-def rich_table(grid: Grid, title: str = "", caption: str = "") -> Table:
-    """Draw a grid for the terminal. Foreign texts go in as they are, never as markup."""
-    title, caption = title or grid.title, caption or grid.caption
-    table = Table(box=box.SIMPLE_HEAD, title=Text(each_line(title), style="bold"), caption=Text(each_line(caption)))
-    table.title_justify = table.caption_justify = "left"
+_GAP, _EDGES = 3, 4
+"""Blanks between two columns, and outside of both outer ones, in a table that has room."""
+_TIGHT_GAP = 2
+"""Blanks between two columns in a table without room; nothing stands outside of it."""
+_LABEL, _PROSE = 16, 30
+"""Widths that a column of labels and one of sentences may be wrapped to."""
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How a table gets into a width."""
+
+    widths: Mapping[int, int]
+    """Width of each column that is shown, by its place in the grid."""
+    wrapped: frozenset[int]
+    """Columns that are narrower than what stands in them."""
+    tight: bool
+    """Whether columns stand closer than usual."""
+
+
+def _spans(grid: Grid) -> list[tuple[int, int]]:
+    """Return the full width of each column, and the least one that it may be wrapped to: numbers keep all digits."""
+    last = len(grid.header) - 1
+    spans = []
     for k, (name, unit) in enumerate(grid.header):
-        name, unit = one_line(name), one_line(unit)
+        words = one_line(name).split(" ") if k >= grid.left else [one_line(name)]
+        cells = [one_line(row[k].text) for group in grid.groups for row in group]
+        full = max(map(cell_len, [*words, f"[{one_line(unit)}]" if unit else "", *cells]))
+        longest = max(map(cell_len, [part for cell in [*words, *cells] for part in cell.split(" ")]))
+        least = full
+        if k < grid.left:
+            least = max(_LABEL, min(longest, 2 * _LABEL))
+        elif grid.trailing > 0 and k == last:
+            least = max(min(longest, _PROSE), min(full // 3, _PROSE))
+        spans.append((full, min(full, least)))
+    return spans
+
+
+def least_width(grid: Grid) -> int:
+    """Return the width at which a table has all its columns, with the usual blanks between them."""
+    return sum(least for _, least in _spans(grid)) + _GAP * (len(grid.header) - 1) + _EDGES
+
+
+def _fit(grid: Grid, width: int) -> _Fit:
+    """Return how a table gets into a width: columns move together, words wrap, and then the last numbers are left out."""
+    spans = _spans(grid)
+    shown = list(range(len(spans)))
+    tight = sum(full for full, _ in spans) + _GAP * (len(shown) - 1) + _EDGES > width
+    if not tight:
+        return _Fit({k: full for k, (full, _) in enumerate(spans)}, frozenset(), False)
+    words = [*range(grid.left), *range(len(spans) - grid.trailing, len(spans))]
+    numbers = [k for k in shown if k not in words]
+    droppable = [*reversed(numbers[1:]), *reversed(words[grid.left :])]
+    while droppable and sum(spans[k][1] for k in shown) + _TIGHT_GAP * (len(shown) - 1) > width:
+        shown.remove(droppable.pop(0))
+    widths = {k: spans[k][0] for k in shown}
+    while (over := sum(widths.values()) + _TIGHT_GAP * (len(shown) - 1) - width) > 0:
+        slack = {k: widths[k] - spans[k][1] for k in shown}
+        widest = max(slack, key=lambda k: slack[k])
+        if slack[widest] <= 0:
+            break
+        widths[widest] -= min(over, max(1, slack[widest] // 2))
+    return _Fit(widths, frozenset(k for k in shown if widths[k] < spans[k][0]), True)
+
+
+def rich_table(grid: Grid, width: int | None = None) -> Table:
+    """Draw a grid for the terminal. Foreign texts go in as they are, never as markup.
+
+    Args:
+        grid: what to draw.
+        width: columns of the terminal; where the table has too little room, the last columns of numbers are left out, and
+            the caption names them. None draws all columns.
+    """
+    fit = None if width is None else _fit(grid, width)
+    shown = range(len(grid.header)) if fit is None else sorted(fit.widths)
+    caption = grid.caption
+    if missing := ", ".join(one_line(name) for k, (name, _) in enumerate(grid.header) if k not in shown):
+        caption = f"left out for want of room: {missing}" + f"\n{caption}" * bool(caption)
+    table = Table(box=box.SIMPLE_HEAD, title=Text(each_line(grid.title), style="bold"), caption=Text(each_line(caption)))
+    table.title_justify = table.caption_justify = "left"
+    if fit is not None and fit.tight:
+        table.show_edge = table.pad_edge = False
+        table.padding = (0, 1, 0, 0)
+    for k in shown:
+        name, unit = map(one_line, grid.header[k])
         words = name.replace(" ", "\n") if k >= grid.left else name
         heading = Text(f"{words}\n[{unit}]" if unit else words)
         is_text = k < grid.left or k >= len(grid.header) - grid.trailing
-        wraps = grid.trailing > 0 and k == len(grid.header) - 1
-        table.add_column(heading, justify="left" if is_text else "right", no_wrap=not wraps, vertical="bottom")
+        wraps = k in fit.wrapped if fit is not None else grid.trailing > 0 and k == len(grid.header) - 1
+        table.add_column(
+            heading, justify="left" if is_text else "right", no_wrap=not wraps, vertical="bottom",
+            overflow="fold" if wraps else "ellipsis", width=fit.widths[k] if fit is not None else None,
+        )  # fmt: skip
     for group in grid.groups:
-        for k, row in enumerate(group):
-            cells = [Text(one_line(cell.text), style=BEST_STYLE if cell.best else "") for cell in row]
-            table.add_row(*cells, end_section=k + 1 == len(group))
+        for i, row in enumerate(group):
+            cells = [Text(one_line(row[k].text), style=BEST_STYLE if row[k].best else "") for k in shown]
+            table.add_row(*cells, end_section=i + 1 == len(group))
     return table
 
 

@@ -31,11 +31,12 @@ from validation import cli, store
 from validation.fit.objective import FitCost
 from validation.fit.problem import FitProblem
 from validation.fit.targets import FitSources, open_targets
+from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space
 from validation.plants.table import plant_kind
 from validation.track.gains import load_gains
-from validation.track.loops import make_robot, odometry_of
+from validation.track.loops import make_robot
 from validation.track.waypoint_files import open_reference
 from validation.tune.cost import TuneCost
 from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space

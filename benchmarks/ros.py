@@ -31,6 +31,7 @@ from ssmr.control.loop import LoopSettings
 from ssmr.estimation.sensing import SensorModel
 from ssmr.types import State
 from validation import cli, store
+from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.commands import BASE_TIMEOUT
@@ -43,7 +44,7 @@ from validation.ros.run import open_port
 from validation.ros.sim import FILTERED_TOPIC, MESSAGE_TYPES, POSE_TOPIC, PUBLISH_RATES, SET_POSE_TOPIC
 from validation.simulator.plant import MujocoPlant
 from validation.track.gains import load_gains
-from validation.track.loops import make_controller, make_robot, odometry_of, rate, run_robots
+from validation.track.loops import make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import open_reference
 
 COMMAND = "/cmd_vel"

@@ -12,13 +12,14 @@ from ssmr.estimation.sensing import SensorModel
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import tracker_swing
 from ssmr.types import Trajectory
+from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile
 from validation.replicate.evidence import Context, Findings, Section, Table
 from validation.show.tables import Cell, Grid
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
 from validation.track.gains import load_gains
-from validation.track.loops import make_controller, make_robot, odometry_of, run_robots
+from validation.track.loops import make_controller, make_robot, run_robots
 from validation.track.waypoint_files import open_reference
 
 _PROFILE, _PLANT, _SPEED = "thesis-lab", "mujoco", 0.5

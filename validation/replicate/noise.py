@@ -18,6 +18,7 @@ from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.logs.groups import Group
+from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate.evidence import Context, Findings, Section, Table
 from validation.show.drawing import (
@@ -37,7 +38,6 @@ from validation.study.noise import NoiseOptions, NoiseStudy
 from validation.study.noise.run import noise_of
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
-from validation.track.loops import odometry_of
 
 _PROFILE, _PLANT = "thesis-lab", "mujoco"
 _RATE = SAMPLE_RATES_HZ["ekf"]

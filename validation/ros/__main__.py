@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from ssmr.estimation.sensing import SensorModel
 from ssmr.types import State
 from validation import cli
 from validation.plants.profile import choose_profile
@@ -26,6 +27,7 @@ from validation.ros.result import DriveStatus
 from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
 from validation.track import chosen_controller, open_reference
+from validation.track.commissioning import chosen_filter
 from validation.words import file_name
 
 _STOPPING = 60.0
@@ -77,6 +79,10 @@ class SimOptions:
     """Push the robot's yaw at random (Sec. 3.4.5)."""
     wall_time: cli.Flag = False
     """Stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set."""
+    filter: Annotated[str, cli.option(metavar="thesis|commissioned|learning|FILE.toml")] = "thesis"
+    """State filter on the robot, as in validation.track."""
+    gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
+    """Reading of the gyro at rest, of which no filter is told."""
     seed: cli.Seed = 0
     graph: GraphOptions = field(default_factory=GraphOptions)
 
@@ -151,7 +157,9 @@ def sim(options: SimOptions) -> None:
             raise cli.UserError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
         chosen = choose_profile(o.profile, o.robot, "thesis-lab")
         graph = o.graph.graph()
-        sensors = SensorSettings(noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
+        used = chosen_filter(o.filter, chosen, "mujoco")
+        model = SensorModel(gyro_bias=o.gyro_bias)
+        sensors = SensorSettings(not o.no_noise, model, o.disturbance, o.seed, used.settings)
     with _on_a_graph():
         simulate_robot(chosen, State(*o.start), o.duration, sensors, wall_time=o.wall_time, graph=graph)
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ssmr.estimation.constants import forward_speed
 from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.sensing import SensorErrors, SensorModel, sense
-from ssmr.estimation.settings import EkfSettings
+from ssmr.estimation.settings import BIAS, Belief, EkfSettings, V, W
 from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
 from ssmr.types import FloatArray, State
+from validation.plants.filters import odometry_of
 from validation.ros.commands import STAND_STILL, Twist
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
@@ -43,6 +45,8 @@ class SensorSettings:
     """Push the yaw at random (Sec. 3.4.5)."""
     seed: int = 0
     """Seed of noise and pushes."""
+    filter: EkfSettings | None = None
+    """State filter on the robot; the thesis' with the driver's odometry if not given."""
 
 
 class SimulatedRobot:
@@ -61,11 +65,10 @@ class SimulatedRobot:
         self.state = plant.reset(start or State())
         self.steps = 0
         self._sensed_at = 0
-        drive = plant.drive
-        self.filter = EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
+        self.filter = settings.filter or odometry_of(plant.drive)
         self._numbers = self.filter.packed()
-        self._deviations = settings.model.packed() if settings.noise else SensorErrors(0.0, 0.0, 0.0)
-        self.belief = initial_belief(State())
+        self._deviations = settings.model.packed() if settings.noise else SensorErrors(0.0, 0.0, settings.model.gyro_bias)
+        self.belief = initial_belief(State(), settings=self.filter if self.filter.learns else None)
         self._wheel_pose = np.zeros(3)
         self._wheels = np.zeros((2, 2))
         self._wheel_twist: Twist = STAND_STILL
@@ -123,6 +126,8 @@ class SimulatedRobot:
     def set_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
         """Set the filter's pose, at rest, as robot_localization's set_pose does. The robot itself stays where it is.
 
+        A filter that learns keeps what it knows of its constants.
+
         Args:
             pose: (3,) x, y [m], yaw [rad] in the filter's frame.
             covariance: (3, 3) covariance of these.
@@ -132,7 +137,9 @@ class SimulatedRobot:
         """
         belief = initial_belief(State(*map(float, pose)))
         belief.covariance[:3, :3] = covariance
-        self.belief = belief
+        known, p = self.belief
+        p[:], p[:BIAS, :BIAS], p[BIAS:, BIAS:] = 0.0, belief.covariance, p[BIAS:, BIAS:].copy()
+        self.belief = Belief(np.append(belief.mean, known[BIAS:]), p)
 
     @property
     def pose(self) -> FloatArray:
@@ -142,9 +149,11 @@ class SimulatedRobot:
     def believed(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Return the filter's pose (3,), its twist, and the (3, 3) covariances of both."""
         mean, p = self.belief
+        rows = np.eye(len(mean))[V : W + 1]
+        v = forward_speed(mean, self.filter.half_track, rows[0]) if self.filter.learns else mean[V]
         twist_cov = np.diag([0.0, _SIDE_SLIP_VARIANCE, 0.0])
-        twist_cov[np.ix_((0, 2), (0, 2))] = p[3:, 3:]
-        return mean[:3].copy(), (float(mean[3]), float(mean[4])), p[:3, :3].copy(), twist_cov
+        twist_cov[np.ix_((0, 2), (0, 2))] = rows @ p @ rows.T
+        return mean[:3].copy(), (float(v), float(mean[W])), p[:3, :3].copy(), twist_cov
 
     def wheels(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Return pose, twist and covariances by wheel odometry alone, as `believed` does."""

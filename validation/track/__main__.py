@@ -49,6 +49,10 @@ class LawOptions:
     feedback: Annotated[Feedback, cli.option()] = "noisy"
     """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the estimate of a state
     filter (EKF) on noisy encoders and gyro."""
+    filter: Annotated[str, cli.option(metavar="thesis|commissioned|learning|FILE.toml")] = "thesis"
+    """State filter of --feedback ekf: the thesis'; one that is commissioned by simulated drives, knows the robot's constants
+    and learns how they change; one that is learning on a robot that nobody has commissioned; or that of a TOML file, such as
+    filter.toml beside the results of such a run."""
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5)."""
     start: Annotated[tuple[float, float, float], cli.parsed(_read_start, "X,Y,YAW"), cli.option(default="0,0,0")] = (
@@ -68,6 +72,8 @@ class World:
     """Switch noise and disturbance off: the controller sees the truth."""
     no_disturbance: cli.Flag = False
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
+    gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
+    """Reading of the gyro at rest, of which no filter is told. It needs --feedback ekf."""
     missed_ticks: Annotated[
         tuple[float, float], cli.parsed(_read_shares, "LEFT,RIGHT"), cli.option(default="0,0, sound encoders")
     ] = (0.0, 0.0)
@@ -129,6 +135,8 @@ def main(options: TrackOptions) -> None:
             options.run.seed,
             options.robot,
             control.start,
+            control.filter,
+            world.gyro_bias,
             world.missed_ticks,
         )
         asked = prepare_tracking(controller, reference, options.plant, options.profile, control.gains, settings)

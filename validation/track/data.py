@@ -18,6 +18,7 @@ from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
 from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
 from ssmr.metrics.tracking import command_measures, cross_track_max
 from ssmr.types import Trajectory
+from validation.plants.filters import StateFilter
 from validation.show.tables import with_robot
 from validation.simulator.description import Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
@@ -103,6 +104,8 @@ class TrackedRobot:
     """Ground of a MuJoCo robot."""
     body: Robot = field(default_factory=load_robot)
     """The robot that the profile is of."""
+    filter: StateFilter | None = None
+    """State filter whose estimate the controller saw, if it saw one."""
 
     @property
     def profile_label(self) -> str:

@@ -16,7 +16,6 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import Loop, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.declared import Metrics
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
 from ssmr.models.linear import matrices
@@ -104,11 +103,6 @@ def _linear_model(profile: Profile) -> tuple[FloatArray, FloatArray, Drive]:
     """Return A, B and the drive of the profile's linear model."""
     linear = profile.plants["linear"]
     return *matrices(linear.vehicle, linear.parameters, linear.drive), linear.drive
-
-
-def odometry_of(drive: Drive) -> EkfSettings:
-    """Return a state filter whose wheel odometry is the driver's own."""
-    return EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
 
 
 def run_robots(

@@ -81,6 +81,16 @@ class TrackResult(Result):
         write_track_rerun(self.robots, path)
         return True
 
+    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
+        """Write its files as every result, and filter.toml if the first robot had a filter that learns; return their paths.
+
+        Raises:
+            OSError: the folder cannot be made or written.
+        """
+        used, place = self.robots[0].filter, store.make_folder(Path(folder))
+        own = [used.save(place / "filter.toml")] if used is not None and used.settings.learns else []
+        return [*own, *super().save(folder, recording=recording)]
+
     def as_dict(self) -> dict[str, Any]:
         """Return what track.json holds: the first robot, and the others under `beside`, by plant."""
         first, *others = self.robots
@@ -102,6 +112,8 @@ class TrackResult(Result):
             "options": dict(first.options),
             "versions": dict(first.versions),
         }
+        if first.filter is not None:
+            document["filter"] = first.filter.as_dict()
         if others:
             document["beside"] = {r.plant: r.as_dict() for r in others}
         plain: dict[str, Any] = store.plain(document)

@@ -18,10 +18,12 @@ from ssmr.estimation.sensing import SensorModel
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import State
 from validation import store
+from validation.plants.filters import THESIS
 from validation.plants.profile import Profile, choose_profile
 from validation.progress import Progress, Report, silent
 from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
+from validation.track.commissioning import COMMISSIONED, chosen_filter
 from validation.track.data import TrackedRobot, reference_of
 from validation.track.gains import GainSet, load_gains, origin_sentence
 from validation.track.loops import (
@@ -31,7 +33,6 @@ from validation.track.loops import (
     make_controller,
     make_robot,
     make_user_controller,
-    odometry_of,
     rate,
     require_practicable,
     run_robots,
@@ -62,6 +63,12 @@ class TrackSettings:
     """The robot: itself, its name or its path; None for that of the profile."""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad]."""
+    filter: str | Path = "thesis"
+    """State filter of the feedback `ekf`: the `thesis`' filter; one that is `commissioned` by simulated drives, knows the
+    robot's constants and learns how they change; one that is `learning` on a robot that nobody has commissioned; or the path
+    of a TOML file."""
+    gyro_bias: float = 0.0
+    """Reading of the gyro at rest [rad/s], of which no filter is told; for the feedback `ekf`."""
     missed_ticks: tuple[float, float] = (0.0, 0.0)
     """Share of their ticks that damaged encoders of the left and of the right side miss [1] (Sec. 4.5); for the feedback
     `ekf`, which alone reads them."""
@@ -78,14 +85,15 @@ class TrackSettings:
         if not abs(yaw) <= math.pi:
             raise ValueError(f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)")
         LoopSettings(self.feedback, sensors=self.sensors, lookahead=self.lookahead)
-        if any(self.missed_ticks) and self.feedback != "ekf":
-            raise ValueError(f"missed_ticks needs the feedback ekf; nobody reads the encoders under {self.feedback}")
+        asked = {"missed_ticks": any(self.missed_ticks), "gyro_bias": self.gyro_bias, "filter": str(self.filter) != THESIS}
+        if self.feedback != "ekf" and (named := [name for name, differs in asked.items() if differs]):
+            raise ValueError(f"{named[0]} needs the feedback ekf; nobody reads the sensors under {self.feedback}")
 
     @property
     def sensors(self) -> SensorModel:
         """Encoders and gyro of the state filter."""
         left, right = self.missed_ticks
-        return SensorModel(missed_left=left, missed_right=right)
+        return SensorModel(gyro_bias=self.gyro_bias, missed_left=left, missed_right=right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +135,10 @@ class PreparedTracking:
         return State(at.x + float(dx), at.y + float(dy), at.yaw + yaw)
 
     def _drive(self, robot: ClosedLoopRobot, workers: int | None) -> TrackedRobot:
-        s, odometry = self.settings, odometry_of(robot.drive)
+        s = self.settings
+        used = chosen_filter(s.filter, self.profile, robot.name)
         around = LoopSettings(
-            s.feedback, sensors=s.sensors, filter=odometry, disturbance=s.disturbance, lookahead=s.lookahead
+            s.feedback, sensors=s.sensors, filter=used.settings, disturbance=s.disturbance, lookahead=s.lookahead
         )
         began = time.perf_counter()
         (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [s.seed], workers, self._start())
@@ -140,6 +149,7 @@ class PreparedTracking:
             "feedback": around.feedback,
             "disturbance": around.disturbance,
             "lookahead_m": around.lookahead,
+            "gyro_bias_rad_s": s.gyro_bias,
             "missed_ticks": list(s.missed_ticks),
             "start": list(s.start),
             **robot.limits,
@@ -164,6 +174,7 @@ class PreparedTracking:
             store.versions(),
             robot.terrain,
             self.profile.robot,
+            used if s.feedback == "ekf" else None,
         )
 
 
@@ -239,6 +250,8 @@ def prepare_tracking(
         raise ValueError(f"terrain {settings.terrain.spec} needs the plant mujoco: the planar models know only level ground")
     robots = tuple(make_robot(chosen, name, settings.terrain) for name in plants)
     for made in robots:
+        if str(settings.filter) != COMMISSIONED:  # that one has to be driven, the others are there or not
+            chosen_filter(settings.filter, chosen, made.name)
         require_practicable(waypoints, made.drive, label)
     said = [demand_of(waypoints, made, chosen.name, label) for made in robots]
     if wanted is not None:

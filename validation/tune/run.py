@@ -17,6 +17,7 @@ from ssmr.control.loop import LoopSettings
 from ssmr.types import FloatArray
 from validation.fit.search import Search, SearchOptions, put_options, search_for
 from validation.fit.uncertainty import bound_sentences, found_parameters
+from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
@@ -26,7 +27,6 @@ from validation.track.loops import (
     demand_of,
     make_controller,
     make_robot,
-    odometry_of,
     require_practicable,
 )
 from validation.track.mismatch import SCORING, TUNING, Mismatch, draw_mismatches

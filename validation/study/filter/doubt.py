@@ -8,22 +8,18 @@ import numpy as np
 from scipy.special import chdtri
 
 from ssmr.control.loop import Feedback, LoopSettings
-from ssmr.control.references import eight, sine
-from ssmr.estimation.commission import commission
+from ssmr.control.references import sine
 from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.sensing import SensorModel, simulate_sensors
 from ssmr.estimation.settings import EkfSettings
 from ssmr.types import FloatArray, State, Trajectory
+from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile
+from validation.track.commissioning import TRACKER, commissioned
 from validation.track.gains import DEFAULT, load_gains
-from validation.track.loops import make_controller, make_robot, odometry_of, run_robots
+from validation.track.loops import make_controller, make_robot, run_robots
 
-BIAS_STD, SCALE_STD, TURNING_SHARE, CENTRE_STD = 0.0156, 0.02, 0.1, 0.01
-"""Standard deviations by which robots differ from the one that was commissioned: bias of the gyro [rad/s], scale of each
-side's wheels [1], turning ratio over itself [1], and middle of turning [m] in both directions."""
 _SPEED, _EVERY, _RATE = 0.25, 4.0, 125.0
-_COMMISSIONED = (1000, 1001)
-"""Seeds of the drives by which the filter is commissioned; no other run has them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +70,11 @@ def doubt_of(profile: Profile, plant: str, feedback: Feedback = "noisy", runs: i
     Raises:
         LostError: a robot left the reference.
     """
-    robot, controller = make_robot(profile, plant), make_controller(profile, load_gains("lqr-scheduled", DEFAULT))
-    loop = LoopSettings(feedback, filter=odometry_of(robot.drive))
-    driven = []
-    for reference, seeds in ((eight(_SPEED), _COMMISSIONED), (sine(_SPEED), range(seed, seed + runs))):
-        n = len(seeds)
-        found = run_robots([robot] * n, [controller] * n, [loop] * n, reference, list(seeds))
-        driven.append([run.require_kept(f"{plant} of {profile.name}").motion for run in found])
-    knows = commission(driven[0], odometry_of(robot.drive))
-    doubts = replace(
-        knows, bias_std=BIAS_STD, scale_std=SCALE_STD, turning_std=TURNING_SHARE * knows.turning, centre_std=CENTRE_STD
-    )
-    each = [_judge(truth, doubts, np.random.default_rng([seed, k])) for k, truth in enumerate(driven[1])]
+    robot, controller = make_robot(profile, plant), make_controller(profile, load_gains(TRACKER, DEFAULT))
+    loop, doubts = LoopSettings(feedback, filter=odometry_of(robot.drive)), commissioned(profile, plant, feedback)
+    found = run_robots([robot] * runs, [controller] * runs, [loop] * runs, sine(_SPEED), range(seed, seed + runs))
+    driven = [run.require_kept(f"{plant} of {profile.name}").motion for run in found]
+    each = [_judge(truth, doubts, np.random.default_rng([seed, k])) for k, truth in enumerate(driven)]
     return Doubt(doubts, each[0][0], np.array([e[1] for e in each]), np.array([e[2] for e in each]))
 
 

@@ -17,9 +17,7 @@ from validation.study.filter.findings import (
     filter_variants,
 )
 from validation.study.result import StudyResult
-
-TRACKER = "lqr-scheduled"
-"""Controller that keeps the robot on the reference, with the gains of its class; any good one would do."""
+from validation.track.commissioning import TRACKER
 
 
 @dataclass(frozen=True, eq=False)

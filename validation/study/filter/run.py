@@ -31,8 +31,9 @@ from validation.study.filter.findings import (
     grounds_of,
     travelled,
 )
-from validation.study.filter.result import TRACKER, FilterStudy
+from validation.study.filter.result import FilterStudy
 from validation.study.result import keeping, profile_of
+from validation.track.commissioning import TRACKER
 from validation.track.gains import DEFAULT, load_gains
 from validation.track.loops import make_controller, require_practicable, run_robots
 from validation.track.waypoint_files import open_reference

@@ -18,11 +18,11 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import require_in_range, require_within
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.vehicle import Drive
+from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot, load_robot
 from validation.study.result import MOST_RUNS, require_seeds
 from validation.track.gains import GainSet
-from validation.track.loops import odometry_of
 from validation.track.mismatch import STUDYING, Mismatch, draw_mismatches, single_mismatches
 
 _COARSE_PERIOD = 0.01

@@ -24,6 +24,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State, Trajectory
+from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, make_plant
 from validation.progress import Progress, Report, silent
 from validation.simulator.plant import MujocoPlant
@@ -43,7 +44,7 @@ from validation.study.terrain.findings import (
 )
 from validation.study.terrain.result import TerrainStudy
 from validation.track.gains import load_gains
-from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, odometry_of, rate, run_robots
+from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, rate, run_robots
 from validation.track.waypoint_files import open_reference
 
 

@@ -1,0 +1,100 @@
+"""The state filter that a user chooses: by name, from a file, or commissioned; in closed loops and on the robot over ROS."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+
+from ssmr.control.references import circle
+from ssmr.estimation.sensing import SensorModel
+from ssmr.estimation.settings import BIAS, EkfSettings
+from validation.plants.filters import load_filter
+from validation.plants.profile import Profile, load_profile, make_plant
+from validation.ros.robot import SensorSettings, SimulatedRobot
+from validation.simulator.plant import MujocoPlant
+from validation.track import track
+from validation.track.commissioning import chosen_filter
+
+STOCK = EkfSettings()
+
+
+@pytest.fixture(scope="module")
+def tile() -> Profile:
+    return load_profile("husky-tile")
+
+
+def test_a_commissioned_filter_finds_the_way_where_the_thesis_filter_does_not(tile: Profile, tmp_path: Path) -> None:
+    """With a biased gyro and tyres that roll on less than the driver believes; the file of a run is that run's filter."""
+    runs = {}
+    for name in ("thesis", "commissioned", str(tmp_path / "filter.toml")):
+        runs[name] = track("lqr-scheduled", circle(speed=0.25), profile=tile, feedback="ekf", filter=name, gyro_bias=0.0156)
+        if name == "commissioned":
+            written = runs[name].save(tmp_path, recording=False)
+            assert tmp_path / "filter.toml" in written
+            document = json.loads((tmp_path / "track.json").read_text(encoding="utf-8"))
+    thesis, knows, again = (r.metrics["d_rms_m"] for r in runs.values())
+    assert knows < 0.3 * thesis
+    assert again == knows
+    assert document["filter"]["name"] == "commissioned"
+    assert document["filter"]["scale_right"] > document["filter"]["scale_left"] > 1.0
+    assert document["options"]["gyro_bias_rad_s"] == 0.0156
+    assert "turning ratio" in runs["commissioned"].table()
+    assert "filter thesis" in runs["thesis"].table()
+    assert "turning ratio" not in runs["thesis"].table()
+
+
+def test_a_filter_without_the_feedback_ekf_is_refused() -> None:
+    for asked in ({"filter": "learning"}, {"gyro_bias": 0.01}):
+        with pytest.raises(ValueError, match=r"needs the feedback ekf"):
+            track("pid", "circle", **asked)
+    with pytest.raises(ValueError, match="thesis, learning, commissioned"):
+        track("pid", "circle", feedback="ekf", filter="kalman")
+
+
+def test_a_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
+    path = load_filter("learning", STOCK).save(tmp_path / "mine.toml")
+    assert load_filter(path, EkfSettings(radius=0.2)) == load_filter("learning", STOCK)
+    text = path.read_text(encoding="utf-8")
+    for old, new, said in (
+        ("ssmr.filter/1", "ssmr.gains/1", "schema"),
+        ("slip_time", "slip_tame", "slip_tame"),
+        ("gate = 1.0", "gate = 2.0", "gate"),
+        ("gate = 1.0", "gate = true", "number"),
+        ("[filter]", "[filters]", "filters"),
+    ):
+        assert old in text
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        with pytest.raises(ValueError, match=said):
+            load_filter(path, STOCK)
+    path.write_text('schema = "ssmr.filter/1"\nname = "short"\n[filter]\nbias_std = 0.01\n', encoding="utf-8")
+    assert load_filter(path, EkfSettings(radius=0.2)).settings == EkfSettings(radius=0.2, bias_std=0.01)
+
+
+def test_a_robot_over_ros_has_the_filter_that_is_asked_for(tile: Profile) -> None:
+    plant = cast(MujocoPlant, make_plant(tile, "mujoco"))
+    biased, off = SensorModel(gyro_bias=0.0156), {}
+    for name in ("thesis", "learning"):
+        used = chosen_filter(name, tile, "mujoco").settings
+        robot = SimulatedRobot(plant, SensorSettings(model=biased, filter=used))
+        for k in range(1000):
+            robot.advance(10, (0.3, 0.8 * math.sin(k / 150.0)))
+            robot.sense()
+        pose, twist, covariance, _ = robot.believed()
+        off[name] = math.hypot(*(pose - robot.pose)[:2])
+        claimed = (pose - robot.pose) @ np.linalg.solve(covariance, pose - robot.pose)
+        assert (claimed < 15.0) == (name == "learning")  # chi-squared of 3: 15 is at 99.8 %
+        assert twist[0] == pytest.approx(robot.state.v_x, rel=0.1)
+        learned = robot.belief.mean[BIAS:].copy()
+        robot.set_pose(np.array([5.0, 6.0, 0.7]), np.diag([0.1, 0.2, 0.3]))
+        again, still, told, _ = robot.believed()
+        np.testing.assert_array_equal(again, [5.0, 6.0, 0.7])
+        np.testing.assert_array_equal(told, np.diag([0.1, 0.2, 0.3]))
+        assert still == (0.0, 0.0)
+        np.testing.assert_array_equal(robot.belief.mean[BIAS:], learned)
+    assert off["learning"] < 0.7 * off["thesis"]
+    assert len(learned) == 7

@@ -1,0 +1,62 @@
+"""State filters that closed loops use: by name, from a file, or commissioned on the robot itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.references import eight
+from ssmr.estimation.commission import commission
+from ssmr.estimation.settings import EkfSettings
+from validation.plants.filters import StateFilter, load_filter, odometry_of
+from validation.plants.profile import Profile
+from validation.track.gains import DEFAULT, load_gains
+from validation.track.loops import make_controller, make_robot, run_robots
+
+COMMISSIONED = "commissioned"
+"""Name of a filter that gets the robot's constants from simulated drives."""
+TRACKER = "lqr-scheduled"
+"""Controller that keeps a robot on a reference, with the gains of its class; any good one would do."""
+BIAS_STD, SCALE_STD, TURNING_SHARE, CENTRE_STD = 0.0156, 0.02, 0.1, 0.01
+"""Standard deviations by which robots differ from the one that was commissioned: bias of the gyro [rad/s], scale of each
+side's wheels [1], turning ratio over itself [1], and middle of turning [m] in both directions."""
+_SPEED, _SEEDS = 0.25, (1000, 1001)
+"""Speed of the drives by which a filter is commissioned [m/s], and their seeds, which no other run has."""
+
+
+def commissioned(profile: Profile, plant: str, feedback: Feedback = "noisy") -> EkfSettings:
+    """Return a filter that knows a robot's constants from two drives along an eight, and doubts them a little.
+
+    A scheduled LQR drives them on level ground, pushed as in Sec. 3.4.5.
+
+    Args:
+        profile: the robot and its plants.
+        plant: name of the plant that is driven.
+        feedback: what the controller sees in these drives.
+
+    Raises:
+        LostError: the robot left the eight.
+        ProfileError: there is no such plant, or it has no closed loops.
+    """
+    robot, law = make_robot(profile, plant), make_controller(profile, load_gains(TRACKER, DEFAULT))
+    odometry = odometry_of(robot.drive)
+    loop, n = LoopSettings(feedback, filter=odometry), len(_SEEDS)
+    runs = run_robots([robot] * n, [law] * n, [loop] * n, eight(_SPEED), _SEEDS)
+    drives = [run.require_kept(f"{plant} of {profile.name}, which was to be commissioned,").motion for run in runs]
+    knows = commission(drives, odometry)
+    return replace(
+        knows, bias_std=BIAS_STD, scale_std=SCALE_STD, turning_std=TURNING_SHARE * knows.turning, centre_std=CENTRE_STD
+    )
+
+
+def chosen_filter(name_or_path: str | Path, profile: Profile, plant: str) -> StateFilter:
+    """Return the state filter of a robot: `thesis`, `learning`, `commissioned`, or that of a TOML file.
+
+    Raises:
+        ValueError: there is none of that name, or its file says something that cannot be.
+        LostError: the robot left the reference on which it was to be commissioned.
+    """
+    if str(name_or_path) == COMMISSIONED:
+        return StateFilter(COMMISSIONED, commissioned(profile, plant))
+    return load_filter(name_or_path, odometry_of(profile.section(plant).drive), (COMMISSIONED,))

@@ -22,7 +22,7 @@ import numba
 import numpy as np
 
 from benchmarks.fit import LAB_FREE, problem_of
-from benchmarks.rows import MissingError, Row, alternate, optional, report
+from benchmarks.rows import MissingError, Row, alternate, at_least, optional, report
 from validation import cli
 from validation.fit.cluster import Cluster
 from validation.fit.objective import FitCost
@@ -40,10 +40,9 @@ Call = Callable[[], object]
 def rows_of(what: str, here: Call, one: Call, two: Call, repeats: int) -> list[Row]:
     """One worker against this process, and one against two; tasks of a few milliseconds are only for the record."""
     t_here, t_one, t_two = alternate(here, one, two, repeats=repeats)
-    asked = ">= 1.6" if t_here > SHORT_S else ""
     return [
-        Row(f"{what}: this process, one thread, over one worker", t_here / t_one, "", t_one, t_here, True),
-        Row(f"{what}: one worker over two", t_one / t_two, asked, t_two, t_one, t_one / t_two >= 1.6),
+        at_least(f"{what}: this process, one thread, over one worker", t_one, t_here),
+        at_least(f"{what}: one worker over two", t_two, t_one, 1.6 if t_here > SHORT_S else None),
     ]
 
 

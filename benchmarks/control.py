@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from mujoco import rollout
 
-from benchmarks.rows import Row, alternate, report
+from benchmarks.rows import Row, alternate, at_least, at_most, report
 from ssmr.control.laws import Controller
 from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.population import Loop, run_loops
@@ -49,33 +49,21 @@ def planar_rows(repeats: int, population: int) -> list[Row]:
     robot = make_robot(profile, "improved")
     assert isinstance(robot.body, PlanarModel)
     waypoints, body = circle(0.5), robot.body
-    rows = []
+    rows = list[Row]()
     for controller, gains in (("pid", "published"), ("lqr", "published")):
         law = make_controller(profile, load_gains(controller, gains))
         loops = [Loop(body, law, LoopSettings())] * population
         numba.set_num_threads(1)
         (ours,) = alternate(partial(run_loops, loops, waypoints, range(4)), repeats=repeats)
         simulated = population * waypoints.duration
-        speed = simulated / ours
-        rows.append(
-            Row(
-                f"{controller}: times real time on one core",
-                speed,
-                f">= {ASKED_REAL_TIME:.0f}",
-                ours,
-                simulated,
-                speed >= ASKED_REAL_TIME,
-            )
-        )
+        rows.append(at_least(f"{controller}: times real time on one core", ours, simulated, ASKED_REAL_TIME))
         if population < POPULATION:
             continue  # the slow loop is left out of a quick run
         began = time.perf_counter()
         assert isinstance(law, Controller)  # none of those above is a Python object
         run_loop(PlanarPlant(body), law, waypoints, LoopSettings(), 0)
         slow = time.perf_counter() - began
-        rows.append(
-            Row(f"{controller}: fused loop over the slow one", ours / population / slow, "", ours / population, slow, True)
-        )
+        rows.append(at_most(f"{controller}: fused loop over the slow one", ours / population, slow))
     return rows
 
 
@@ -99,13 +87,8 @@ def mujoco_rows(repeats: int, workers: int, population: int) -> list[Row]:
         lambda: rollout.rollout(plant.model, datas, start, control),
         repeats=repeats,
     )
-    ratio = closed / opened
-    return [
-        Row(
-            f"{population} closed loops on MuJoCo over open-loop rollouts", ratio, f"<= {ASKED_OVERHEAD}", closed, opened,
-            ratio <= ASKED_OVERHEAD,
-        )
-    ]  # fmt: skip
+    what = f"{population} closed loops on MuJoCo over open-loop rollouts"
+    return [at_most(what, closed, opened, ASKED_OVERHEAD)]
 
 
 def budget_rows(workers: int, candidates: int) -> list[Row]:

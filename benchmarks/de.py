@@ -5,7 +5,7 @@ no early stop. Ours search the unit cube; pygmo and scipy the box itself.
 
 - Ours: `best/2` with CR in [0.5, 1], 0.9 at first, since on Rosenbrock genes that depend upon each other must change
   together, and `rand/1` with CR in [0, 1]; both without the descent (slope 0), all else as `JdeSettings` has it. The thesis'
-  own settings, with the descent, stand beside them for the record.
+  own settings, with the descent, stand beside them for the record, and so does its printed rule for F and CR.
 - pygmo's sade with jDE's adaptation, best/2/bin and rand/1/bin, calls Python for each vector. The same algorithm on pygmo's
   compiled functions, where it has them, shows what that costs, and is cheap enough for as many runs as ours.
 - scipy's differential_evolution, best2bin, on the whole generation at once.
@@ -41,6 +41,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rich.table import Table
 from scipy.optimize import differential_evolution
 
@@ -108,6 +109,22 @@ OURS = {
 RECORD = {"ours best/2, thesis' settings": JdeSettings()}
 
 
+class PrintedJde(Jde):
+    """The printed rule for F and CR (Sec. 3.5.1): they go on from generation to generation whether or not their trial wins.
+
+    Its settings must let F reach F_min + F_max.
+    """
+
+    def tell(self, costs: ArrayLike) -> None:
+        """Select as ever, and keep the F and CR of every trial."""
+        super().tell(costs)
+        self._f, self._cr = self._trial_f, self._trial_cr
+
+
+PRINTED = JdeSettings(f_bounds=(0.1, 1.0))
+"""The thesis' settings with F drawn as F_min + F_max rand."""
+
+
 @dataclass(frozen=True)
 class Row:
     """One contestant on one function."""
@@ -154,10 +171,10 @@ def timed(search: Callable[[int], float], runs: int) -> tuple[tuple[float, ...],
     return finals, (time.process_time() - began) / runs
 
 
-def run_ours(function: Function, settings: JdeSettings, n: int, population: int, seed: int) -> float:
+def run_ours(function: Function, settings: JdeSettings, n: int, population: int, seed: int, kind: type[Jde] = Jde) -> float:
     """One search in the unit cube, to the last generation."""
     g = function.generations
-    search = Jde(n, replace(settings, population=population, generations=g, patience=g + 1), seed)
+    search = kind(n, replace(settings, population=population, generations=g, patience=g + 1), seed)
     low, high = function.bounds
     while not search.finished:
         search.tell(function.values(low + (high - low) * search.ask()))
@@ -217,6 +234,8 @@ def measure(pg: Any, function: Function, n: int, population: int, runs: int, fas
     searches: list[tuple[str, int, Callable[[int], float]]] = [
         (name, fast_runs, partial(run_ours, function, settings, n, population)) for name, settings in (OURS | RECORD).items()
     ]
+    printed = partial(run_ours, function, PRINTED, n, population, kind=PrintedJde)
+    searches.append(("ours best/2, printed rule for F and CR", fast_runs, printed))
     if pg is not None:
         searches += pygmo_searches(pg, function, n, population, runs, fast_runs)
     searches.append(("scipy best2bin", runs, partial(run_scipy, function, n, population)))

@@ -1,6 +1,5 @@
 """What a fit costs beside what it cannot do without, and beside its peers: `python -m benchmarks.fit [--out FILE.json]`.
 
-- Whole fits of the planar models, and rating a candidate, against version 1.0 out of this project's history.
 - Rating candidates against simulating them; the search's own share of a fit; a fit of the thesis' size against its 1500
   Simulink runs of 2.75 s (Sec. 3.6, another machine, 2019). For planar models the first is for the record: simulating became
   so cheap that the ratio says more of it than of rating.
@@ -34,8 +33,7 @@ import numpy as np
 from rich.table import Table
 from scipy.optimize import differential_evolution, least_squares
 
-from benchmarks.former import former_rows
-from benchmarks.rows import MissingError, Row, alternate, optional, report
+from benchmarks.rows import MissingError, Row, alternate, at_least, at_most, optional, report
 from ssmr.lanes import run_population
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.simulation import SAMPLE_DT, PlanarModel
@@ -94,7 +92,7 @@ def candidates_of(problem: FitProblem, size: int) -> tuple[FloatArray, list[Plan
 
 def rating_rows(repeats: int, population: int) -> list[Row]:
     """Time rating a population against simulating it, for planar models and MuJoCo."""
-    rows, threads = [], numba.get_num_threads()
+    rows, threads = list[Row](), numba.get_num_threads()
     for model, free in (("coulomb", ("u_x", "mu_c", "gain")), ("improved", ("u_x", "mu_s", "mu_d", "gain"))):
         problem = problem_of(model, "traj4@mujoco", free, FitCost("path"))
         points, plants = candidates_of(problem, population)
@@ -105,8 +103,7 @@ def rating_rows(repeats: int, population: int) -> list[Row]:
             partial(run_population, models, commands, [State()] * len(models), SAMPLE_DT),
             repeats=repeats,
         )
-        what = f"{model}: rating {population} candidates by Eq. 3.1 / simulating them"
-        rows.append(Row(what, rated / simulated, "", rated, simulated, True))
+        rows.append(at_most(f"{model}: rating {population} candidates by Eq. 3.1 / simulating them", rated, simulated))
     problem = problem_of("mujoco", "traj4@improved", LAB_FREE, FitCost("sync"))
     points, plants = candidates_of(problem, 2)
     made = [MujocoPlant(p.parameters, p.drive) for p in plants]
@@ -116,8 +113,7 @@ def rating_rows(repeats: int, population: int) -> list[Row]:
         lambda: [plant.run(commands, State(), SAMPLE_DT) for plant in made],
         repeats=min(repeats, max(3, repeats // 4)),
     )
-    what = "mujoco: building and rating 2 candidates / simulating them"
-    return [*rows, Row(what, rated / simulated, "<= 1.5", rated, simulated, rated <= 1.5 * simulated)]
+    return [*rows, at_most("mujoco: building and rating 2 candidates / simulating them", rated, simulated, 1.5)]
 
 
 def search_rows(population: int, seeds: int) -> list[Row]:
@@ -145,15 +141,10 @@ def search_rows(population: int, seeds: int) -> list[Row]:
         ratings.append(rating[0])
     best = int(np.argmin(walls))
     own, wall = walls[best] - ratings[best], walls[best]
-    simulink = evaluations * SIMULINK_RUN_S
-    what = f"jDE itself / a fit of Tab. 3.7 (coulomb, NP {population})"
     return [
-        Row(what, own / wall, "<= 0.05", own, wall, own <= 0.05 * wall),
-        Row(
-            f"{evaluations} evaluations: the thesis' time / ours", simulink / wall, ">= 300", wall, simulink,
-            simulink >= 300.0 * wall,
-        ),
-    ]  # fmt: skip
+        at_most(f"jDE itself / a fit of Tab. 3.7 (coulomb, NP {population})", own, wall, 0.05),
+        at_least(f"{evaluations} evaluations: the thesis' time / ours", wall, evaluations * SIMULINK_RUN_S, 300.0),
+    ]
 
 
 @dataclass(frozen=True)
@@ -320,7 +311,6 @@ def main(
     generations: int = 14,
     sysid: bool = True,
     tile: bool = True,
-    former: bool = True,
     workers: int = 0,
     quick: bool = False,
 ) -> None:
@@ -333,7 +323,6 @@ def main(
             make as many motions as the hybrid search.
         sysid: Compare with mujoco.sysid too.
         tile: Fit the recording on tile too.
-        former: Compare with version 1.0 too; a quick run does not, because that version has to be compiled.
         workers: Threads of the fits; all cores if 0.
         quick: Time small populations once, and searches of a planar model from one start: a check that everything runs.
     """
@@ -341,8 +330,7 @@ def main(
         raise cli.UserError("--repeats and --generations must be positive, --workers must not be negative")
     often, population, seeds, starts = (1, 6, 1, 1) if quick else (repeats, 50, 5, STARTS)
     threads = workers or os.cpu_count() or 1
-    rows = former_rows(often) if former and not quick else []
-    rows += [*rating_rows(often, population), *search_rows(population, seeds)]
+    rows = [*rating_rows(often, population), *search_rows(population, seeds)]
     comparison: dict[str, list[dict[str, Any]]] = {}
 
     def show(name: str, title: str, found: list[Found], best: float, slack: float) -> None:

@@ -36,6 +36,18 @@ class Row:
     """Whether the bound is kept."""
 
 
+def at_most(what: str, ours_s: float, peer_s: float, limit: float | None = None) -> Row:
+    """Return our time over the peer's, which must not pass a limit; without one it is only for the record."""
+    ratio = ours_s / peer_s
+    return Row(what, ratio, "" if limit is None else f"<= {limit:g}", ours_s, peer_s, limit is None or ratio <= limit)
+
+
+def at_least(what: str, ours_s: float, peer_s: float, limit: float | None = None) -> Row:
+    """Return the peer's time over ours, which must reach a limit; without one it is only for the record."""
+    ratio = peer_s / ours_s
+    return Row(what, ratio, "" if limit is None else f">= {limit:g}", ours_s, peer_s, limit is None or ratio >= limit)
+
+
 def alternate(*calls: Callable[[], object], repeats: int, clock: Callable[[], float] = time.perf_counter) -> list[float]:
     """Fastest time of each call [s] by a clock, all called in turn so that a busy machine hurts them alike."""
     for call in calls:

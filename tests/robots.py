@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import mujoco
 from hypothesis import strategies as st
 
 from validation import load_robot
+from validation.plants.kind import PlantProfile
 from validation.simulator.calibration import Calibration
+from validation.simulator.composing import add_integral_parts, compose_robot
+from validation.simulator.model import calibrate, set_motors
 
 HUSKY = load_robot("husky")
 WHEELBASE, TRACK = HUSKY.geometry.wheelbase, HUSKY.geometry.track
+SAME_PATH, SAME_LOADS = 5e-5, 5e-3
+"""Greatest distance between the paths of two settings of physics [m], and greatest root mean square difference of a wheel's
+load over its load at rest [1]."""
 
 
 def husky(**changes: Any) -> Calibration:
@@ -78,3 +85,16 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
         return low + (high - low) * draw(st.floats(0.0, 1.0, width=16))
 
     return drawn_document(between, lambda words: draw(st.sampled_from(list(words))))
+
+
+def former_model(section: PlantProfile) -> mujoco.MjModel:
+    """Return the robot as version 1.0 simulated it: with its looks, all sensors, islands, and Newton's method."""
+    robot = section.parameters.robot
+    root = compose_robot(robot)
+    if section.drive.integral_gain > 0.0:
+        add_integral_parts(root, robot)
+    root.worldbody.add("geom", name="ground", type="plane", size=[0, 0, 0.05], condim=3)
+    model = mujoco.MjModel.from_xml_string(root.to_xml_string())
+    calibrate(model, section.parameters)
+    set_motors(model, section.parameters, section.drive)
+    return model

@@ -19,9 +19,7 @@ from ssmr.errors import SsmrError
 from ssmr.scenarios import TRAJECTORIES
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = sorted(
-    p.stem for p in (ROOT / "benchmarks").glob("*.py") if p.stem not in ("__init__", "rows", "former", "planar_fits")
-)
+NAMES = sorted(p.stem for p in (ROOT / "benchmarks").glob("*.py") if p.stem not in ("__init__", "rows"))
 APART = {"ros", "cluster"}
 """Benchmarks that run as processes of their own: what they start would not leave this one as it was."""
 

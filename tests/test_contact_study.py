@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.simulate import SAME_PATH
 from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.types import Commands, State
-from tests.robots import TRACK, WHEELBASE
+from tests.robots import SAME_PATH, TRACK, WHEELBASE
 from tests.test_robustness import run_program
 from validation.logs.recording import Recording
 from validation.motion.driving import drive

@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 from mujoco import rollout
 
-from benchmarks.simulate import SAME_LOADS, SAME_PATH, former_model
 from ssmr.geometry import compose
 from ssmr.robot.drive import wheel_references
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import State
-from tests.robots import HUSKY, husky
+from tests.robots import HUSKY, SAME_LOADS, SAME_PATH, former_model, husky
 from validation import load_robot
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import bare_profile, load_profile, shipped

@@ -10,7 +10,7 @@ Where the thesis leaves a choice, or prints something that cannot be:
   The equations name no such condition, but Sec. 3.5.1 encodes F and CR in the members of the population, as jDE does, and
   only so does selection act on them. Kept always, they would descend in every generation between two draws, late in a
   search by a fifth each, most of them down to the least. Over 25 seeds that is better on Rastrigin's function, worse on
-  sphere and Ackley's, and no different on two fits (`benchmarks.draws`).
+  sphere and Ackley's, and no different on two fits (docs/identification.md).
 - "rand <= tau" is tested as rand < tau, which for rand in [0, 1) has the probability tau exactly.
 - Alg. 3 stops at the first generation that improves by no more than df. That happens by chance after a few generations,
   so the improvement is taken over `patience` generations; 1 is the thesis as printed.

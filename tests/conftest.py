@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hypothesis import settings
 
 from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.types import Plant
+from validation import cli
 from validation.engines.body import EngineMissingError
 from validation.plants.profile import Profile, ProfileError, load_profile, make_plant
 from validation.plants.table import ALL_PLANTS
@@ -31,6 +33,7 @@ at some 5 rad/s among them, and Python cannot set a smaller limit (SapSolverPara
 DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 
+os.environ.pop("COLUMNS", None)  # pytest-xdist sets it to 80 in its workers, and tables would leave out columns there
 settings.register_profile("repeat", derandomize=True, database=None, deadline=None)  # the same examples for everybody
 settings.register_profile("explore", max_examples=2000, deadline=None)  # new ones: pytest --hypothesis-profile=explore
 settings.load_profile("repeat")
@@ -86,6 +89,15 @@ def make(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
 def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
     """A maker of each plant in turn, MuJoCo's with a solver that is exact; the shipped one is held to it elsewhere."""
     return lambda: installed_plant(lab, request.param, PhysicsSettings(solver="Newton"))
+
+
+def exit_status(program: Any, *arguments: str) -> int:
+    """The exit status of a program that runs in this process: starting another one takes longer than what it does."""
+    try:
+        cli.run(program, "program", arguments)
+    except SystemExit as left:
+        return int(left.code or 0)
+    return 0
 
 
 def metrics_of(*values: float) -> Metrics:

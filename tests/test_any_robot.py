@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -15,9 +14,9 @@ import numpy as np
 import pytest
 import tomli_w
 
-from tests.conftest import EXACT
+from tests.conftest import EXACT, exit_status
 from tests.ros_fakes import FakeClock, FakePort
-from validation import cli, load_profile, load_robot
+from validation import load_profile, load_robot
 from validation.compare import __main__ as compare_program
 from validation.compare import compare
 from validation.compare import rerun as comparison_rerun
@@ -73,17 +72,6 @@ def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return name if name == "jackal" else str(stranger(tmp_path_factory.mktemp("robots")))
 
 
-def run(program: Any, name: str, *arguments: str) -> int:
-    """Return the exit status of a program, which runs in this process."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", [name, *arguments])
-        try:
-            cli.run(program, f"python -m validation.{name}")
-        except SystemExit as left:
-            return int(left.code or 0)
-    return 0
-
-
 def document(path: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return found
@@ -94,7 +82,7 @@ def document(path: Path) -> dict[str, Any]:
 
 def test_compare(robot: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run(compare_program.main, "compare", "traj4", "--robot", robot, "--out", str(out)) == 0
+    assert exit_status(compare_program.main, "traj4", "--robot", robot, "--out", str(out)) == 0
     found = document(out / "compare.json")
     assert found["robot"] == load_robot(robot).name
     for name, plant in found["plants"].items():
@@ -110,7 +98,7 @@ def test_track(robot: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = ["--robot", robot, "--plant", "improved,mujoco", "--out", str(out)]
     for controller in ("pid", "smc"):
-        assert run(track_program.main, "track", controller, "circle", *arguments) == 0
+        assert exit_status(track_program.main, controller, "circle", *arguments) == 0
         found = document(out / "track.json")
         assert found["robot"] == load_robot(robot).name
         for metrics in (found["metrics"], found["beside"]["mujoco"]):
@@ -121,7 +109,7 @@ def test_track(robot: str, tmp_path: Path) -> None:
 def test_tune(robot: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     short = ["--population", "8", "--generations", "2", "--reference", "circle@0.5", "--held-out", "line@0.5"]
-    assert run(tune_program.main, "tune", "pid", "--robot", robot, *short, "--out", str(out)) == 0
+    assert exit_status(tune_program.main, "pid", "--robot", robot, *short, "--out", str(out)) == 0
     found = document(out / "tune.json")
     assert found["robot"] == load_robot(robot).name
     assert found["cost"] <= found["baseline_cost"]
@@ -132,8 +120,8 @@ def test_tune(robot: str, tmp_path: Path) -> None:
 def test_fit_of_a_planar_model(robot: str, tmp_path: Path) -> None:
     """The fitted profile keeps its robot, also one that no other machine knows."""
     out = tmp_path / "out"
-    short = ["--population", "16", "--generations", "8", "--start", "profile", "--seed", "1"]
-    assert run(fit_program.main, "fit", "improved", "--to", "traj4@mujoco", "--robot", robot, *short, "--out", str(out)) == 0
+    short = ["--population", "16", "--generations", "8", "--start", "profile", "--seed", "1", "--robot", robot]
+    assert exit_status(fit_program.main, "improved", "--to", "traj4@mujoco", *short, "--out", str(out)) == 0
     found = document(out / "fit.json")
     assert found["robot"] == load_robot(robot).name
     before = compare("traj4", plants=("improved",), reference="mujoco", robot=robot).plants["improved"].metrics["d_rms_m"]
@@ -148,8 +136,8 @@ def test_fit_of_a_planar_model(robot: str, tmp_path: Path) -> None:
 
 def test_fit_of_the_simulator(robot: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    short = ["--search", "jde", "--population", "5", "--generations", "1", "--start", "profile"]
-    assert run(fit_program.main, "fit", "mujoco", "--to", "traj4@improved", "--robot", robot, *short, "--out", str(out)) == 0
+    short = ["--search", "jde", "--population", "5", "--generations", "1", "--start", "profile", "--robot", robot]
+    assert exit_status(fit_program.main, "mujoco", "--to", "traj4@improved", *short, "--out", str(out)) == 0
     assert math.isfinite(document(out / "fit.json")["train"]["d_rms_m"])
 
 
@@ -157,10 +145,10 @@ def test_recordings(robot: str, tmp_path: Path) -> None:
     """A simulated log of the robot, converted, is a log that a comparison and a fit take."""
     log = tmp_path / "log.csv"
     commands = recordings_program.PROGRAM
-    assert run(commands, "recordings", "convert", "traj4@mujoco", "--robot", robot, "--out", str(log), "--rate", "50") == 0
-    assert run(commands, "recordings", "info", "traj4@mujoco", "--robot", robot, "--json", str(tmp_path / "info.json")) == 0
+    assert exit_status(commands, "convert", "traj4@mujoco", "--robot", robot, "--out", str(log), "--rate", "50") == 0
+    assert exit_status(commands, "info", "traj4@mujoco", "--robot", robot, "--json", str(tmp_path / "info.json")) == 0
     out = tmp_path / "out"
-    assert run(compare_program.main, "compare", str(log), "--robot", robot, "--no-rerun", "--out", str(out)) == 0
+    assert exit_status(compare_program.main, str(log), "--robot", robot, "--no-rerun", "--out", str(out)) == 0
     found = document(out / "compare.json")
     assert found["robot"] == load_robot(robot).name
     errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in found["plants"].items()}
@@ -194,7 +182,7 @@ STUDIES = {
 @pytest.mark.parametrize("study", STUDIES)
 def test_studies(robot: str, study: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run(study_program.PROGRAM, "study", study, "--robot", robot, *STUDIES[study], "--out", str(out)) == 0
+    assert exit_status(study_program.PROGRAM, study, "--robot", robot, *STUDIES[study], "--out", str(out)) == 0
     assert document(out / "study.json")["robot"] == load_robot(robot).name
     assert "nan" not in (out / "study.md").read_text(encoding="utf-8").lower().split()
 
@@ -303,13 +291,6 @@ def test_a_profile_of_another_robot_is_refused(robot: str) -> None:
         choose_profile("husky-tile", robot, "thesis-lab")
     assert choose_profile(None, "husky", "thesis-lab").name == "thesis-lab"
     assert choose_profile(None, robot, "thesis-lab").robot == load_robot(robot)
-
-
-def test_a_robot_that_there_is_not_is_the_users_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(compare_program.main, "compare", "traj4", "--robot", "tank", "--out", str(tmp_path / "out")) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "no robot 'tank'; there are: husky, jackal" in line
-    assert not (tmp_path / "out").exists()
 
 
 # ------------------------------------------------------------------------------------------------- numbers

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from ssmr.search.jde import Jde, JdeSettings
-from tests.conftest import EXACT
+from tests.conftest import EXACT, exit_status
 from tests.robots import HUSKY
 from tests.test_objective import recorded, scenario
 from validation.fit import __main__ as fit
@@ -39,17 +39,7 @@ def run(*args: str) -> subprocess.CompletedProcess[str]:
 
 def call(*args: str) -> int:
     """The program in this process; its exit status."""
-    from validation import cli
-
-    before = sys.argv
-    sys.argv = ["fit", *args]
-    try:
-        cli.run(fit.main, "fit")
-    except SystemExit as left:
-        return int(left.code or 0)
-    finally:
-        sys.argv = before
-    return 0
+    return exit_status(fit.main, *args)
 
 
 def document(folder: Path) -> dict:  # type: ignore[type-arg]
@@ -190,19 +180,7 @@ def wait_for(path: Path, child: subprocess.Popen[bytes], seconds: float = 120.0)
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_a_broken_off_fit_resumes_to_the_same_end(how: signal.Signals, tmp_path: Path) -> None:
-    args = [
-        "improved",
-        "--to",
-        "traj4@coulomb",
-        "--seed",
-        "3",
-        "--generations",
-        "25",
-        "--population",
-        "30",
-        "--patience",
-        "99",
-    ]
+    args = "improved --to traj4@coulomb --seed 3 --generations 25 --population 30 --patience 99".split()
     through, broken = tmp_path / "through", tmp_path / "broken"
     assert call(*args, "--out", str(through)) == 0
     command = [sys.executable, "-m", "validation.fit", *args, "--out", str(broken)]

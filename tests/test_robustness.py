@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -15,8 +14,7 @@ import pytest
 from ssmr.control.loop import ClosedRun
 from ssmr.control.references import circle, line
 from ssmr.control.tick import LOG_COLUMNS, LOST
-from tests.conftest import ROUNDOFF
-from validation import cli
+from tests.conftest import ROUNDOFF, exit_status
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 from validation.study.__main__ import PROGRAM
@@ -148,14 +146,8 @@ def test_the_picture_has_every_controller(small: Robustness) -> None:
 
 
 def run_program(*arguments: str) -> int:
-    """Exit status of the program, in this process: starting another takes longer than what it does."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["study", *arguments])
-        try:
-            cli.run(PROGRAM, "python -m validation.study")
-        except SystemExit as left:
-            return int(left.code or 0)
-    return 0
+    """Exit status of the program, in this process."""
+    return exit_status(PROGRAM, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -185,20 +177,7 @@ def test_mistakes_are_said_in_one_line(
 def test_the_program_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = tmp_path / "short.csv", tmp_path / "out"
     path.write_text("x,y\n0,0\n0.5,0\n0.8,0.1\n", encoding="utf-8")
-    asked = (
-        "--controllers",
-        "lqr",
-        "--reference",
-        str(path),
-        "--runs",
-        "17",
-        "--seeds",
-        "1",
-        "--gains",
-        "published",
-        "--timestep",
-        "0.005",
-    )
+    asked = f"--controllers lqr --reference {path} --runs 17 --seeds 1 --gains published --timestep 0.005".split()
     assert run_program("robustness", *asked, "--out", str(out)) == 0
     assert {p.name for p in out.iterdir()} == {"study.json", "study.png", "study.md"}
     assert "lqr" in capsys.readouterr().out

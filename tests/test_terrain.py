@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +15,8 @@ from hypothesis import strategies as st
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
-from tests.conftest import EXACT
+from tests.conftest import EXACT, exit_status
 from tests.robots import TRACK, WHEELBASE, husky
-from validation import cli
 from validation.compare import __main__ as compare
 from validation.plants.profile import Profile, make_plant
 from validation.simulator.model import robot_model
@@ -172,19 +170,16 @@ def test_halving_the_step_on_terrain_moves_the_end_by_little(lab: Profile, spec:
     assert np.hypot(*(ends[0] - ends[1])) < {"ramp:4": 5e-3, "rough:2": 0.02, "split:0.5": 5e-3}[spec]
 
 
-def test_programs_drive_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(program: Callable[..., None], argv: list[str]) -> None:
-        monkeypatch.setattr("sys.argv", ["program", *argv])
-        cli.run(program, "program")
-
-    run(compare.main, ["traj4", "--plants", "improved", "--terrain", "ramp:3", "--out", str(tmp_path / "c")])
-
+def test_programs_drive_on_it(tmp_path: Path) -> None:
+    asked = ("traj4", "--plants", "improved", "--terrain", "ramp:3", "--out", str(tmp_path / "c"))
+    assert exit_status(compare.main, *asked) == 0
     document = json.loads((tmp_path / "c" / "compare.json").read_text())
     assert document["options"]["terrain"] == "ramp:slope_deg=3,toward_deg=0"
     loads = document["plants"]["mujoco"]["wheel_loads"]
     assert loads["mean_N"][2] > loads["mean_N"][0]  # uphill the rear carries more
     assert "health" not in document["plants"]["mujoco"]
-    run(track.main, ["lqr", "line", "--plant", "mujoco", "--terrain", "rough:2", "--out", str(tmp_path / "t")])
+    asked = ("lqr", "line", "--plant", "mujoco", "--terrain", "rough:2", "--out", str(tmp_path / "t"))
+    assert exit_status(track.main, *asked) == 0
     assert json.loads((tmp_path / "t" / "track.json").read_text())["options"]["terrain"].startswith("rough:height_mm=2")
 
 

@@ -17,8 +17,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.references import circle, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
-from tests.conftest import EXACT, ROUNDOFF
-from validation import cli
+from tests.conftest import EXACT, ROUNDOFF, exit_status
 from validation.plants.profile import Profile, ProfileError
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -50,15 +49,7 @@ def published_point(p: TuneProblem) -> np.ndarray:
 
 
 def call(main: Callable[..., None], *args: str) -> int:
-    before = sys.argv
-    sys.argv = ["program", *args]
-    try:
-        cli.run(main, "program")
-    except SystemExit as left:
-        return int(left.code or 0)
-    finally:
-        sys.argv = before
-    return 0
+    return exit_status(main, *args)
 
 
 # --------------------------------------------------------------------------------------------------------- costs

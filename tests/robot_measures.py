@@ -21,7 +21,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS, Robot, parse_robot
 from validation.simulator.model import GRAVITY, controls, robot_model, static_shares, wheel_geoms
 from validation.simulator.physics import PhysicsSettings
-from validation.simulator.turning import closed_form, load_sensitivity
+from validation.simulator.turning import closed_form
 
 RIM_SPEED, ROLL_SPEED, STOP_SPEED = 0.13, 0.4, 1.18
 """Speeds of rims in a slow turn, of a straight drive, and at which wheels are blocked, over sqrt(g wheel radius) [1]."""
@@ -31,8 +31,25 @@ STIFF = 20.0
 """Gain of nearly rigid motors over the robot's own [1]."""
 EXACT = PhysicsSettings(solver="Newton")
 """Solver that is exact enough for laws that hold to rounding; tests/test_solver.py holds the shipped one to it."""
+LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
+"""What a slow turn on the spot may do to the loads, as `turn_on_the_spot` has it [1]: forces towards the centre of the turn
+move half a per cent of the weight to the front or aside; the soft contact, which carries more where it slips faster, moves
+two per cent between diagonals and a fifth between a wide tyre's edges (docs/physics.md, "Other robots")."""
 TILT = math.radians(8.0)
 """Slope on which a robot creeps [rad]."""
+
+
+def load_sensitivity(calibration: Calibration) -> float:
+    """Return by what share the closed form's multiplier may change as the turn itself shifts the loads (`LOAD_SHIFTS`) [1].
+
+    It is small but for long robots with their centre of mass far off the middle, which barely turn at all.
+    """
+    at_rest = math.log(closed_form(calibration).multiplier)
+    total = 0.0
+    for k, share in enumerate(LOAD_SHIFTS):
+        shifts = [tuple(sign * share if i == k else 0.0 for i in range(len(LOAD_SHIFTS))) for sign in (1.0, -1.0)]
+        total += max(abs(math.log(closed_form(calibration, shift=s).multiplier) - at_rest) for s in shifts)
+    return total
 
 
 class Bench:

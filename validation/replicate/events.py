@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -47,29 +47,12 @@ class Effort(NamedTuple):
     """(2,) speed [m/s] and yaw rate [rad/s] at the end."""
 
 
-class Hybrid(Protocol):
-    """A model whose equations change where an event function crosses zero."""
-
-    def rates(self, t: float, y: FloatArray) -> Sequence[float]:
-        """Return the accelerations [m/s2], [rad/s2] in the present mode, from time and (2,) speed and yaw rate."""
-        ...
-
-    def events(self) -> list[_Event]:
-        """Return the functions whose zeros end the present mode."""
-        ...
-
-    def begin(self, t: float, y: FloatArray) -> None:
-        """Choose the mode to go on with."""
-        ...
-
-    def cross(self, t: float, y: FloatArray, k: int) -> FloatArray:
-        """Return the velocities after event `k`, and change the mode."""
-        ...
-
-
 @dataclass
 class _Planar:
-    """What all models share: the numbers of the robot and the wanted wheel rates."""
+    """What all models share: the numbers of the robot and the wanted wheel rates.
+
+    A model's equations change where one of its event functions crosses zero; `begin` then chooses the mode to go on with.
+    """
 
     model: PlanarModel
     scenario: SineScenario

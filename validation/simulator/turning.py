@@ -26,12 +26,6 @@ _SLOPE, _SLOPE_TIME, _SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
 """Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
 
 
-LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
-"""What a slow turn on the spot may do to the loads, as `turn_on_the_spot` has it [1]: forces towards the centre of the turn
-move half a per cent of the weight to the front or aside; the soft contact, which carries more where it slips faster, moves
-two per cent between diagonals and a fifth between a wide tyre's edges (docs/physics.md, "Other robots")."""
-
-
 def _twist(v: float, w: float, seconds: float) -> Commands:
     return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)))
 
@@ -122,19 +116,6 @@ def closed_form(
         contact_half_width(calibration),
         (shift[0], shift[1], shift[2], shift[3]),
     )
-
-
-def load_sensitivity(calibration: Calibration) -> float:
-    """Return by what share the closed form's multiplier may change as the turn itself shifts the loads (`LOAD_SHIFTS`) [1].
-
-    It is small but for long robots with their centre of mass far off the middle, which barely turn at all.
-    """
-    at_rest = math.log(closed_form(calibration).multiplier)
-    total = 0.0
-    for k, share in enumerate(LOAD_SHIFTS):
-        shifts = [tuple(sign * share if i == k else 0.0 for i in range(len(LOAD_SHIFTS))) for sign in (1.0, -1.0)]
-        total += max(abs(math.log(closed_form(calibration, shift=s).multiplier) - at_rest) for s in shifts)
-    return total
 
 
 def measure_spin(found: Spin, calibration: Calibration, tangent_ratio: float | None = None) -> dict[str, float]:

@@ -81,6 +81,13 @@ class StudyResult(Result):
         """Return in words which profile was studied, and which robot where the profile's name does not tell it."""
         return f"profile {with_robot(profile, self.robot)}"
 
+    @property
+    def made_by(self) -> str:
+        """Profile, versions and command, as the footer of a picture has them; the result has a `profile`."""
+        of, versions = self.of_profile(getattr(self, "profile", "")), self.versions
+        used = " · ".join(f"{name} {versions.get(name, '?')}" for name in ("mujoco", "ssmr-testbed"))
+        return f"{of} · {used} · python -m validation.study {self.study}"
+
     def figure(self) -> Figure:
         """Return its picture: what `draw_NAME` of the module `figure` in the study's package makes of it."""
         drawn: Figure = getattr(import_module(f"validation.study.{self.study}.figure"), f"draw_{self.study}")(self)

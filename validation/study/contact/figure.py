@@ -97,16 +97,11 @@ def _draw_header(study: ContactStudy, ax: Axes) -> None:
 def draw_contact(study: ContactStudy) -> Figure:
     """Draw every measure of every variant, 1600 px wide."""
     below = _heights(study)[-1][0] + 0.5 * _ROW_IN
-    versions = study.versions
-    footer = (
-        f"{study.of_profile(study.profile)} · mujoco {versions.get('mujoco', '?')} · "
-        f"ssmr-testbed {versions.get('ssmr-testbed', '?')} · python -m validation.study contact"
-    )
     rows = [
         text_row(_HEADER_IN, partial(_draw_header, study)),
         Row(0.1, ()),
         text_row(_NAMES_IN + below + 0.1, partial(_draw_table, study)),
         *note_rows(study.notes()),
-        text_row(_FOOTER_IN, partial(draw_footer, footer)),
+        text_row(_FOOTER_IN, partial(draw_footer, study.made_by)),
     ]
     return put_together(rows)

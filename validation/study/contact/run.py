@@ -10,12 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ssmr.parameters import require_within
-from validation.fit.targets import MOST_TIME
-from validation.motion.sources import open_source
-from validation.plants.profile import Profile
 from validation.progress import Progress, Report, silent
-from validation.simulator.description import Robot
 from validation.study.contact.bench import (
     UNDRIVEABLE,
     Bench,
@@ -27,37 +22,24 @@ from validation.study.contact.bench import (
 )
 from validation.study.contact.result import ContactStudy
 from validation.study.contact.variants import PhysicsVariant, chosen_variants
-from validation.study.result import keeping, profile_of
+from validation.study.recorded import RecordedOptions
+from validation.study.result import keeping
 
 _ROUNDS = 5
 """Number of times that the cost of a step is taken, all variants in turn; the median counts."""
 
 
 @dataclass(frozen=True)
-class ContactOptions:
+class ContactOptions(RecordedOptions):
     """Options of the study of physics settings."""
 
     only: tuple[str, ...] = ()
     """Groups to try besides what is shipped (cone, impratio, "time step", ...); all if none is named."""
-    profile: str | Profile | None = None
-    """Robot of the lab: name of a shipped profile, or path of a TOML file."""
-    recording: str | None = None
-    """Path of a real robot's recording (.csv, or a bag) with wheel rates; it adds columns."""
-    recording_profile: str | Profile | None = None
-    """Robot of the recording: name of a shipped profile, or path of a TOML file; if none is named, husky-tile."""
-    start: float | None = None
-    """Leave out what was recorded before this time [s]."""
-    until: float | None = None
-    """Leave out what was recorded after this time [s]."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profile's if none is named."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown group, or a time without a recording."""
         chosen_variants(self.only)
-        require_within(self, ("start", "until"), -MOST_TIME, MOST_TIME)
-        if self.recording is None and (self.start is not None or self.until is not None):
-            raise ValueError("start (--from) and until cut a recording; name one as recording")
+        super().__post_init__()
 
 
 def study_contact(
@@ -75,13 +57,8 @@ def study_contact(
         SsmrError: a published model diverged.
     """
     o = options or ContactOptions()
-    recorded, source = None, None
-    if o.recording is not None:
-        recorded = profile_of(o.recording_profile, o.robot, "husky-tile")
-        source = open_source(o.recording, "wheels", o.start, o.until)
-        if source.reference != "recording":
-            raise ValueError(f"recording '{o.recording}' is a scenario; wanted the path of a recording")
-    bench = make_bench(profile_of(o.profile, o.robot), recorded, source)
+    lab, recorded, sources = o.opened("wheels")
+    bench = make_bench(lab, recorded, *sources)
     return try_variants(bench, chosen_variants(o.only, bench.lab.robot), workers=workers, progress=progress)
 
 

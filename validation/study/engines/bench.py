@@ -77,11 +77,6 @@ class EngineMeasures:
     step_s: float | None = None
     """Processor time of a physics step, with the loop around it [s]."""
 
-    @property
-    def d_rms_mean(self) -> float | None:
-        """Mean d_rms over the trajectories [m]; None where one is missing."""
-        return float(np.mean(list(self.d_rms_m.values()))) if len(self.d_rms_m) == len(SCENARIOS) else None
-
 
 @dataclass(frozen=True, eq=False)
 class TriedEngine:

@@ -93,17 +93,12 @@ def _draw_key(study: EnginesStudy, ax: Axes) -> None:
 
 def draw_engines(study: EnginesStudy) -> Figure:
     """Return the picture, 1600 px wide."""
-    versions = study.versions
-    footer = (
-        f"{study.of_profile(study.profile)} · mujoco {versions.get('mujoco', '?')} · "
-        f"ssmr-testbed {versions.get('ssmr-testbed', '?')} · python -m validation.study engines"
-    )
     rows = [
         text_row(_HEADER_IN, partial(_draw_header, study)),
         Row(0.1, ()),
         side_by_side(_PANEL_IN, [partial(f, study) for f in (_draw_headings, _draw_paths, _draw_key)]),
         side_by_side(1.2 + 1.5 * _ROW_IN * len(study.tried), [partial(_draw_distances, study)]),
         *note_rows(study.notes()),
-        text_row(_FOOTER_IN, partial(draw_footer, footer)),
+        text_row(_FOOTER_IN, partial(draw_footer, study.made_by)),
     ]
     return put_together(rows)

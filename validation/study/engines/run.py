@@ -5,44 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssmr.parameters import require_within
 from validation.engines.body import EngineMissingError
-from validation.fit.targets import MOST_TIME
-from validation.motion.sources import open_source
-from validation.plants.profile import Profile
 from validation.progress import Progress, Report, silent
-from validation.simulator.description import Robot
 from validation.study.engines.bench import EngineBench, TriedEngine, make_engine_bench, measure_engine
 from validation.study.engines.result import EnginesStudy
 from validation.study.engines.variants import EngineVariant, chosen_engines
-from validation.study.result import keeping, profile_of
+from validation.study.recorded import RecordedOptions
+from validation.study.result import keeping
 
 
 @dataclass(frozen=True)
-class EnginesOptions:
+class EnginesOptions(RecordedOptions):
     """Options of the study of engines."""
 
     engines: tuple[str, ...] = ()
     """Engines to try (mujoco, ode, drake); all if none is named."""
-    profile: str | Profile | None = None
-    """Robot of the lab: name of a shipped profile, or path of a TOML file."""
-    recording: str | None = None
-    """Path of a real robot's recording (.csv, or a bag) with commands and wheel rates; it adds columns."""
-    recording_profile: str | Profile | None = None
-    """Robot of the recording: name of a shipped profile, or path of a TOML file; if none is named, husky-tile."""
-    start: float | None = None
-    """Leave out what was recorded before this time [s]."""
-    until: float | None = None
-    """Leave out what was recorded after this time [s]."""
-    robot: str | Robot | None = None
-    """Robot: its name or the path of its file; the profile's if none is named."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown engine, or a time without a recording."""
         chosen_engines(self.engines)
-        require_within(self, ("start", "until"), -MOST_TIME, MOST_TIME)
-        if self.recording is None and (self.start is not None or self.until is not None):
-            raise ValueError("start (--from) and until cut a recording; name one as recording")
+        super().__post_init__()
 
 
 def study_engines(
@@ -60,15 +42,8 @@ def study_engines(
         SsmrError: the improved model diverged.
     """
     o = options or EnginesOptions()
-    lab, recorded, sources = profile_of(o.profile, o.robot), None, {}
-    if o.recording is not None:
-        recorded = profile_of(o.recording_profile, o.robot, "husky-tile")
-        sources = {
-            "wheels_m": open_source(o.recording, "wheels", o.start, o.until),
-            "commands_m": open_source(o.recording, "twist", o.start, o.until),
-        }
-        if sources["wheels_m"].reference != "recording":
-            raise ValueError(f"recording '{o.recording}' is a scenario; wanted the path of a recording")
+    lab, recorded, found = o.opened("wheels", "twist")
+    sources = dict(zip(("wheels_m", "commands_m"), found, strict=False))
     return try_engines(make_engine_bench(lab, recorded, sources), chosen_engines(o.engines), progress=progress)
 
 

@@ -6,12 +6,30 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LACKING = {"3.13": {"dm-control"}, "3.14": {"dm-control", "cyclonedds"}}
+"""What later Pythons do without: packages that have no wheels for them."""
+BARE = """
+import sys
+sys.modules.update(dict.fromkeys(("dm_control", "labmaze", "rerun", "rerun_cli", "pyarrow")))
+from validation import cli, learning, load_profile
+from validation.compare.__main__ import main
+cli.run(main, "compare", ["traj2", "--plants", "mujoco,improved", "--no-rerun"])
+learning.TrackBatch(learning.TrackTask(), 2).reset()
+try:
+    learning.RobotEntity
+except ImportError as error:
+    print("entity:", error)
+cli.run(main, "compare", ["traj2"])
+"""
 pytest.importorskip("hatchling", reason="building a wheel needs the extra `test`")
 
 
@@ -48,3 +66,56 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     assert str(site) in done.stdout.splitlines()[0]
     document = json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())
     assert set(document["plants"]) == {"mujoco", "improved"}
+
+
+def wanted(version: str) -> list[Requirement]:
+    """What the project and its extras ask for in a Python of that version."""
+    extras = PROJECT["optional-dependencies"]
+    everything = [
+        *PROJECT["dependencies"],
+        *(r for name in extras for r in extras[name] if not r.startswith(PROJECT["name"])),
+    ]
+    found = [Requirement(text) for text in everything]
+    return [r for r in found if r.marker is None or r.marker.evaluate({"python_version": version})]
+
+
+def test_the_main_job_runs_without_dm_control_and_rerun(tmp_path: Path) -> None:
+    """As in Python 3.13, and in a thin installation; what needs either says so in one line."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", BARE], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=300
+    )
+    assert done.returncode == 2, done.stderr
+    assert "entity: RobotEntity and ground need dm_control" in done.stdout
+    assert "needs the package rerun-sdk" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"mujoco", "improved"}
+
+
+def test_a_thin_installation_leaves_out_two_packages() -> None:
+    lines = (ROOT / "thin.txt").read_text(encoding="utf-8").splitlines()[1:]
+    assert {*PROJECT["dependencies"]} - {*lines} == {
+        text for text in PROJECT["dependencies"] if Requirement(text).name in ("dm-control", "rerun-sdk")
+    }
+    assert {*lines} <= {*PROJECT["dependencies"]}
+
+
+def test_later_pythons_do_without_what_has_no_wheels_for_them() -> None:
+    usual = {r.name for r in wanted("3.12")}
+    assert {version: usual - {r.name for r in wanted(version)} for version in LACKING} == LACKING
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", LACKING)
+def test_every_dependency_has_wheels_for_later_pythons(version: str, tmp_path: Path) -> None:
+    """The index resolves them, with what they bring; nothing is installed."""
+    resolve = [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed", "--only-binary=:all:"]
+    resolve += ["--target", str(tmp_path), "--python-version", version]
+    if subprocess.run([*resolve, "lazy-loader"], capture_output=True, timeout=300, check=False).returncode != 0:
+        pytest.skip("no package index can be reached")
+    texts = {r.name: str(r).partition(";")[0].strip() for r in wanted("3.12")}
+    done = subprocess.run([*resolve, *(texts[r.name] for r in wanted(version))], capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stderr
+    for package in sorted(LACKING[version]):  # a package that has got wheels can be had again
+        again = subprocess.run([*resolve, texts[package]], capture_output=True, timeout=300, check=False)
+        assert again.returncode != 0, package

@@ -17,7 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("ssmr-testbed", "mujoco", "dm-control", "numpy", "scipy", "numba", "control", "rerun-sdk")
+PACKAGES = ("ssmr-testbed", "mujoco", "numpy", "scipy", "numba", "control", "rerun-sdk")
 """Packages whose versions a result records."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -257,9 +258,11 @@ class Output:
     no_rerun: NoRerun = False
 
     def check(self) -> None:
-        """Refuse to show a recording that is not written."""
+        """Refuse to show a recording that is not written, and to write one without rerun."""
         if (self.view or self.view_web) and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
+        if not self.no_rerun and find_spec("rerun") is None:
+            raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
 
     def show(self, recording: Path) -> None:
         """Open the recording in the viewer if that is asked for."""

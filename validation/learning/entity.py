@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
-from dm_control import composer
-
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.model import calibrate, set_motors
 
+try:
+    from dm_control import composer, mjcf
+except ImportError as missing:
+    raise ImportError(
+        "RobotEntity and ground need dm_control, which Python 3.11 and 3.12 have; the rest of validation.learning does not"
+    ) from missing
+
 
 class RobotEntity(composer.Entity):
     """A robot without its free joint: `Arena.add_free_entity` gives it one."""
 
     def _build(self, robot: Robot, integral: bool = False) -> None:
-        self._robot, self._model = robot, compose_robot(robot)
-        if integral:
-            add_integral_parts(self._model, robot)
+        self._robot, self._model = robot, _tree(robot, integral)
         self._model.model = robot.name
         self._model.find("joint", "root").remove()
 
@@ -53,10 +56,19 @@ class RobotEntity(composer.Entity):
         set_motors(physics.model.ptr, calibration, drive, self.prefix)
 
 
+def _tree(robot: Robot, integral: bool = False) -> Any:
+    """Return a robot as an MJCF tree of dm_control."""
+    spec = compose_robot(robot)
+    if integral:
+        add_integral_parts(spec, robot)
+    spec.compile()  # only then can it be written
+    return mjcf.from_xml_string(spec.to_xml())
+
+
 def ground(robot: Robot) -> composer.Arena:
     """Return a plane under a lamp, with the solver's settings of the robot: an attached robot does not bring its own."""
     arena = composer.Arena(name="ground")
-    made, root = compose_robot(robot), arena.mjcf_model
+    made, root = _tree(robot), arena.mjcf_model
     for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
         setattr(root.option, name, getattr(made.option, name))
     root.option.flag.multiccd = made.option.flag.multiccd

@@ -11,7 +11,10 @@ from pathlib import Path
 
 os.environ.setdefault("RERUN_ANALYTICS", "false")  # rerun looks at it when it is imported
 
-import rerun as rr
+try:
+    import rerun as rr
+except ImportError as missing:
+    raise ImportError("recordings need the package rerun-sdk; save(folder, recording=False) does without") from missing
 
 from validation.words import each_line, one_line
 

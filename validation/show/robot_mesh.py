@@ -71,7 +71,7 @@ def robot_mesh(robot: Robot) -> RobotMesh:
         MemoryError: there is not enough memory for its model.
         ValueError: its hand-made MJCF cannot be read, or has looks that are not drawn here.
     """
-    model = mujoco.MjModel.from_xml_string(compose_robot(robot).to_xml_string())
+    model = compose_robot(robot).compile()
     base = -np.array(model.site("reference").pos)
     places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}
     return RobotMesh({name: body_mesh(model, name) for name in places}, places)

@@ -52,57 +52,58 @@ def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, fl
     return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
 
 
-def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) -> str:
-    """Return robot and ground as MJCF text, without looks and without the sensors that nobody reads here: they cost time.
+def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) -> mujoco.MjSpec:
+    """Return robot and ground, without looks and without the sensors that nobody reads here: they cost time.
 
     Tyres and ground are contact pairs: their two tangential frictions may differ, and MuJoCo need not look for what else
     might touch. Only a floor of two slabs has none. `integral` adds the motors' integral parts.
     """
-    arena = compose_robot(robot)
+    spec = compose_robot(robot)
     if integral:
-        add_integral_parts(arena, robot)
-    for geom in arena.find_all("geom"):
-        if not (geom.name or "").endswith("_tire"):
-            geom.remove()
-    for sensor in arena.find_all("sensor"):
-        if sensor.name not in READ_SENSORS:
-            sensor.remove()
-    ground = _lay_ground(arena, terrain)
+        add_integral_parts(spec, robot)
+    for part in [geom for geom in spec.geoms if not geom.name.endswith("_tire")]:
+        spec.delete(part)
+    for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
+        spec.delete(part)
+    world, paired = spec.worldbody, terrain.kind != "split"
+    if terrain.kind == "split":
+        _lay_slabs(world, terrain)
+    elif terrain.kind != "rough":
+        world.add_geom(name=_GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
-        tire = arena.find("geom", f"{wheel}_tire")
-        paired = terrain.kind != "split"
-        tire.set_attributes(contype=int(not paired), conaffinity=0)  # it touches ground, and no tyre: capsules reach far
-        if shape == "ellipsoid":
-            tire.set_attributes(type="ellipsoid", size=[radius, half, radius])
-        else:
-            tire.set_attributes(type=shape, size=[radius, half], zaxis=[0, 1, 0])
-        if terrain.kind == "rough":
-            patch = arena.worldbody.add("body", name=f"{wheel}_ground", mocap=True)
-            ground = patch.add("geom", type="plane", size=[2 * radius, 2 * radius, 0.05], contype=0, conaffinity=0)
+        tire, ground = spec.geom(f"{wheel}_tire"), _GROUND
+        tire.contype, tire.conaffinity = int(not paired), 0  # it touches ground, and no tyre: capsules reach far
+        tire.type, tire.size = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}"), [radius, half, radius]
+        if shape != "ellipsoid":
+            tire.alt.type, tire.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, [0, 1, 0]
+        if terrain.kind == "rough":  # each wheel has a plane of its own, which `MujocoPlant` lays under it
+            patch, ground = world.add_body(name=f"{wheel}_ground", mocap=True), f"{wheel}_ground"
+            size = [2 * radius, 2 * radius, 0.05]
+            patch.add_geom(name=ground, type=mujoco.mjtGeom.mjGEOM_PLANE, size=size, contype=0, conaffinity=0)
         if paired:
-            arena.contact.add("pair", geom1=ground, geom2=tire, condim=3)
-    return arena.to_xml_string()
+            spec.add_pair(geomname1=ground, geomname2=tire.name, condim=3)
+    return spec
 
 
-def _lay_ground(arena: Any, terrain: Terrain) -> Any:
-    """Add the ground; return the geom that is named so, if there is one."""
-    whole: dict[str, Any] = {"name": "ground", "condim": 3}
-    if terrain.kind == "rough":
-        return None  # each wheel has a plane of its own, which `MujocoPlant` lays under it
-    if terrain.kind == "split":
-        # Two slabs side by side: planes have no edge. Of two geoms that touch, the one of higher priority says friction and
-        # softness: the slippery slab's above the tyre's, the tyre's above the other slab's.
-        half = 0.5 * SLAB_SIZE
-        slab = {"type": "box", "size": [half, half, 0.5 * GROUND_DEPTH], "euler": [0, 0, terrain.edge_heading]}
-        left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
-        down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
-        right = {**whole, **slab, "priority": 2, "name": _OTHER_GROUND}
-        arena.worldbody.add("geom", pos=left * (terrain.edge_offset - half) + down, **right)
-        return arena.worldbody.add("geom", pos=left * (terrain.edge_offset + half) + down, **slab, **whole)
-    return arena.worldbody.add("geom", type="plane", size=[0, 0, 0.05], **whole)
+def _lay_slabs(world: Any, terrain: Terrain) -> None:
+    """Add two slabs side by side: planes have no edge.
+
+    Of two geoms that touch, the one of higher priority says friction and softness: the slippery slab's above the tyre's, the
+    tyre's above the other slab's.
+    """
+    half = 0.5 * SLAB_SIZE
+    slab = {
+        "type": mujoco.mjtGeom.mjGEOM_BOX, "size": [half, half, 0.5 * GROUND_DEPTH], "euler": [0, 0, terrain.edge_heading],
+    }  # fmt: skip
+    left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
+    down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
+    world.add_geom(name=_OTHER_GROUND, pos=left * (terrain.edge_offset - half) + down, priority=2, **slab)
+    world.add_geom(name=_GROUND, pos=left * (terrain.edge_offset + half) + down, **slab)
 
 
+_GROUND = "ground"
+"""The ground, or the part of a two-friction floor that lies left of its edge."""
 _OTHER_GROUND = "other_ground"
 """The part of a two-friction floor that lies right of its edge."""
 GROUND_DEPTH = 0.5
@@ -155,7 +156,7 @@ def robot_model(
         terrain.require_room(calibration.wheel_radius)
         if len(_models) >= _MOST_MODELS:
             _models.clear()
-        _models[key] = mujoco.MjModel.from_xml_string(_compose(*key))
+        _models[key] = _compose(*key).compile()
     model = mujoco.MjModel.__copy__(_models[key])
     set_numbers(model, calibration, terrain, settings, drive)
     return model

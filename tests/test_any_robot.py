@@ -222,7 +222,7 @@ def test_learning(robot: str) -> None:
 def test_scenes_have_the_size_of_their_robot(name: str) -> None:
     """Neighbours in the line-up stand apart and fill the view alike, and what follows a robot is neither in it nor far."""
     found = compare("traj1", plants=PLANTS, robot=name)
-    tracks, mesh = comparison_rerun._tracks(found), robot_mesh(load_robot(name))
+    tracks, mesh = comparison_rerun.compared_tracks(found), robot_mesh(load_robot(name))
     length, width, height = mesh.box[1] - mesh.box[0]
     g = load_robot(name).geometry
     assert length == pytest.approx(g.wheelbase + 2.0 * g.wheel_radius, rel=0.25)

@@ -12,14 +12,18 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 import tyro
+from rich.text import Text
 from tyro.constructors import PrimitiveConstructorSpec
 
 from ssmr.parameters import MOST_SEED
+from validation.cli.reporting import report_console, shown
 from validation.logs.limits import USUAL, LogLimits
-from validation.words import shortened
+from validation.progress import Report
+from validation.store import make_folder
+from validation.words import shortened, visible
 
 T = TypeVar("T")
 
@@ -248,6 +252,13 @@ class Run:
     workers: Workers = None
 
 
+class Filmed(Protocol):
+    """A result that can be seen in motion."""
+
+    def write_video(self, path: Path, progress: Report) -> None:
+        """Write it as a video."""
+
+
 @dataclass(frozen=True)
 class Output:
     """Options for what is written and shown by a program that makes a recording; each program says its own folder."""
@@ -256,13 +267,29 @@ class Output:
     view: View = False
     view_web: ViewWeb = False
     no_rerun: NoRerun = False
+    video: Annotated[Path | None, option(metavar="FILE", default="none")] = None
+    """Video for slides to write (.mp4, .gif): MuJoCo's robot, the others as ghosts; drawn without a window."""
 
     def check(self) -> None:
-        """Refuse to show a recording that is not written, and to write one without rerun."""
+        """Refuse to show a recording that is not written, and to write one without rerun, or a video that cannot be."""
         if (self.view or self.view_web) and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
         if not self.no_rerun and find_spec("rerun") is None:
             raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
+        if self.video is not None and find_spec("rerun") is None:
+            raise UserError("a video needs the package rerun-sdk as well, which is missing: install it")
+        if self.video is not None:
+            from validation.show.video import check_video
+
+            check_video(self.video)
+            make_folder(self.video.parent)
+
+    def draw(self, result: Filmed) -> None:
+        """Write the video if it is asked for, and print its path."""
+        if self.video is not None:
+            with shown("drawing") as progress:
+                result.write_video(self.video, progress)
+            report_console().print(Text(f"written: {visible(self.video)}"), soft_wrap=True)
 
     def show(self, recording: Path) -> None:
         """Open the recording in the viewer if that is asked for."""

@@ -98,6 +98,7 @@ def main(options: CompareOptions) -> None:
         if result.health is not None and result.health.advice:
             cli.warn(f"{result.name}: {result.health.advice}")
     cli.report_result(comparison, written)
+    output.draw(comparison)
     output.show(folder / "compare.rrd")
 
 

@@ -98,7 +98,7 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    c, tracks = comparison, _tracks(comparison)
+    c, tracks = comparison, compared_tracks(comparison)
 
     def fill(recording: rr.RecordingStream) -> None:
         plots = _command_plots(comparison)
@@ -123,7 +123,7 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
-def _tracks(comparison: ComparisonData) -> list[Track]:
+def compared_tracks(comparison: ComparisonData) -> list[Track]:
     """Return all robots, the reference first."""
     plants = comparison.plants
     known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say

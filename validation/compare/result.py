@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation.compare.data import ComparisonData, PlantResult
 from validation.compare.table import alike_plants, comparison_grids, comparison_notes
+from validation.progress import Report, silent
 from validation.show.result import Result
 from validation.show.tables import Grid
 from validation.simulator.description import WHEELS
@@ -46,6 +47,13 @@ class Comparison(ComparisonData, Result):
 
         write_recording(self, path, comparison_markdown(self))
         return True
+
+    def write_video(self, path: Path, progress: Report = silent) -> None:
+        """Write the robots in motion as a video; see `validation.show.video.write_video`."""
+        from validation.compare.rerun import compared_tracks
+        from validation.show.video import write_video
+
+        write_video(compared_tracks(self), path, f"{self.source}, {self.profile_label}", progress)
 
     def as_dict(self) -> dict[str, Any]:
         """Return what compare.json holds."""

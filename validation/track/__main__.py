@@ -147,6 +147,7 @@ def main(options: TrackOptions) -> None:
     stem = file_name(f"{asked.controller.name}-{asked.label}")
     folder = cli.output_folder(output.out or Path("runs") / "track" / stem)
     cli.report_result(tracked, tracked.save(folder, recording=not output.no_rerun))
+    output.draw(tracked)
     output.show(folder / "track.rrd")
     tracked.require_kept()
 

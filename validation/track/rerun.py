@@ -66,11 +66,7 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     """
     require_comparable(results)
     first = results[0]
-    ground = next((r.terrain for r in results if r.terrain != FLAT), FLAT)  # planar models stand on none
-    longest = max(results, key=lambda r: len(r.target)).target
-    reference = Track("reference", (longest,), None, terrain=ground, robot=first.body)
-    robots = [Track(r.plant, (r.run.motion,), None, terrain=ground, robot=first.body) for r in results]
-
+    *robots, reference = followed_tracks(results)
     about = {
         "controller": first.controller,
         "gains": f"{first.gains_name}: {gains_text(first.gains)}",
@@ -96,6 +92,14 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     asked = (first.controller, sorted(first.gains.items()), first.reference, first.speed, *whose)
     data = encode("track", identify((*asked, sorted(map(repr, first.options.items()))), [reference, *robots]), fill)
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
+
+
+def followed_tracks(results: Sequence[TrackedRobot]) -> list[Track]:
+    """Return the robots and, last, the target that they follow."""
+    ground = next((r.terrain for r in results if r.terrain != FLAT), FLAT)  # planar models stand on none
+    longest = max(results, key=lambda r: len(r.target)).target
+    motions = [*((r.plant, r.run.motion) for r in results), ("reference", longest)]
+    return [Track(name, (motion,), None, terrain=ground, robot=results[0].body) for name, motion in motions]
 
 
 # --- the scene ---

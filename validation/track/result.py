@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ssmr.metrics.declared import Metrics
 from validation import store
+from validation.progress import Report, silent
 from validation.show.result import Result
 from validation.show.tables import Grid
 from validation.track.data import TrackedRobot
-from validation.track.table import require_comparable, track_grids, track_notes
+from validation.track.table import headline, require_comparable, track_grids, track_notes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,6 +91,13 @@ class TrackResult(Result):
         used, place = self.robots[0].filter, store.make_folder(Path(folder))
         own = [used.save(place / "filter.toml")] if used is not None and used.settings.learns else []
         return [*own, *super().save(folder, recording=recording)]
+
+    def write_video(self, path: Path, progress: Report = silent) -> None:
+        """Write the robots and the target in motion as a video; see `validation.show.video.write_video`."""
+        from validation.show.video import write_video
+        from validation.track.rerun import followed_tracks
+
+        write_video(followed_tracks(self.robots), path, headline(self.robots[0]), progress)
 
     def as_dict(self) -> dict[str, Any]:
         """Return what track.json holds: the first robot, and the others under `beside`, by plant."""

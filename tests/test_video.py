@@ -1,0 +1,162 @@
+"""Videos: robots stand where the motion says, pictures show them, and a file is there whole or not at all."""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from ssmr.types import Commands, State
+from validation.compare.result import Comparison
+from validation.compare.run import prepare
+from validation.motion.sources import Piece, Source
+from validation.plants.profile import Profile
+from validation.progress import Progress
+from validation.show import video
+from validation.show.graphics import NoGraphicsError, open_graphics
+from validation.show.stage import Stage, ink
+from validation.simulator.description import load_robot
+from validation.simulator.terrain import parse_terrain
+
+pytest.importorskip("PIL.Image")
+from PIL import Image, ImageChops
+
+pipes_left_open = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+"""imageio-ffmpeg leaves a pipe to ffmpeg open when ffmpeg has ended first; the test collects it before it ends."""
+SMALL = {".mp4": video._Format(320, 192, 25.0, 0.2), ".gif": video._Format(320, 192, 10.0, 0.5)}
+
+
+@pytest.fixture(scope="module")
+def comparison(lab: Profile) -> Comparison:
+    commands = Commands(0.1, np.tile([0.8, 0.6], (20, 1)))
+    source = Source("a curve", (Piece(commands, State(), None, None),), "mujoco", 0.02)
+    return prepare(source, lab, ("mujoco", "kinematic")).run()
+
+
+@pytest.fixture
+def graphics(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video, "_FORMATS", SMALL)
+    try:
+        open_graphics(64, 64).free()
+    except NoGraphicsError as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("ground", ["flat", "ramp:10", "rough:20", "split:0.5"])
+def test_robots_stand_where_they_are_put(ground: str) -> None:
+    stage = Stage(load_robot(), ("mujoco", "improved"), parse_terrain(ground))
+    stage.place(1, np.array([2.0, -1.0, 0.5 * math.pi]), np.array([0.3, -0.2]))
+    stage.settle()
+    reference = stage.data.body("1").xpos
+    assert reference == pytest.approx([2.0, -1.0, 0.0])
+    ahead = stage.data.body("1_front_left").xpos - stage.data.body("1_rear_left").xpos
+    assert ahead[:2] == pytest.approx([0.0, load_robot().geometry.wheelbase])
+    assert [float(stage.data.joint(f"1_{wheel}").qpos[0]) for wheel in ("front_left", "rear_right")] == [0.3, -0.2]
+    assert stage.data.body("0").xpos == pytest.approx([0.0, 0.0, 0.0])
+
+
+def test_rough_ground_is_where_the_terrain_is() -> None:
+    terrain = parse_terrain("rough:50")
+    stage = Stage(load_robot(), ("mujoco",), terrain, np.array([[-2.0, -10.0], [12.0, 5.0]]))
+    stage.place(0, np.array([-50.0, 0.0, 0.0]), np.zeros(2))
+    stage.settle()
+    points = np.array([[0.0, 0.0], [5.0, -7.0], [11.0, 3.0], [-1.0, 2.0]])
+    above = np.column_stack([points, np.full(4, 2.0)])
+    down, hit = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
+    found = [2.0 - mujoco.mj_ray(stage.model, stage.data, p, down, None, 1, -1, hit) for p in above]
+    assert found == pytest.approx(terrain.height_at(points), abs=2e-3)  # the net is 5 cm wide
+    assert np.ptp(found) > 0.01
+
+
+def test_a_film_shows_every_instant_and_hurries_when_it_is_long(comparison: Comparison) -> None:
+    from validation.compare.rerun import compared_tracks
+
+    film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, 10.0), "a curve")
+    assert film.t == pytest.approx(np.arange(0.0, 2.01, 0.1))
+    motion = comparison.plants["kinematic"].pieces[0]
+    assert film._poses[1][-1] == pytest.approx(motion.pose[-1], abs=1e-9)
+    assert len(video._Film(compared_tracks(comparison), SMALL[".gif"], "a curve").t) == 6  # 2 s at four times the speed
+
+
+@pytest.mark.usefixtures("graphics")
+def test_a_gif_shows_the_robots_and_the_legend(comparison: Comparison, tmp_path: Path) -> None:
+    path, told = tmp_path / "a.gif", list[Progress]()
+    comparison.write_video(path, told.append)
+    with Image.open(path) as film:
+        assert (film.size, film.n_frames) == ((320, 192), 6)  # type: ignore[attr-defined]
+        first = film.convert("RGB")
+        film.seek(5)
+        last = film.convert("RGB")
+    assert [p.done for p in told] == [1, 2, 3, 4, 5, 6]
+    assert ImageChops.difference(first, last).getbbox() is not None
+    red, green, blue = (np.asarray(last, dtype=float)[..., k] for k in range(3))
+    for name in ("mujoco", "kinematic"):
+        r, g, b = ink(name)
+        assert np.sum((abs(red - r) < 12) & (abs(green - g) < 12) & (abs(blue - b) < 12)) > 20, name
+    solid = (red > 150) & (green > 110) & (blue < 80)  # the yellow hull
+    assert solid[64:].sum() > 30
+
+
+@pipes_left_open
+@pytest.mark.usefixtures("graphics")
+def test_a_video_can_be_read_back(comparison: Comparison, tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "a.mp4"
+    comparison.write_video(path)
+    frames = ffmpeg.read_frames(str(path))
+    about = next(frames)
+    assert (about["size"], about["fps"]) == ((320, 192), 25.0)
+    assert len(list(frames)) == 6
+    frames.close()
+    gc.collect()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
+
+
+@pipes_left_open
+@pytest.mark.usefixtures("graphics")
+@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+def test_an_interrupt_leaves_what_was_there(comparison: Comparison, tmp_path: Path, ending: str) -> None:
+    if ending == ".mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / f"a{ending}"
+    path.write_text("before")
+
+    def interrupt(now: Progress) -> None:
+        if now.done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        comparison.write_video(path, interrupt)
+    gc.collect()
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(path.name, "before")]
+
+
+def test_what_cannot_be_written_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match=r"ends in \.mp4 or \.gif"):
+        video.check_video(Path("a.avi"))
+    monkeypatch.setattr(video, "find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"pip install 'ssmr-testbed\[video\]'"):
+        video.check_video(Path("a.mp4"))
+    video.check_video(Path("a.gif"))
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the system always has OpenGL")
+def test_without_opengl_all_other_files_are_written(tmp_path: Path) -> None:
+    surroundings = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")}
+    surroundings["PYOPENGL_PLATFORM"] = "glx"  # neither EGL nor OSMesa can be had with it
+    command = [sys.executable, "-m", "validation.compare", "traj1", "--plants", "linear,improved", "--reference", "linear"]
+    ran = subprocess.run(
+        [*command, "--no-rerun", "--out", str(tmp_path), "--video", str(tmp_path / "a.gif")],
+        capture_output=True, text=True, env=surroundings, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 1
+    assert "libosmesa6" in ran.stderr
+    assert len([line for line in ran.stderr.splitlines() if "OpenGL" in line]) == 1
+    assert {p.name for p in tmp_path.iterdir()} == {"compare.json", "compare.png"}

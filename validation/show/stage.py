@@ -1,0 +1,159 @@
+"""Robots on their ground for MuJoCo's own renderer and viewer: looks alone, put where a motion says, without physics."""
+# pyright: reportAttributeAccessIssue=false
+# (mujoco's compiled modules have no type stubs)
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from ssmr.geometry import roll_pitch_yaw_to_quat_wxyz
+from ssmr.types import FloatArray
+from validation.show.palette import Rgb, colour, mix
+from validation.show.rerun_robots import GROUND, OTHER_GROUND, WHITE
+from validation.show.robot_mesh import robot_mesh, tinted
+from validation.simulator.composing import VISUAL_GROUP, compose_robot
+from validation.simulator.description import WHEELS, Robot
+from validation.simulator.failures import mujoco_failures
+from validation.simulator.terrain import FLAT, Terrain
+
+_GHOST_OPACITY = 0.45
+_GHOST_SIZE = 0.985
+"""Size of a ghost over the robot's: where it stands just as the solid one does, it hides inside."""
+_SIDES = np.array([0 if wheel.endswith("left") else 1 for wheel in WHEELS])
+_NET_POINTS = 300
+"""Points of the net over rough ground along each of its sides."""
+_MOST_MARKS = 10_000
+"""Most shapes of a scene."""
+
+
+def ink(name: str) -> Rgb:
+    """Return the colour of a plant on the stage: that of the figures, near-black made grey so that shapes show."""
+    rgb = colour(name)
+    return mix(rgb, WHITE, 0.4) if max(rgb) < 80 else rgb
+
+
+class Stage:
+    """Robots of one kind: the first one solid in its own colours, the others translucent in those of their plants."""
+
+    @mujoco_failures()
+    def __init__(
+        self, robot: Robot, names: Sequence[str], terrain: Terrain = FLAT, corners: FloatArray | None = None
+    ) -> None:
+        """Put all robots to the origin.
+
+        Args:
+            robot: what they look like.
+            names: plants; the first one's robot is solid.
+            terrain: ground.
+            corners: (2, 2) corners of the ground that is drawn where it is rough [m]; 40 m by 40 m around the origin if not
+                given. Other grounds have no end.
+
+        Raises:
+            ValueError: the robot's hand-made MJCF cannot be read, or has looks that are not drawn.
+        """
+        self.mesh, self.names = robot_mesh(robot), tuple(names)
+        spec, looks = mujoco.MjSpec(), compose_robot(robot).compile()
+        scale = float(self.mesh.scale.max())
+        spec.stat.extent, spec.visual.global_.offwidth, spec.visual.global_.offheight = 4.0 * scale, 1920, 1080
+        spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.25] * 3
+        _lay_ground(spec, terrain, np.array([[-20.0, -20.0], [20.0, 20.0]]) if corners is None else corners)
+        for rank, name in enumerate(names):
+            self._add_robot(spec, looks, rank, name)
+        sun = spec.body("0").add_light(pos=[0.0, 0.0, 6.0 * scale], dir=[0.3, 0.25, -1.0], diffuse=[0.5] * 3)
+        sun.castshadow = False  # coarse, and a third of the time
+        sun.type, sun.mode = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.settle()
+
+    def _add_robot(self, spec: mujoco.MjSpec, looks: mujoco.MjModel, rank: int, name: str) -> None:
+        places = self.mesh.places
+        base = spec.worldbody.add_body(name=str(rank), mocap=True)
+        for part in ("base", *WHEELS):
+            body, offset = base, places["base"]
+            if part != "base":
+                body, offset = base.add_body(name=f"{rank}_{part}", pos=places[part]), np.zeros(3)
+                body.add_joint(name=f"{rank}_{part}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
+            first, count = int(looks.body(part).geomadr[0]), int(looks.body(part).geomnum[0])
+            for g in (g for g in range(first, first + count) if looks.geom_group[g] == VISUAL_GROUP):
+                rgba, size = looks.geom_rgba[g].astype(np.float64), 1.0
+                if rank:
+                    shade = tinted(np.round(255.0 * rgba[None]).astype(np.uint8), ink(name), 0.5)[0] / 255.0
+                    rgba, size = np.append(shade[:3], _GHOST_OPACITY), _GHOST_SIZE
+                body.add_geom(
+                    type=mujoco.mjtGeom(int(looks.geom_type[g])), size=size * looks.geom_size[g], rgba=rgba,
+                    pos=offset + size * looks.geom_pos[g], quat=looks.geom_quat[g], contype=0, conaffinity=0,
+                )  # fmt: skip
+
+    def place(self, rank: int, pose: FloatArray, turns: FloatArray, raised: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Put a robot somewhere; `settle` shows it there.
+
+        Args:
+            rank: index of the robot.
+            pose: (3,) pose of the body's reference point [m, m, rad].
+            turns: (2,) angles through which left and right wheels have turned [rad].
+            raised: height [m], roll and pitch [rad] on uneven ground.
+        """
+        self.data.mocap_pos[rank] = *pose[:2], raised[0]
+        self.data.mocap_quat[rank] = roll_pitch_yaw_to_quat_wxyz(raised[1], raised[2], pose[2])
+        self.data.qpos[len(WHEELS) * rank : len(WHEELS) * (rank + 1)] = np.asarray(turns)[_SIDES]
+
+    def settle(self) -> None:
+        """Move all bodies to where the robots were put."""
+        mujoco.mj_fwdPosition(self.model, self.data)
+
+
+def draw_trail(scene: mujoco.MjvScene, points: FloatArray, name: str, width: float) -> None:
+    """Add a flat strip through (K, 3) points [m] to a scene, in the colour of a plant, as far as there is room.
+
+    It is made of boxes: a capsule has a hundred times their triangles, and a machine without a graphics card draws slowly.
+    """
+    rgba = np.array([*ink(name), 255], dtype=np.float32) / 255.0
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    for start, step, length in zip(points[:-1], steps, lengths, strict=True):
+        if length > 0.0 and scene.ngeom < scene.maxgeom:
+            (c, s), size = step[:2] / length, np.array([0.5 * length + 0.3 * width, 0.5 * width, 0.05 * width])
+            turned = np.array([c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0])
+            geom = scene.geoms[scene.ngeom]
+            mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_BOX, size, start + 0.5 * step, turned, rgba)
+            scene.ngeom += 1
+
+
+def new_scene(model: mujoco.MjModel) -> mujoco.MjvScene:
+    """Return a scene that has room for a stage and for the lines that are drawn on it."""
+    return mujoco.MjvScene(model, maxgeom=_MOST_MARKS)
+
+
+def _lay_ground(spec: mujoco.MjSpec, terrain: Terrain, corners: FloatArray) -> None:
+    """Add sky and ground: squares of a metre; a slippery part or rough ground without squares."""
+    pale, dark, other = (np.array(rgb) / 255.0 for rgb in (GROUND, mix(GROUND, (0, 0, 0), 0.12), OTHER_GROUND))
+    sky, builtin = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+    spec.add_texture(type=sky, builtin=builtin, rgb1=[0.75, 0.84, 0.94], rgb2=[1.0, 1.0, 1.0], width=256, height=1536)
+    squares = {"type": mujoco.mjtTexture.mjTEXTURE_2D, "builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER}
+    spec.add_texture(name="squares", rgb1=pale, rgb2=dark, width=256, height=256, **squares)
+    floor = spec.add_material(name="floor", texuniform=True, texrepeat=[0.5, 0.5])
+    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
+    untouched = {"contype": 0, "conaffinity": 0}
+    if terrain.kind == "rough":
+        x, y = (np.linspace(low, high, _NET_POINTS) for low, high in zip(*corners, strict=True))
+        heights = terrain.height_at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+        low, rise = float(heights.min()), max(float(np.ptp(heights)), 1e-6)
+        half, middle = 0.5 * (corners[1] - corners[0]), corners.mean(axis=0)
+        spec.add_hfield(
+            name="rough", nrow=_NET_POINTS, ncol=_NET_POINTS, size=[*half, rise, 0.1], userdata=(heights - low) / rise
+        )
+        kind = mujoco.mjtGeom.mjGEOM_HFIELD
+        spec.worldbody.add_geom(type=kind, hfieldname="rough", pos=[*middle, low], rgba=[*pale, 1.0], **untouched)
+        return
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], material="floor", **untouched)
+    if terrain.kind == "split":
+        half, heading = 100.0, terrain.edge_heading
+        right = np.array([np.sin(heading), -np.cos(heading), 0.0])
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX, size=[half, half, 0.001], pos=(half - terrain.edge_offset) * right,
+            quat=[np.cos(0.5 * heading), 0.0, 0.0, np.sin(0.5 * heading)], rgba=[*other, 1.0], **untouched,
+        )  # fmt: skip

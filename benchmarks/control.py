@@ -117,11 +117,7 @@ def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 7, wor
         raise cli.UserError("--repeats must be positive, --workers must not be negative")
     threads = workers or os.cpu_count() or 1
     often, population, candidates = (1, 2, 4) if quick else (repeats, POPULATION, 100)
-    rows = [
-        *planar_rows(often, population),
-        *mujoco_rows(often, threads, population),
-        *budget_rows(threads, candidates),
-    ]
+    rows = [*planar_rows(often, population), *mujoco_rows(often, threads, population), *budget_rows(threads, candidates)]
     report("benchmarks/control: fastest times, measured side by side", rows, out)
 
 

@@ -350,19 +350,8 @@ def drive_circle(watcher: Watcher, *options: str) -> float:
     """One drive of `through_ros`."""
     with watcher.sim(*options):
         out, log = watcher.folder / f"track{time.monotonic_ns()}", watcher.folder / "control.log"
-        command = [
-            sys.executable,
-            "-m",
-            "validation.ros",
-            "control",
-            "pid",
-            "circle",
-            "--profile",
-            PROFILE,
-            "--out",
-            str(out),
-            *watcher.options,
-        ]
+        drive = ("control", "pid", "circle", "--profile", PROFILE, "--out", str(out))
+        command = [sys.executable, "-m", "validation.ros", *drive, *watcher.options]
         with process(command, log) as running:
             while running.poll() is None:
                 watcher.hear(0.5)
@@ -500,10 +489,7 @@ def check_silence(watcher: Watcher, log: Path) -> list[Finding]:
         found = stopping("stream silent", rest_time(watcher.hear(1.4)) - last)
         if all(f.ok for f in found):
             break
-    return [
-        *found,
-        yes("silence was said", f"nothing on {COMMAND} for {BASE_TIMEOUT:g} s: the robot brakes" in said(log)),
-    ]
+    return [*found, yes("silence was said", f"nothing on {COMMAND} for {BASE_TIMEOUT:g} s: the robot brakes" in said(log))]
 
 
 def check_master(watcher: Watcher, simulation: subprocess.Popen[bytes], log: Path) -> list[Finding]:

@@ -21,10 +21,7 @@ WIDTH, HEIGHT, STEP, BOX = 980, 674, 62, 30
 INK, FLOW = "#24292f", "#0072b2"
 PANELS = {"validation": (10, 500, "#fdebcf"), "ssmr": (535, 435, "#dbeaf7")}
 """Left edge, width and colour of each package's panel."""
-WORDS = {
-    "validation": "validation: MuJoCo, files, pictures, command lines",
-    "ssmr": "ssmr: numbers in, numbers out",
-}
+WORDS = {"validation": "validation: MuJoCo, files, pictures, command lines", "ssmr": "ssmr: numbers in, numbers out"}
 Graph = dict[str, set[str]]
 Place = tuple[float, float]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ssmr.robot.skid_turn import polygonal_turn, turn_on_the_spot
@@ -129,12 +128,10 @@ def main() -> None:
     found = {v.key: v for v in physics_variants()}
     print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(1, 3, width_ratios=(1.15, 0.85, 1.15))
     for draw, ax in zip((draw_theory, draw_paths, draw_speed), panels, strict=True):
         draw(section, found, ax)
         ax.spines[["top", "right"]].set_visible(False)
-    OUT.parent.mkdir(exist_ok=True)
     figure.savefig(OUT)
 
 

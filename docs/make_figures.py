@@ -14,7 +14,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ssmr.robot.drive import wheel_rates, wheel_references
@@ -27,13 +26,7 @@ from validation.plants.profile import load_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.contact_law import ContactLaw, contact_law
 from validation.simulator.health import START_TIME, check_health, examine, run_health
-from validation.simulator.model import (
-    GRAVITY,
-    WHEELS,
-    pressed_in,
-    robot_model,
-    wheel_geoms,
-)
+from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model, wheel_geoms
 from validation.simulator.physics import SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import creep
@@ -336,7 +329,6 @@ def draw() -> None:
     """Draw the multiplier over the time step, and one wheel's load over time, under default and soft contact."""
     steps = (0.00025, 0.0005, 0.001, 0.002, 0.005, 0.01)
     figure = Figure(figsize=(9.0, 3.6), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     looks = {"ellipsoid": ("o", "ellipsoid (touches at a point)"), "cylinder": ("s", "cylinder (touches along a line)")}
     for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
@@ -372,7 +364,6 @@ def draw() -> None:
     right.set_title("Wheel load in this turn (ellipsoid, 2 ms)", fontsize=10)
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
-    OUT.parent.mkdir(exist_ok=True)
     figure.savefig(OUT)
 
 

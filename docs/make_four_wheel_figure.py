@@ -15,7 +15,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
@@ -265,11 +264,9 @@ def main() -> None:
     """Print the tables and draw the four panels."""
     print_tables()
     figure = Figure(figsize=(11.0, 7.4), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     for draw, ax in zip((draw_thrust, draw_side_slip, draw_loads, draw_arcs), figure.subplots(2, 2).flat, strict=True):
         draw(ax)
         ax.spines[["top", "right"]].set_visible(False)
-    OUT.parent.mkdir(exist_ok=True)
     figure.savefig(OUT)
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -45,7 +44,6 @@ def _provenance(plant: str) -> Mapping[str, Any]:
 def draw_tile() -> None:
     """Draw the median errors after 6 s of every plant on the recording: on the data of the fit and on held-out data."""
     figure = Figure(figsize=(9.0, 4.4), dpi=130, layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, sharey=True, sharex="col")
     rows = {plant: len(PLANTS) - 1 - i for i, plant in enumerate(PLANTS)}
     for given, line in zip(("wheels", "commands"), panels, strict=True):

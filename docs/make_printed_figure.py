@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ssmr.metrics.declared import compare_paths
@@ -137,7 +136,6 @@ def draw_curves(ax: Axes) -> None:
 def main() -> None:
     """Draw the figure and print the tables."""
     figure = Figure(figsize=(13.0, 5.0), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 3, width_ratios=(1.0, 1.0, 0.95))
     paths = [figure.add_subplot(grid[k // 2, k % 2]) for k in range(4)]
     for scenario, ax in zip(TRAJECTORIES, paths, strict=True):

@@ -8,7 +8,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from validation.track.waypoint_files import REFERENCES, SAMPLES
@@ -23,7 +22,6 @@ SPEED = 0.5
 def draw() -> None:
     """Draw the path of each reference above its yaw rate, or for a straight one its speed, over time."""
     figure = Figure(figsize=(16.0, 4.6), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
     rows = figure.subplots(2, len(NAMES), height_ratios=(3.0, 2.0))
     for name, path, time in zip(NAMES, *rows, strict=True):
         waypoints = REFERENCES[name](SPEED)

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ssmr.geometry import relative, rotate_body_to_world, wrap_angle
@@ -186,7 +185,7 @@ def main(path: str) -> None:
             )
             print(f"wheel rates from commands, {name}, {plant}: {rates_off.mean():.3f} rad/s")
     draw_rates(rates, path, profile)
-    FigureCanvasAgg(figure).print_png(str(OUT))
+    figure.savefig(OUT)
 
 
 def draw_errors(axes: Axes, scores: dict[tuple[str, str], WindowErrors]) -> None:

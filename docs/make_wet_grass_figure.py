@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -265,7 +264,6 @@ def print_frictions(source: Source) -> None:
 def draw(found: dict[str, Part], scores: Scores) -> None:
     """Draw what the headings say about the sides, and how well each profile predicts them."""
     figure = Figure(figsize=(13.0, 4.4), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     gain, difference, medians = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.5))
     names = list(found)[::-1]
     for row, name in enumerate(names):

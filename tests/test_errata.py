@@ -213,11 +213,6 @@ def test_13_rates_of_table_3_5() -> None:
     assert abs(1 / 120.0 - 0.008) > 3e-4
 
 
-def test_14_two_circle_tables_are_one() -> None:
-    assert list(table("4.7")["rows"].values()) == list(table("4.8")["rows"].values())
-    assert table("4.8")["suspect"]
-
-
 def test_15_the_lengths_of_coulomb_and_improved_runs_date_the_recording() -> None:
     """They fit a whole run from rest.
 

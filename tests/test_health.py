@@ -183,11 +183,7 @@ def test_slip_is_the_speed_of_the_rubber_over_the_ground(place: tuple[float, ...
 
 # ------------------------------------------------------------------------------- trembling
 def driven(
-    calibration: Calibration,
-    drive: Drive,
-    scenario: str,
-    settings: PhysicsSettings = SHIPPED,
-    slip_damping: float = 0.0,
+    calibration: Calibration, drive: Drive, scenario: str, settings: PhysicsSettings = SHIPPED, slip_damping: float = 0.0
 ) -> tuple[Examined, Health]:
     plant = MujocoPlant(calibration, drive, settings=settings)
     if slip_damping:

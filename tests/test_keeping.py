@@ -12,16 +12,7 @@ import pytest
 
 from ssmr.errors import SsmrError
 from validation.replicate import Replication, ReplicationSettings, keeping
-from validation.replicate.evidence import (
-    FIGURE_FOLDER,
-    SECTION_FOLDER,
-    Answer,
-    Context,
-    Findings,
-    Picture,
-    Section,
-    Table,
-)
+from validation.replicate.evidence import FIGURE_FOLDER, SECTION_FOLDER, Answer, Context, Findings, Picture, Section, Table
 from validation.replicate.keeping import keep, kept, picture_bytes
 from validation.replicate.report import document_markdown, document_of
 from validation.show.tables import Cell, Grid

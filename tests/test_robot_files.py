@@ -15,14 +15,7 @@ from tests.robots import documents
 from validation import load_robot
 from validation.plants.profile import bare_profile, load_profile
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import (
-    GRADES,
-    SCHEMA,
-    WHEEL_FILL,
-    RobotError,
-    parse_robot,
-    shipped_robots,
-)
+from validation.simulator.description import GRADES, SCHEMA, WHEEL_FILL, RobotError, parse_robot, shipped_robots
 from validation.simulator.model import robot_model
 
 RIGHT: dict[str, Any] = {

@@ -177,10 +177,7 @@ class OdeBody:
             if n.cylinders:
                 lib.dGeomSetOffsetQuaternion(tyre, Vector(math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0))
             self._tyres.append(tyre)
-        self._contact, self._found = (
-            Contact(mode=APPROX1 | MU2),
-            (ContactGeom * _MOST_CONTACTS)(),
-        )
+        self._contact, self._found = (Contact(mode=APPROX1 | MU2), (ContactGeom * _MOST_CONTACTS)())
         if s.soft:
             self._contact.mode |= SOFT_ERP | SOFT_CFM
             self._contact.soft_erp, self._contact.soft_cfm = spring_erp_cfm(kp, kd, n.dt)

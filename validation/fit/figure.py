@@ -26,10 +26,7 @@ from ssmr.types import FloatArray, Trajectory
 from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import FitData, Scored
 from validation.fit.search_figure import SearchLooks, draw_title, search_page, title_path
-from validation.fit.table import (
-    fit_notes,
-    source_text,
-)
+from validation.fit.table import fit_notes, source_text
 from validation.show import drawing
 from validation.show.drawing import BESIDE_INK, BROAD, DASHED, NARROW, Dashes, HorizonMarks, Ink, Interval, Panel, Row
 from validation.show.tables import length_unit, shortened
@@ -220,17 +217,9 @@ def _horizon_rows(result: FitData) -> list[Row]:
         return 1e3 * errors.position_median_m, 1e3 * errors.position_p95_m
 
     panels: list[Panel] = [
+        partial(drawing.draw_horizons, marks(_millimetre_interval), f"Position error by horizon [mm]: {bar}", millimetres),
         partial(
-            drawing.draw_horizons,
-            marks(_millimetre_interval),
-            f"Position error by horizon [mm]: {bar}",
-            millimetres,
-        ),
-        partial(
-            drawing.draw_horizons,
-            marks(drawing.yaw_interval),
-            f"Yaw error by horizon [deg]: {bar}",
-            drawing.yaw_degrees,
+            drawing.draw_horizons, marks(drawing.yaw_interval), f"Yaw error by horizon [deg]: {bar}", drawing.yaw_degrees
         ),
     ]
     return [

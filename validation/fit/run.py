@@ -159,11 +159,7 @@ def fit(
 
 
 def _searched(
-    problem: FitProblem,
-    settings: JdeSettings,
-    search: FitSearch,
-    start: FloatArray | None,
-    progress: Report,
+    problem: FitProblem, settings: JdeSettings, search: FitSearch, start: FloatArray | None, progress: Report
 ) -> Search:
     """Return the search after all its stages, or where it was interrupted."""
     with contextlib.ExitStack() as stack:

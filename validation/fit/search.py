@@ -227,11 +227,7 @@ class Search:
         self.wall_s = before + time.perf_counter() - began
 
     def refine(
-        self,
-        problem: RefinableProblem,
-        threads: int,
-        checkpoint: Path | None = None,
-        progress: Report = silent,
+        self, problem: RefinableProblem, threads: int, checkpoint: Path | None = None, progress: Report = silent
     ) -> None:
         """Go on by least squares: from the best candidate and others far from it, or with one start from the first.
 

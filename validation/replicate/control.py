@@ -125,8 +125,7 @@ def _tracked(context: Context) -> Findings:
         raise KeyboardInterrupt
     found = {
         e.table: Table(
-            f"{e.controller.upper()}, {e.reference} at {e.speed:g} m/s: {_CAPTIONS[e.comparison]}",
-            {e.row: e.pairs},
+            f"{e.controller.upper()}, {e.reference} at {e.speed:g} m/s: {_CAPTIONS[e.comparison]}", {e.row: e.pairs}
         )
         for e in study.entries
     }

@@ -202,10 +202,7 @@ def draw_reconstruction(shown: _Case, seed: int) -> Figure:
     rebuilt = measure(clean, SensorNoise(), rng, _RATE)
     found, again = (_study(_signals(m), motion.t) for m in (shown.filtered, rebuilt))
     added = _signals(Trajectory(clean.t, rebuilt.pose - clean.pose, rebuilt.twist - clean.twist, clean.wheels))
-    above: list[Panel] = [
-        partial(_draw_speed, shown, rebuilt.twist[:, 0]),
-        partial(_draw_spectra, found, again),
-    ]
+    above: list[Panel] = [partial(_draw_speed, shown, rebuilt.twist[:, 0]), partial(_draw_spectra, found, again)]
     below: list[Panel] = [partial(_draw_added, s, found, added[s], motion.t) for s in ("X", "Y", "theta")]
     foot = f"the MuJoCo Husky of profile {_PROFILE} with noisy encoders and gyro, its state filter at {_RATE:g} Hz"
     rows = [side_by_side(2.9, above), side_by_side(2.6, below), text_row(0.3, _legend)]

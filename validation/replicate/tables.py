@@ -170,7 +170,7 @@ _WIDE: Mapping[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         ("PID, simulated against real", tuple(f"4.{i}" for i in range(13, 20))),
         ("LQR, reference against simulated", tuple(f"4.{i}" for i in range(22, 30))),
         ("LQR, simulated against real", tuple(f"4.{i}" for i in range(30, 37))),
-    ),
+    )
 }
 """Tables of the thesis that are shown as one, by section."""
 

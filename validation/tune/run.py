@@ -22,13 +22,7 @@ from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
 from validation.track.gains import DEFAULT, GainSet, load_gains, names, origin_sentence, shipped_gains
-from validation.track.loops import (
-    ClosedLoopRobot,
-    demand_of,
-    make_controller,
-    make_robot,
-    require_practicable,
-)
+from validation.track.loops import ClosedLoopRobot, demand_of, make_controller, make_robot, require_practicable
 from validation.track.mismatch import SCORING, TUNING, Mismatch, draw_mismatches
 from validation.track.waypoint_files import open_reference, split_speed
 from validation.tune.cost import TuneCost

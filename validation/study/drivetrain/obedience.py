@@ -177,11 +177,7 @@ def law_errors(case: ObeyedLog, law: SetPointLaw, chassis: Chassis, resampling: 
 
 
 def identify_driver(
-    log: DriveLog,
-    held_out: Sequence[DriveLog],
-    others: Sequence[DriveLog],
-    chassis: Chassis,
-    resampling: Resampling,
+    log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[DriveLog], chassis: Chassis, resampling: Resampling
 ) -> RateFit:
     """Return what a driver makes of commands, fitted to one log and judged on others.
 

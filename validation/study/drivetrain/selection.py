@@ -117,12 +117,7 @@ def current_samples(log: DriveLog) -> CurrentSamples:
     return (window_means(log) if sample_kind(log) == "windows" else refreshed_values(log)).moving()
 
 
-def identify_friction(
-    log: DriveLog,
-    held_out: Sequence[DriveLog],
-    chassis: Chassis,
-    resampling: Resampling,
-) -> CurrentFit:
+def identify_friction(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, resampling: Resampling) -> CurrentFit:
     """Return friction, losses and slip scale from the currents of a log, and the rule that these follow.
 
     Args:

@@ -103,8 +103,8 @@ class Replication(Result):
         if realpath(place) != realpath(self.folder):
             self._copy_pictures(place / FIGURE_FOLDER, "")
         page, text, numbers = (place / f"replicate.{ending}" for ending in ("html", "md", "json"))
-        _write_text(page, document_html(self.document, figures))
-        _write_text(text, document_markdown(self.document, f"{FIGURE_FOLDER}/"))
+        store.write_text(page, document_html(self.document, figures))
+        store.write_text(text, document_markdown(self.document, f"{FIGURE_FOLDER}/"))
         store.write_json(numbers, self.as_dict())
         return [page, text, numbers]
 
@@ -118,7 +118,7 @@ class Replication(Result):
         """
         require_markdown(path)
         self._copy_pictures(path.parent / "img", f"{path.stem}-")
-        _write_text(path, document_markdown(self.document, f"img/{path.stem}-", ""))
+        store.write_text(path, document_markdown(self.document, f"img/{path.stem}-", ""))
         return path
 
     def _copy_pictures(self, images: Path, prefix: str) -> None:
@@ -154,10 +154,6 @@ def require_markdown(path: Path) -> None:
 def order_of(number: str) -> tuple[int, ...]:
     """Return a sort key that puts tables by number, and after them what has no number."""
     return tuple(map(int, number.split("."))) if re.fullmatch(r"\d+(\.\d+)*", number) else (99, *map(ord, number))
-
-
-def _write_text(path: Path, text: str) -> None:
-    store.write_text(path, text)
 
 
 def _as_words(verdict: RowVerdict | Verdict) -> dict[str, str]:

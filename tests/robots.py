@@ -90,11 +90,11 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
 def former_model(section: PlantProfile) -> mujoco.MjModel:
     """Return the robot as version 1.0 simulated it: with its looks, all sensors, islands, and Newton's method."""
     robot = section.parameters.robot
-    root = compose_robot(robot)
+    spec = compose_robot(robot)
     if section.drive.integral_gain > 0.0:
-        add_integral_parts(root, robot)
-    root.worldbody.add("geom", name="ground", type="plane", size=[0, 0, 0.05], condim=3)
-    model = mujoco.MjModel.from_xml_string(root.to_xml_string())
+        add_integral_parts(spec, robot)
+    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], condim=3)
+    model = spec.compile()
     calibrate(model, section.parameters)
     set_motors(model, section.parameters, section.drive)
     return model

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 from typing import cast
 
@@ -13,14 +14,19 @@ import pytest
 from ssmr.control.references import circle
 from ssmr.estimation.sensing import SensorModel
 from ssmr.estimation.settings import BIAS, EkfSettings
+from tests.conftest import data_folder
+from validation import cli
 from validation.plants.filters import load_filter
 from validation.plants.profile import Profile, load_profile, make_plant
+from validation.recordings.__main__ import PROGRAM
+from validation.recordings.run import ConvertSettings, commission_log, convert, info
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 from validation.track import track
 from validation.track.commissioning import chosen_filter
 
 STOCK = EkfSettings()
+TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +68,7 @@ def test_a_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     for old, new, said in (
         ("ssmr.filter/1", "ssmr.gains/1", "schema"),
-        ("slip_time", "slip_tame", "slip_tame"),
+        ("slip_turn", "slip_tune", "slip_tune"),
         ("gate = 1.0", "gate = 2.0", "gate"),
         ("gate = 1.0", "gate = true", "number"),
         ("[filter]", "[filters]", "filters"),
@@ -97,4 +103,42 @@ def test_a_robot_over_ros_has_the_filter_that_is_asked_for(tile: Profile) -> Non
         assert still == (0.0, 0.0)
         np.testing.assert_array_equal(robot.belief.mean[BIAS:], learned)
     assert off["learning"] < 0.7 * off["thesis"]
-    assert len(learned) == 7
+    assert len(learned) == 6
+
+
+@pytest.mark.skipif(not TILE.is_file(), reason=f"no recording {TILE}")
+def test_a_filter_that_half_a_log_commissioned_reckons_the_other_half(tmp_path: Path) -> None:
+    halves = [tmp_path / "first.csv", tmp_path / "second.csv"]
+    convert(TILE, ConvertSettings(sync=True, stop=325.0), target=halves[0]).save(halves[0])
+    convert(TILE, ConvertSettings(sync=True, start=325.0), target=halves[1]).save(halves[1])
+    made = commission_log(halves[0])
+    assert made.settings.bias == pytest.approx(-0.0156, abs=0.001)  # as the recording's own page has it
+    assert 1.7 < made.settings.turning < 2.2
+    reckoning = info(halves[1], filter=made.save(tmp_path / "tile.toml")).reckoning
+    assert reckoning is not None
+    rms = {row.name: row.rms for row in reckoning.rows}
+    assert rms["filter 'first'"] < 0.2 * rms["filter, bias learned at rest"]
+
+
+def test_the_program_commissions_a_filter_on_a_log(
+    tile: Profile, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The simulated log has a gyro whose bias is that of a real one, which nobody tells the filter."""
+    path = tmp_path / "mine.toml"
+    asked = ["commission", "varied@improved", "--profile", tile.name, "--out", str(path)]
+    monkeypatch.setattr(sys, "argv", ["recordings", *asked])
+    cli.run(PROGRAM, "python -m validation.recordings")
+    assert "turning ratio" in capsys.readouterr().out
+    found, drives = load_filter(path, STOCK).settings, chosen_filter("commissioned", tile, "improved").settings
+    assert found.bias == pytest.approx(-0.0156, abs=4.0 * found.bias_std)
+    assert found.bias_std < 0.001
+    for name in ("scale_left", "scale_right", "turning"):
+        ratio = (STOCK.radius / drives.radius) ** (name != "turning")
+        assert getattr(found, name) == pytest.approx(getattr(drives, name) * ratio, rel=0.1)
+
+
+def test_a_log_without_poses_commissions_nothing(tmp_path: Path) -> None:
+    blind = tmp_path / "blind.csv"
+    blind.write_text("t,enc_left,enc_right\n" + "".join(f"{0.1 * k:.1f},1,{k % 3}\n" for k in range(60)), encoding="utf-8")
+    with pytest.raises(ValueError, match="poses x, y, yaw"):
+        commission_log(blind)

@@ -19,7 +19,7 @@ from validation.study.filter import FilterOptions, FilterStudy
 from validation.study.filter.findings import drift_of, filter_variants, grounds_of
 from validation.study.filter.run import drive_missions
 
-SMALL = FilterOptions(seeds=3, seed=5, timestep=0.005)
+SMALL = FilterOptions(seeds=3, seed=5, timestep=0.005, plants=("linear",), feedbacks=("truth",), runs=4)
 MISSIONS = {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}
 
 
@@ -73,7 +73,7 @@ def test_surfaces_are_profiles_and_frictions_of_the_last(lab: Profile) -> None:
 def test_the_filter_has_the_drivers_numbers(lab: Profile) -> None:
     (ground,) = grounds_of([lab], [])
     section = lab.plants["mujoco"]
-    for variant in filter_variants():
+    for variant in filter_variants()[:4]:
         settings = ground.filter_settings(variant)
         known = section.parameters.wheel_radius if variant.radius_known else section.drive.command_radius
         assert (settings.radius, settings.half_track) == (known, section.drive.command_half_track)
@@ -86,6 +86,8 @@ def test_sensors_explain_the_drift(small: FilterStudy) -> None:
             assert f["wheels + gyro"].mean("yaw") < f["wheels"].mean("yaw")
             assert f["radius known"].mean("position") < f["wheels + gyro"].mean("position")
             assert f["biased gyro"].mean("end_yaw") < -0.05
+            assert f["commissioned"].mean("position") < 0.7 * f["wheels + gyro"].mean("position")
+            assert f["commissioned, biased"].mean("position") < 0.7 * f["biased gyro"].mean("position")
 
 
 def test_a_study_repeats_whatever_the_workers(small: FilterStudy, lab: Profile) -> None:
@@ -104,6 +106,10 @@ def test_documents_are_finite_also_where_nothing_turns(small: FilterStudy) -> No
     straight = next(d for d in document["drives"] if d["reference"] == "line")
     assert straight["filters"]["wheels"]["position_drift_ratio"]["mean"] > 0.0
     assert "nan" not in "\n".join(small.report())
+    (doubt,) = document["doubts"]
+    assert (doubt["profile"], doubt["plant"], doubt["feedback"]) == ("thesis-lab", "linear", "truth")
+    assert min(doubt["thesis_biased"][-3:]) > 100.0 * max(doubt["nees"])
+    assert any("4 robots" in line for line in small.report())
 
 
 def test_the_picture_has_every_filter(small: FilterStudy) -> None:
@@ -115,7 +121,16 @@ def test_the_picture_has_every_filter(small: FilterStudy) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [("--references", "sine,sine"), ("--frictions", "-1"), ("--seeds", "0"), ("--profiles", "none"), ("--speed", "9")],
+    [
+        ("--references", "sine,sine"),
+        ("--frictions", "-1"),
+        ("--seeds", "0"),
+        ("--profiles", "none"),
+        ("--plants", "none"),
+        ("--feedbacks", "none"),
+        ("--runs", "0"),
+        ("--speed", "9"),
+    ],
     ids=lambda a: a[0],
 )
 def test_mistakes_are_said_in_one_line(
@@ -127,6 +142,19 @@ def test_mistakes_are_said_in_one_line(
 
 
 def test_the_program_writes_everything(tmp_path: Path) -> None:
-    asked = ("--references", "line", "--speed", "0.8", "--profiles", "thesis-lab", "--frictions", "", "--seeds", "2")
+    asked = (
+        "--references",
+        "line",
+        "--speed",
+        "0.8",
+        "--profiles",
+        "thesis-lab",
+        "--frictions",
+        "",
+        "--seeds",
+        "2",
+        "--plants",
+        "",
+    )
     assert run_program("filter", *asked, "--timestep", "0.005", "--out", str(tmp_path)) == 0
     assert {p.name for p in tmp_path.iterdir()} == {"study.json", "study.png", "study.md"}

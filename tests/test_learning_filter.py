@@ -23,16 +23,15 @@ from ssmr.estimation.ekf import (
     stand,
     update,
 )
-from ssmr.estimation.history import FilterHistory
 from ssmr.estimation.sensing import SensorLog, SensorSample
-from ssmr.estimation.settings import BIAS, LEFT, RIGHT, SLIP, TURNING, YAW, Belief, EkfSettings, SeenPose, V, W, X, Y
+from ssmr.estimation.settings import BIAS, LEFT, RIGHT, SLIDE, TURNING, YAW, Belief, EkfSettings, SeenPose, V, W, X, Y
 from ssmr.types import FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
 STOCK = EkfSettings()
 LEARNS = learning(STOCK)
-STATES = SLIP + 1
-NEARBY = np.array([0.4, -0.2, 0.7, 0.5, 0.3, 0.01, 1.03, 0.96, 1.6, 0.03, -0.05, 0.02])
+STATES = SLIDE + 1
+NEARBY = np.array([0.4, -0.2, 0.7, 0.5, 0.3, 0.01, 1.03, 0.96, 1.6, 0.03, -0.05])
 """A state in which no derivative is 0."""
 
 
@@ -165,32 +164,25 @@ def test_a_pose_is_seen_where_its_sensor_sits_and_yaw_is_wrapped() -> None:
     assert np.array_equal(unseen.covariance, some_belief(4).covariance)
 
 
-def test_poses_that_come_late_count_as_if_they_had_come_in_time() -> None:
+def test_poses_between_samples_count_when_they_were_true() -> None:
+    """A pose at an instant between two samples is the same as one more sample there that shows nothing."""
     s = replace(LEARNS, gate=0.999)
     truth = drive(replace(s, scale_left=1.03, turning=1.4), 8.0, 0.02)
-    rng = np.random.default_rng(5)
-    sensed = [SensorSample(*(truth.wheels[k] + 0.05 * rng.standard_normal(2)), truth.twist[k, 2]) for k in range(len(truth))]
-    late, poses, waiting = 0.31, {}, {}
-    history = FilterHistory(s, State())
-    for k in range(1, len(truth)):
-        now = float(truth.t[k] - truth.t[1])
-        if k % 20 == 0:
-            poses[now - 0.007] = SeenPose(*(truth.pose[k] + 0.01 * rng.standard_normal(3)), 1e-4, 1e-4)
-            waiting[now - 0.007] = now + late
-        history.sense(now, sensed[k])
-        for at in [at for at, due in waiting.items() if due <= now]:
-            history.see(at, poses[at])
-            del waiting[at]
-    seen = {at: pose for at, pose in poses.items() if at not in waiting}
-    columns = np.array(sensed[1:]).T
-    log = SensorLog(truth.t[1:] - truth.t[1], *(c.copy() for c in columns))
-    whole = run_ekf(*log, s, State(), aside=aside_of(np.zeros(len(log.t), dtype=bool), seen))
-    assert np.allclose(history.belief.mean[:3], whole.pose[-1], rtol=0.0, atol=1e-9)
-    std = np.sqrt(np.diag(history.belief.covariance)[:3])
-    assert np.allclose(std, whole.channels["pose_std"][-1], rtol=1e-6)
+    log, k = sensors(truth, 0.01, 5), np.arange(1, len(truth), 20)
+    poses = {float(truth.t[i]) - 0.007: SeenPose(*truth.pose[i], 1e-4, 1e-4) for i in k}
+    whole = run_ekf(*log, s, State(), aside=aside_of(np.zeros(len(log.t), dtype=bool), poses))
+    belief, numbers, now = initial_belief(State(), settings=s), s.packed(), log.t[0]
+    told = sorted([(t, None) for t in log.t] + list(poses.items()), key=lambda pair: pair[0])
+    for at, pose in told:
+        if pose is None:
+            i = int(np.searchsorted(log.t, at))
+            filter_step(belief, SensorSample(log.left[i], log.right[i], log.gyro[i]), at - now, numbers)
+        else:
+            predict(belief, at - now, numbers)
+            see_pose(belief, pose, numbers.gate)
+        now = at
+    assert np.allclose(belief.mean[:3], whole.pose[-1], rtol=0.0, atol=1e-12)
     assert np.abs(whole.pose[-1] - truth.pose[-1]).max() < 0.02
-    with pytest.raises(ValueError, match="memory begins"):
-        history.see(0.5, poses[min(poses)])
 
 
 # ------------------------------------------------------------------------------------------------------- what it learns

@@ -13,12 +13,15 @@ from ssmr.types import FloatArray, Trajectory
 
 _STRETCHES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Durations over which slip is summed [s]. The worst counts: slip that lasts as long as a curve adds up over the curve."""
-_SHORTEST_SLIP = 0.02
-"""Least time in which slip in turning is forgotten [s], for models whose wheels do not slip."""
 PROCESS = 0.1
 """Spectral density of white acceleration [m2/s3] and of yaw acceleration [rad2/s3] of a filter that is commissioned: 1.4
 m/s2 or rad/s2 over each command of 0.05 s. With less, the way of a start is lost while the filter hesitates to believe it;
 with more, it doubts what happens between two samples."""
+
+
+BIAS_STD, SCALE_STD, TURNING_SHARE, CENTRE_STD = 0.0156, 0.02, 0.1, 0.01
+"""Standard deviations by which robots differ from the one that was commissioned: bias of the gyro [rad/s], scale of each
+side's wheels [1], turning ratio over itself [1], and middle of turning [m] in both directions."""
 
 
 def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: SensorModel | None = None) -> EkfSettings:
@@ -26,8 +29,8 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
 
     The wheels of a side roll at k (v - y omega), with y = shift +- half-track, so that two linear regressions of the wheels'
     rates on the true v and omega give both scales, the turning ratio and the shift; a third, of the lateral speed on omega,
-    gives the slide. What these leave is slip. Along and across the robot it is white, with the variance per metre that its
-    sum has over the worst of several durations; in turning it has the variance and the time of decay that are found.
+    gives the slide. What these leave is slip: white, with the variance per metre that its sum has over the worst of several
+    durations.
 
     Args:
         drives: true motions of the robot's reference point and the true rates of its wheels.
@@ -35,7 +38,7 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
         sensors: noise of encoders and gyro; `SensorModel()` if not given.
 
     Returns:
-        The settings with constants, slip, process noise and variances. The constants' standard deviations stay as they are.
+        The settings with constants and their doubts, slip, process noise and variances.
 
     Raises:
         ValueError: the drives do not turn, or do not move.
@@ -57,9 +60,6 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
         turn = 0.5 * (other - one) / h - uneven / h * ahead - turning * d.twist[:, 2]
         slips.append(np.stack([along, across, turn]))
     ways = [np.abs(d.twist[:, 0]) + h * np.abs(d.twist[:, 2]) for d in drives]
-    found = np.concatenate([s[2] for s in slips])
-    steps = np.concatenate([np.diff(s[2]) ** 2 / np.diff(d.t) for s, d in zip(slips, drives, strict=True)])
-    slip_time = max(_SHORTEST_SLIP, 2.0 * float(found.var() / max(steps.mean(), 1e-30)))
     speed_variance = 0.5 * r * r * noise.variance_encoder
     return replace(
         settings,
@@ -67,8 +67,9 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
         variance_v=speed_variance, variance_wheel_yaw_rate=speed_variance / (h * h), variance_gyro=noise.variance_gyro,
         slip_along=_slip_per_metre(drives, [s[0] for s in slips], ways),
         slip_across=_slip_per_metre(drives, [s[1] for s in slips], ways),
-        slip_turn=2.0 * slip_time * float(found.var() / np.concatenate(ways).mean()), slip_time=slip_time,
+        slip_turn=_slip_per_metre(drives, [s[2] for s in slips], ways),
         scale_left=float(left), scale_right=float(right), turning=float(turning), shift=float(shift), slide=slide,
+        bias_std=BIAS_STD, scale_std=SCALE_STD, turning_std=TURNING_SHARE * float(turning), centre_std=CENTRE_STD,
     )  # fmt: skip
 
 
@@ -86,7 +87,7 @@ def learning(settings: EkfSettings, sensors: SensorModel | None = None) -> EkfSe
         settings,
         process_position=0.0, process_yaw=0.0, process_v=PROCESS, process_yaw_rate=PROCESS,
         variance_v=speed_variance, variance_wheel_yaw_rate=speed_variance / (h * h), variance_gyro=noise.variance_gyro,
-        slip_along=1e-4, slip_across=1e-4, slip_turn=0.02, slip_time=0.5,
+        slip_along=1e-4, slip_across=1e-4, slip_turn=0.02,
         bias_std=0.02, bias_walk=8e-12, scale_std=0.05, turning_std=0.6, centre_std=0.05,
     )  # fmt: skip
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 from ssmr._jit import jit
-from ssmr.estimation.settings import BIAS, LEFT, RIGHT, SHIFT, SLIP, TURNING, Belief, FilterNumbers, V, W
+from ssmr.estimation.settings import LEFT, RIGHT, SHIFT, TURNING, V, W
 from ssmr.types import FloatArray
 
 
@@ -16,24 +14,6 @@ def weighed(weights: FloatArray, values: FloatArray) -> float:
     for i in range(V, len(weights)):
         total += float(weights[i] * values[i])
     return total
-
-
-@jit
-def forget(belief: Belief, dt: float, rolled: float, numbers: FilterNumbers) -> None:
-    """Let the states of a filter that learns pass a time, in place: the bias walks, and slip in turning is forgotten.
-
-    The slip is a Gauss-Markov process: its variance tends to what `slip_turn` means where the wheels of a side roll at
-    `rolled` [m/s], and is lost in `slip_time`.
-    """
-    m, p = belief
-    decay = math.exp(-dt / numbers.slip_time)
-    m[SLIP] *= decay
-    for i in range(len(m)):
-        p[SLIP, i] *= decay
-    for i in range(len(m)):
-        p[i, SLIP] *= decay
-    p[SLIP, SLIP] += 0.5 * rolled * numbers.slip_turn / numbers.slip_time * (1.0 - decay * decay)
-    p[BIAS, BIAS] += dt * numbers.bias_walk
 
 
 @jit
@@ -58,7 +38,7 @@ def forward_speed(m: FloatArray, h: float, row: FloatArray) -> float:
 def wheel_yaw_rate(m: FloatArray, h: float, row: FloatArray) -> float:
     """Return the yaw rate [rad/s] that the odometry should show by the mean of a filter that learns.
 
-    This is d (v - y omega) / h + c omega + e, with the slip e; see `forward_speed`. Its derivative is written into `row`.
+    This is d (v - y omega) / h + c omega; see `forward_speed`. Its derivative is written into `row`.
     """
     uneven = 0.5 * (m[RIGHT] - m[LEFT]) / h
     ahead = forward_speed(m, h, row) - m[SHIFT] * m[W]
@@ -70,5 +50,4 @@ def wheel_yaw_rate(m: FloatArray, h: float, row: FloatArray) -> float:
     row[TURNING] += m[W]
     row[LEFT] -= 0.5 * ahead / h
     row[RIGHT] += 0.5 * ahead / h
-    row[SLIP] = 1.0
-    return float(uneven * ahead + m[TURNING] * m[W] + m[SLIP])
+    return float(uneven * ahead + m[TURNING] * m[W])

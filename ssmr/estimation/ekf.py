@@ -6,10 +6,9 @@ is linear: v and omega as the driver's odometry computes them from the wheels (E
 measures the pose, so its uncertainty only grows. The lateral speed is taken to be 0. This is the thesis' filter, which the
 default settings are.
 
-A filter that learns has seven states more: the six constants of `EkfSettings.constants`, and the slip of the wheels in
-turning, which lasts longer than a sample. With constants that are neutral and known it is the thesis' filter. `see_pose`
-takes in the pose of a localiser or satellite receiver; `Aside` tells `run_ekf` of poses, by the instants at which they were
-true.
+A filter that learns has six states more, the constants of `EkfSettings.constants`. With constants that are neutral and known
+it is the thesis' filter. `see_pose` takes in the pose of a localiser or satellite receiver; `Aside` tells `run_ekf` of them,
+by the instants at which they were true.
 
 A filter's state is a `Belief`, whose two arrays the kernels update in place. With five states they allocate nothing, so that
 they run as well inside other compiled loops.
@@ -24,13 +23,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr._jit import jit, jit_alone, named_like, source
-from ssmr.estimation.constants import forget, forward_speed, weighed, wheel_yaw_rate
+from ssmr.estimation.constants import forward_speed, weighed, wheel_yaw_rate
 from ssmr.estimation.sensing import SensorLog, SensorSample
 from ssmr.estimation.settings import (
     BIAS,
     NO_POSE,
     SLIDE,
-    SLIP,
     STANDING,
     TURNING,
     YAW,
@@ -70,7 +68,7 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
     m, p = belief
     n = len(m)
     w, half = m[W], 0.5 * dt
-    if n > SLIP:
+    if n > BIAS:
         forward = np.empty(n)  # derivative of the forward speed by the state
         v, slide = forward_speed(m, numbers.half_track, forward), m[SLIDE]
     else:
@@ -82,12 +80,12 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
     m[X] += turn_y
     m[Y] -= turn_x
     m[YAW] += dt * w
-    if n > SLIP:
-        forget(belief, dt, rolled, numbers)
+    if n > BIAS:
+        p[BIAS, BIAS] += dt * numbers.bias_walk
     for j in range(n):  # P <- F P, column by column
         swing = p[YAW, j] + half * p[W, j]
         ahead, across = p[V, j], 0.0
-        if n > SLIP:
+        if n > BIAS:
             ahead, across = weighed(forward, p[:, j]), slide * p[W, j] + w * p[SLIDE, j]
         p[X, j] += turn_x * swing + along_x * ahead - along_y * across
         p[Y, j] += turn_y * swing + along_y * ahead + along_x * across
@@ -95,7 +93,7 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
     for i in range(n):  # P <- P F', row by row
         swing = p[i, YAW] + half * p[i, W]
         ahead, across = p[i, V], 0.0
-        if n > SLIP:
+        if n > BIAS:
             ahead, across = weighed(forward, p[i]), slide * p[i, W] + w * p[i, SLIDE]
         p[i, X] += turn_x * swing + along_x * ahead - along_y * across
         p[i, Y] += turn_y * swing + along_y * ahead + along_x * across
@@ -232,6 +230,9 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Filter
     predict(belief, dt, numbers)
     v, w = body_rates(sample.left, sample.right, numbers.half_track, numbers.radius)
     variance_w = numbers.variance_wheel_yaw_rate
+    if numbers.slip_turn > 0.0:  # a yaw error of this variance, spread over the time since the last sample
+        rolled = abs(m[V]) + numbers.half_track * abs(m[W])
+        variance_w += rolled * numbers.slip_turn / dt if dt > 0.0 else math.inf
     if len(m) <= BIAS:
         first = update(belief, V, v, numbers.variance_v, gate)
         second = update(belief, W, w, variance_w, gate)
@@ -249,7 +250,7 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Filter
 @jit
 def speed(m: FloatArray, numbers: FilterNumbers) -> float:
     """Return the forward speed of the reference point [m/s] that a filter believes in."""
-    if len(m) <= SLIP:
+    if len(m) <= BIAS:
         return float(m[V])
     return forward_speed(m, numbers.half_track, np.empty(len(m)))
 
@@ -336,7 +337,7 @@ def initial_belief(
     if np.any(deviations < 0.0):
         raise ValueError(f"a standard deviation must not be negative, got {tuple(std)}")
     if settings is not None:
-        mean, deviations = np.append(mean, (*settings.constants, 0.0)), np.append(deviations, (*settings.constants_std, 0.0))
+        mean, deviations = np.append(mean, settings.constants), np.append(deviations, settings.constants_std)
         row = np.zeros(len(mean))
         rest = source(forward_speed)(np.where(np.arange(len(mean)) == V, 0.0, mean), settings.half_track, row)
         mean[V] = (mean[V] - rest) / row[V]  # the odometry's
@@ -395,7 +396,7 @@ def run_ekf(
     }
     lateral = np.zeros(len(times))
     if settings.learns:
-        channels |= {"constants": mean[:, BIAS:SLIP], "constants_std": std[:, BIAS:SLIP]}
+        channels |= {"constants": mean[:, BIAS:], "constants_std": std[:, BIAS:]}
         lateral = mean[:, SLIDE] * mean[:, W]
     return Trajectory(times, mean[:, :3], np.column_stack([mean[:, V], lateral, mean[:, W]]), wheels, channels)
 

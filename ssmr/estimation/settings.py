@@ -13,9 +13,9 @@ from scipy.special import ndtri
 from ssmr.parameters import check_parameters, parameter
 from ssmr.types import FloatArray
 
-X, Y, YAW, V, W, BIAS, LEFT, RIGHT, TURNING, SHIFT, SLIDE, SLIP = range(12)
+X, Y, YAW, V, W, BIAS, LEFT, RIGHT, TURNING, SHIFT, SLIDE = range(11)
 """Places in the filter's state of x [m], y [m], yaw [rad], v [m/s], omega [rad/s], the gyro's bias [rad/s], the scales of
-the left and of the right wheels [1], the turning ratio [1], the shift and the slide [m], and the slip in turning [rad/s]."""
+the left and of the right wheels [1], the turning ratio [1], the shift and the slide [m]."""
 NEUTRAL = (0.0, 1.0, 1.0, 1.0, 0.0, 0.0)
 """The constants of a robot whose gyro shows 0 at rest and whose wheels roll as the odometry assumes."""
 
@@ -24,7 +24,7 @@ class Belief(NamedTuple):
     """Everything that a filter remembers: the state it believes in, and how sure of it it is."""
 
     mean: FloatArray
-    """(n,) x [m], y [m], yaw [rad], v [m/s], omega [rad/s]; n is 5, or 12 for a filter that learns."""
+    """(n,) x [m], y [m], yaw [rad], v [m/s], omega [rad/s]; n is 5, or 11 for a filter that learns."""
     covariance: FloatArray
     """(n, n) covariance of these, symmetric."""
 
@@ -80,7 +80,6 @@ class FilterNumbers(NamedTuple):
     slip_along: float
     slip_across: float
     slip_turn: float
-    slip_time: float
     bias_walk: float
     gate: float
 
@@ -124,9 +123,9 @@ class EkfSettings:
     """Variance of slip across the robot for each metre that a side's wheels roll [m2/m]."""
     slip_turn: float = parameter(0.0, unit="rad2/m", low=0.0, high=1e6)
     """Variance of the error of the wheels' yaw for each metre that a side's wheels roll [rad2/m], besides that of the noise,
-    `variance_wheel_yaw_rate`. A filter that learns has a state for this slip, since it lasts longer than a sample."""
-    slip_time: float = parameter(0.2, unit="s", low=0.0, high=1e6, open_low=True)
-    """Time in which slip in turning is forgotten [s]."""
+    `variance_wheel_yaw_rate`. Unlike that one, it does not depend on how often the wheels are read."""
+    bias: float = parameter(0.0, unit="rad/s", low=-1e6, high=1e6)
+    """Reading of the gyro at rest, as the filter believes at start-up [rad/s]."""
     bias_std: float = parameter(0.0, unit="rad/s", low=0.0, high=1e6)
     """Standard deviation of the gyro's bias at start-up [rad/s]; 0 if it is known to be none."""
     bias_walk: float = parameter(0.0, unit="rad2/s3", low=0.0, high=1e6)
@@ -164,7 +163,7 @@ class EkfSettings:
         These are the gyro's bias [rad/s], the scales of the left and of the right wheels [1], the turning ratio [1], the
         shift and the slide [m].
         """
-        return 0.0, self.scale_left, self.scale_right, self.turning, self.shift, self.slide
+        return self.bias, self.scale_left, self.scale_right, self.turning, self.shift, self.slide
 
     @property
     def constants_std(self) -> tuple[float, ...]:
@@ -174,7 +173,7 @@ class EkfSettings:
     @property
     def learns(self) -> bool:
         """True if the filter has states for the constants: they are uncertain, or not those of the odometry."""
-        return any(self.constants_std) or self.constants != NEUTRAL or self.slip_turn > 0.0
+        return any(self.constants_std) or self.constants != NEUTRAL
 
     def packed(self) -> FilterNumbers:
         """Return what the kernels need."""

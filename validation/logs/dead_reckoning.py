@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from ssmr._jit import source
 from ssmr.estimation.bias import learn_bias
-from ssmr.estimation.ekf import run_ekf
+from ssmr.estimation.commission import commission
+from ssmr.estimation.ekf import aside_of, run_ekf
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
 from validation.logs.files import quoted
-from validation.logs.groups import POSES, Group, Groups, stacked_columns
+from validation.logs.groups import POSES, Group, Groups, smoothed, stacked_columns
 from validation.logs.rest import STOCK, standing, wheel_twist
 
+_UNKNOWN_SPEED = (0.0, 0.0, 0.0, 1.0, 1.0)
+"""Standard deviations of the start of a filter that learns [m, m, rad, m/s, rad/s]: a log may begin while the robot
+moves, and a yaw rate that is taken for none would be believed to be the gyro's bias."""
+_PIECES = 10
+"""Number of pieces of a log whose means tell how sure a gyro's bias is."""
+_SMOOTHING, _LEAST_STRETCH = 0.15, 2.0
+"""Standard deviation of the Gaussian that smooths poses before they are differentiated, and the least stretch without a gap
+from which a robot is commissioned [s]."""
 _TRUTHS = (("gps", ("gps_east", "gps_north")), ("pose", ("x", "y")))
 """Groups and columns whose positions dead reckoning is compared with: the first that a log has."""
 
@@ -57,7 +67,8 @@ def filtered_motion(
     Args:
         groups: the log.
         gyro: True if the filter takes in the gyro.
-        bias: True if the gyro's bias is learned whenever the robot stands, see `learn_bias`, and subtracted from then on.
+        bias: True if the gyro's bias is learned whenever the robot stands, see `learn_bias`, and subtracted from then on. A
+            filter that learns has a state for the bias, and is told when the robot stands instead.
         settings: the filter's, with wheel radius and half-track of the robot's driver.
 
     Returns:
@@ -69,10 +80,56 @@ def filtered_motion(
         return None
     stamps, v, w = wheels
     t, turning = (stamps, None) if within is None else within
-    if turning is not None and bias:
-        turning = turning - learn_bias(t, turning, standing(groups, t))[:, 0]
     left, right = source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
+    still = standing(groups, t)
+    if settings.learns:
+        return run_ekf(t, left, right, turning, settings, State(), _UNKNOWN_SPEED, aside_of(still))
+    if turning is not None and bias:
+        turning = turning - learn_bias(t, turning, still)[:, 0]
     return run_ekf(t, left, right, turning, settings, State())
+
+
+def commissioned_on(groups: Groups, odometry: EkfSettings = STOCK) -> EkfSettings | None:
+    """Return a filter that knows the constants of the robot of a log, from its wheels and the poses of a better sensor.
+
+    Poses are smoothed, and gaps left out. Offsets of time have to be taken out before. Where there is a gyro, its bias is
+    the mean of what it shows beside the poses, with the standard error of such means over pieces of the log.
+
+    Args:
+        groups: the log.
+        odometry: wheel radius and half-track of the robot's driver.
+
+    Returns:
+        None without wheels, or without poses x, y and yaw at the same time.
+
+    Raises:
+        ValueError: the robot does not move, or does not turn.
+    """
+    wheels, pose = wheel_twist(groups, odometry), groups.get("pose")
+    columns = None if pose is None else stacked_columns(pose.columns, POSES[0])
+    if wheels is None or pose is None or columns is None:
+        return None
+    stamps, v, w = wheels
+    gyro = _gyro_within(groups, stamps)
+    rims = np.column_stack(
+        source(wheel_rates)(np.interp(pose.t, stamps, v), np.interp(pose.t, stamps, w), odometry.half_track, odometry.radius)
+    )
+    drives, off, within = list[Trajectory](), list[FloatArray](), (pose.t >= stamps[0]) & (pose.t <= stamps[-1])
+    for part in np.split(np.arange(len(pose.t)), np.flatnonzero(np.diff(pose.t) > pose.longest_step()) + 1):
+        kept = part[within[part]]
+        t = pose.t[kept]
+        if len(t) and t[-1] - t[0] > _LEAST_STRETCH:
+            found = np.column_stack([smoothed(t, column, _SMOOTHING) for column in columns[kept].T])
+            x, y, turn = np.gradient(found, t, axis=0).T
+            c, s = np.cos(found[:, 2]), np.sin(found[:, 2])
+            drives.append(Trajectory(t, found, np.column_stack([c * x + s * y, c * y - s * x, turn]), rims[kept]))
+            if gyro is not None:
+                off.append(np.interp(t, *gyro) - turn)
+    settings = commission(drives, odometry) if drives else None
+    if settings is None or not off:
+        return settings
+    means = [np.mean(part) for part in np.array_split(np.concatenate(off), _PIECES)]
+    return replace(settings, bias=float(np.mean(means)), bias_std=float(np.std(means) / np.sqrt(_PIECES - 1)))
 
 
 def integrated(groups: Groups, settings: EkfSettings = STOCK) -> Group | None:
@@ -101,17 +158,19 @@ def _summed(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def reckon(groups: Groups, settings: EkfSettings = STOCK) -> Reckoning | None:
+def reckon(
+    groups: Groups, settings: EkfSettings = STOCK, more: Mapping[str, EkfSettings] = MappingProxyType({})
+) -> Reckoning | None:
     """Compare all ways of dead reckoning that a log allows with its positions by satellite or by a localiser.
 
-    `settings` of the filter have wheel radius and half-track of the robot's driver.
+    `settings` of the filter have wheel radius and half-track of the robot's driver; `more` has further filters, by name.
 
     Returns:
         None where the log has no such positions, or no wheels.
     """
     positions = {n: stacked_columns(groups[n].columns, names) for n, names in _TRUTHS if n in groups}
     name, points = next(((n, xy) for n, xy in positions.items() if xy is not None), ("", None))
-    tracks = list(_tracks(groups, settings)) if points is not None else []
+    tracks = list(_tracks(groups, settings, more)) if points is not None else []
     if points is None or not tracks:
         return None
     truth = groups[name]
@@ -129,7 +188,9 @@ def reckon(groups: Groups, settings: EkfSettings = STOCK) -> Reckoning | None:
     return Reckoning(f"{truth.source} ({name})", len(at), tuple(rows))
 
 
-def _tracks(groups: Groups, settings: EkfSettings) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+def _tracks(
+    groups: Groups, settings: EkfSettings, more: Mapping[str, EkfSettings]
+) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield name, stamps [s] and positions [m] of each way; the odometry's own pose comes first."""
     if "odom" in groups:
         for names in POSES:
@@ -139,12 +200,13 @@ def _tracks(groups: Groups, settings: EkfSettings) -> Iterator[tuple[str, FloatA
     plain = integrated(groups, settings)
     if plain is not None:
         yield "wheels' speed, gyro's heading", plain.t, np.column_stack(list(plain.columns.values()))
-    for name, gyro, bias in (
-        ("filter of wheels", False, False),
-        ("filter of wheels and gyro", True, False),
-        ("filter, bias learned at rest", True, True),
+    for name, gyro, bias, used in (
+        ("filter of wheels", False, False, settings),
+        ("filter of wheels and gyro", True, False, settings),
+        ("filter, bias learned at rest", True, True, settings),
+        *((name, True, True, further) for name, further in more.items()),
     ):
-        motion = filtered_motion(groups, gyro=gyro, bias=bias, settings=settings)
+        motion = filtered_motion(groups, gyro=gyro, bias=bias, settings=used)
         if motion is not None:
             yield name, motion.t, motion.pose[:, :2]
 

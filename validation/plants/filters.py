@@ -35,6 +35,16 @@ class StateFilter:
         """Return the name and the settings."""
         return {"name": self.name, **asdict(self.settings)}
 
+    def sentence(self) -> str:
+        """Return what a filter that learns knows of its robot at the start, and how sure of it it is."""
+        s = self.settings
+        return (
+            f"the filter begins with wheel scales of {s.scale_left:.3f} and {s.scale_right:.3f} (± {s.scale_std:.3g}), "
+            f"a turning ratio of {s.turning:.3g} (± {s.turning_std:.2g}), a middle of turning {s.slide:+.3f} m behind and "
+            f"{s.shift:+.3f} m to the left (± {s.centre_std:.2g} m), and a gyro's bias of {s.bias:.3g} "
+            f"(± {s.bias_std:.2g} rad/s)."
+        )
+
     def save(self, path: str | Path) -> Path:
         """Write the filter as a TOML file that `load_filter` reads, and return its path."""
         target, settings = Path(path), {k: float(v) for k, v in asdict(self.settings).items()}

@@ -13,7 +13,7 @@ from validation import cli
 from validation.logs.formats import check_apart
 from validation.logs.limits import USUAL
 from validation.logs.log import ReadOptions, Stamps
-from validation.recordings.run import ConvertSettings, convert, info
+from validation.recordings.run import ConvertSettings, commission_log, convert, info
 from validation.recordings.simulated_log import LogSettings
 from validation.words import file_name
 
@@ -90,6 +90,9 @@ class InfoOptions:
     source: LogSource
     json: Annotated[Path | None, cli.option(metavar="FILE", default="none")] = None
     """JSON file to write the findings into as well."""
+    filter: Annotated[str, cli.option(metavar="thesis|learning|FILE.toml")] = "learning"
+    """State filter beside the thesis' in the table of dead reckoning: one that is learning on a robot that nobody has
+    commissioned, or that of a file, which commission writes."""
     bag: LogOptions = field(default_factory=LogOptions)
     simulation: SimulationOptions = SimulationOptions()
 
@@ -110,6 +113,8 @@ class ChangeOptions:
     """Take estimated offsets of time out of the measurements; commands stay."""
     ekf: cli.Flag = False
     """Let the state filter of wheels and gyro fill x, y and yaw."""
+    filter: Annotated[str, cli.option(metavar="thesis|learning|FILE.toml")] = "thesis"
+    """State filter for --ekf."""
     start: Annotated[float | None, cli.option("from", metavar="SECONDS", default="the beginning")] = None
     """Leave out what was logged before this time."""
     until: Annotated[float | None, cli.option(metavar="SECONDS", default="the end")] = None
@@ -124,6 +129,17 @@ class ConvertOptions:
     out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.csv")] = None
     """File to write; its ending says in which format."""
     changes: ChangeOptions = ChangeOptions()
+    bag: LogOptions = field(default_factory=LogOptions)
+    simulation: SimulationOptions = SimulationOptions()
+
+
+@dataclass(frozen=True)
+class CommissionOptions:
+    """The options of `commission`."""
+
+    source: LogSource
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.toml")] = None
+    """TOML file to write the filter into."""
     bag: LogOptions = field(default_factory=LogOptions)
     simulation: SimulationOptions = SimulationOptions()
 
@@ -146,6 +162,7 @@ def _info(options: InfoOptions) -> None:
             simulation.seed,
             robot=simulation.robot,
             faults=simulation.faults(),
+            filter=options.filter,
         )
     for fault in found.log.faults:
         cli.warn(fault)
@@ -185,7 +202,24 @@ def _convert(options: ConvertOptions) -> None:
     cli.report_result(converted, [target])
 
 
-PROGRAM: Mapping[str, Callable[[Any], None]] = {"info": _info, "convert": _convert}
+def _commission(options: CommissionOptions) -> None:
+    """Write a state filter that knows the robot of a log, from its wheels and the poses of a better sensor.
+
+    Offsets of time are taken out first. Use the file with --filter, on other drives.
+    """
+    o, simulation = options, options.simulation
+    target = o.out or Path("runs") / "recordings" / f"{file_name(Path(o.source).stem)}.toml"
+    with cli.mistakes_are_users():
+        check_apart(target, o.source)
+        made = commission_log(o.source, o.bag.reading(), simulation.profile, simulation.seed, robot=simulation.robot)
+        try:
+            made.save(target)
+        except OSError as error:
+            raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
+    print(f"{made.name}: {made.sentence()}\nwritten: {target}")
+
+
+PROGRAM: Mapping[str, Callable[[Any], None]] = {"info": _info, "convert": _convert, "commission": _commission}
 
 if __name__ == "__main__":
     cli.run(PROGRAM, "python -m validation.recordings")

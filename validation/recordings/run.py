@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ssmr.estimation.settings import EkfSettings
-from validation.logs.dead_reckoning import reckon, with_filter
+from validation.logs.dead_reckoning import commissioned_on, reckon, with_filter
 from validation.logs.formats import check_target, losses, read_log
 from validation.logs.groups import aligned, cut_groups, merge, smoothed_groups
 from validation.logs.health import find_faults
@@ -15,6 +15,7 @@ from validation.logs.log import Log, ReadOptions
 from validation.logs.offsets import estimate_offsets, synchronised
 from validation.logs.recording import Recording, RecordingError
 from validation.logs.rest import STOCK, find_rest, unbiased
+from validation.plants.filters import LEARNING, THESIS, StateFilter, load_filter, odometry_of
 from validation.plants.profile import Profile, choose_profile
 from validation.recordings.result import ConvertedLog, LogInfo
 from validation.recordings.simulated_log import LogSettings, is_simulated, simulated_log
@@ -37,6 +38,8 @@ class ConvertSettings:
     """Take estimated offsets of time out of the measurements; commands stay."""
     ekf: bool = False
     """Let the state filter of wheels and gyro fill x, y and yaw."""
+    filter: str | Path = THESIS
+    """State filter for that: the `thesis`', with the gyro's bias learned at rest; `learning`; or the path of a TOML file."""
     start: float | None = None
     """Leave out what was logged before this time [s]."""
     stop: float | None = None
@@ -86,8 +89,7 @@ def _odometry(robot: str | Path | Robot | None) -> EkfSettings:
     """Return the state filter's settings with the numbers of a robot's driver, a stock Husky's if it is not named."""
     if robot is None:
         return STOCK
-    drive = (robot if isinstance(robot, Robot) else load_robot(robot)).drive
-    return replace(STOCK, radius=drive.command_radius, half_track=drive.command_half_track)
+    return odometry_of((robot if isinstance(robot, Robot) else load_robot(robot)).drive)
 
 
 def info(
@@ -98,20 +100,45 @@ def info(
     *,
     robot: str | Path | Robot | None = None,
     faults: LogSettings | None = None,
+    filter: str | Path = LEARNING,
 ) -> LogInfo:
     """Say what a log holds: topics or columns, rates, gaps, faults, offsets of time, the gyro's bias, dead reckoning.
 
-    The arguments are those of `open_log`. Topics that cannot be used are left out and become `LogInfo.log.faults`.
+    The arguments are those of `open_log`, and a state filter that the thesis' is compared with: `learning`, or the path of a
+    TOML file such as `commission_log` saves. Topics that cannot be used are left out and become `LogInfo.log.faults`.
 
     Raises:
         ValueError: the log cannot be opened.
         SsmrError: the plant diverged.
     """
     log = open_log(source, replace(options or ReadOptions(), lenient=True), profile, seed, robot=robot, faults=faults)
-    groups = log.groups
-    return LogInfo(
-        log, tuple(estimate_offsets(groups)), find_rest(groups), reckon(groups, _odometry(robot)), find_faults(groups)
-    )
+    groups, odometry = log.groups, _odometry(robot)
+    used = load_filter(filter, odometry)
+    found = reckon(groups, odometry, {f"filter '{used.name}'": used.settings} if used.settings != odometry else {})
+    return LogInfo(log, tuple(estimate_offsets(groups)), find_rest(groups), found, find_faults(groups))
+
+
+def commission_log(
+    source: str | Path,
+    options: ReadOptions | None = None,
+    profile: str | Path | Profile | None = None,
+    seed: int = 0,
+    *,
+    robot: str | Path | Robot | None = None,
+) -> StateFilter:
+    """Return a state filter that knows the constants of a log's robot, from its wheels and poses of a better sensor.
+
+    The arguments are those of `open_log`. Estimated offsets of time are taken out first.
+
+    Raises:
+        ValueError: the log cannot be opened, has no wheels or no poses, or the robot does not move and turn.
+        SsmrError: the plant diverged.
+    """
+    log = open_log(source, options, profile, seed, robot=robot)
+    settings = commissioned_on(synchronised(log.groups, tuple(estimate_offsets(log.groups))), _odometry(robot))
+    if settings is None:
+        raise RecordingError(log.path, "commissioning needs wheels or odometry, and poses x, y, yaw of a better sensor")
+    return StateFilter(log.path.stem, settings)
 
 
 def convert(
@@ -144,7 +171,7 @@ def convert(
     if wanted.unbias:
         groups = unbiased(log.path, groups)
     if wanted.ekf:
-        filtered = with_filter(groups, _odometry(robot))
+        filtered = with_filter(groups, load_filter(wanted.filter, _odometry(robot)).settings)
         if filtered is None:
             raise RecordingError(log.path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
         groups = filtered

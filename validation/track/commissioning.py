@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from ssmr.control.loop import Feedback, LoopSettings
@@ -18,15 +17,12 @@ COMMISSIONED = "commissioned"
 """Name of a filter that gets the robot's constants from simulated drives."""
 TRACKER = "lqr-scheduled"
 """Controller that keeps a robot on a reference, with the gains of its class; any good one would do."""
-BIAS_STD, SCALE_STD, TURNING_SHARE, CENTRE_STD = 0.0156, 0.02, 0.1, 0.01
-"""Standard deviations by which robots differ from the one that was commissioned: bias of the gyro [rad/s], scale of each
-side's wheels [1], turning ratio over itself [1], and middle of turning [m] in both directions."""
 _SPEED, _SEEDS = 0.25, (1000, 1001)
 """Speed of the drives by which a filter is commissioned [m/s], and their seeds, which no other run has."""
 
 
 def commissioned(profile: Profile, plant: str, feedback: Feedback = "noisy") -> EkfSettings:
-    """Return a filter that knows a robot's constants from two drives along an eight, and doubts them a little.
+    """Return a filter that knows a robot's constants from two drives along an eight.
 
     A scheduled LQR drives them on level ground, pushed as in Sec. 3.4.5.
 
@@ -44,10 +40,7 @@ def commissioned(profile: Profile, plant: str, feedback: Feedback = "noisy") -> 
     loop, n = LoopSettings(feedback, filter=odometry), len(_SEEDS)
     runs = run_robots([robot] * n, [law] * n, [loop] * n, eight(_SPEED), _SEEDS)
     drives = [run.require_kept(f"{plant} of {profile.name}, which was to be commissioned,").motion for run in runs]
-    knows = commission(drives, odometry)
-    return replace(
-        knows, bias_std=BIAS_STD, scale_std=SCALE_STD, turning_std=TURNING_SHARE * knows.turning, centre_std=CENTRE_STD
-    )
+    return commission(drives, odometry)
 
 
 def chosen_filter(name_or_path: str | Path, profile: Profile, plant: str) -> StateFilter:

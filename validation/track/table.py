@@ -10,7 +10,6 @@ import numpy as np
 
 from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH
-from ssmr.estimation.settings import EkfSettings
 from validation.compare.table import REAL_TIME
 from validation.show.tables import (
     Cell,
@@ -119,7 +118,7 @@ def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
                 f"{r.plant}: the target was farther than {ALPHA_SWITCH:g} m for {max(beyond, 0.001):.1%} of the time, "
                 "where errors of heading count as zero."
             )
-    notes += [filter_sentence(r.plant, r.filter.settings) for r in results if r.filter and r.filter.settings.learns]
+    notes += [f"{r.plant}: {r.filter.sentence()}" for r in results if r.filter and r.filter.settings.learns]
     begin = results[0].options.get("start")
     if isinstance(begin, list) and any(begin):
         x, y, yaw = begin
@@ -129,15 +128,6 @@ def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
     if isinstance(lookahead, float) and lookahead > 0.0:
         notes.append(f"The robot is told to keep {lookahead:g} m behind its target: so e_rho should become that, not zero.")
     return notes
-
-
-def filter_sentence(plant: str, s: EkfSettings) -> str:
-    """Return a sentence on what a filter that learns knows of its robot at the start, and how sure of it it is."""
-    return (
-        f"{plant}: the filter begins with wheel scales of {s.scale_left:.3f} and {s.scale_right:.3f} (± {s.scale_std:.3g}), "
-        f"a turning ratio of {s.turning:.3g} (± {s.turning_std:.2g}), a middle of turning {s.slide:+.3f} m behind and "
-        f"{s.shift:+.3f} m to the left (± {s.centre_std:.2g} m), and a gyro's bias of 0 (± {s.bias_std:.2g} rad/s)."
-    )
 
 
 def track_markdown(results: Sequence[TrackedRobot]) -> str:

@@ -26,12 +26,18 @@ _SPEED, _EVERY, _RATE = 0.25, 4.0, 125.0
 class Doubt:
     """Errors of a filter's pose in units of what it claims, over many runs."""
 
+    case: tuple[str, str, str]
+    """Names of the profile, of the plant and of the feedback."""
     settings: EkfSettings
     """The filter, as it was commissioned."""
     t: FloatArray
     """(K,) instants [s]."""
     nees: FloatArray
     """(runs, K) normalised squared errors of the pose, which should be chi-squared with 3 degrees of freedom."""
+    thesis: FloatArray
+    """(runs, K) those of the thesis' filter, with a gyro that has no bias."""
+    thesis_biased: FloatArray
+    """(runs, K) those of the thesis' filter, with the gyro of `nees`."""
     nis: FloatArray
     """(runs, M) normalised squared innovations of the wheels' yaw rate, with one degree of freedom."""
 
@@ -41,11 +47,14 @@ class Doubt:
         return chi_squared_band(3, len(self.nees))
 
     @property
+    def inside(self) -> float:
+        """Share of the instants at which the mean of `nees` over the runs lies within `band`."""
+        return share_within(self.nees, self.band)
+
+    @property
     def nis_share(self) -> float:
         """Share of the instants at which the mean of `nis` over the runs lies within its own 95 % band."""
-        low, high = chi_squared_band(1, len(self.nis))
-        mean = self.nis.mean(axis=0)
-        return float(np.mean((mean > low) & (mean < high)))
+        return share_within(self.nis, chi_squared_band(1, len(self.nis)))
 
 
 def chi_squared_band(degrees: int, runs: int) -> tuple[float, float]:
@@ -54,7 +63,15 @@ def chi_squared_band(degrees: int, runs: int) -> tuple[float, float]:
     return low, high
 
 
-def doubt_of(profile: Profile, plant: str, feedback: Feedback = "noisy", runs: int = 16, seed: int = 0) -> Doubt:
+def share_within(found: FloatArray, band: tuple[float, float]) -> float:
+    """Return the share of the (K,) means over the rows of (runs, K) numbers that lie within a band."""
+    mean = found.mean(axis=0)
+    return float(np.mean((mean > band[0]) & (mean < band[1])))
+
+
+def doubt_of(
+    profile: Profile, plant: str, feedback: Feedback = "noisy", runs: int = 16, seed: int = 0, workers: int | None = None
+) -> Doubt:
     """Commission a filter on one reference, and judge it on another, on robots that differ as it says that they may.
 
     A scheduled LQR drives the eight twice, from which the filter gets its constants and the size of its slip, then the sine,
@@ -66,20 +83,23 @@ def doubt_of(profile: Profile, plant: str, feedback: Feedback = "noisy", runs: i
         feedback: what the controller sees; the filter that is judged only listens.
         runs: number of runs on the sine.
         seed: seed of the first.
+        workers: threads; the result does not depend on it.
 
     Raises:
         LostError: a robot left the reference.
     """
     robot, controller = make_robot(profile, plant), make_controller(profile, load_gains(TRACKER, DEFAULT))
     loop, doubts = LoopSettings(feedback, filter=odometry_of(robot.drive)), commissioned(profile, plant, feedback)
-    found = run_robots([robot] * runs, [controller] * runs, [loop] * runs, sine(_SPEED), range(seed, seed + runs))
+    found = run_robots([robot] * runs, [controller] * runs, [loop] * runs, sine(_SPEED), range(seed, seed + runs), workers)
     driven = [run.require_kept(f"{plant} of {profile.name}").motion for run in found]
     each = [_judge(truth, doubts, np.random.default_rng([seed, k])) for k, truth in enumerate(driven)]
-    return Doubt(doubts, each[0][0], np.array([e[1] for e in each]), np.array([e[2] for e in each]))
+    t, *errors, nis = (np.array(column) for column in zip(*each, strict=True))
+    own, thesis, biased = errors
+    return Doubt((profile.name, plant, feedback), doubts, t[0], own, thesis, biased, nis)
 
 
-def _judge(truth: Trajectory, doubts: EkfSettings, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return instants [s], normalised squared errors of the pose there, and innovations of the wheels' yaw rate."""
+def _judge(truth: Trajectory, doubts: EkfSettings, rng: np.random.Generator) -> tuple[FloatArray, ...]:
+    """Return the fields of a `Doubt` for one run, from `t` on."""
     bias, left, right, turning, shift, slide = rng.standard_normal(6)
     begins = replace(
         doubts,
@@ -89,11 +109,16 @@ def _judge(truth: Trajectory, doubts: EkfSettings, rng: np.random.Generator) -> 
         shift=doubts.shift + doubts.centre_std * shift,
         slide=doubts.slide + doubts.centre_std * slide,
     )
-    log = simulate_sensors(truth, rng, SensorModel(gyro_bias=doubts.bias_std * float(bias)), _RATE)
+    shown = doubts.bias_std * float(bias)
+    log = simulate_sensors(truth, rng, SensorModel(gyro_bias=shown), _RATE)
     (x, y, yaw), (v, _, w) = truth.pose[0].tolist(), truth.twist[0].tolist()
-    got = run_ekf(*log, begins, State(x, y, yaw, v_x=v, yaw_rate=w))
     at = np.searchsorted(log.t, np.arange(_EVERY, log.t[-1], _EVERY) - 1e-9)
-    error = got.pose[at] - truth.pose[np.searchsorted(truth.t, log.t[at] - 1e-9)]
-    covariance = got.channels["pose_covariance"][at]
-    nees = np.einsum("ki,ki->k", error, np.linalg.solve(covariance, error[:, :, None])[:, :, 0])
-    return log.t[at], nees, got.channels["innovations"][1:, 1]
+    thesis, found = EkfSettings(radius=doubts.radius, half_track=doubts.half_track), list[FloatArray]()
+    nis = list[FloatArray]()
+    for settings, read in ((begins, log), (thesis, log._replace(gyro=log.gyro - shown)), (thesis, log)):
+        got = run_ekf(*read, settings, State(x, y, yaw, v_x=v, yaw_rate=w))
+        error = got.pose[at] - truth.pose[np.searchsorted(truth.t, log.t[at] - 1e-9)]
+        covariance = got.channels["pose_covariance"][at]
+        found.append(np.einsum("ki,ki->k", error, np.linalg.solve(covariance, error[:, :, None])[:, :, 0]))
+        nis.append(got.channels["innovations"][1:, 1])
+    return log.t[at], *found, nis[0]

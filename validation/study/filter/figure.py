@@ -29,11 +29,11 @@ from validation.show.palette import Rgb, mix
 from validation.study.filter.findings import CURVE, DRIFT_STRETCH, GroundDrive, filter_variants
 from validation.study.filter.result import FilterStudy
 
-_HUES: tuple[Rgb, ...] = ((213, 94, 0), (0, 114, 178), (204, 121, 167), (0, 158, 115))
+_HUES: tuple[Rgb, ...] = ((213, 94, 0), (0, 114, 178), (204, 121, 167), (0, 158, 115), (86, 180, 233), (230, 159, 0))
 _INKS: tuple[Ink, ...] = tuple(
     (red / 255.0, green / 255.0, blue / 255.0) for red, green, blue in (mix(hue, (0, 0, 0), 0.1) for hue in _HUES)
 )
-_DASHES: tuple[Dashes, ...] = ("solid", "solid", (0.0, (5.0, 1.5)), (0.0, (1.8, 1.0)))
+_DASHES: tuple[Dashes, ...] = ("solid", "solid", (0.0, (5.0, 1.5)), (0.0, (1.8, 1.0)), "solid", (0.0, (5.0, 1.5)))
 """Line styles of the filters, in the order of `filter_variants`."""
 _LEAST_M = 1e-3
 """Least error that is drawn [m]: the filter starts with none, and zero has no logarithm."""
@@ -59,7 +59,7 @@ def _words(study: FilterStudy, k: int) -> str:
     """Return the name of a filter in the legend."""
     v = filter_variants(study.options.bias)[k]
     if v.bias:
-        return f"wheels + gyro with {v.bias:+g} rad/s of bias"
+        return f"{'commissioned' if v.commissioned else 'wheels + gyro'}, {v.bias:+g} rad/s of bias"
     if v.radius_known:
         return "wheels + gyro, rolling radius known"
     return v.name if v.gyro else "wheels only"
@@ -90,7 +90,7 @@ def _draw_bars(study: FilterStudy, field: str, title: str, ax: Axes) -> None:
         for k, name in enumerate(names):
             mean = 100.0 * drive.filters[name].mean(field)
             if math.isfinite(mean) and mean > 0.0:
-                y = row + 0.16 * (k - 1.5)
+                y = row + 0.14 * (k - 0.5 * (len(names) - 1))
                 ax.plot([mean], [y], "o", color=_INKS[k], markersize=5.5, markeredgecolor="white", markeredgewidth=0.5)
                 ax.plot([1e-3, mean], [y, y], color=_INKS[k], linewidth=0.9, alpha=0.45, zorder=1.8)
     ax.set_xscale("log")

@@ -9,15 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
+from ssmr.control.loop import Feedback
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import relative, wrap_angle
 from ssmr.parameters import require_in_range, require_within
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile
+from validation.plants.table import PLANTS
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 from validation.study.result import require_seeds
@@ -45,6 +48,8 @@ class FilterVariant:
     """Bias of the gyro, which the filter does not know [rad/s]."""
     radius_known: bool = False
     """True if the odometry uses the tyres' rolling radius instead of the driver's."""
+    commissioned: bool = False
+    """True for a filter that knows the robot's constants from drives on the profile's own ground, and learns."""
 
 
 def filter_variants(bias: float = REAL_BIAS) -> tuple[FilterVariant, ...]:
@@ -54,6 +59,8 @@ def filter_variants(bias: float = REAL_BIAS) -> tuple[FilterVariant, ...]:
         FilterVariant("wheels + gyro"),
         FilterVariant("biased gyro", bias=bias),
         FilterVariant("radius known", radius_known=True),
+        FilterVariant("commissioned", commissioned=True),
+        FilterVariant("commissioned, biased", bias=bias, commissioned=True),
     )
 
 
@@ -74,9 +81,14 @@ class FilterGround:
         parameters = replace(section.parameters, friction=self.friction, timestep=timestep)
         return ClosedLoopRobot("mujoco", MujocoPlant(parameters, section.drive))
 
-    def filter_settings(self, variant: FilterVariant) -> EkfSettings:
-        """Return the assumptions of a filter there: the driver's half-track, and its wheel radius or the true one."""
+    def filter_settings(self, variant: FilterVariant, known: EkfSettings | None = None) -> EkfSettings:
+        """Return the assumptions of a filter there: the driver's half-track, and its wheel radius or the true one.
+
+        A filter that is commissioned is `known`, with the driver's odometry if that is not given.
+        """
         section = self.profile.plants["mujoco"]
+        if variant.commissioned and known is not None:
+            return known
         odometry = odometry_of(section.drive)
         return replace(odometry, radius=section.parameters.wheel_radius) if variant.radius_known else odometry
 
@@ -110,6 +122,12 @@ class FilterOptions:
     """Further frictions for the last profile's robot [1]."""
     bias: float = REAL_BIAS
     """Bias of the biased gyro [rad/s]."""
+    plants: tuple[str, ...] = ("improved",)
+    """Plants on which it is measured how sure filters may be, on every profile; none for none."""
+    feedbacks: tuple[str, ...] = get_args(Feedback)
+    """Signals that the controller sees meanwhile: truth, noisy, ekf."""
+    runs: int = 16
+    """Number of robots for that, which differ as the filter says that they may."""
     seeds: int = 20
     """Number of draws of the sensors' noise."""
     seed: int = 0
@@ -130,6 +148,12 @@ class FilterOptions:
             if len(set(names)) < len(names) or not (names or what == "profiles"):
                 raise ValueError(f"{what} {','.join(names)} must name at least one, and none twice")
         require_seeds(self)
+        if unknown := sorted({*self.plants} - {*PLANTS}):
+            raise ValueError(f"unknown plants {', '.join(unknown)}; there are: {', '.join(PLANTS)}")
+        if unknown := sorted({*self.feedbacks} - {*get_args(Feedback)}):
+            raise ValueError(f"unknown feedbacks {', '.join(unknown)}; there are: {', '.join(get_args(Feedback))}")
+        if self.runs < 1:
+            raise ValueError(f"runs {self.runs} must be at least 1")
         require_within(self, ("bias",), -100.0, 100.0)
         require_within(self, ("speed",), 1e-3, 100.0)
         require_in_range(self, "timestep", 1e-5, 0.01)

@@ -10,15 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 
-from ssmr.control.loop import LoopSettings, make_clock
+from ssmr.control.loop import ClosedRun, Feedback, LoopSettings, make_clock
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.sensing import SensorModel, simulate_sensors
+from ssmr.estimation.settings import EkfSettings
 from ssmr.types import State, Trajectory
 from validation.progress import Progress, Report, silent
+from validation.study.filter.doubt import Doubt, doubt_of
 from validation.study.filter.findings import (
     CURVE,
     DRIFT_STRETCH,
@@ -33,7 +36,7 @@ from validation.study.filter.findings import (
 )
 from validation.study.filter.result import FilterStudy
 from validation.study.result import keeping, profile_of
-from validation.track.commissioning import TRACKER
+from validation.track.commissioning import TRACKER, commissioned
 from validation.track.gains import DEFAULT, load_gains
 from validation.track.loops import make_controller, require_practicable, run_robots
 from validation.track.waypoint_files import open_reference
@@ -85,21 +88,35 @@ def drive_missions(
             raise ValueError(f"{name} is shorter than the {DRIFT_STRETCH:g} m over which drift is taken, with some to spare")
     tracker = load_gains(TRACKER, DEFAULT)
     laws = [make_controller(g.profile, tracker) for g in grounds]
-    drives = list[GroundDrive]()
+    of_name = {g.profile.name: g.profile for g in grounds}
+    cases = [(p, plant, seen) for p in of_name.values() for plant in options.plants for seen in options.feedbacks]
+    drives, doubts, steps = list[GroundDrive](), list[Doubt](), len(grounds) * len(missions) + len(cases)
     with keeping(drives) as course:
+        known = {name: commissioned(profile, "mujoco") for name, profile in of_name.items()}
         for name, waypoints in missions.items():
-            runs = run_robots(robots, laws, [loop] * len(robots), waypoints, [0], workers)
+            runs = list[ClosedRun]()
+            for profile in of_name.values():  # robots of one profile are one kind
+                kind = [k for k, g in enumerate(grounds) if g.profile is profile]
+                of_kind = [robots[k] for k in kind], [laws[k] for k in kind], [loop] * len(kind)
+                runs += run_robots(*of_kind, waypoints, [0], workers)
             for ground, run in zip(grounds, runs, strict=True):
                 truth = run.require_kept(f"{TRACKER} on {name}, {ground.name},").motion
-                drives.append(_estimate(ground, name, truth, options))
-                progress(Progress(len(drives), len(grounds) * len(missions), f"{name}, {ground.name}"))
+                drives.append(_estimate(ground, name, truth, options, known[ground.profile.name]))
+                progress(Progress(len(drives), steps, f"{name}, {ground.name}"))
+        for profile, plant, seen in cases:
+            doubts.append(doubt_of(profile, plant, cast(Feedback, seen), options.runs, options.seed, workers))
+            progress(Progress(len(drives) + len(doubts), steps, f"{plant} of {profile.name}, {seen}"))
     speed = next(iter(missions.values())).speed
     references = tuple(dict.fromkeys(drive.reference for drive in drives))
     studied = ", ".join(dict.fromkeys(ground.profile.robot.name for ground in grounds))
-    return FilterStudy(tuple(grounds), references, speed, options, tuple(drives), robot=studied, status=course.status)
+    return FilterStudy(
+        tuple(grounds), references, speed, options, tuple(drives), tuple(doubts), robot=studied, status=course.status
+    )
 
 
-def _estimate(ground: FilterGround, reference: str, truth: Trajectory, options: FilterOptions) -> GroundDrive:
+def _estimate(
+    ground: FilterGround, reference: str, truth: Trajectory, options: FilterOptions, known: EkfSettings
+) -> GroundDrive:
     """Return the errors of all filters with all draws of the noise along one drive."""
     along, filters = travelled(truth), {}
     (x, y, yaw), (v, _, w) = truth.pose[0].tolist(), truth.twist[0].tolist()
@@ -110,7 +127,7 @@ def _estimate(ground: FilterGround, reference: str, truth: Trajectory, options: 
             rng = np.random.default_rng([options.seed, k])
             log = simulate_sensors(truth, rng, SensorModel(gyro_bias=variant.bias))
             gyro = log.gyro if variant.gyro else None
-            believed = run_ekf(log.t, log.left, log.right, gyro, ground.filter_settings(variant), start)
+            believed = run_ekf(log.t, log.left, log.right, gyro, ground.filter_settings(variant, known), start)
             seen = np.searchsorted(truth.t, log.t - 1e-9)
             then = Trajectory(truth.t[seen], truth.pose[seen], truth.twist[seen], truth.wheels[seen])
             drifts.append(drift_of(believed, then))

@@ -280,3 +280,18 @@ def test_info_writes_what_it_found(tmp_path: Path) -> None:
     assert "gyro_z" in found.table()
     with pytest.raises(ValueError, match="the log itself"):
         found.save(path)
+
+
+def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> None:
+    t = 0.1 * np.arange(50)
+    columns = {"t": t, "x": 0.5 * t, "y": 0.0 * t, "yaw": 0.0 * t, "odom_v": 0.5 + 0.01 * t, "odom_w": 0.02 * t}
+    source = source_of(Recording.from_columns("bag", columns), "bag.csv")
+    assert np.array_equal(
+        source.pieces[0].commands.values[::10], np.column_stack([columns["odom_v"], columns["odom_w"]])[:-1]
+    )
+    assert ["the odometry's speeds" in warning for warning in source.warnings] == [True]
+    own = source_of(Recording.from_columns("bag", {**columns, "cmd_v": 0.0 * t, "cmd_w": 0.0 * t}), "bag.csv")
+    assert not own.pieces[0].commands.values.any()
+    assert not any("odometry" in warning for warning in own.warnings)
+    with pytest.raises(ValueError, match="no column cmd_v, cmd_w"):
+        source_of(Recording.from_columns("bag", {n: a for n, a in columns.items() if n != "odom_w"}), "bag.csv")

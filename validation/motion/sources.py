@@ -33,6 +33,8 @@ _MOST_PIECES = 10_000
 RECORDING = "recording"
 """The name of the reference where plants are compared with a recorded motion."""
 
+ODOMETRY_SPEEDS = {"odom_v": "cmd_v", "odom_w": "cmd_w"}
+"""Channels of a log that stand for commands which were not recorded."""
 
 WindowCut = Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]]
 """Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of windows."""
@@ -134,6 +136,8 @@ def open_source(
 def source_of(recording: Recording, name: str, kind: CommandKind = "twist", title: str | None = None) -> Source:
     """Return a recording as a motion to compare plants on; what is wrong with it is logged as a warning too.
 
+    Where the recording has no commands, the speeds of its odometry stand for them, and a warning says so.
+
     Args:
         recording: the recording.
         name: name that the user gave it.
@@ -144,10 +148,15 @@ def source_of(recording: Recording, name: str, kind: CommandKind = "twist", titl
         ValueError: it lacks the inputs or the pose.
     """
     health = find_faults(groups_of(recording, name))
+    stand_in = []
+    if kind == "twist" and not recording.has_commands and set(ODOMETRY_SPEEDS) <= set(recording.channels):
+        speeds = {command: recording.channels[speed] for speed, command in ODOMETRY_SPEEDS.items()}
+        recording = replace(recording, columns={**recording.columns, **speeds})
+        stand_in = ["no commands were recorded, so the odometry's speeds, odom_v and odom_w, drive the plants instead"]
     jumps = np.empty(0, dtype=np.intp) if health.jumps is None else health.jumps.index
     pieces = tuple(_piece(s, kind, jumps) for s in recording.segments())
     title = title or recording.name
-    warnings = tuple(f"{title}: {sentence}" for sentence in health.sentences())
+    warnings = tuple(f"{title}: {sentence}" for sentence in [*stand_in, *health.sentences()])
     for warning in warnings:
         _logger.warning("%s", warning)
     return Source(name, pieces, RECORDING, RECORDING_GRID, warnings, title)

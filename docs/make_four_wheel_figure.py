@@ -264,6 +264,9 @@ def main() -> None:
     """Print the tables and draw the four panels."""
     print_tables()
     figure = Figure(figsize=(11.0, 7.4), dpi=110, layout="constrained")
+    figure.suptitle(
+        "A robot on four brush tyres (stiffness C, in loads per unit of slip) beside the Husky in MuJoCo", fontsize=12
+    )
     for draw, ax in zip((draw_thrust, draw_side_slip, draw_loads, draw_arcs), figure.subplots(2, 2).flat, strict=True):
         draw(ax)
         ax.spines[["top", "right"]].set_visible(False)

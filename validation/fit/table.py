@@ -106,10 +106,10 @@ def parameter_grid(parameters: Sequence[FittedParameter], what: str, before: str
     names = (what, "unit", value, "lower bound", "upper bound", before, "warning")
     rows = []
     for p in parameters:
-        bounds = f"{p.lower:.4g}", f"{p.upper:.4g}"
+        bounds = f"{p.lower:.3g}", f"{p.upper:.3g}"
         texts = p.name, unit_text(p.unit), value_text(p), *bounds, number_text(p.before), ", ".join(flags(p))
         rows.append(tuple(map(Cell, texts)))
-    return Grid(tuple((name, "") for name in names), (tuple(rows),), left=2)
+    return Grid(tuple((name, "") for name in names), (tuple(rows),), left=2, trailing=1)
 
 
 def _rows(result: FitData) -> list[list[tuple[str, Metrics, dict[float, HorizonErrors]]]]:

@@ -146,9 +146,12 @@ _TRAJECTORY_INKS = {"traj1": "#d55e00", "traj2": "#56b4e9", "traj3": "#009e73", 
 
 
 def draw_causes(
-    d_rms: Mapping[str, Mapping[str, float]], printed: Mapping[str, float], paths: tuple[Trajectory, Trajectory]
+    d_rms: Mapping[str, Mapping[str, float]],
+    printed: Mapping[str, float],
+    paths: tuple[Trajectory, Trajectory],
+    shown: str,
 ) -> Figure:
-    """Draw d_rms [m] by cause and trajectory below the printed one, and a robot's path beside that of the fitted model."""
+    """Draw d_rms [m] by cause and trajectory below the printed one, and, of the cause that is shown, both paths."""
     rows = {"printed (Tab. 3.12)": printed, **d_rms}
 
     def errors(ax: Axes) -> None:
@@ -171,5 +174,7 @@ def draw_causes(
         ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
         inset(ax, left=0.8)
         ax.legend(loc="best", fontsize=8.0)
+        ax.set_title(f"Trajectory 1: {shown}")
 
-    return put_together([side_by_side(4.6, [errors, driven])])
+    heading = "Distance of the fitted improved model from a robot on four tyres, by what is added to that robot"
+    return put_together([text_row(0.3, partial(draw_section, heading)), side_by_side(4.6, [errors, driven])])

@@ -165,7 +165,8 @@ def _others(context: Context) -> Findings:
         "Left, d_rms of the improved model, fitted to trajectory 4, from a robot on four tyres, by what is switched on. "
         f"Right, trajectory 1 with: {_CULPRIT}."
     )
-    pictures = (context.picture("causes", draw_causes(by_cause, printed_rms, paths[_CULPRIT]), caption),)
+    picture = draw_causes(by_cause, printed_rms, paths[_CULPRIT], _CULPRIT)
+    pictures = (context.picture("causes", picture, caption),)
     grids = {"What makes trajectory 1 stand out, and what changes the length": _causes_grid(found)}
     longest = max(abs(m["d_ratio"] - 1.0) for by in found.values() for m in by.values())
     printed_longest = max(abs(float(row["d_ratio"]) - 1.0) for row in printed.values())

@@ -19,9 +19,9 @@ _GOOD: Rgb = (255, 255, 255)
 _BAD: Rgb = (213, 94, 0)
 """Colours of a good and of a bad cell: red, green, blue, 0-255."""
 
-_HEADER_IN, _NAMES_IN, _ROW_IN, _GAP_IN, _FOOTER_IN = 0.62, 0.62, 0.2, 0.09, 0.26
-_GROUP_IN, _LABEL_IN = 1.35, 3.1
-"""Distance of the settings' names, and of the numbers, from the left edge."""
+_HEADER_IN, _NAMES_IN, _ROW_IN, _GAP_IN, _FOOTER_IN = 0.62, 0.75, 0.235, 0.09, 0.26
+_LABEL_IN = 3.3
+"""Distance of the numbers from the left edge."""
 
 
 def badness(column: MeasureColumn, value: float | None) -> float | None:
@@ -57,17 +57,17 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
     for k, column in enumerate(study.columns()):
         words = column.name.replace(" ", "\n") + f"\n[{column.unit.symbol}]"
         middle = _LABEL_IN + (k + 0.5) * each
-        ax.text(middle, _NAMES_IN - 0.05, words, ha="center", va="bottom", fontsize=7.5, linespacing=1.05)
+        ax.text(middle, _NAMES_IN - 0.05, words, ha="center", va="bottom", fontsize=8.0, linespacing=1.05)
     last = ""
     for below, outcome in _heights(study):
         y, variant = _NAMES_IN + below, outcome.variant
         baseline = variant == BASELINE
         weight = "bold" if baseline else "normal"
         if variant.group != last:
-            ax.text(0.0, y, variant.group, va="center", fontsize=8.0, fontweight="bold", wrap=False)
+            ax.text(0.0, y, variant.group, va="center", fontsize=9.5, fontweight="bold", wrap=False)
             ax.plot([0.0, wide], [y - 0.5 * _ROW_IN - 0.5 * _GAP_IN] * 2, color="0.8", linewidth=0.6)
             last = variant.group
-        ax.text(_LABEL_IN - 0.06, y, variant.name, va="center", ha="right", fontsize=8.0, fontweight=weight)
+        ax.text(_LABEL_IN - 0.06, y, variant.name, va="center", ha="right", fontsize=9.5, fontweight=weight)
         for k, column in enumerate(study.columns()):
             bad = badness(column, column.value(outcome.measures))
             left = _LABEL_IN + k * each
@@ -76,7 +76,7 @@ def _draw_table(study: ContactStudy, ax: Axes) -> None:
                 ax.add_patch(
                     Rectangle((left, y - 0.5 * _ROW_IN), each, _ROW_IN, facecolor=fill, edgecolor="white", linewidth=0.7)
                 )
-            ax.text(left + 0.5 * each, y, column.text(outcome.measures), va="center", ha="center", fontsize=7.5,
+            ax.text(left + 0.5 * each, y, column.text(outcome.measures), va="center", ha="center", fontsize=9.5,
                     fontweight=weight, gid=f"{variant.key}, {column.name}", color="0.1")  # fmt: skip
         if outcome.failures:
             ax.text(_LABEL_IN - 0.02, y, "!", va="center", ha="center", fontsize=8.0, fontweight="bold", color=ALARM)

@@ -241,22 +241,24 @@ def _fit(grid: Grid, width: int) -> _Fit:
     """Return how a table gets into a width: columns move together, words wrap, and then the last numbers are left out."""
     spans = _spans(grid)
     shown = list(range(len(spans)))
-    tight = sum(full for full, _ in spans) + _GAP * (len(shown) - 1) + _EDGES > width
-    if not tight:
-        return _Fit({k: full for k, (full, _) in enumerate(spans)}, frozenset(), False)
+    full = sum(most for most, _ in spans)
+    if full + _GAP * (len(shown) - 1) + _EDGES <= width:
+        return _Fit({k: most for k, (most, _) in enumerate(spans)}, frozenset(), False)
+    tight = full + _TIGHT_GAP * (len(shown) - 1) <= width or least_width(grid) > width
+    gap, edges = (_TIGHT_GAP, 0) if tight else (_GAP, _EDGES)
     words = [*range(grid.left), *range(len(spans) - grid.trailing, len(spans))]
     numbers = [k for k in shown if k not in words]
     droppable = [*reversed(numbers[1:]), *reversed(words[grid.left :])]
-    while droppable and sum(spans[k][1] for k in shown) + _TIGHT_GAP * (len(shown) - 1) > width:
+    while droppable and sum(spans[k][1] for k in shown) + gap * (len(shown) - 1) + edges > width:
         shown.remove(droppable.pop(0))
     widths = {k: spans[k][0] for k in shown}
-    while (over := sum(widths.values()) + _TIGHT_GAP * (len(shown) - 1) - width) > 0:
+    while (over := sum(widths.values()) + gap * (len(shown) - 1) + edges - width) > 0:
         slack = {k: widths[k] - spans[k][1] for k in shown}
         widest = max(slack, key=lambda k: slack[k])
         if slack[widest] <= 0:
             break
         widths[widest] -= min(over, max(1, slack[widest] // 2))
-    return _Fit(widths, frozenset(k for k in shown if widths[k] < spans[k][0]), True)
+    return _Fit(widths, frozenset(k for k in shown if widths[k] < spans[k][0]), tight)
 
 
 def rich_table(grid: Grid, width: int | None = None) -> Table:

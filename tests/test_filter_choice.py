@@ -142,3 +142,9 @@ def test_a_log_without_poses_commissions_nothing(tmp_path: Path) -> None:
     blind.write_text("t,enc_left,enc_right\n" + "".join(f"{0.1 * k:.1f},1,{k % 3}\n" for k in range(60)), encoding="utf-8")
     with pytest.raises(ValueError, match="poses x, y, yaw"):
         commission_log(blind)
+    with pytest.raises(ValueError, match="needs GPS positions"):
+        convert(blind, ConvertSettings(ekf=True, gps_std=2.5))
+    with pytest.raises(ValueError, match="for ekf"):
+        ConvertSettings(gps_std=2.5)
+    with pytest.raises(ValueError, match="negative"):
+        ConvertSettings(ekf=True, gps_std=-1.0)

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssmr.estimation.commission import learning
 from ssmr.geometry import align_rigidly, compose, relative, rotate_body_to_world
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
@@ -18,7 +19,7 @@ from validation.logs.dead_reckoning import filtered_motion, reckon, with_filter
 from validation.logs.groups import Group, aligned, cut_groups, groups_of, merge, smoothed
 from validation.logs.offsets import estimate_offsets, synchronised
 from validation.logs.recording import POSE_COLUMNS, Recording, RecordingError
-from validation.logs.rest import find_rest, unbiased
+from validation.logs.rest import STOCK, find_rest, unbiased
 
 LOG = Path("drive.bag")
 KNOWN_SHIFT = 2e-3
@@ -219,6 +220,22 @@ def test_the_filter_with_the_bias_learned_is_nearest() -> None:
     assert rms["filter, bias learned at rest"] < 0.05 < rms["wheels' speed, gyro's heading"]
     assert rms["filter, bias learned at rest"] < rms["filter of wheels"]
     assert found.rows[0].length == pytest.approx(17.5, rel=0.01)
+
+
+def test_gps_corrects_the_scales_the_bias_and_the_frame() -> None:
+    """Positions of a receiver in a frame that is turned by 2 rad: the filter's pose lies in it, nearer than they do."""
+    groups = log(bias=0.02)
+    pose, rng = groups["pose"], np.random.default_rng(4)
+    t = pose.t[::20]
+    true = rotate_body_to_world(np.column_stack([pose.columns["x"], pose.columns["y"]]), 2.0) + np.array([100.0, -50.0])
+    east, north = (true[::20] + 0.3 * rng.standard_normal((len(t), 2))).T
+    gps = Group("/fix", t, {"gps_east": east, "gps_north": north})
+    motion = filtered_motion({**groups, "gps": gps}, settings=learning(STOCK), gps_std=0.3)
+    assert motion is not None
+    there = np.column_stack([np.interp(pose.t, motion.t, column) for column in motion.xy.T])
+    late = pose.t > 0.5 * pose.t[-1]
+    assert np.sqrt(np.mean(np.sum((there - true)[late] ** 2, axis=1))) < 0.3
+    assert motion.channels["constants"][-1, 0] == pytest.approx(0.02, abs=4.0 * motion.channels["constants_std"][-1, 0])
 
 
 def test_the_filter_replaces_the_pose_and_keeps_the_old_one() -> None:

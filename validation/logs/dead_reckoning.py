@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -12,8 +13,8 @@ from ssmr._jit import source
 from ssmr.estimation.bias import learn_bias
 from ssmr.estimation.commission import commission
 from ssmr.estimation.ekf import aside_of, run_ekf
-from ssmr.estimation.settings import EkfSettings
-from ssmr.geometry import align_rigidly
+from ssmr.estimation.settings import EkfSettings, SeenPose
+from ssmr.geometry import align_rigidly, rotate_body_to_world
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
@@ -24,6 +25,8 @@ from validation.logs.rest import STOCK, standing, wheel_twist
 _UNKNOWN_SPEED = (0.0, 0.0, 0.0, 1.0, 1.0)
 """Standard deviations of the start of a filter that learns [m, m, rad, m/s, rad/s]: a log may begin while the robot
 moves, and a yaw rate that is taken for none would be believed to be the gyro's bias."""
+_FIRST_WAY = 20.0
+"""Way by whose GPS positions the heading at the start is found [m]."""
 _PIECES = 10
 """Number of pieces of a log whose means tell how sure a gyro's bias is."""
 _SMOOTHING, _LEAST_STRETCH = 0.15, 2.0
@@ -58,7 +61,7 @@ class Reckoning:
 
 
 def filtered_motion(
-    groups: Groups, *, gyro: bool = True, bias: bool = True, settings: EkfSettings = STOCK
+    groups: Groups, *, gyro: bool = True, bias: bool = True, settings: EkfSettings = STOCK, gps_std: float = 0.0
 ) -> Trajectory | None:
     """Run the state filter over a log, from pose 0 on.
 
@@ -70,6 +73,8 @@ def filtered_motion(
         bias: True if the gyro's bias is learned whenever the robot stands, see `learn_bias`, and subtracted from then on. A
             filter that learns has a state for the bias, and is told when the robot stands instead.
         settings: the filter's, with wheel radius and half-track of the robot's driver.
+        gps_std: standard deviation of the log's GPS positions, which the filter takes in by their stamps [m]; 0 to take in
+            none. The motion is then in their frame, in which it begins as the first `_FIRST_WAY` of dead reckoning lies.
 
     Returns:
         The filter's motion; None without wheels or, if `gyro`, without a gyro.
@@ -82,11 +87,34 @@ def filtered_motion(
     t, turning = (stamps, None) if within is None else within
     left, right = source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
     still = standing(groups, t)
-    if settings.learns:
-        return run_ekf(t, left, right, turning, settings, State(), _UNKNOWN_SPEED, aside_of(still))
-    if turning is not None and bias:
+    std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
+    if turning is not None and bias and not settings.learns:
         turning = turning - learn_bias(t, turning, still)[:, 0]
-    return run_ekf(t, left, right, turning, settings, State())
+    aside = aside_of(still) if settings.learns else None
+    motion = run_ekf(t, left, right, turning, settings, State(), std, aside)
+    fixes = groups.get("gps") if gps_std else None
+    if fixes is None:
+        return motion
+    points = np.column_stack([fixes.columns[name] for name in _TRUTHS[0][1]])
+    seen = zip(fixes.t.tolist(), points.tolist(), strict=True)
+    poses = {at: SeenPose(x, y, math.nan, gps_std**2, math.inf) for at, (x, y) in seen}
+    std = (gps_std, gps_std, 0.5, 1.0, 1.0)
+    told = aside_of(still if settings.learns else np.zeros_like(still), poses)
+    return run_ekf(t, left, right, turning, settings, _start_in(motion, fixes.t, points), std, told)
+
+
+def _start_in(motion: Trajectory, t: FloatArray, points: FloatArray) -> State:
+    """Return the pose at which a motion begins in the frame of (N, 2) points, by those of its first `_FIRST_WAY`."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(motion.xy, axis=0).T))])
+    last = motion.t[min(int(np.searchsorted(way, _FIRST_WAY)), len(way) - 1)]
+    first = (t >= motion.t[0]) & (t <= last)
+    if np.count_nonzero(first) < 2:
+        return State()
+    there = np.column_stack([np.interp(t[first], motion.t, column) for column in motion.xy.T])
+    off, onto = there - there.mean(axis=0), points[first] - points[first].mean(axis=0)
+    yaw = math.atan2(float(np.sum(off[:, 0] * onto[:, 1] - off[:, 1] * onto[:, 0])), float(np.sum(off * onto)))
+    x, y = (points[first].mean(axis=0) - rotate_body_to_world(there.mean(axis=0), yaw)).tolist()
+    return State(x, y, yaw)
 
 
 def commissioned_on(groups: Groups, odometry: EkfSettings = STOCK) -> EkfSettings | None:
@@ -211,15 +239,16 @@ def _tracks(
             yield name, motion.t, motion.pose[:, :2]
 
 
-def with_filter(groups: Groups, settings: EkfSettings = STOCK) -> dict[str, Group] | None:
-    """Return the log with the filter's pose as its x, y, yaw; None without wheels.
+def with_filter(groups: Groups, settings: EkfSettings = STOCK, gps_std: float = 0.0) -> dict[str, Group] | None:
+    """Return the log with the filter's pose as its x, y, yaw, see `filtered_motion`; None without wheels.
 
     Columns that had these names before are called odom_x ... or pose_x ... in the result.
 
     Raises:
         ValueError: there is a column of such a name already.
     """
-    motion = filtered_motion(groups, settings=settings) or filtered_motion(groups, gyro=False, settings=settings)
+    motion = filtered_motion(groups, settings=settings, gps_std=gps_std)
+    motion = motion or filtered_motion(groups, gyro=False, settings=settings, gps_std=gps_std)
     if motion is None:
         return None
     renamed = {

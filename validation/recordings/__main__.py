@@ -115,6 +115,8 @@ class ChangeOptions:
     """Let the state filter of wheels and gyro fill x, y and yaw."""
     filter: Annotated[str, cli.option(metavar="thesis|learning|FILE.toml")] = "thesis"
     """State filter for --ekf."""
+    gps_std: Annotated[float, cli.option(metavar="METRES", default="0, no GPS")] = 0.0
+    """Standard deviation of GPS positions, which --ekf takes in by their stamps; --sync takes out their delay."""
     start: Annotated[float | None, cli.option("from", metavar="SECONDS", default="the beginning")] = None
     """Leave out what was logged before this time."""
     until: Annotated[float | None, cli.option(metavar="SECONDS", default="the end")] = None

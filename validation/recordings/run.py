@@ -40,15 +40,21 @@ class ConvertSettings:
     """Let the state filter of wheels and gyro fill x, y and yaw."""
     filter: str | Path = THESIS
     """State filter for that: the `thesis`', with the gyro's bias learned at rest; `learning`; or the path of a TOML file."""
+    gps_std: float = 0.0
+    """Standard deviation of the log's GPS positions, which that filter takes in by their stamps [m]; 0 takes in none."""
     start: float | None = None
     """Leave out what was logged before this time [s]."""
     stop: float | None = None
     """Leave out what was logged after this time [s]."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a rate that is not positive, or a negative width of smoothing."""
+        """Raise a ValueError for a rate that is not positive, or a negative width of smoothing or standard deviation."""
         if self.rate is not None and not 0.0 < self.rate < math.inf:
             raise ValueError(f"rate {self.rate} must be positive [Hz]")
+        if not 0.0 <= self.gps_std < math.inf:
+            raise ValueError(f"gps_std {self.gps_std} must not be negative [m]")
+        if not self.ekf and (self.gps_std or str(self.filter) != THESIS):
+            raise ValueError("filter and gps_std are for ekf, which is not asked for")
         if not 0.0 <= self.smooth < math.inf:
             raise ValueError(f"smooth {self.smooth} must not be negative [s]")
 
@@ -170,8 +176,10 @@ def convert(
     groups = synchronised(log.groups, offsets) if wanted.sync else log.groups
     if wanted.unbias:
         groups = unbiased(log.path, groups)
+    if wanted.gps_std and "gps" not in groups:
+        raise RecordingError(log.path, "gps_std needs GPS positions, which the log has none of")
     if wanted.ekf:
-        filtered = with_filter(groups, load_filter(wanted.filter, _odometry(robot)).settings)
+        filtered = with_filter(groups, load_filter(wanted.filter, _odometry(robot)).settings, wanted.gps_std)
         if filtered is None:
             raise RecordingError(log.path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
         groups = filtered

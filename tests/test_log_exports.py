@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable
@@ -75,6 +76,67 @@ def test_what_was_written_is_read_back(tmp_path_factory: pytest.TempPathFactory,
 def topics_of(path: Path) -> set[str]:
     with AnyReader([path]) as reader:
         return {c.topic.removeprefix("/") for c in reader.connections if c.msgtype == "std_msgs/msg/Float64"}
+
+
+def test_viewers_get_the_frame_of_the_body(tmp_path: Path) -> None:
+    """It lies where the pose is, or else odometry, and adds no column."""
+    n, path = 5, tmp_path / "drive.mcap"
+    gyro = {"gyro_z": np.ones(n)}
+    odometry = {
+        "odom_v": np.ones(n),
+        "odom_w": np.zeros(n),
+        "odom_x": np.arange(n),
+        "odom_y": np.zeros(n),
+        "odom_yaw": np.ones(n),
+    }
+    pose = {"x": np.arange(n), "y": np.full(n, 2.0), "yaw": np.linspace(0.0, 1.0, n)}
+    both, one = {"/tf": n, "/tf_static": 1}, {"/tf": n}
+    for columns, wanted in (({**pose, **odometry}, both), (pose, one), (gyro | odometry, one), (gyro, {})):
+        source = Recording.from_columns("drive", {"t": 0.1 * np.arange(n), **columns})
+        write_log(Log.of_recording(Path("nowhere.csv"), source), path)
+        with AnyReader([path]) as reader:
+            counts = {c.topic: c.msgcount for c in reader.connections if c.topic.startswith("/tf")}
+            assert counts == wanted
+            read = [(c.topic, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages()]
+        frames = [m.transforms[0] for topic, m in read if topic == "/tf"]
+        assert {(f.header.frame_id, f.child_frame_id) for f in frames} <= {
+            ("map" if "x" in columns else "odom", "base_link")
+        }
+        for k, frame in enumerate(frames):
+            x, y, yaw = (
+                columns[name][k] for name in (("x", "y", "yaw") if "x" in columns else ("odom_x", "odom_y", "odom_yaw"))
+            )
+            turned = frame.transform.rotation
+            assert (frame.transform.translation.x, frame.transform.translation.y) == (x, y)
+            assert 2.0 * math.atan2(turned.z, turned.w) == pytest.approx(yaw)
+        assert set(read_log(path).recording().all_columns()) == set(source.all_columns())
+
+
+def test_beside_a_bag_lies_a_layout_of_its_topics(tmp_path: Path) -> None:
+    """In Foxglove's form: a tree of panels, each with its settings; what they show is in the bag."""
+    convert("sample", target=tmp_path / "drive.mcap", robot="jackal").save(tmp_path / "drive.mcap")
+    layout = json.loads((tmp_path / "drive.foxglove.json").read_text(encoding="utf-8"))
+    assert set(layout) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+
+    def panels(tree: object) -> list[str]:
+        if isinstance(tree, str):
+            return [tree]
+        assert isinstance(tree, dict)
+        assert tree["direction"] in ("row", "column")
+        return [*panels(tree["first"]), *panels(tree["second"])]
+
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+    with AnyReader([tmp_path / "drive.mcap"]) as reader:
+        kinds = {c.topic: c.msgtype for c in reader.connections}
+        (said,) = [
+            reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages() if c.topic == "/robot_description"
+        ]
+    assert 'name="jackal"' in said
+    settings = layout["configById"].values()
+    shown = [path["value"].partition(".")[0] for panel in settings for path in panel.get("paths", ())]
+    shown += [topic for panel in settings for topic in panel.get("topics", ())]
+    assert set(shown) - set(kinds) <= {"/odom"}, "the sample has no odometry of its own"
+    assert layout["configById"]["3D!robot"]["followTf"] == "base_link"
 
 
 @pytest.mark.parametrize("ending", [".mcap", ".bag"])

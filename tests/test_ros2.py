@@ -26,7 +26,6 @@ import pytest
 from validation import cli
 from validation.robots import import_robot
 from validation.robots.urdf import read_urdf
-from validation.robots.urdf_writing import urdf_text
 from validation.ros import messages as msg
 from validation.ros import ros2_types
 from validation.ros.__main__ import PROGRAM
@@ -37,6 +36,7 @@ from validation.ros.ros2 import configuration, load_dds
 from validation.ros.run import open_port
 from validation.ros.sim import MESSAGE_TYPES, POSE_TOPIC
 from validation.simulator.description import WHEELS, load_robot, shipped_robots
+from validation.simulator.urdf_writing import urdf_text
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 90.0

@@ -253,7 +253,7 @@ BAG = LogFormat(
     "bag",
     (".bag", ".mcap"),
     read=_read,
-    write=lambda log, path: write_bag(log.groups, path),
+    write=lambda log, path: write_bag(log.groups, path, log.description),
     losses=lambda log, path: bag_losses(log.groups, path),
     folder="the folder of a ROS 2 bag",
 )

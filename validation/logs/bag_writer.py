@@ -3,6 +3,7 @@
 Every group becomes a topic with its own stamps: /cmd_vel (TwistStamped), /joint_states (JointState), /odom (Odometry),
 /imu/data (Imu), /pose (PoseStamped). Columns that fit no such message become a topic of Float64 each, and one message says
 which columns the topics hold: so all of them are read back, the yaw but for full turns, and times from the first stamp on.
+In MCAP files viewers find /tf besides, from the pose or else from odometry, and /robot_description if the robot is known.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ _LATEST = 2**31
 """Second at which the stamps of bags end; those of ROS 1 would go on, but not every tool has them without a sign."""
 _LONGEST_NAME = 200
 """Greatest length of a topic's name; DDS has room for some fifty more."""
-_WORLD, _BASE = "map", "base_link"
+_WORLD, _BASE, _ODOM = "map", "base_link", "odom"
+_TF, DESCRIPTION = "tf2_msgs/msg/TFMessage", "/robot_description"
 _SHOWN = 8
 """Number of renamed columns that a sentence lists."""
 _UNKNOWN = -1.0
@@ -60,14 +62,24 @@ class _Store:
     def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
         return self.make("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
 
+    def turned(self, yaw: float) -> Any:
+        w, i, j, k = map(float, yaw_to_quat_wxyz(yaw))
+        return self.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w)
+
     def twist(self, v: float, w: float) -> Any:
         return self.make("geometry_msgs/msg/Twist", linear=self.vector(v), angular=self.vector(z=w))
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
         point = self.make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0)
-        w, i, j, k = map(float, yaw_to_quat_wxyz(yaw))
-        turned = self.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w)
-        return self.make("geometry_msgs/msg/Pose", position=point, orientation=turned)
+        return self.make("geometry_msgs/msg/Pose", position=point, orientation=self.turned(yaw))
+
+    def frame(self, parent: str, child: str, t: int, pose: FloatArray) -> Any:
+        kind, x, y = "geometry_msgs/msg/Transform", float(pose[0]), float(pose[1])
+        transform = self.make(kind, translation=self.vector(x, y), rotation=self.turned(float(pose[2])))
+        stamped = self.make(
+            "geometry_msgs/msg/TransformStamped", header=self.header(t, parent), child_frame_id=child, transform=transform
+        )
+        return self.make(_TF, transforms=[stamped])
 
 
 def _cmd(s: _Store, t: int, row: FloatArray) -> Any:
@@ -84,7 +96,7 @@ def _odometry(s: _Store, t: int, row: FloatArray) -> Any:
     nothing = np.zeros(36)
     pose = s.make("geometry_msgs/msg/PoseWithCovariance", pose=s.pose(*row[2:5]), covariance=nothing)
     twist = s.make("geometry_msgs/msg/TwistWithCovariance", twist=s.twist(row[0], row[1]), covariance=nothing)
-    return s.make("nav_msgs/msg/Odometry", header=s.header(t, "odom"), child_frame_id=_BASE, pose=pose, twist=twist)
+    return s.make("nav_msgs/msg/Odometry", header=s.header(t, _ODOM), child_frame_id=_BASE, pose=pose, twist=twist)
 
 
 def _imu(s: _Store, t: int, row: FloatArray) -> Any:
@@ -115,7 +127,7 @@ _TOPICS: Mapping[str, tuple[str, str, Callable[[_Store, int, FloatArray], Any]]]
 """Topic, message type and maker of each group; a maker gets the store, the stamp [ns] and the group's columns in order."""
 
 
-_RESERVED = {topic for topic, _, _ in _TOPICS.values()} | {MAP_TOPIC, "/tf", "/tf_static", "/clock", "/rosout"}
+_RESERVED = {topic for topic, _, _ in _TOPICS.values()} | {MAP_TOPIC, DESCRIPTION, "/tf", "/tf_static", "/clock", "/rosout"}
 """Topics with a meaning of their own, which no channel takes."""
 _ODOMETRY = dict(zip(*POSES, strict=True))
 """Names of odometry's pose by those of a pose: in a log without another pose, odometry's columns are x, y, yaw."""
@@ -206,8 +218,10 @@ def _number(s: _Store, _: int, row: FloatArray) -> Any:
     return s.make(CHANNEL, data=float(row[0]))
 
 
-def write_bag(groups: Groups, path: Path) -> None:
+def write_bag(groups: Groups, path: Path, description: str = "") -> None:
     """Write a log as a bag, whole or not at all: ROS 1 for a path that ends in .bag, ROS 2 for .mcap.
+
+    A `description`, the robot's URDF, becomes /robot_description of an MCAP file.
 
     Raises:
         ValueError: the stamps do not fit into a bag.
@@ -220,7 +234,7 @@ def write_bag(groups: Groups, path: Path) -> None:
 
     types = get_typestore(Stores.ROS1_NOETIC if _is_ros1(path) else Stores.ROS2_HUMBLE)
     store = _Store(types, _is_ros1(path))
-    messages = _messages(store, groups, _epoch(groups, path))
+    messages = _messages(store, groups, _epoch(groups, path), description)
 
     def write(beside: Path) -> None:
         if store.ros1:
@@ -252,15 +266,25 @@ def _fill(writer: Any, store: _Store, messages: Sequence[_Message], serialize: C
         writer.write(connected[topic], ns, serialize(make(), kind))
 
 
-def _messages(store: _Store, groups: Groups, epoch: int) -> list[_Message]:
+def _messages(store: _Store, groups: Groups, epoch: int, description: str) -> list[_Message]:
     """Return all messages, sorted by time."""
     plans = _plans(groups)
     stamps = {name: _stamps(group.t, epoch) for name, group in groups.items()}
     said = json.dumps({plan.topic: [plan.group, list(plan.columns)] for plan in plans})
     first = min(ns[0] for ns in stamps.values())
     found: list[_Message] = [(first, MAP_TOPIC, TEXT, partial(store.make, TEXT, data=said))]
+    if description and not store.ros1:
+        found.append((first, DESCRIPTION, TEXT, partial(store.make, TEXT, data=description)))
+    whole = {plan.topic for plan in plans}
+    parents = {} if store.ros1 else {"/pose": _WORLD} if "/pose" in whole else {"/odom": _ODOM}
+    if (
+        parents and {"/pose", "/odom"} <= whole
+    ):  # a body has one parent: odometry's frame begins where that of the poses does
+        found.append((first, "/tf_static", _TF, partial(store.frame, _WORLD, _ODOM, first, np.zeros(3))))
     for plan in plans:
         table = np.column_stack([groups[plan.group].columns[column] for column in plan.columns])
-        rows = zip(stamps[plan.group], table, strict=True)
+        rows = list(zip(stamps[plan.group], table, strict=True))
         found += [(ns, plan.topic, plan.kind, partial(plan.make, store, ns, row)) for ns, row in rows]
+        if parent := parents.get(plan.topic):
+            found += [(ns, "/tf", _TF, partial(store.frame, parent, _BASE, ns, row[-3:])) for ns, row in rows]
     return sorted(found, key=lambda message: message[0])

@@ -61,6 +61,8 @@ class Log:
     """Sentences about topics that were left out."""
     limits: LogLimits = USUAL
     """Limits that it was read with; they hold for its recording as well."""
+    description: str = ""
+    """URDF of its robot, which goes into bags; empty where it is not known."""
 
     @classmethod
     def of_recording(cls, path: Path, recording: Recording, limits: LogLimits = USUAL) -> Log:

@@ -17,7 +17,7 @@ from validation.logs.recording import Recording
 from validation.logs.rest import Rest
 from validation.recordings.table import group_grid, health_grid, log_notes, offset_grid, reckoning_grid, topic_grid
 from validation.show.tables import Grid, text_tables
-from validation.store import versions, write_json
+from validation.store import versions, write_json, write_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +134,16 @@ class ConvertedLog:
     def save(self, path: str | Path) -> Path:
         """Write a recording (.csv), a TUM trajectory (.tum), a ROS 2 bag (.mcap) or a ROS 1 bag (.bag); return its path.
 
+        Beside a ROS 2 bag lies a layout for Foxglove then, `drive.foxglove.json` beside `drive.mcap`.
+
         Raises:
             ValueError: no format has that ending, `path` is a folder, the log itself or a part of it, or the log lacks what
                 a format needs.
             OSError: the file cannot be written.
         """
+        path = Path(path)
         write_log(self.log, path)
-        return Path(path)
+        if path.suffix.lower() == ".mcap":
+            layout = Path(__file__).with_name("foxglove.json").read_text(encoding="utf-8")
+            write_text(path.with_suffix(".foxglove.json"), layout)
+        return path

@@ -19,7 +19,8 @@ from validation.plants.filters import LEARNING, THESIS, StateFilter, load_filter
 from validation.plants.profile import Profile, choose_profile
 from validation.recordings.result import ConvertedLog, LogInfo
 from validation.recordings.simulated_log import LogSettings, is_simulated, simulated_log
-from validation.simulator.description import Robot, load_robot
+from validation.simulator.description import WHEELS, Robot, load_robot
+from validation.simulator.urdf_writing import urdf_text
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,11 @@ def convert(
         recording = Recording.from_columns(recording.name, aligned(recording.all_columns()), recording.gap_factor)
         groups = {name: replace(g, columns=aligned(g.columns)) for name, g in groups.items()}
     on_one_clock = Log.of_recording(log.path, recording, log.limits)
+    known = robot is not None or profile is not None or is_simulated(str(source))
+    described = choose_profile(profile, robot, "thesis-lab").robot if known else None
+    text = urdf_text(described, {wheel: f"{wheel}_wheel" for wheel in WHEELS}) if described else ""
     own_stamps = on_one_clock if wanted.rate is not None else replace(on_one_clock, groups=groups)
+    own_stamps = replace(own_stamps, description=text)
     if target is not None:
         losses(own_stamps, target)
     return ConvertedLog(own_stamps, recording, offsets, wanted.sync, None if target is None else Path(target))

@@ -6,6 +6,7 @@ from .result import DraftedRobot as DraftedRobot
 from .result import RobotCheck as RobotCheck
 from .result import RobotList as RobotList
 from .run import check_robot as check_robot
+from .run import export_robot as export_robot
 from .run import list_robots as list_robots
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "TapeMeasure",
     "check_robot",
     "draft_from_tape",
+    "export_robot",
     "import_robot",
     "list_robots",
 ]

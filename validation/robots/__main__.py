@@ -1,4 +1,4 @@
-"""The command line `python -m validation.robots list|check|new|import`."""
+"""The command line `python -m validation.robots list|check|new|import|export`."""
 
 from __future__ import annotations
 
@@ -82,6 +82,18 @@ class ImportOptions:
     """File to write; there must be none of that name."""
 
 
+@dataclass(frozen=True)
+class ExportOptions:
+    """The options of `export`."""
+
+    robot: Annotated[str, tyro.conf.Positional, cli.option(metavar="ROBOT")]
+    """Name of a robot that comes with the package, or path of a robot's file."""
+    to: Annotated[Literal["urdf", "sdf"], cli.option()] = "urdf"
+    """Format: urdf for ROS, sdf for Gazebo."""
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.urdf or NAME.sdf")] = None
+    """File to write; there must be none of that name."""
+
+
 def _list(options: ListOptions) -> None:
     """List the robots that come with the package, and the profiles of each."""
     from validation.robots.run import list_robots
@@ -135,6 +147,27 @@ def _import(options: ImportOptions) -> None:
     _write(drafted, options.out)
 
 
+def _export(options: ExportOptions) -> None:
+    """Write a robot as a URDF or as an SDF model: shapes, masses, inertia and joints; of an SDF friction and torque too.
+
+    How a robot's driver and motors act neither format can say.
+    """
+    from validation import store
+    from validation.robots.run import export_robot
+    from validation.simulator.description import load_robot
+
+    with cli.mistakes_are_users():
+        robot = load_robot(options.robot)
+        target = options.out or Path(f"{file_name(robot.name)}.{options.to}")
+        if target.exists():
+            raise cli.UserError(f"--out {target}: there is such a file already; name another")
+        try:
+            store.write_text(target, export_robot(robot, options.to))
+        except OSError as error:
+            raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
+    cli.report_console().print(f"written: {visible(target)}", markup=False, highlight=False, soft_wrap=True)
+
+
 def _write(drafted: DraftedRobot, out: Path | None) -> None:
     """Write a new robot's file, and say how to go on."""
     target = out or Path(f"{drafted.robot.name}.toml")
@@ -149,7 +182,13 @@ def _write(drafted: DraftedRobot, out: Path | None) -> None:
     )
 
 
-PROGRAM: Mapping[str, Callable[[Any], None]] = {"list": _list, "check": _check, "new": _new, "import": _import}
+PROGRAM: Mapping[str, Callable[[Any], None]] = {
+    "list": _list,
+    "check": _check,
+    "new": _new,
+    "import": _import,
+    "export": _export,
+}
 
 if __name__ == "__main__":
     cli.run(PROGRAM, "python -m validation.robots")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from ssmr.errors import DivergedError
 from validation.plants.profile import load_profile, shipped
@@ -17,7 +18,9 @@ from validation.robots.advice import (
 from validation.robots.measuring import measure_robot
 from validation.robots.mechanics import WEIGHT_PER_KG, load_shares, spot_turn
 from validation.robots.result import KnownRobot, RobotCheck, RobotList
-from validation.simulator.description import Robot, load_robot, shipped_robots
+from validation.simulator.description import WHEELS, Robot, load_robot, shipped_robots
+from validation.simulator.sdf_writing import sdf_text
+from validation.simulator.urdf_writing import urdf_text
 from validation.words import one_line
 
 
@@ -33,6 +36,20 @@ def list_robots() -> RobotList:
         assert spot is not None, f"{name} does not stand on its wheels"
         found.append(KnownRobot(robot, spot.turn.multiplier, tuple(of.get(name, ()))))
     return RobotList(tuple(found))
+
+
+def export_robot(robot: str | Path | Robot, to: Literal["urdf", "sdf"] = "urdf") -> str:
+    """Return a robot as the text of a URDF, or of an SDF model for Gazebo.
+
+    Args:
+        robot: name of a shipped robot, path of a robot's file, or the robot itself.
+        to: the format.
+
+    Raises:
+        RobotError: there is no such robot, or its file cannot be read.
+    """
+    chosen = robot if isinstance(robot, Robot) else load_robot(robot)
+    return sdf_text(chosen) if to == "sdf" else urdf_text(chosen, {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS})
 
 
 def check_robot(robot: str | Path | Robot) -> RobotCheck:

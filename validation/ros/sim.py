@@ -14,7 +14,6 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
-from validation.robots.urdf_writing import urdf_text
 from validation.ros import messages as msg
 from validation.ros.commands import LOCK_TOPIC, STAND_STILL, CommandGate, Twist
 from validation.ros.inbox import Tally
@@ -22,6 +21,7 @@ from validation.ros.pacing import Excerpt, Pace, Pacer, instants
 from validation.ros.port import Port
 from validation.ros.robot import SENSOR_RATE, SimulatedRobot
 from validation.simulator.description import WHEELS, Robot, load_robot
+from validation.simulator.urdf_writing import urdf_text
 
 _logger = logging.getLogger(__name__)
 

@@ -1,0 +1,137 @@
+"""Robots that leave the house: a URDF read back by MuJoCo, and an SDF model read by Drake, are the robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from validation import cli, load_robot
+from validation.robots import export_robot
+from validation.robots.__main__ import PROGRAM
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import WHEELS, Robot, shipped_robots
+from validation.simulator.model import contact_settings, robot_model
+
+SAME_TURN = 0.02
+"""Of the yaw rate on the spot: the tyres touch in two points a wheel's width apart in both models, but sink differently."""
+SAME_HEIGHT = 0.02
+"""Of the wheel radius: the tyre of the URDF has the rolling radius, and sinks below it by what the contact gives."""
+
+
+def places(robot: Robot) -> np.ndarray[Any, Any]:
+    """(4, 3) middles of the wheels in the base frame [m]."""
+    g = robot.geometry
+    signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    return np.column_stack([0.5 * signs * [g.wheelbase, g.track], np.full(4, g.axle_height)])
+
+
+def read_back(robot: Robot) -> mujoco.MjModel:
+    """The URDF of a robot as MuJoCo reads it, free on a plane, with this project's contact and a servo for each wheel."""
+    text = export_robot(robot, "urdf")
+    text = text.replace(">", '><mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>', 1)
+    spec = mujoco.MjSpec.from_string(text)
+    spec.option.timestep, spec.option.cone = robot.simulation.timestep, mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio, spec.option.integrator = 100, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    base = spec.body("base_link")
+    base.pos = [0.0, 0.0, robot.geometry.base_height]
+    base.add_freejoint(name="root")
+    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    for geom in spec.geoms:
+        geom.friction = [robot.simulation.friction, 0.005, 0.0001]
+        geom.solref, geom.solimp = contact_settings(robot)
+    for wheel in WHEELS:
+        joint = spec.joint(f"{wheel}_wheel_joint")
+        joint.armature = robot.simulation.armature
+        servo = spec.add_actuator(name=wheel, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_velocity(kv=100.0 * robot.simulation.gain)
+    return spec.compile()
+
+
+def standing_and_turning(model: mujoco.MjModel, base: str, rate: float, kinds: int) -> tuple[float, float]:
+    """Height of the base at rest [m], and mean yaw rate in a turn on the spot after its start [rad/s]."""
+    data = mujoco.MjData(model)
+    steps = round(1.0 / model.opt.timestep)
+    mujoco.mj_step(model, data, steps)
+    height = float(data.body(base).xpos[2])
+    data.ctrl[:] = np.tile([-rate, rate], kinds)
+    mujoco.mj_step(model, data, steps)
+    rates = []
+    for _ in range(4 * steps):
+        mujoco.mj_step(model, data)
+        rates.append(data.qvel[5])
+    return height, float(np.mean(rates))
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_a_urdf_read_back_in_mujoco_is_the_robot(name: str) -> None:
+    robot = load_robot(name)
+    model = read_back(robot)
+    assert model.body_mass.sum() == pytest.approx(robot.masses.total, rel=1e-6)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    middles = np.array([data.body(f"{wheel}_wheel_link").xpos for wheel in WHEELS])
+    np.testing.assert_allclose(middles - data.body("base_link").xpos, places(robot), atol=1e-6)
+    chassis = model.body("chassis_link")
+    np.testing.assert_allclose(np.sort(chassis.inertia), np.sort(robot.masses.inertia), rtol=1e-6)
+    np.testing.assert_allclose(chassis.ipos, robot.masses.com, atol=1e-6)
+    radius, rate = robot.geometry.wheel_radius, 0.13 * np.sqrt(9.81 / robot.geometry.wheel_radius)
+    drive = replace(robot.drive, torque_limit=np.inf, integral_gain=0.0)
+    calibration = replace(Calibration.of(robot), wheel_shape="cylinder", gain=200.0 * robot.simulation.gain)
+    own = robot_model(calibration, drive=drive)
+    height, turned = standing_and_turning(model, "base_link", rate, 2)
+    own_height, own_turned = standing_and_turning(own, "base", rate, own.nu // 2)
+    assert turned == pytest.approx(own_turned, rel=SAME_TURN)
+    assert height == pytest.approx(robot.geometry.base_height, abs=SAME_HEIGHT * radius)
+    assert own_height == pytest.approx(robot.geometry.base_height, abs=SAME_HEIGHT * radius)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_an_sdf_read_by_drake_is_the_robot(name: str) -> None:
+    multibody = pytest.importorskip("pydrake.multibody.plant", reason="Drake, of the extra engines, reads SDF")
+    from pydrake.multibody.parsing import Parser
+    from pydrake.systems.framework import DiagramBuilder
+
+    robot, builder = load_robot(name), DiagramBuilder()
+    plant, scene = multibody.AddMultibodyPlantSceneGraph(builder, 0.001)
+    Parser(plant).AddModelsFromString(export_robot(robot, "sdf"), "sdf")
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    assert plant.CalcTotalMass(context) == pytest.approx(robot.masses.total, rel=1e-9)
+    base = plant.GetBodyByName("base_link")
+    height = plant.GetFreeBodyPose(context, base).translation()[2]
+    assert height == pytest.approx(robot.geometry.base_height, abs=1e-12)
+    spatial = base.default_spatial_inertia()
+    np.testing.assert_allclose(spatial.get_com(), robot.masses.com, atol=1e-12)
+    central = spatial.Shift(spatial.get_com()).CalcRotationalInertia().get_moments()
+    np.testing.assert_allclose(central, robot.masses.inertia, rtol=1e-9)
+    for wheel, place in zip(WHEELS, places(robot), strict=True):
+        body = plant.GetBodyByName(f"{wheel}_wheel_link")
+        found = plant.EvalBodyPoseInWorld(context, body).translation()
+        np.testing.assert_allclose(found - [0.0, 0.0, height], place, atol=1e-12)
+        (shape,) = plant.GetCollisionGeometriesForBody(body)
+        properties = scene.model_inspector().GetProximityProperties(shape)
+        friction = properties.GetProperty("material", "coulomb_friction")
+        assert friction.dynamic_friction() == pytest.approx(robot.simulation.friction)
+        joint = plant.GetJointByName(f"{wheel}_wheel_joint")
+        assert tuple(joint.revolute_axis()) == (0.0, 1.0, 0.0)
+        if np.isfinite(robot.drive.torque_limit):
+            assert plant.GetJointActuatorByName(joint.name()).effort_limit() == pytest.approx(0.5 * robot.drive.torque_limit)
+
+
+def test_the_program_writes_a_file_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for kind in ("urdf", "sdf"):
+        cli.run(PROGRAM, "robots", ["export", "jackal", "--to", kind])
+        assert f"written: jackal.{kind}" in capsys.readouterr().out
+        assert Path(f"jackal.{kind}").read_text(encoding="utf-8") == export_robot("jackal", kind)
+    with pytest.raises(SystemExit) as left:
+        cli.run(PROGRAM, "robots", ["export", "jackal"])
+    assert left.value.code == cli.EXIT_USER_ERROR
+    assert "there is such a file already" in capsys.readouterr().err

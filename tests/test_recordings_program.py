@@ -129,6 +129,7 @@ def test_any_reader_of_ros_2_reads_the_mcap(tmp_path: Path) -> None:
         "/joint_states": "sensor_msgs/msg/JointState",
         "/imu/data": "sensor_msgs/msg/Imu",
         "/pose": "geometry_msgs/msg/PoseStamped",
+        "/tf": "tf2_msgs/msg/TFMessage",
         "/battery": "std_msgs/msg/Float64",
         "/recording/columns": "std_msgs/msg/String",
     }

@@ -20,7 +20,6 @@ from ssmr.types import State
 from tests.conftest import data_folder, metrics_of
 from validation import cli
 from validation.compare import CompareSettings, compare
-from validation.compare.__main__ import main
 from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import open_source
@@ -259,72 +258,6 @@ def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Pat
     assert document["reference"] == "recording"
     assert set(document["plants"]["improved"]["horizons"]) == {"2", "6"}
     assert not (tmp_path / "runs/compare/drive/compare.rrd").exists()
-
-
-def mistakes(tmp_path: Path) -> dict[str, tuple[list[str], str]]:
-    (tmp_path / "no_pose.csv").write_text("t,cmd_v,cmd_w\n0,0,0\n0.1,0,0\n0.2,0,0\n")
-    (tmp_path / "no_wheels.csv").write_text("t,cmd_v,cmd_w,x,y,yaw\n0,0,0,0,0,0\n0.1,0,0,0,0,0\n0.2,0,0,0,0,0\n")
-    (tmp_path / "log.txt").write_text("no log")
-    (tmp_path / "log.bag").write_text("")
-    (tmp_path / "file").write_text("")
-    return {
-        "unknown scenario": (["traj9"], "traj1, traj2, traj3, traj4"),
-        "unknown plant after @": (["traj4@gazebo"], "there are: mujoco"),
-        "unknown plant": (["traj4", "--plants", "mujoco,gazebo"], "unknown plant 'gazebo'; there are: mujoco, improved"),
-        "plant twice": (["traj4", "--plants", "mujoco,mujoco"], "--plants: a name stands twice"),
-        "unknown reference": (["traj4", "--reference", "recording"], "there are: mujoco"),
-        "unknown profile": (["traj4", "--profile", "nosuch"], "thesis-lab"),
-        "no such recording": ([str(tmp_path / "missing.csv")], "missing.csv"),
-        "other format": ([str(tmp_path / "log.txt")], ".mcap"),
-        "no bag": ([str(tmp_path / "log.bag")], "log.bag: this is no bag that can be read"),
-        "no pose": ([str(tmp_path / "no_pose.csv")], "x, y, yaw"),
-        "no wheel rates": ([str(tmp_path / "no_wheels.csv"), "--input", "wheels"], "enc_left, enc_right"),
-        "wheels of a scenario": (["traj4", "--input", "wheels"], "recording"),
-        "cut scenario": (["traj4", "--from", "3"], "recordings"),
-        "cut to nothing": ([str(tmp_path / "no_wheels.csv"), "--from", "99"], "0 to 0.2 s"),
-        "horizons": (["traj4", "--horizons", "6,2"], "increase"),
-        "no number": (["traj4", "--horizons", "six"], "2,6,30,60"),
-        "negative seed": (["traj4", "--seed", "-1"], "--seed: '-1' must be a whole number from 0 on"),
-        "seed no number": (["traj4", "--seed", "one"], "--seed: 'one' must be a whole number"),
-        "no workers": (["traj4", "--workers", "0"], "--workers: '0' must be a whole number from 1 on"),
-        "unknown option": (["traj4", "--plant", "mujoco"], "--plant"),
-        "no source": ([], "SOURCE"),
-        "out is a file": (
-            ["traj4", "--plants", "improved", "--reference", "improved", "--out", str(tmp_path / "file")],
-            "cannot be made",
-        ),
-        "view without recording": (["traj4", "--view", "--no-rerun"], "--view"),
-    }
-
-
-MISTAKES = (
-    "unknown scenario", "unknown plant after @", "unknown plant", "plant twice", "unknown reference", "unknown profile",
-    "no such recording", "other format", "no bag", "no pose", "no wheel rates", "wheels of a scenario", "cut scenario",
-    "cut to nothing",
-    "horizons", "no number", "negative seed", "seed no number", "no workers", "unknown option", "no source",
-    "out is a file", "view without recording",
-)  # fmt: skip
-
-
-def test_every_mistake_is_tried(tmp_path: Path) -> None:
-    assert set(mistakes(tmp_path)) == set(MISTAKES)
-
-
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_clear_line_and_leaves_nothing(
-    mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In this process, for speed; `test_exit_status_of_the_program` runs one for real."""
-    args, said = mistakes(tmp_path)[mistake]
-    before = sorted(tmp_path.iterdir())
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as left:
-        cli.run(main, "compare", args)
-    assert left.value.code == cli.EXIT_USER_ERROR
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1, lines
-    assert said in lines[0]
-    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_exit_status_of_the_program(tmp_path: Path) -> None:

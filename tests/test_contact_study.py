@@ -227,19 +227,6 @@ def test_the_picture_has_every_number(small: ContactStudy) -> None:
             assert written[f"{outcome.variant.key}, {column.name}"] == column.text(outcome.measures)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("--only", "nothing"), ("--profile", "none"), ("--recording", "none.csv"), ("--from", "3"), ("--workers", "0")],
-    ids=lambda a: a[0],
-)
-def test_mistakes_are_said_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str]
-) -> None:
-    assert run_program("contact", *arguments, "--out", str(tmp_path / "out")) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_program_writes_everything(tmp_path: Path) -> None:
     assert run_program("contact", "--only", "wheels", "--out", str(tmp_path)) == 0
     assert {p.name for p in tmp_path.iterdir()} == {"study.json", "study.png", "study.md"}

@@ -285,25 +285,6 @@ def test_numbers_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
         DriveTrainOptions(**wrong)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (),
-        ("--ground", "missing.csv"),
-        ("--recording", "up.csv", "--resamples", "0"),
-        ("--recording", "up.csv", "--robot", "x"),
-    ],
-)
-def test_mistakes_are_said_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    write_csv(UP, "up.csv")
-    assert run_program("drivetrain", *arguments, "--out", "out") == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not Path("out").exists()
-
-
 def test_the_program_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for recording in (UP, GRASS):
         write_csv(recording, tmp_path / f"{recording.name}.csv")

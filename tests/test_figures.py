@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import itertools
 import math
 import time
@@ -27,7 +26,6 @@ from ssmr.metrics.windows import WindowErrors
 from ssmr.types import CommandKind, Commands, FloatArray, Trajectory
 from tests.conftest import metrics_of
 from validation.compare import Comparison, PlantResult
-from validation.compare import figure as figures
 from validation.compare.figure import MAX_WINDOWS, comparison_figure
 from validation.show.drawing import save_figure
 from validation.simulator.health import Health
@@ -401,18 +399,18 @@ def test_the_caption_says_how_it_was_made(case: tuple[Comparison, Figure]) -> No
         assert part in text
 
 
-def test_nothing_written_overlaps_or_leaves_the_picture(case: tuple[Comparison, Figure]) -> None:
-    _, figure = case
-    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    whole = figure.bbox
+def overlapping(figure: Figure) -> list[str]:
+    """Texts that leave the figure or cover one another."""
+    renderer, whole = figure.canvas.get_renderer(), figure.bbox  # type: ignore[attr-defined]
     boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts(figure)]
-    for text, box in boxes:
-        assert whole.x0 <= box.x0, text
-        assert box.x1 <= whole.x1, text
-        assert whole.y0 <= box.y0, text
-        assert box.y1 <= whole.y1, text
-    for (one, a), (other, b) in itertools.combinations(boxes, 2):
-        assert not a.overlaps(b), f"{one!r} covers {other!r}"
+    wrong = [t for t, b in boxes if b.x0 < whole.x0 or b.x1 > whole.x1 or b.y0 < whole.y0 or b.y1 > whole.y1]
+    return wrong + [
+        f"{one!r} covers {other!r}" for (one, a), (other, b) in itertools.combinations(boxes, 2) if a.overlaps(b)
+    ]
+
+
+def test_nothing_written_overlaps_or_leaves_the_picture(case: tuple[Comparison, Figure]) -> None:
+    assert overlapping(case[1]) == []
 
 
 def test_foreign_names_are_written_as_they_are() -> None:
@@ -432,14 +430,6 @@ def test_no_setting_outlives_a_call_and_none_leaks_in(tmp_path: Path) -> None:
     with matplotlib.rc_context({"font.size": 30.0, "axes.facecolor": "black", "lines.linewidth": 9.0, "savefig.dpi": 20}):
         save_figure(comparison_figure(make(("mujoco", "linear"))), tmp_path / "styled.png")
     assert np.array_equal(imread(tmp_path / "plain.png"), imread(tmp_path / "styled.png"))
-
-
-def test_pyplot_is_not_imported() -> None:
-    tree = ast.parse(Path(figures.__file__).read_text(encoding="utf-8"))
-    imported = [
-        alias.name for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names
-    ]
-    assert not [name for name in imported if "pyplot" in name]
 
 
 @pytest.mark.parametrize("name", ["scenario", "gaps", "only a recording"])

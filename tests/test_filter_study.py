@@ -119,28 +119,6 @@ def test_the_picture_has_every_filter(small: FilterStudy) -> None:
         assert drawn.count(variant.name) == len(small.drives)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("--references", "sine,sine"),
-        ("--frictions", "-1"),
-        ("--seeds", "0"),
-        ("--profiles", "none"),
-        ("--plants", "none"),
-        ("--feedbacks", "none"),
-        ("--runs", "0"),
-        ("--speed", "9"),
-    ],
-    ids=lambda a: a[0],
-)
-def test_mistakes_are_said_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str]
-) -> None:
-    assert run_program("filter", *arguments, "--out", str(tmp_path / "out")) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_program_writes_everything(tmp_path: Path) -> None:
     asked = (
         "--references",

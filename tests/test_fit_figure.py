@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -21,7 +20,7 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import WindowErrors
 from ssmr.types import FloatArray
-from tests.test_figures import lines, motion, texts, written
+from tests.test_figures import lines, motion, overlapping, texts, written
 from validation.fit.data import FittedParameter, Scored, SearchTrace
 from validation.fit.figure import MAX_HELD_OUT, MAX_TRAIN, fit_figure
 from validation.fit.result import FitResult
@@ -218,16 +217,7 @@ def paths(figure: Figure, label: str) -> list[Axes]:
 
 
 def test_nothing_written_overlaps_or_leaves_the_picture(case: tuple[FitResult, Figure]) -> None:
-    _, figure = case
-    renderer, whole = figure.canvas.get_renderer(), figure.bbox  # type: ignore[attr-defined]
-    boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts(figure)]
-    for text, box in boxes:
-        assert whole.x0 <= box.x0, text
-        assert box.x1 <= whole.x1, text
-        assert whole.y0 <= box.y0, text
-        assert box.y1 <= whole.y1, text
-    for (one, a), (other, b) in itertools.combinations(boxes, 2):
-        assert not a.overlaps(b), f"{one!r} covers {other!r}"
+    assert overlapping(case[1]) == []
 
 
 def test_every_parameter_is_there_with_value_bounds_and_doubts(case: tuple[FitResult, Figure]) -> None:

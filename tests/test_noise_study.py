@@ -172,19 +172,6 @@ def test_the_command_writes_what_it_found(tmp_path: Path, capsys: pytest.Capture
     assert "gyro_z [rad/s]" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [((), "needs a log"), (("nowhere.csv",), "nowhere.csv"), (("traj4@nobody",), "no drive"),
-     (("traj4@kinematic", "--passband", "0"), "passband must lie")],
-)  # fmt: skip
-def test_mistakes_are_one_line(arguments: tuple[str, ...], words: str, tmp_path: Path,
-                               capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
-    assert run_program("noise", *arguments, "--out", str(tmp_path / "out")) == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert len(error.strip().splitlines()) == 1
-
-
 @pytest.mark.skipif(not (data_folder() / "husky_parking_lot" / "test1.bag").is_file(), reason="the recording is not here")
 def test_the_positions_of_a_real_husky_are_as_noisy_as_it_is_fast() -> None:
     """Odometry in a bag: what looks like noise of x and y is mostly the stamps' jitter times the speed, and alternates."""

@@ -19,7 +19,6 @@ from scipy.optimize import least_squares
 from ssmr.geometry import align_rigidly, quat_wxyz_to_yaw
 from tests.bag_factory import circle, poses_at, write
 from tests.conftest import data_folder
-from validation import cli
 from validation.logs.dead_reckoning import integrated, reckon
 from validation.logs.formats import log_path, read_recording
 from validation.logs.log import ReadOptions
@@ -29,7 +28,6 @@ from validation.logs.recording_csv import read_csv, write_csv
 from validation.logs.rest import find_rest, unbiased
 from validation.plants.profile import load_profile
 from validation.recordings import ConvertSettings, convert, info, open_log
-from validation.recordings.__main__ import PROGRAM
 from validation.recordings.simulated_log import LogSettings, simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -171,57 +169,6 @@ def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------------------------------------- what it refuses
-@pytest.mark.parametrize(
-    ("args", "message"),
-    [
-        (("info", "nowhere.bag"), "nowhere.bag: there is no such file"),
-        (("info", "."), "no ROS 2 bag: there is no metadata.yaml"),
-        (("convert", "{csv}", "--out", "x.xls"), "no format has the ending '.xls'; there are: .csv, .tum, .bag, .mcap"),
-        (("convert", "{csv}", "--out", "{csv}"), "is the log itself; name another file"),
-        (("convert", "{csv}", "--rate", "-3"), "rate -3.0 must be positive [Hz]"),
-        (("convert", "{csv}", "--from", "99"), "nothing was logged in 99 to inf s"),
-        (("convert", "{csv}", "--topics", "odom=/odom"), "topics names the topics of a bag"),
-        (("convert", "{bag}", "--topics", "odom"), "must be ROLE=TOPIC such as"),
-        (("convert", "{bag}", "--topics", "odom=/nowhere"), "there is no topic /nowhere; there are: /pose"),
-        (("convert", "{bag}", "--ekf"), "ekf needs wheels or odometry"),
-        (("convert", "{bag}", "--unbias"), "unbias needs a gyro"),
-        (("convert", "{cut}"), "no bag that can be read, or a damaged one"),
-        (("convert", "{readme}"), "recordings are .csv, .bag, .mcap or the folder of a ROS 2 bag"),
-    ],
-)
-def test_mistakes_end_in_one_line_and_write_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], args: tuple[str, ...], message: str
-) -> None:
-    bag = write(tmp_path, "ros1", poses_at)
-    (tmp_path / "cut.bag").write_bytes(bag.read_bytes()[:-700])
-    paths = {"csv": drive_csv(tmp_path), "bag": bag, "cut": tmp_path / "cut.bag", "readme": ROOT / "README.md"}
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    before = paths["csv"].read_bytes()
-    with pytest.raises(SystemExit) as ended:
-        cli.run(PROGRAM, "recordings", [a.format(**paths) for a in args])
-    assert ended.value.code == cli.EXIT_USER_ERROR
-    said = capsys.readouterr()
-    assert message in said.err
-    assert said.err.count("\n") == 1
-    assert not list((tmp_path / "here").iterdir())
-    assert paths["csv"].read_bytes() == before
-
-
-def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source, out = drive_csv(tmp_path), tmp_path / "out.mcap"
-    out.write_bytes(b"precious")
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(OSError, match="No space left on device"):
-        convert(source).save(out)
-    assert out.read_bytes() == b"precious"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.csv", "out.mcap"]
-
-
 def test_info_tells_of_a_clock_that_jumps_and_goes_on(tmp_path: Path) -> None:
     bag = write(tmp_path, "mcap", lambda make: poses_at(make, jump=30.0))
     found = info(bag)

@@ -23,7 +23,6 @@ from ssmr.search.jde import JdeSettings
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import State
 from tests.conftest import ROUNDOFF
-from validation import cli
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
 from validation.logs.recording import Recording
@@ -34,7 +33,6 @@ from validation.replicate import QUICK_SETTINGS, Replication, ReplicationSetting
 from validation.replicate import control as evidence_control
 from validation.replicate import models as evidence_models
 from validation.replicate import real as evidence_real
-from validation.replicate.__main__ import main
 from validation.replicate.events import solve_with_events
 from validation.replicate.evidence import (
     FIGURE_FOLDER,
@@ -556,28 +554,6 @@ def test_the_page_of_docs_is_a_whole_replication() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------- command line
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--only", "5.1"], "is no section"),
-        (["--recording", "nowhere.csv"], "nowhere.csv"),
-        (["--seed", "-1"], "--seed"),
-        (["--docs", "results.txt"], "no markdown file"),
-    ],
-)
-def test_mistakes_are_one_line(arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                               capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["replicate", *arguments])
-    with pytest.raises(SystemExit) as left:
-        cli.run(main, "python -m validation.replicate")
-    assert left.value.code == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert len(error.splitlines()) == 1
-    assert not (tmp_path / "runs").exists()
 
 
 def test_an_interrupt_leaves_with_130_and_keeps_the_search(tmp_path: Path) -> None:

@@ -285,37 +285,3 @@ def test_import_writes_a_file_that_check_reads(
     assert "next: python -m validation.robots check there/m.toml" in said
     run("check", "there/m.toml", "--out", "c")
     assert json.loads(Path("c/robot.json").read_text())["name"] == "mine"
-
-
-MISTAKES = {
-    "no robot": (("check", "nowhere"), "no robot 'nowhere'; there are: husky, jackal"),
-    "no TOML": (("check", "bad.toml"), "bad.toml"),
-    "a folder": (("check", "."), "this is a folder"),
-    "a shipped name": (("new", "husky", "{five}"), "belongs to a robot that comes with the package"),
-    "a name": (("new", "my robot", "{five}"), "wanted letters, digits"),
-    "a length": (("new", "x", "--wheelbase", "-1", "--track", "1", "--wheel-radius", "1", "--wheel-width", "1",
-                  "--mass", "1"),
-                 "Geometry.wheelbase = -1.0 lies outside"),
-    "no URDF": (("import", "bad.toml"), "this is no XML"),
-    "no file": (("import", "nowhere.urdf"), "there is no such file"),
-    "a missing option": (("new", "x"), "--wheelbase"),
-    "no command": (("draw",), "draw"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_mistakes_end_in_one_line_and_write_nothing(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments, message = MISTAKES[name]
-    monkeypatch.chdir(tmp_path)
-    Path("bad.toml").write_text("name = 1")
-    five = ("--wheelbase", "0.5", "--track", "0.6", "--wheel-radius", "0.15", "--wheel-width", "0.1", "--mass", "60")
-    with pytest.raises(SystemExit) as left:
-        run(*(part for a in arguments for part in (five if a == "{five}" else (a,))))
-    assert left.value.code == cli.EXIT_USER_ERROR
-    said = capsys.readouterr()
-    assert message in said.err
-    assert said.err.startswith("error: ")
-    assert said.err.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]

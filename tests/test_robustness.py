@@ -150,30 +150,6 @@ def run_program(*arguments: str) -> int:
     return exit_status(PROGRAM, *arguments)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("--controllers", "pdi"),
-        ("--gains", "pubished"),
-        ("--reference", "nowhere.csv"),
-        ("--runs", "10"),
-        ("--timestep", "0.003"),
-        ("--speed", "9"),
-        ("--bound", "-1"),
-        ("--seed", "-1"),
-    ],
-    ids=lambda a: a[0],
-)
-def test_mistakes_are_said_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str]
-) -> None:
-    assert run_program("robustness", *arguments, "--out", str(tmp_path / "out")) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1
-    assert said[0].startswith("error: ")
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_program_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = tmp_path / "short.csv", tmp_path / "out"
     path.write_text("x,y\n0,0\n0.5,0\n0.8,0.1\n", encoding="utf-8")
@@ -192,11 +168,3 @@ def test_a_declaration_leads_to_options_a_function_and_a_result(study: Study) ->
     result = get_type_hints(study.run)["return"]
     assert issubclass(result, StudyResult)
     assert (result.study, study.question[-1]) == (study.name, "?")
-
-
-def test_a_file_in_the_place_of_the_folder_is_said_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "out").touch()
-    assert run_program("contact", "--out", str(tmp_path / "out" / "deep")) == 2
-    assert "name another" in capsys.readouterr().err

@@ -16,7 +16,6 @@ import pytest
 from tests.ros_floods import KINDS, flood
 from validation import cli
 from validation.ros import ros1
-from validation.ros.__main__ import PROGRAM
 from validation.ros.port import NoGraphError
 from validation.ros.ros1 import APT_PACKAGES, SET_POSE_MD5, load_rospy
 
@@ -71,22 +70,6 @@ def test_without_ros_one_line_says_what_to_install(
     ) as why:
         load_rospy()
     assert str(why.value).endswith(more)
-
-
-def test_mistakes_are_told_before_anything_is_started(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also where there is no ROS."""
-    nowhere = str(tmp_path / "nowhere.csv")
-    for arguments, message in (
-        (("sim", "--seed", "-1"), "'-1' must be a whole number"),
-        (("sim", "--profile", "nobody"), "no profile 'nobody'"),
-        (("control", "pid", nowhere, "--speed", "0.2"), "nowhere.csv"),
-        (("control", "pid", "line", "--speed", "0.5", "--v-limit", "0.3"), "asks for 0.5 m/s; the limit is 0.3 m/s"),
-        (("control", "pid", "line", "--patience", "0"), "--patience 0 s"),
-    ):
-        with pytest.raises(SystemExit) as ended:
-            cli.run(PROGRAM, "ros", arguments)
-        assert ended.value.code == cli.EXIT_USER_ERROR
-        assert message in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("graph")

@@ -214,21 +214,6 @@ def test_without_the_extra_one_line_says_so(monkeypatch: pytest.MonkeyPatch, cap
         assert "ROS 2 needs cyclonedds" in said
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("sim", "--ros", "2", "--domain", "300"), "the domain is 300"),
-        (("sim", "--domain", "3"), "belong to ROS 2"),
-        (("control", "pid", "line", "--ros", "2", "--namespace", "4wd"), "a letter first"),
-    ],
-)
-def test_mistakes_are_told(arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.run(PROGRAM, "ros", arguments)
-    assert ended.value.code == cli.EXIT_USER_ERROR
-    assert message in " ".join(capsys.readouterr().err.split())
-
-
 def test_the_domain_is_ros_domain_id(monkeypatch: pytest.MonkeyPatch) -> None:
     from validation.ros.__main__ import GraphOptions
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.test_robustness import run_program
 from validation import store
 from validation.plants.profile import Profile
 from validation.study.terrain import TerrainAxes, TerrainOptions, TerrainStudy, study_terrain
@@ -95,12 +93,6 @@ def test_options_are_checked(values: dict[str, object], words: str) -> None:
 def test_every_axis_needs_values() -> None:
     with pytest.raises(ValueError, match="slope"):
         TerrainAxes(slopes=())
-
-
-def test_the_program_refuses_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_program("terrain", "--horizon", "30", "--out", str(tmp_path / "x")) == 2
-    assert "20 s" in capsys.readouterr().err
-    assert not (tmp_path / "x").exists()
 
 
 def test_the_manoeuvre_has_no_jolts() -> None:

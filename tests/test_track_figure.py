@@ -17,8 +17,8 @@ from matplotlib.image import imread
 from ssmr.control.loop import Feedback
 from ssmr.control.references import circle, line, sine
 from ssmr.control.waypoints import Waypoints
-from tests.test_figures import lines, texts, written, x_of, y_of
-from tests.test_tune_figure import cut, overlapping
+from tests.test_figures import lines, overlapping, texts, written, x_of, y_of
+from tests.test_tune_figure import cut
 from validation.show.drawing import save_figure
 from validation.show.tables import units_of
 from validation.track.data import TrackedRobot

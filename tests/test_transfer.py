@@ -212,35 +212,6 @@ def test_tuned_gains_are_those_of_the_profile() -> None:
         assert gains.values == load_gains(name.split()[0], "husky-tile").values
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--controllers", "pdi"), "unknown controller 'pdi'"),
-        (("--controllers", "pid:gone"), "pid has no gains 'gone'"),
-        (("--controllers", "mpc"), "there is no choice among mpc"),
-        (("--controllers", "pid,pid:tuned"), "two controllers are called 'pid tuned'"),
-        (("--controller", "gone.py:Mine"), "there is no file 'gone.py'"),
-        (("--references", "eihgt"), "no reference 'eihgt'"),
-        (("--waypoints", "gone.csv"), "gone.csv"),
-        (("--plants", "improvd"), "unknown plant 'improvd'"),
-        (("--plants", "mujoco"), "plants names none besides the judge"),
-        (("--judge", "ode"), "ode"),
-        (("--profile", "nowhere"), "nowhere"),
-        (("--speeds", "200"), "speeds must lie within"),
-        (("--seeds", "0"), "seeds must lie within"),
-    ],
-    ids=lambda a: "=".join(a) if isinstance(a, tuple) else "",
-)
-def test_mistakes_in_transfer_are_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, str], said: str
-) -> None:
-    assert run_program("transfer", "--quick", *arguments, "--out", str(tmp_path / "out")) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert said in lines[0]
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_command_takes_a_users_controller_and_waypoints(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

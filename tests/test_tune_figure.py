@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +15,7 @@ from matplotlib.figure import Figure
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.references import circle, line, sine
 from ssmr.control.waypoints import Waypoints
-from tests.test_figures import lines, texts, written
+from tests.test_figures import lines, overlapping, texts, written
 from tests.test_fit_figure import trace
 from validation.fit.data import FittedParameter
 from validation.fit.table import value_text
@@ -126,16 +125,6 @@ def case(request: pytest.FixtureRequest) -> tuple[TuneResult, Figure]:
 
 def paths(figure: Figure, label: str) -> list[Axes]:
     return [ax for ax in figure.axes if ax.get_label() == label]
-
-
-def overlapping(figure: Figure) -> list[str]:
-    """Texts that leave the figure or cover one another."""
-    renderer, whole = figure.canvas.get_renderer(), figure.bbox  # type: ignore[attr-defined]
-    boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts(figure)]
-    wrong = [t for t, b in boxes if b.x0 < whole.x0 or b.x1 > whole.x1 or b.y0 < whole.y0 or b.y1 > whole.y1]
-    return wrong + [
-        f"{one!r} covers {other!r}" for (one, a), (other, b) in itertools.combinations(boxes, 2) if a.overlaps(b)
-    ]
 
 
 def test_nothing_written_overlaps_or_leaves_the_picture(case: tuple[TuneResult, Figure]) -> None:

@@ -6,7 +6,7 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -310,45 +310,6 @@ def test_a_start_is_seen_from_that_of_the_reference(lab: Profile, plant: str) ->
     up = Waypoints.from_path([[2.0, 3.0], [2.0, 4.0]], 0.5)
     robot = track_robots("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[0]
     assert np.allclose(robot.run.table[0, :3], (1.5, 4.0, math.pi), atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("main", "args", "what"),
-    [
-        (track.main, ["pid", "nosuch"], "nosuch"),
-        (track.main, ["pid", "line", "--plant", "gazebo"], "unknown plant 'gazebo'"),
-        (track.main, ["pid", "line", "--gains", "manual"], "pid"),
-        (track.main, ["lqr", "line", "--gains", "nosuch"], "nosuch"),
-        (track.main, ["pid", "line", "--speed", "-1"], "speed"),
-        (track.main, ["pid", "line", "--speed", "1.5"], "asks for 1.5 m/s"),
-        (track.main, ["pid", "line", "--lookahead", "-1"], "lookahead"),
-        (track.main, ["pid", "line", "--start", "0,0"], "'0,0' is no pose X,Y,YAW"),
-        (track.main, ["pid", "line", "--start", "0,3,0"], "start is 3 m from the reference's; beyond 3 m"),
-        (track.main, ["pid", "line", "--start", "nan,0,0"], "start is nan m from the reference's"),
-        (track.main, ["pid", "line", "--start", "0,0,30"], "start has a yaw of 30 rad"),
-        (track.main, ["pid", "eight@0.5", "--speed", "0.4"], "two speeds are given"),
-        (track.main, ["pid", "line", "--view", "--no-rerun"], "--view"),
-        (track.main, ["pid", "line", "--seed", "-1"], "--seed: '-1' must be"),
-        (tune.main, ["pid", "--free", "q_x"], "pid has no gain 'q_x' to tune"),
-        (tune.main, ["pid", "--bounds", "k_p_y=2:1"], "bounds of k_p_y are 2 and 1"),
-        (tune.main, ["pid", "--fix", "q_x=1"], "pid has no gain 'q_x'"),
-        (tune.main, ["pid", "--reference", "circle@fast"], "REFERENCE@SPEED"),
-        (tune.main, ["pid", "--reference", ""], "no reference is named"),
-        (tune.main, ["pid", "--population", "3"], "population"),
-        (tune.main, ["pid", "--noise-seeds", "0"], "--noise-seeds: '0' must be"),
-        (tune.main, ["lqr", "--fix", "r_v=-1"], "r_v"),
-        (tune.main, ["pid", "--guard", "-1"], "guard"),
-    ],
-)
-def test_mistakes_are_one_clear_line(
-    main: Callable[..., None], args: Sequence[str], what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    assert call(main, *args, "--out", str(out)) == 2
-    told = capsys.readouterr().err.strip()
-    assert what in told
-    assert "\n" not in told
-    assert not out.exists()
 
 
 def test_a_reference_that_no_wheel_can_follow_is_refused_with_its_place(lab: Profile) -> None:

@@ -138,12 +138,6 @@ def test_the_command_line_says_one_line_and_no_traceback(tmp_path: Path) -> None
     assert done.returncode == 1
     assert f"{path}:6: ZeroDivisionError" in done.stderr.replace("\n", "")
     assert "Traceback" not in done.stderr
-    both = subprocess.run([*program, "pid", "line", "--controller", f"{path}:Mine"], capture_output=True, text=True)
-    assert both.returncode == 2
-    assert "there are two controllers" in both.stderr
-    alone = subprocess.run([*program, "pid"], capture_output=True, text=True)
-    assert alone.returncode == 2
-    assert "wanted a controller and a reference" in alone.stderr
 
 
 def driven(pilot: Pilot) -> None:

@@ -68,25 +68,20 @@ def test_what_is_no_trajectory_is_refused_in_one_line(case: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("speed", [0.0, -0.5, math.nan, math.inf])
-def test_a_speed_must_be_positive_and_finite(speed: float) -> None:
-    with pytest.raises(ValueError, match="must be positive and finite"):
-        Waypoints.from_path([[0.0, 0.0], [1.0, 0.0]], speed)
-
-
-def test_a_speed_that_makes_no_times_is_refused() -> None:
-    with pytest.raises(ValueError, match="waypoint 2: t is inf"):
-        Waypoints.from_path([[0.0, 0.0], [1.0, 0.0]], 5e-324)
-    with pytest.raises(ValueError, match="waypoint 2: time must increase"):
-        Waypoints.from_path([[0.0, 0.0], [1.0, 0.0]], 1e300)
-
-
-def test_a_path_that_stands_still_or_is_no_number_is_refused_as_such() -> None:
-    """And not for the times that follow from it."""
-    with pytest.raises(ValueError, match=r"waypoint 2: it is where the one before is, .* give times, to wait"):
-        Waypoints.from_path([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]], 0.5)
-    with pytest.raises(ValueError, match="waypoint 2: x is nan"):
-        Waypoints.from_path([[0.0, 0.0], [np.nan, 0.0], [1.0, 0.0]], 0.5)
+@pytest.mark.parametrize(
+    ("second", "speed", "message"),
+    [
+        *((1.0, speed, "must be positive and finite") for speed in (0.0, -0.5, math.nan, math.inf)),
+        (1.0, 5e-324, "waypoint 2: t is inf"),
+        (1.0, 1e300, "waypoint 2: time must increase"),
+        (0.0, 0.5, "waypoint 2: it is where the one before is, .* give times, to wait"),
+        (math.nan, 0.5, "waypoint 2: x is nan"),
+    ],
+)
+def test_a_path_and_a_speed_that_make_no_trajectory_are_refused(second: float, speed: float, message: str) -> None:
+    """A path that stands still or is no number is refused as such, and not for the times that follow from it."""
+    with pytest.raises(ValueError, match=message):
+        Waypoints.from_path([[0.0, 0.0], [second, 0.0], [second + 1.0, 0.0]], speed)
 
 
 def test_waits_keep_the_heading_and_stand_still() -> None:
@@ -172,6 +167,8 @@ def test_the_table_agrees_with_the_path(moves: list[tuple[float, float, float]],
     assert np.allclose(course["v"][:-1] * np.diff(course["t"]), waypoints.lengths, rtol=ROUNDOFF)
     assert course["heading"][-1] == phi[-1]
     assert course["v"][-1] == course["w"][-1] == course["w"][0] == 0.0
+    for place, t in zip(waypoints.xy, course["t"], strict=True):
+        assert at(waypoints, float(t))[:2] == tuple(place)
     assert np.all(np.abs(np.diff(waypoints.headings)) <= math.pi)
 
 
@@ -233,13 +230,6 @@ def test_the_hint_changes_nothing_but_the_way(
         assert k == len(moves) - 1 or t < course["t"][k + 1]
 
 
-@given(paths)
-def test_the_target_is_at_each_waypoint_in_its_time(moves: list[tuple[float, float, float]]) -> None:
-    waypoints = wander(moves)
-    for k, t in enumerate(waypoints.t):
-        assert at(waypoints, float(t))[:2] == tuple(waypoints.xy[k])
-
-
 @given(paths, st.floats(0.01, 1.0))
 def test_the_reference_trajectory_is_the_target_sampled(moves: list[tuple[float, float, float]], dt: float) -> None:
     waypoints = wander(moves, 7.0)
@@ -253,12 +243,9 @@ def test_the_reference_trajectory_is_the_target_sampled(moves: list[tuple[float,
         assert (*pose, twist[0], twist[2]) == at(waypoints, float(reference.t[k]))
     assert not np.any(reference.twist[:, 1])
     assert not np.any(reference.wheels)
-
-
-@pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
-def test_a_sample_period_must_be_positive_and_finite(dt: float) -> None:
-    with pytest.raises(ValueError, match="sample period"):
-        wander([(1.0, 1.0, 0.0)]).trajectory(dt)
+    for period in (0.0, -0.1, math.nan, math.inf):
+        with pytest.raises(ValueError, match="sample period"):
+            waypoints.trajectory(period)
 
 
 # --------------------------------------------------------------------------------------------------- position errors
@@ -322,11 +309,6 @@ def test_a_target_behind_is_at_a_negative_distance(pose: tuple[float, ...], dist
     for sign in (1.0, -1.0):
         e_rho, _, _ = errors(pose, (*(np.array(pose[:2]) + sign * ahead), 0.0))
         assert e_rho == pytest.approx(sign * distance * math.cos(bearing), abs=FRAME)
-
-
-@given(poses)
-def test_at_the_target_there_is_no_error(pose: tuple[float, ...]) -> None:
-    assert np.array_equal(errors(pose, pose), np.zeros(3))
 
 
 @given(angles, angles)

@@ -1,0 +1,218 @@
+"""Every program answers a user's mistake with status 2 and one line that names it, and leaves no file behind."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.bag_factory import poses_at, write
+from tests.drive_train_logs import in_the_air
+from validation import cli
+from validation.logs.recording_csv import write_csv
+
+FIT = "fit coulomb --to traj4"
+FIVE = "--wheelbase 0.5 --track 0.6 --wheel-radius 0.15 --wheel-width 0.1 --mass 60"
+MISTAKES = {
+    "compare traj9": "traj1, traj2, traj3, traj4",
+    "compare traj4@gazebo": "there are: mujoco",
+    "compare traj4 --plants mujoco,gazebo": "unknown plant 'gazebo'; there are: mujoco, improved",
+    "compare traj4 --plants mujoco,mujoco": "--plants: a name stands twice",
+    "compare traj4 --reference recording": "there are: mujoco",
+    "compare traj4 --profile nosuch": "thesis-lab",
+    "compare traj4 --robot tank": "no robot 'tank'; there are: husky, jackal",
+    "compare missing.csv": "missing.csv",
+    "compare log.txt": ".mcap",
+    "compare log.bag": "log.bag: this is no bag that can be read",
+    "compare no_pose.csv": "x, y, yaw",
+    "compare bare.csv --input wheels": "enc_left, enc_right",
+    "compare traj4 --input wheels": "recording",
+    "compare traj4 --from 3": "recordings",
+    "compare bare.csv --from 99": "0 to 0.2 s",
+    "compare traj4 --horizons 6,2": "increase",
+    "compare traj4 --horizons six": "2,6,30,60",
+    "compare traj4 --seed -1": "--seed: '-1' must be a whole number from 0 on",
+    "compare traj4 --seed one": "--seed: 'one' must be a whole number",
+    "compare traj4 --workers 0": "--workers: '0' must be a whole number from 1 on",
+    "compare traj4 --plant mujoco": "--plant",
+    "compare": "SOURCE",
+    "compare traj4 --plants improved --reference improved --out file": "cannot be made",
+    "compare traj4 --view --no-rerun": "--view",
+    "fit coulomb --to traj9": "no source 'traj9'",
+    "fit coulomb --to traj4@gazebo": "unknown plant 'gazebo'",
+    "fit coulomb --to nosuch.csv": "nosuch.csv",
+    f"{FIT} --free mu_s": "coulomb has no parameter 'mu_s' to fit; there are: u_x, mu_c",
+    f"{FIT} --bounds gain=90:20": "bounds of gain are 90 and 20",
+    f"{FIT} --bounds gain=1:inf": "must be finite",
+    f"{FIT} --bounds gain=1": "NAME=LOW:HIGH",
+    f"{FIT} --start gain=900": "gain = 900 N m s/rad lies outside its bounds, 10.0334 to 495.768",
+    f"{FIT} --start wheel_lag=0.1": "wheel_lag, which is not free",
+    f"{FIT} --fix gain": "NAME=NUMBER",
+    f"{FIT} --fix gain=-3": "gain = -3.0 lies outside",
+    f"{FIT} --free gain --fix gain=50": "a space needs parameters",
+    f"{FIT} --population 3": "population",
+    f"{FIT} --generations -1": "generations",
+    f"{FIT} --held-out traj4": "cannot be held out",
+    f"{FIT} --input wheels": "no measured wheel rates",
+    f"{FIT} --from 3": "cut recordings",
+    f"{FIT} --objective horizon --horizons 500": "no window",
+    f"{FIT} --workers 0": "--workers: '0' must be a whole number from 1 on",
+    f"{FIT} --yaw-weight -1": "yaw_weight",
+    f"{FIT} --scheduler tcp://127.0.0.1:9": "no dask scheduler answers at tcp://127.0.0.1:9",
+    f"{FIT} --out file": "cannot be made",
+    "fit kinematic --to bare.csv --input wheels": "no column enc_left, enc_right",
+    "fit kinematic --to traj4@kinematic --held-out ring.csv": "error: ring.csv: ",
+    "fit mujoco --to traj4 --free yaw_inertia --bounds yaw_inertia=1:9": "no rigid body",
+    "fit mujoco --to traj4 --fix yaw_inertia=50": "no rigid body",
+    "track pid nosuch": "nosuch",
+    "track pid": "wanted a controller and a reference",
+    "track pid line --controller mine.py:Mine": "there are two controllers",
+    "track pid line --plant gazebo": "unknown plant 'gazebo'",
+    "track pid line --gains manual": "pid",
+    "track lqr line --gains nosuch": "nosuch",
+    "track pid line --speed -1": "speed",
+    "track pid line --speed 1.5": "asks for 1.5 m/s",
+    "track pid line --lookahead -1": "lookahead",
+    "track pid line --start 0,0": "'0,0' is no pose X,Y,YAW",
+    "track pid line --start 0,3,0": "start is 3 m from the reference's; beyond 3 m",
+    "track pid line --start nan,0,0": "start is nan m from the reference's",
+    "track pid line --start 0,0,30": "start has a yaw of 30 rad",
+    "track pid eight@0.5 --speed 0.4": "two speeds are given",
+    "track pid line --view --no-rerun": "--view",
+    "track pid line --seed -1": "--seed: '-1' must be",
+    "tune pid --free q_x": "pid has no gain 'q_x' to tune",
+    "tune pid --bounds k_p_y=2:1": "bounds of k_p_y are 2 and 1",
+    "tune pid --fix q_x=1": "pid has no gain 'q_x'",
+    "tune pid --reference circle@fast": "REFERENCE@SPEED",
+    "tune pid --reference ''": "no reference is named",
+    "tune pid --population 3": "population",
+    "tune pid --noise-seeds 0": "--noise-seeds: '0' must be",
+    "tune lqr --fix r_v=-1": "r_v",
+    "tune pid --guard -1": "guard",
+    "recordings info nowhere.bag": "nowhere.bag: there is no such file",
+    "recordings info .": "no ROS 2 bag: there is no metadata.yaml",
+    "recordings info drive.csv --limits perid=20": "unknown limit 'perid'; there are: table_size, ",
+    "recordings convert drive.csv --out x.xls": "no format has the ending '.xls'; there are: .csv, .tum, .bag, .mcap",
+    "recordings convert drive.csv --out drive.csv": "is the log itself; name another file",
+    "recordings convert drive.csv --rate -3": "rate -3.0 must be positive [Hz]",
+    "recordings convert drive.csv --from 99": "nothing was logged in 99 to inf s",
+    "recordings convert drive.csv --topics odom=/odom": "topics names the topics of a bag",
+    "recordings convert drive.bag --topics odom": "must be ROLE=TOPIC such as",
+    "recordings convert drive.bag --topics odom=/nowhere": "there is no topic /nowhere; there are: /pose",
+    "recordings convert drive.bag --ekf": "ekf needs wheels or odometry",
+    "recordings convert drive.bag --unbias": "unbias needs a gyro",
+    "recordings convert cut.bag": "no bag that can be read, or a damaged one",
+    "recordings convert log.txt": "recordings are .csv, .bag, .mcap or the folder of a ROS 2 bag",
+    "robots check nowhere": "no robot 'nowhere'; there are: husky, jackal",
+    "robots check bad.toml": "bad.toml",
+    "robots check .": "this is a folder",
+    f"robots new husky {FIVE}": "belongs to a robot that comes with the package",
+    f"robots new 'my robot' {FIVE}": "wanted letters, digits",
+    f"robots new x {FIVE} --wheelbase -1": "Geometry.wheelbase = -1.0 lies outside",
+    "robots new x": "--wheelbase",
+    "robots import bad.toml": "this is no XML",
+    "robots import nowhere.urdf": "there is no such file",
+    "robots draw": "draw",
+    "replicate --only 5.1": "is no section",
+    "replicate --recording nowhere.csv": "nowhere.csv",
+    "replicate --seed -1": "--seed",
+    "replicate --docs results.txt": "no markdown file",
+    "ros sim --seed -1": "'-1' must be a whole number",
+    "ros sim --profile nobody": "no profile 'nobody'",
+    "ros sim --ros 2 --domain 300": "the domain is 300",
+    "ros sim --domain 3": "belong to ROS 2",
+    "ros control pid nowhere.csv --speed 0.2": "nowhere.csv",
+    "ros control pid line --speed 0.5 --v-limit 0.3": "asks for 0.5 m/s; the limit is 0.3 m/s",
+    "ros control pid line --patience 0": "--patience 0 s",
+    "ros control pid line --ros 2 --namespace 4wd": "a letter first",
+    "study contact --only nothing": "nothing",
+    "study contact --profile none": "none",
+    "study contact --recording none.csv": "none.csv",
+    "study contact --from 3": "recording",
+    "study contact --workers 0": "--workers",
+    "study contact --out file/deep": "name another",
+    "study drivetrain": "recording",
+    "study drivetrain --ground missing.csv": "recording",
+    "study drivetrain --recording up.csv --resamples 0": "resamples",
+    "study drivetrain --recording up.csv --robot x": "no robot 'x'",
+    "study filter --references sine,sine": "twice",
+    "study filter --frictions -1": "-1",
+    "study filter --seeds 0": "seeds",
+    "study filter --profiles none": "none",
+    "study filter --plants none": "none",
+    "study filter --feedbacks none": "none",
+    "study filter --runs 0": "runs",
+    "study filter --speed 9": "9",
+    "study noise": "needs a log",
+    "study noise nowhere.csv": "nowhere.csv",
+    "study noise traj4@nobody": "no drive",
+    "study noise traj4@kinematic --passband 0": "passband must lie",
+    "study robustness --controllers pdi": "pdi",
+    "study robustness --gains pubished": "pubished",
+    "study robustness --reference nowhere.csv": "nowhere.csv",
+    "study robustness --runs 10": "runs",
+    "study robustness --timestep 0.003": "0.003",
+    "study robustness --speed 9": "9",
+    "study robustness --bound -1": "bound",
+    "study robustness --seed -1": "seed",
+    "study terrain --horizon 30": "20 s",
+    "study transfer --quick --controllers pdi": "unknown controller 'pdi'",
+    "study transfer --quick --controllers pid:gone": "pid has no gains 'gone'",
+    "study transfer --quick --controllers mpc": "there is no choice among mpc",
+    "study transfer --quick --controllers pid,pid:tuned": "two controllers are called 'pid tuned'",
+    "study transfer --quick --controller gone.py:Mine": "there is no file 'gone.py'",
+    "study transfer --quick --references eihgt": "no reference 'eihgt'",
+    "study transfer --quick --waypoints gone.csv": "gone.csv",
+    "study transfer --quick --plants improvd": "unknown plant 'improvd'",
+    "study transfer --quick --plants mujoco": "plants names none besides the judge",
+    "study transfer --quick --judge ode": "ode",
+    "study transfer --quick --profile nowhere": "nowhere",
+    "study transfer --quick --speeds 200": "speeds must lie within",
+    "study transfer --quick --seeds 0": "seeds must lie within",
+}
+"""What the line on standard error holds, by the command."""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with logs, and with files that are none."""
+    folder = tmp_path_factory.mktemp("mistakes")
+    rows = "0,0,0,0,0,0\n0.1,0,0,0,0,0\n0.2,0,0,0,0,0\n"
+    (folder / "bare.csv").write_text(f"t,cmd_v,cmd_w,x,y,yaw\n{rows}")
+    (folder / "no_pose.csv").write_text("t,cmd_v,cmd_w\n0,0,0\n0.1,0,0\n0.2,0,0\n")
+    (folder / "ring.csv").symlink_to(folder / "ring.csv")
+    for name in ("log.txt", "log.bag", "file"):
+        (folder / name).touch()
+    (folder / "bad.toml").write_text("name = 1")
+    write_csv(in_the_air(), folder / "up.csv")
+    write_csv({"t": 0.05 * np.arange(200), "x": np.zeros(200), "battery": np.ones(200)}, folder / "drive.csv")
+    bag = write(folder, "ros1", poses_at)
+    (folder / "cut.bag").write_bytes(bag.read_bytes()[:-700])
+    return folder
+
+
+@pytest.mark.parametrize("command", MISTAKES)
+def test_a_mistake_is_one_clear_line_and_leaves_nothing(
+    command: str, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In this process, for speed; the status of real ones is looked at in other files."""
+    if "--scheduler" in command and not find_spec("distributed"):
+        pytest.skip("the extra 'cluster' is not installed")
+    monkeypatch.setattr("validation.fit.cluster.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.chdir(place)
+    program, *arguments = shlex.split(command)
+    before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
+    with pytest.raises(SystemExit) as left:
+        cli.run(import_module(f"validation.{program}.__main__").PROGRAM, f"python -m validation.{program}", arguments)
+    said = capsys.readouterr().err
+    assert left.value.code == cli.EXIT_USER_ERROR
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert MISTAKES[command] in said
+    assert {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()} == before
+    shutil.rmtree(place / "runs", ignore_errors=True)

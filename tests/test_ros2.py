@@ -194,8 +194,8 @@ def test_what_cannot_be_decoded_raises_what_is_expected() -> None:
         ros2_types.idl_class("geometry_msgs/Twist").deserialize(b"\0\1\0\0" + bytes(7))
 
 
+@pytest.mark.usefixtures("dds")
 def test_an_empty_quaternion_turns_nothing() -> None:
-    pytest.importorskip("cyclonedds", reason="ROS 2 needs the extra `ros2`")
     assert msg.get_yaw(ros2_types.empty("geometry_msgs/PoseStamped").pose.orientation) == 0.0
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr._jit import jit, named_like
+from ssmr._jit import jit
 from ssmr.control.law import EMPTY_MEMORY, Command, Observation
 from ssmr.control.loop import Batch, Clock, LoopSettings, Trackers, tracker_of
 from ssmr.control.mission import Mission, Moment, PythonController
@@ -20,7 +20,7 @@ from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, Mind, Tracker, Truth, is_
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import ControllerError
 from ssmr.models.law import PlanarRobot
-from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, DriveNumbers, Sides, follow, rolling
+from ssmr.robot.drive import Driven, DriveNumbers, Sides, continue_references, rolling
 from ssmr.simulation import PlanarModel, PlanarMotion, move, turning_wheels
 from ssmr.types import FloatArray, State
 
@@ -101,24 +101,6 @@ class Steered:
         return due and is_lost(truth.x, truth.y, truth.w, self.mind.target.x, self.mind.target.y)
 
 
-@jit
-def ask_wheels(values: FloatArray, first: int, row: FloatArray, asked: Driven, out: FloatArray) -> Driven:
-    """Write the (n, 2) wheel-rate references from physics step `first` on into `out`; return the driver's last state.
-
-    Args:
-        values: (N, 2) commands since the start.
-        first: number of the first step.
-        row: (12,) `DriveNumbers`.
-        asked: the driver's state before.
-        out: (n, 2) space for the references [rad/s].
-    """
-    drive = named_like(DRIVE_TEMPLATE, row)
-    for j in range(len(out)):
-        asked = follow(values, first + j, drive, (0.0, 0.0), asked)
-        out[j, 0], out[j, 1] = asked.left, asked.right
-    return asked
-
-
 class SteeredPopulation:
     """The robots' side of many closed loops whose controllers are Python objects."""
 
@@ -153,8 +135,8 @@ class SteeredPopulation:
             for j in (k, *later):
                 batch.alive[i] &= not robot.tick(j, truth, draws[i % len(draws)], batch.logs[i])
                 batch.commands[i, j // self._period] = robot.mind.command
-            asked = Driven(*map(float, batch.asked[i]))
-            batch.asked[i] = ask_wheels(batch.commands[i], k, drives[i], asked, batch.references[i, :n])
+            drive, asked = DriveNumbers(*drives[i][:8], *map(int, drives[i][8:])), Driven(*batch.asked[i])
+            batch.asked[i] = continue_references(batch.commands[i], drive, (0.0, 0.0), asked, k, batch.references[i, :n])
 
 
 @jit

@@ -255,9 +255,7 @@ class Driver:
         self._samples.extend([command] * n)
         values = np.array(self._samples, dtype=np.float64)
         out = np.empty((n, 2))
-        for k in range(n):
-            self._asked = follow(values, step + k, self._drive, self._before, self._asked)
-            out[k] = self._asked.left, self._asked.right
+        self._asked = continue_references(values, self._drive, self._before, self._asked, step, out)
         hold = self._drive.hold
         spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - 2 * hold
         if spare > 1000:  # no delay reaches these samples any more; whole holds are dropped

@@ -13,7 +13,7 @@ import numpy as np
 from ssmr.types import FloatArray, IndexArray
 from validation.logs.groups import Groups, stacked_columns
 from validation.logs.recording import COMMAND_COLUMNS, POSE_COLUMNS, fresh_poses
-from validation.logs.rest import STOCK, moving_mean, wheel_twist
+from validation.logs.rest import ASKS_FOR_MOTION, STOCK, WHEELS_MEAN_S, WHEELS_TURN, moving_mean, wheel_twist
 
 JUMP_M = 0.2
 """Step of position beyond what the wheels explain from which it is a jump [m]: over twenty times the noise of lidar odometry
@@ -31,12 +31,6 @@ AFTER_COMMAND_S = 2.0
 speed of a fast robot."""
 _BEFORE_COMMAND_S = 0.5
 """Time before a command in which wheels may turn because of it [s], where clocks of a log differ."""
-_WHEELS_MEAN_S = 0.25
-"""Time before and after an instant over which wheel rates are averaged, against the noise of encoders [s]."""
-_TURNING = 0.1
-"""Wheel rate above which a wheel turns [rad/s]: 16 mm/s of a Husky, well above the noise of means of encoders."""
-_COMMANDED = 0.01
-"""Size of a command above which it asks for motion [m/s, rad/s]."""
 _TURNED = 0.3
 """Change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it."""
 _SLOW_RATE, _FAST_RATE = 2.0, 2000.0
@@ -181,7 +175,7 @@ def _fastest_wheel(groups: Groups) -> tuple[FloatArray, FloatArray] | None:
     rates = None if group is None else stacked_columns(group.columns, COMMAND_COLUMNS["wheels"])
     if group is None or rates is None:
         return None
-    sides = [moving_mean(group.t, side, _WHEELS_MEAN_S) for side in rates.T]
+    sides = [moving_mean(group.t, side, WHEELS_MEAN_S) for side in rates.T]
     return group.t, np.abs(sides).max(axis=0)
 
 
@@ -192,13 +186,13 @@ def _uncommanded_share(groups: Groups) -> float | None:
     if wheels is None or command is None:
         return None
     t, rate = wheels
-    driven = groups["cmd"].t[np.abs(command).max(axis=1) > _COMMANDED]
+    driven = groups["cmd"].t[np.abs(command).max(axis=1) > ASKS_FOR_MOTION]
     at = np.concatenate([[-np.inf], driven, [np.inf]])
     after = np.searchsorted(at, t, side="right")
-    quiet = (t - at[after - 1] > AFTER_COMMAND_S + _WHEELS_MEAN_S) & (
+    quiet = (t - at[after - 1] > AFTER_COMMAND_S + WHEELS_MEAN_S) & (
         at[np.minimum(after, len(at) - 1)] - t > _BEFORE_COMMAND_S
     )
-    return float(np.mean(quiet & (rate > _TURNING)))
+    return float(np.mean(quiet & (rate > WHEELS_TURN)))
 
 
 def _dead_columns(groups: Groups) -> tuple[str, ...]:
@@ -206,11 +200,11 @@ def _dead_columns(groups: Groups) -> tuple[str, ...]:
     there = {name: values for group in groups.values() for name, values in group.columns.items()}
     wheels, twist = _fastest_wheel(groups), wheel_twist(groups)
     pose = stacked_columns(there, POSE_COLUMNS)
-    drives = wheels is not None and bool(np.mean(wheels[1] > _TURNING) > 0.05)
+    drives = wheels is not None and bool(np.mean(wheels[1] > WHEELS_TURN) > 0.05)
     moved = pose is not None and bool(np.ptp(pose[:, :2], axis=0).max() > 0.5)
     wheels_turn_it = twist is not None and _turns(twist[0], twist[2])
     turned = pose is not None and bool(np.ptp(pose[:, 2]) > _TURNED)
-    asked = any(np.abs(there[name]).max() > _COMMANDED for name in COMMAND_COLUMNS["twist"] if name in there)
+    asked = any(np.abs(there[name]).max() > ASKS_FOR_MOTION for name in COMMAND_COLUMNS["twist"] if name in there)
 
     def dead(*names: str) -> list[str]:
         return list(names) if all(n in there and np.ptp(there[n]) == 0.0 for n in names) else []

@@ -24,6 +24,12 @@ _REST_MARGIN = 0.5
 """Samples that lie nearer to a motion than this do not count as rest [s]: odometry may be late."""
 REST_LEAST = 2.0
 """Shortest total rest from which a bias is taken [s]."""
+WHEELS_MEAN_S = 0.25
+"""Time before and after an instant over which wheel rates are averaged, against the noise of encoders [s]."""
+WHEELS_TURN = 0.1
+"""Wheel rate above which a wheel turns [rad/s]: 16 mm/s of a Husky, well above the noise of means of encoders."""
+ASKS_FOR_MOTION = 0.01
+"""Size of a command above which it asks for motion [m/s, rad/s]."""
 
 
 @dataclass(frozen=True)

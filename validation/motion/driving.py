@@ -10,15 +10,9 @@ from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, r
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Plant, Trajectory
-from validation.logs.rest import moving_mean
+from validation.logs.rest import ASKS_FOR_MOTION, WHEELS_MEAN_S, WHEELS_TURN, moving_mean
 from validation.motion.sources import Piece, Source, WindowCut
 
-_MEAN_S = 0.25
-"""Time before and after an instant over which wheel rates are averaged, against the noise of encoders [s]."""
-_TURNING = 0.1
-"""Wheel rate above which a wheel turns [rad/s], well above the noise of means of encoders."""
-_COMMANDED = 0.01
-"""Size of a command above which it asks for motion [m/s, rad/s]; it counts where a log has no wheel rates."""
 STANDING_SHARE = 0.1
 """Share of windows without any motion from which they are worth a sentence: they lower every median."""
 
@@ -80,11 +74,11 @@ def standing_share(source: Source, horizon: float) -> float | None:
 def _moves(piece: Piece, t: FloatArray, recorded: Trajectory) -> IndexArray:
     """Return (M,) 1 where the robot moves, else 0."""
     if np.any(recorded.wheels):
-        rates = np.column_stack([moving_mean(t, side, _MEAN_S) for side in recorded.wheels.T])
-        return (np.abs(rates).max(axis=1) > _TURNING).astype(np.intp)
+        rates = np.column_stack([moving_mean(t, side, WHEELS_MEAN_S) for side in recorded.wheels.T])
+        return (np.abs(rates).max(axis=1) > WHEELS_TURN).astype(np.intp)
     values = piece.commands.values
     at = np.minimum(((t - t[0]) / piece.commands.dt).astype(np.intp), len(values) - 1)
-    return (np.abs(values[at]).max(axis=1) > _COMMANDED).astype(np.intp)
+    return (np.abs(values[at]).max(axis=1) > ASKS_FOR_MOTION).astype(np.intp)
 
 
 def standing_sentences(source: Source, horizon: float) -> list[str]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from ssmr.control.law import Command, Observation
 from ssmr.control.loop import Clock, ClosedRun, LoopSettings, make_trackers, tracker_of
-from ssmr.control.mission import Mission, PythonController
-from ssmr.control.steered import Steered
+from ssmr.control.mission import PythonController
+from ssmr.control.steered import Steered, mission_of
 from ssmr.control.tick import (
     FRESH_MIND,
     LOG_COLUMNS,
@@ -149,13 +149,12 @@ class Pilot:
     def _begin_law(self) -> tuple[Tracker, Steered | None]:
         """Return the law's side with an empty memory, and the object of a controller that is one."""
         s, law = self.settings, self._controller
-        around = LoopSettings("truth", disturbance=False, lookahead=s.lookahead)
+        around = LoopSettings("truth", disturbance=False, lookahead=s.lookahead, velocity_period=s.period)
         clock = Clock(s.period, 1, 1, 1)  # the messages' stamps tell the time, so only the law and the course matter
         tracker = tracker_of(make_trackers([law], [around], self.waypoints, clock, self.waypoints.start), 0)
         if not isinstance(law, PythonController):
             return tracker, None
-        mission = Mission(self.waypoints, law.drive, law.a, law.b, s.period, around.position_period, s.lookahead)
-        return tracker, Steered(tracker, law, mission)
+        return tracker, Steered(tracker, law, mission_of(law, self.waypoints, around))
 
     def _ask(self, t: float) -> Command:
         """Return the law's command of mission time `t` [s]."""

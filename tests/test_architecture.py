@@ -26,7 +26,7 @@ ROOMS = (
     {"validation.compare", "validation.recordings", "validation.robots"},
     {"validation.fit", "validation.track"},
     {"validation.tune", "validation.ros", "validation.learning"},
-    {"validation.study"},
+    {"validation.study", "validation.drive"},
     {"validation.replicate"},
 )
 """The house, floor by floor: a room imports only from floors above its own line, and inside a room there is no cycle."""

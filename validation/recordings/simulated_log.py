@@ -79,14 +79,34 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
         ValueError: an unknown scenario or plant.
         SsmrError: the plant diverged.
     """
-    faults = settings or LogSettings()
     scenario, _, plant = name.partition("@")
     plant = plant or STANDARD
     if scenario not in scenarios() or plant not in ALL_PLANTS:
         raise ValueError(
             f"no drive '{name}'; there are: {', '.join(scenarios())}, each with @ and any of {', '.join(ALL_PLANTS)}"
         )
-    driven = scenarios()[scenario]
+    return log_of_drive(scenarios()[scenario], plant, profile, seed, settings)
+
+
+def log_of_drive(
+    driven: Commands, plant: str, profile: Profile, seed: int, settings: LogSettings | None = None
+) -> dict[str, Group]:
+    """Drive a plant from the origin, at rest before and after, and log it.
+
+    Args:
+        driven: commands.
+        plant: name of the plant.
+        profile: parameters of the plant.
+        seed: seed of all noise.
+        settings: faults of the log; `LogSettings()` if not given.
+
+    Returns:
+        Groups of columns: commands at their own rate, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
+
+    Raises:
+        SsmrError: the plant diverged.
+    """
+    faults = settings or LogSettings()
     rest = np.zeros((math.ceil(_STANDING / driven.dt), 2))
     commands = Commands(driven.dt, np.concatenate([rest, driven.values, rest]))
     piece = Piece(commands, State(), None, None)

@@ -1,0 +1,199 @@
+"""A drive by hand: keys and sticks become commands, and the log holds what was driven."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.types import State
+from validation.drive import run as driving
+from validation.drive.hands import KEYS, STEPS, Hands, read_keys
+from validation.drive.run import TICK, HandDrive, drive_by_hand, prepare_drive
+from validation.drive.window import DriveWindow, NoWindowError
+from validation.logs.formats import read_recording
+from validation.plants.profile import Profile
+from validation.show.stage import Stage
+
+SCRIPT = ["0.5 up up up", "1 left", "# straight on", "1.5 enter", "", "2 space"]
+
+
+@pytest.fixture(scope="module")
+def driven(lab: Profile) -> HandDrive:
+    return drive_by_hand(prepare_drive(lab, ("kinematic",), seed=3), script=read_keys(SCRIPT))
+
+
+@given(st.lists(st.sampled_from([*KEYS.values(), "w"])))
+def test_no_keys_ask_for_more_than_the_greatest_and_space_always_stops(keys: list[str]) -> None:
+    hands = Hands(1.0, 2.0)
+    for key in keys:
+        before = hands.command()
+        hands.press(key)
+        v, w = hands.command()
+        assert abs(v) <= 1.0
+        assert abs(w) <= 2.0
+        assert abs(v - before[0]) <= 1.0 / STEPS + 1e-12 or key == "space"
+    hands.press("enter")
+    assert hands.command()[1] == 0.0
+    hands.press("space")
+    assert hands.command() == (0.0, 0.0)
+
+
+def test_every_press_is_a_tenth() -> None:
+    hands = Hands(1.0, 2.0)
+    for key in ("up", "up", "up", "down", "right"):
+        hands.press(key)
+    assert hands.command() == pytest.approx((0.2, -0.2))
+
+
+def test_a_stick_has_its_way_and_stops_the_robot_when_it_is_let_go() -> None:
+    hands = Hands(1.0, 2.0)
+    hands.press("up")
+    assert hands.command((0.05, -0.1)) == pytest.approx((0.1, 0.0))  # sticks never rest at zero
+    assert hands.command((0.5, -1.2)) == pytest.approx((0.5, -2.0))
+    assert hands.command((0.0, 0.05)) == (0.0, 0.0)
+    hands.press("down")
+    assert hands.command((0.0, 0.05)) == pytest.approx((-0.1, 0.0))
+
+
+def test_a_script_is_read_or_refused_with_the_line() -> None:
+    assert read_keys(SCRIPT)[:4] == [(0.5, "up"), (0.5, "up"), (0.5, "up"), (1.0, "left")]
+    for lines in (["1 up", "0.5 up"], ["up"], ["1"], ["1 w"], ["nan up"], ["-1 up"]):
+        with pytest.raises(ValueError, match=f"line {len(lines)} must be TIME KEY"):
+            read_keys(lines)
+
+
+def test_a_drive_holds_each_command_from_its_key_on(driven: HandDrive) -> None:
+    commands = driven.prepared.source.pieces[0].commands
+    assert (commands.dt, commands.n) == (TICK, round(4.0 / TICK))  # two seconds after the last key
+    at = {s: tuple(commands.values[round(s / TICK)]) for s in (0.48, 0.5, 1.0, 1.5, 2.0, 3.98)}
+    assert at[0.48] == (0.0, 0.0)
+    assert at[0.5] == pytest.approx((0.3, 0.0))
+    assert at[1.0] == pytest.approx((0.3, 0.2))
+    assert at[1.5] == pytest.approx((0.3, 0.0))
+    assert at[2.0] == at[3.98] == (0.0, 0.0)
+
+
+def test_the_log_holds_the_drive_and_replaces_none(driven: HandDrive, tmp_path: Path) -> None:
+    first, second = driven.write_recording(tmp_path / "new"), driven.write_recording(tmp_path / "new")
+    assert [first.name, second.name] == ["drive.csv", "drive-2.csv"]
+    assert first.read_bytes() == second.read_bytes()  # one seed, one noise
+    log = read_recording(first)
+    assert {"cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw"} <= set(log.columns)
+    assert log.t[-1] == pytest.approx(14.0, abs=0.1)  # rest before and after
+    assert log.columns["cmd_v"].max() == pytest.approx(0.3)
+    shown = driven.compare(workers=1).plants["mujoco"].pieces[0]
+    assert math.dist((log.columns["x"][-1], log.columns["y"][-1]), shown.xy[-1]) < 0.03  # motion capture's noise
+
+
+def test_the_other_plants_drive_beside(driven: HandDrive) -> None:
+    comparison = driven.compare(workers=1)
+    assert set(comparison.plants) == {"mujoco", "kinematic"}
+    assert comparison.reference_name == "mujoco"
+    assert comparison.plants["kinematic"].pieces[0].pose[-1, 0] > 0.3
+
+
+class _Window:
+    """A window without a screen: it presses a key, and is closed or interrupted after some pictures."""
+
+    def __init__(self, stage: Stage, pictures: int, interrupt: bool) -> None:
+        self.stage, self.left, self.interrupt, self.closed = stage, pictures, interrupt, False
+        self.poses: list[np.ndarray] = []
+
+    @property
+    def is_open(self) -> bool:
+        return self.left > 0
+
+    def keys(self) -> list[str]:
+        return ["up"]
+
+    def sticks(self) -> None:
+        return None
+
+    def show(self, poses: list[np.ndarray], turns: np.ndarray, status: str) -> None:
+        self.left -= 1
+        self.poses.append(np.array(poses))
+        assert turns.shape == (2, 2)
+        if self.interrupt and not self.left:
+            raise KeyboardInterrupt
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.mark.parametrize("interrupt", [False, True])
+def test_a_window_is_driven_in_real_time_until_it_is_closed(
+    lab: Profile, monkeypatch: pytest.MonkeyPatch, interrupt: bool
+) -> None:
+    now, opened = [0.0], list[_Window]()
+
+    def open_window(stage: Stage) -> _Window:
+        opened.append(_Window(stage, 20, interrupt))
+        return opened[0]
+
+    monkeypatch.setattr(driving, "DriveWindow", open_window)
+    found = drive_by_hand(
+        prepare_drive(lab, ("kinematic",)), clock=lambda: now[0], sleep=lambda s: now.__setitem__(0, now[0] + s)
+    )
+    assert (found.interrupted, found.dropped, opened[0].closed) == (interrupt, 0.0, True)
+    commands = found.prepared.source.pieces[0].commands
+    assert commands.n == 20
+    assert commands.values[-1, 0] == pytest.approx(1.0)
+    assert now[0] == pytest.approx((20 - interrupt) * TICK)
+    start = lab.section("mujoco").localiser.body_state(State())
+    motion = found.prepared.plants["mujoco"].run(commands, start, TICK)
+    assert opened[0].poses[-1][0] == pytest.approx(motion.pose[-1], abs=1e-9)  # what was shown is what is logged
+
+
+def test_a_slow_machine_drops_time_and_shows_less(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
+    now, opened = [0.0], list[_Window]()
+
+    class Slow(_Window):
+        def show(self, poses: list[np.ndarray], turns: np.ndarray, status: str) -> None:
+            super().show(poses, turns, status)
+            now[0] += 0.3
+
+    monkeypatch.setattr(driving, "DriveWindow", lambda stage: opened.append(Slow(stage, 99, False)) or opened[0])
+    found = drive_by_hand(
+        prepare_drive(lab, ("kinematic",)), 3.0, clock=lambda: now[0], sleep=lambda s: now.__setitem__(0, now[0] + s)
+    )
+    assert found.dropped == 0.0
+    assert now[0] == pytest.approx(3.0, abs=0.4)
+    assert len(opened[0].poses) < 12
+    assert found.prepared.source.pieces[0].commands.n == round(3.0 / TICK)
+
+
+def test_there_is_no_window_without_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(NoWindowError, match=r"no screen.*--keys FILE"):
+        DriveWindow(None)  # type: ignore[arg-type]
+
+
+def test_the_program_writes_the_log_and_says_what_comes_next(tmp_path: Path) -> None:
+    (tmp_path / "keys.txt").write_text("0.1 up up\n0.5 space\n")
+    command = [sys.executable, "-m", "validation.drive", "--plants", "mujoco", "--keys", str(tmp_path / "keys.txt")]
+    surroundings = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    ran = subprocess.run(
+        [*command, "--out", str(tmp_path / "out"), "--no-rerun"],
+        capture_output=True,
+        text=True,
+        env=surroundings,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert f"next: ssmr compare {tmp_path / 'out' / 'drive.csv'}" in ran.stdout
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"drive.csv", "compare.json", "compare.png"}
+    (tmp_path / "keys.txt").write_text("0.1 jump\n")
+    refused = subprocess.run(command, capture_output=True, text=True, env=surroundings, check=False)
+    assert refused.returncode == 2
+    assert "line 1 must be TIME KEY" in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1

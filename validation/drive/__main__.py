@@ -1,0 +1,85 @@
+"""The command line `python -m validation.drive`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from validation import cli
+from validation.words import visible
+
+
+@dataclass(frozen=True)
+class DriveOutput(cli.Output):
+    """Options for what is written and shown."""
+
+    out: Annotated[Path | None, cli.out_option("runs/drive")] = None
+
+
+@dataclass(frozen=True)
+class HandOptions:
+    """The options of `python -m validation.drive`."""
+
+    robot: cli.RobotName = None
+    profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="the planar models")] = ()
+    """Plants that run beside the MuJoCo robot, separated by commas; `mujoco` for none."""
+    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="until the window is closed")] = None
+    """Time after which the drive ends."""
+    keys: Annotated[Path | None, cli.option(metavar="FILE", default="a window")] = None
+    """Script of keys, to drive without a window and without waiting: lines `TIME KEY ...`, such as 2.5 up up left."""
+    run: cli.Run = field(default_factory=cli.Run)
+    output: DriveOutput = DriveOutput()
+
+
+def main(options: HandOptions) -> None:
+    """Drive a robot by hand in MuJoCo's viewer, in real time, with the other plants beside it as ghosts.
+
+    Every press of an arrow is a tenth of the greatest speed or yaw rate; enter goes straight on, space stops. A gamepad's
+    sticks do as well.
+
+    The drive ends when the window is closed, or with Ctrl-C. It is written as drive.csv, with noise of the sensors, which
+    compare and fit take; and all plants are compared over it.
+    """
+    from validation.drive.hands import read_keys
+    from validation.drive.run import drive_by_hand, prepare_drive
+    from validation.drive.window import NoWindowError
+    from validation.plants.table import USUAL_PLANTS
+
+    output, folder = options.output, options.output.out or Path("runs") / "drive"
+    with cli.mistakes_are_users():
+        output.check()
+        if options.until is not None and not options.until > 0.0:
+            raise cli.UserError(f"--until {options.until:g} s must be positive")
+        script = None
+        if options.keys is not None:
+            try:
+                script = read_keys(options.keys.read_text(encoding="utf-8").splitlines())
+            except (OSError, ValueError) as error:
+                raise cli.UserError(f"--keys {options.keys}: {getattr(error, 'strerror', None) or error}") from error
+        prepared = prepare_drive(options.profile, options.plants or USUAL_PLANTS, options.run.seed, robot=options.robot)
+    cli.output_folder(folder)
+    try:
+        driven = drive_by_hand(prepared, math.inf if options.until is None else options.until, script)
+    except NoWindowError as error:
+        raise cli.UserError(str(error)) from error
+    recording = driven.write_recording(folder)
+    with cli.shown("comparing") as progress:
+        comparison = driven.compare(options.run.workers, progress)
+    cli.report_result(comparison, [recording, *comparison.save(folder, recording=not output.no_rerun)])
+    if driven.dropped:
+        cli.warn(f"the drive took {driven.dropped:.1f} s longer than its log says: this machine is too slow for real time")
+    print(f"next: ssmr compare {visible(recording)}, or ssmr fit improved --to {visible(recording)}")
+    if driven.interrupted:
+        raise KeyboardInterrupt
+    output.draw(comparison)
+    output.show(folder / "compare.rrd")
+
+
+PROGRAM = main
+
+if __name__ == "__main__":
+    cli.leave_out("pandas")
+    cli.run(PROGRAM, "python -m validation.drive")

@@ -85,6 +85,16 @@ def test_a_film_shows_every_instant_and_hurries_when_it_is_long(comparison: Comp
     assert len(video._Film(compared_tracks(comparison), SMALL[".gif"], "a curve").t) == 6  # 2 s at four times the speed
 
 
+@pytest.mark.parametrize("longest", [10.0, 0.4])
+def test_the_eye_does_not_lose_the_robot_however_fast_it_is_shown(comparison: Comparison, longest: float) -> None:
+    from validation.compare.rerun import compared_tracks
+
+    film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, longest), "a curve")
+    away = np.linalg.norm(film._look_at[:, :2] - film._poses[0][:, :2], axis=1)
+    assert away.max() < 0.4
+    assert film._distance.min() > 3.0
+
+
 @pytest.mark.usefixtures("graphics")
 def test_a_gif_shows_the_robots_and_the_legend(comparison: Comparison, tmp_path: Path) -> None:
     path, told = tmp_path / "a.gif", list[Progress]()

@@ -29,7 +29,7 @@ _NEAR = 8.0
 _ELEVATION, _ASIDE = -30.0, 35.0
 """Direction of the eye: below the horizontal, and beside the direction in which the robots go [degrees]."""
 _SMOOTH_S = 0.7
-"""Time over which the eye follows [s of video]."""
+"""Time over which the eye follows [s of motion]: over a time of video it would lose robots that are shown fast."""
 _TRAIL_POINTS = 120
 """Points of each robot's trail."""
 _INK, _PAPER = (20, 20, 24), (255, 255, 255, 200)
@@ -147,7 +147,7 @@ class _Film:
         distance = 3.2 * self._scale + 1.1 * np.linalg.norm(high - low, axis=-1)
         height = self._raised[0][:, :1] + 0.2 * self._scale
         wanted = np.column_stack([middle, height, distance])
-        smooth = gaussian_filter1d(wanted, _SMOOTH_S * self._form.rate, axis=0, mode="nearest")
+        smooth = gaussian_filter1d(wanted, _SMOOTH_S * self._form.rate / self._speed, axis=0, mode="nearest")
         return smooth[:, :3], smooth[:, 3]
 
     def pictures(self, progress: Report) -> Iterator[Any]:

@@ -35,6 +35,7 @@ from validation.cli.options import out_option as out_option
 from validation.cli.options import parsed as parsed
 from validation.cli.options import profile_option as profile_option
 from validation.cli.options import read_values as read_values
+from validation.cli.options import require_rerun as require_rerun
 from validation.cli.reporting import report_console as report_console
 from validation.cli.reporting import report_result as report_result
 from validation.cli.reporting import shown as shown

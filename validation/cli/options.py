@@ -259,6 +259,16 @@ class Filmed(Protocol):
         """Write it as a video."""
 
 
+def require_rerun(what: str, remedy: str = "install it") -> None:
+    """Refuse what needs rerun where it is not installed.
+
+    Raises:
+        UserError: there is no rerun.
+    """
+    if find_spec("rerun") is None:
+        raise UserError(f"{what} needs the package rerun-sdk, which is missing: {remedy}")
+
+
 @dataclass(frozen=True)
 class Output:
     """Options for what is written and shown by a program that makes a recording; each program says its own folder."""
@@ -274,11 +284,10 @@ class Output:
         """Refuse to show a recording that is not written, and to write one without rerun, or a video that cannot be."""
         if (self.view or self.view_web) and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
-        if not self.no_rerun and find_spec("rerun") is None:
-            raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
-        if self.video is not None and find_spec("rerun") is None:
-            raise UserError("a video needs the package rerun-sdk as well, which is missing: install it")
+        if not self.no_rerun:
+            require_rerun("the recording", "install it, or add --no-rerun")
         if self.video is not None:
+            require_rerun("a video")
             from validation.show.video import check_video
 
             check_video(self.video)

@@ -123,6 +123,8 @@ def main(options: Options) -> None:
     stem = Path(sources[0]).stem if sources else ""
     folder = output.out or Path("runs") / "fit" / file_name(f"{options.model}-{stem}")
     search = replace(options.search, checkpoint=folder / CHECKPOINT)
+    if output.rerun:
+        cli.require_rerun("the recording", "install it, or leave out --rerun")
     with cli.search_kept_in(folder / CHECKPOINT):
         with cli.mistakes_are_users(), cli.shown("fit") as progress:
             result = fit(

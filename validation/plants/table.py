@@ -11,7 +11,9 @@ from ssmr.models.table import PLANAR_MODELS
 if TYPE_CHECKING:
     from validation.plants.kind import PlantKind
 
-_ENGINES: Mapping[str, str] = {"mujoco": "validation.plants.mujoco"}
+_ENGINES: Mapping[str, str] = {
+    "mujoco": "validation.plants.mujoco",
+}
 """Module of each simulated plant, which declares it as `KIND`; imported when the plant is first used."""
 
 SIMULATED = tuple(_ENGINES)

@@ -32,7 +32,7 @@ STIFF = 20.0
 EXACT = PhysicsSettings(solver="Newton")
 """Solver that is exact enough for laws that hold to rounding; tests/test_solver.py holds the shipped one to it."""
 LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
-"""What a slow turn on the spot may do to the loads, as `turn_on_the_spot` has it [1]: forces towards the centre of the turn
+"""A slow turn on the spot may move the loads by these shares, see `turn_on_the_spot` [1]: forces towards the turn's centre
 move half a per cent of the weight to the front or aside; the soft contact, which carries more where it slips faster, moves
 two per cent between diagonals and a fifth between a wide tyre's edges (docs/physics.md, "Other robots")."""
 TILT = math.radians(8.0)

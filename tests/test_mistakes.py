@@ -175,7 +175,7 @@ MISTAKES = {
     "study transfer --quick --speeds 200": "speeds must lie within",
     "study transfer --quick --seeds 0": "seeds must lie within",
 }
-"""What the line on standard error holds, by the command."""
+"""Each command, and the words that its line on standard error must hold."""
 
 
 @pytest.fixture(scope="module")

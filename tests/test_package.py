@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LACKING = {"3.13": {"dm-control"}, "3.14": {"dm-control", "cyclonedds"}}
-"""What later Pythons do without: packages that have no wheels for them."""
+"""Later Pythons do without these packages, which have no wheels for them."""
 BARE = """
 import sys
 sys.modules.update(dict.fromkeys(("dm_control", "labmaze", "rerun", "rerun_cli", "pyarrow")))
@@ -70,7 +70,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
 
 
 def wanted(version: str) -> list[Requirement]:
-    """What the project and its extras ask for in a Python of that version."""
+    """Return the packages that the project and its extras ask for in a Python of that version."""
     extras = PROJECT["optional-dependencies"]
     everything = [
         *PROJECT["dependencies"],

@@ -391,7 +391,7 @@ def test_rerun_accepts_the_file_and_finds_a_layout_in_it(shown: tuple[Comparison
 
 
 NO_ADAPTER = ("Failed to get render context", "No graphics adapter was found")
-"""What the viewer says where nothing can render, neither a card nor software."""
+"""The viewer says one of these where nothing can render, neither a card nor software."""
 
 
 @pytest.mark.slow

@@ -18,9 +18,9 @@ from validation.simulator.description import WHEELS, Robot, shipped_robots
 from validation.simulator.model import contact_settings, robot_model
 
 SAME_TURN = 0.02
-"""Of the yaw rate on the spot: the tyres touch in two points a wheel's width apart in both models, but sink differently."""
+"""The yaw rates on the spot may differ by this share: tyres touch in two points in both models, but sink differently."""
 SAME_HEIGHT = 0.02
-"""Of the wheel radius: the tyre of the URDF has the rolling radius, and sinks below it by what the contact gives."""
+"""The heights may differ by this share of the wheel's radius: the URDF's tyre has the rolling radius and sinks below it."""
 
 
 def places(robot: Robot) -> np.ndarray[Any, Any]:

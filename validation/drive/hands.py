@@ -1,4 +1,4 @@
-"""What a driver's hands ask for: keys and a gamepad become a twist command."""
+"""Keys and a gamepad become a twist command."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Effort(NamedTuple):
 
 @dataclass
 class _Planar:
-    """What all models share: the numbers of the robot and the wanted wheel rates.
+    """The robot's numbers and the wanted wheel rates, which all models share.
 
     A model's equations change where one of its event functions crosses zero; `begin` then chooses the mode to go on with.
     """

@@ -204,7 +204,7 @@ _LABEL, _PROSE = 16, 30
 
 @dataclass(frozen=True)
 class _Fit:
-    """How a table gets into a width."""
+    """The columns and the spacing with which a table fits a width."""
 
     widths: Mapping[int, int]
     """Width of each column that is shown, by its place in the grid."""

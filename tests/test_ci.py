@@ -16,7 +16,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 READER = runpy.run_path(str(ROOT / ".ci" / "readme.py"))
-BROUGHT = {"markdown-it-py": "rich", "packaging": "pytest", "pillow": "matplotlib"}
+BROUGHT = {"packaging": "pytest", "pillow": "matplotlib"}
 """A package that tests import, and the one that cannot do without it."""
 
 PYTHON = """#!/usr/bin/env bash

@@ -30,8 +30,8 @@ from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import Profile
 from validation.replicate.noise import late
 from validation.replicate.stability import bounds_table
+from validation.replicate.tracked import tracked_tables
 from validation.study.noise.filtering import HighPass, estimate_noise
-from validation.study.tables import TablesOptions, study_tables
 from validation.thesis.published import table, value
 
 AGREEMENT = 0.03
@@ -274,8 +274,7 @@ def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
 
 def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both(lab: Profile) -> None:
     """The printed lengths and gaps of line and circle at 0.25 m/s, with the weights printed and with those supposed."""
-    study = study_tables(TablesOptions(lab, 2, ("4.22", "4.24")))
-    for entry in study.entries:
+    for entry in tracked_tables(lab, 2, ("4.22", "4.24")):
         printed, manual, supposed = entry.printed, entry.mean, {m: s.value for m, s in entry.supposed.items()}
         assert manual["d_haus_m"] > 1.8 * printed["d_haus_m"]
         assert abs(manual["d_ratio"] - printed["d_ratio"]) > 0.005

@@ -17,7 +17,7 @@ from tests.faults.pool import Case
 
 SHARE = {"files": 200, "numbers": 300, "arguments": 100}
 """Inputs of each part that are tried here."""
-SLOW = ("study contact", "study filter", "study tables", "study robustness", "replicate", "fit recording")
+SLOW = ("study contact", "study filter", "study robustness", "replicate", "fit recording")
 """Commands of which one run takes seconds."""
 SEED = 7
 pytestmark = pytest.mark.filterwarnings("ignore")  # of libraries, on damaged files; programs are judged by their own

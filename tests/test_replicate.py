@@ -52,14 +52,11 @@ from validation.replicate.report import (
     document_markdown,
     document_of,
     linked,
-    prose,
-    status_class,
     unexplained,
 )
 from validation.replicate.result import order_of
 from validation.replicate.run import ALL_SECTIONS, run_sections
-from validation.show.tables import Cell
-from validation.study.tables.result import CONTROL_TABLES, TableEntry
+from validation.replicate.tracked import CONTROL_TABLES, TableEntry
 from validation.thesis import published
 from validation.thesis.verdicts import STATUSES, Pair
 
@@ -417,16 +414,9 @@ def test_the_page_needs_nothing_else(report: Path) -> None:
     assert all(t.startswith("#") and t[1:] in parser.ids for t in parser.targets)
     assert "url(" not in parser.style
     assert "@import" not in parser.style
+    assert '<span class="differs">differs</span> [' in page
     assert "http://" not in page
     assert "https://" not in page
-
-
-def test_foreign_text_stays_text() -> None:
-    assert prose("a `b<c` <d>") == "a <code>b&lt;c</code> &lt;d&gt;"
-    assert prose("a lonely ` and <") == "a lonely ` and &lt;"
-    assert [status_class(Cell(t)) for t in ("agrees", "not compared [1]", "differs: d_rms [2]", "agreed", "0.3")] == [
-        "agrees", "not-compared", "differs", "", "",
-    ]  # fmt: skip
 
 
 def test_numbers_are_printed_beside_ours_with_a_verdict(report: Path) -> None:

@@ -24,7 +24,6 @@ from validation.study.engines import EnginesOptions
 from validation.study.filter import FilterOptions
 from validation.study.noise import NoiseOptions
 from validation.study.result import StudyResult, keeping
-from validation.study.tables import TablesOptions
 from validation.study.transfer import TransferOptions
 
 SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
@@ -35,7 +34,6 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "terrain": (TERRAIN, lambda s: len({(e.axis, e.value) for e in s.models}), 1),
     "contact": (ContactOptions(only=("cone",)), lambda s: len(s.tried), 1),
     "engines": (EnginesOptions(engines=("mujoco",)), lambda s: len(s.tried), 1),
-    "tables": (TablesOptions(seeds=1, numbers=("4.5", "4.13")), lambda s: len(s.entries), 1),
     "transfer": (
         TransferOptions(
             ("thesis-lab",), ("kinematic",), "linear", ("smc:tuned", "lqr:tuned"), references=("line@0.8", "circle@0.8")

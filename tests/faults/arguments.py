@@ -18,7 +18,7 @@ from tests.faults.judge import Outcome, visible
 from tests.faults.pool import Part
 from tests.faults.programs import LONG, NOT_TRIED, USUAL, WRITTEN, declared, values_of
 
-_WEIGHTS = {"study contact": 0.3, "study filter": 0.5, "study tables": 0.5, "study robustness": 0.5, "replicate": 0.4}
+_WEIGHTS = {"study contact": 0.3, "study filter": 0.5, "study robustness": 0.5, "replicate": 0.4}
 
 
 def plan(inputs: int, kills: int) -> dict[str, int]:

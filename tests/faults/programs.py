@@ -51,7 +51,6 @@ USUAL: Mapping[str, Usual] = {
         {"--judge": "linear", "--plants": "kinematic", "--controllers": "smc:tuned,lqr:tuned", "--references": "line@0.8",
          "--profile": "thesis-lab"},
     ),
-    "study tables": Usual("tables", {"--numbers": "4.5", "--seeds": "1"}),
     "study contact": Usual("contact", {"--only": "cone"}),
     "study engines": Usual("engines", {"--engines": "mujoco"}),
     "study drivetrain": Usual("drivetrain", {"--recording": "up.csv", "--ground": "grass.csv", "--resamples": "2"}),

@@ -11,10 +11,10 @@ import numpy as np
 from ssmr.control.loop import LoopSettings
 from validation.fit.search import SearchOptions
 from validation.plants.profile import load_profile
+from validation.progress import Progress
 from validation.replicate.evidence import Context, Findings, Section, Table, searched
-from validation.study.result import INTERRUPTED
-from validation.study.tables import TablesOptions, study_tables
-from validation.study.tables.result import ALL_LOST, CONTROL_TABLES, TABLE_METRICS, TableEntry
+from validation.replicate.figures import draw_tracked
+from validation.replicate.tracked import ALL_LOST, CONTROL_TABLES, TABLE_METRICS, TableEntry, tracked_tables
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
 from validation.track.data import saturated
@@ -119,17 +119,17 @@ def _deviation(values: list[float]) -> float | None:
 
 def _tracked(context: Context) -> Findings:
     """Make Tab. 4.5-4.19 and 4.22-4.38."""
-    options = TablesOptions(_PROFILE, context.settings.noise_seeds)
-    study = study_tables(options, workers=context.workers, progress=context.progress)
-    if study.status == INTERRUPTED:
-        raise KeyboardInterrupt
+    seeds, entries = context.settings.noise_seeds, list[TableEntry]()
+    for entry in tracked_tables(load_profile(_PROFILE), seeds, workers=context.workers):
+        entries.append(entry)
+        context.progress(Progress(len(entries), len(CONTROL_TABLES), f"Tab. {entry.table}"))
     found = {
         e.table: Table(
             f"{e.controller.upper()}, {e.reference} at {e.speed:g} m/s: {_CAPTIONS[e.comparison]}", {e.row: e.pairs}
         )
-        for e in study.entries
+        for e in entries
     }
-    by_place = {(e.controller, e.reference, e.speed): e for e in study.entries if e.comparison == "simulated_vs_real"}
+    by_place = {(e.controller, e.reference, e.speed): e for e in entries if e.comparison == "simulated_vs_real"}
     repeated: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table("4.37")["rows"].items():
         own = by_place[printed["controller"], printed["trajectory"], float(printed["speed_m_s"])].pairs
@@ -147,13 +147,14 @@ def _tracked(context: Context) -> Findings:
             changes[row][name] = Pair(float(printed[name]), change, "spread", "%", spread, {}, obstacle)
     found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", changes)
     note = (
-        f"Means over {study.seeds} seeds of noise, each with its standard deviation; the thesis prints a single run. "
+        f"Means over {seeds} seeds of noise, each with its standard deviation; the thesis prints a single run. "
         "The PID has its published gains, the LQR the manual column of Tab. 4.21 (Sec. 4.4.3). The simulation is disturbed "
         "at random as in the thesis; the MuJoCo Husky, which takes the robot's place, is not."
     )
-    lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in study.entries if e.lost]
-    caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {study.seeds} seeds), one table a row."
-    return Findings(found, notes=(note, *lost), pictures=(context.picture("d_rms", study.figure(), caption),))
+    lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in entries if e.lost]
+    caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {seeds} seeds), one table a row."
+    picture = context.picture("d_rms", draw_tracked(entries, _PROFILE, seeds), caption)
+    return Findings(found, notes=(note, *lost), pictures=(picture,))
 
 
 def change_percent(before: TableEntry, after: TableEntry, metric: str) -> tuple[float | None, float | None]:

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray, Trajectory
+from validation.replicate.tracked import TableEntry
 from validation.show.drawing import (
     QUIET,
     Panel,
@@ -27,6 +28,7 @@ from validation.show.drawing import (
     side_by_side,
     text_row,
 )
+from validation.show.palette import VERDICT_INKS
 
 _SHOWN = 0.5
 """Duration of the part of the trajectory that is drawn, around a reversal of the turn [s]."""
@@ -178,3 +180,35 @@ def draw_causes(
 
     heading = "Distance of the fitted improved model from a robot on four tyres, by what is added to that robot"
     return put_together([text_row(0.3, partial(draw_section, heading)), side_by_side(4.6, [errors, driven])])
+
+
+def _draw_rows(entries: Sequence[TableEntry], title: str, ax: Axes) -> None:
+    for k, e in enumerate(entries):
+        ink = VERDICT_INKS[e.verdict.status]
+        if e.mean:
+            ax.errorbar(e.mean["d_rms_m"] * 1e3, k, xerr=e.deviation["d_rms_m"] * 1e3, fmt="o", color=ink, ms=6, capsize=3)
+        if e.supposed:
+            ax.plot(e.supposed["d_rms_m"].value * 1e3, k, "o", mfc="none", color="#444444", ms=6)
+        if e.printed:
+            ax.plot(e.printed["d_rms_m"] * 1e3, k, "|", color="black", ms=14, mew=2)
+    ax.set_yticks(range(len(entries)), [f"{e.table}  {e.controller} {e.reference} {e.speed:g} m/s" for e in entries])
+    ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(max(len(entries), 1) - 0.5, -0.5))
+    inset(ax, left=1.7)
+    plain_ticks(ax.xaxis)
+    ax.set_title(title, loc="left", fontsize=11)
+    ax.grid(axis="x", which="both", alpha=0.25)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def draw_tracked(entries: Sequence[TableEntry], profile: str, seeds: int) -> Figure:
+    """Draw printed and own d_rms of each table, both comparisons side by side."""
+    panels = []
+    for comparison in dict.fromkeys(e.comparison for e in entries):
+        some = [e for e in entries if e.comparison == comparison]
+        title = f"{comparison.replace('_', ' ').replace('vs', 'against')}, profile {profile}"
+        panels.append(partial(_draw_rows, some, title))
+    foot = (
+        f"bar: printed · dot: ours, mean and deviation of {seeds} seeds · ring: ours under the supposition · "
+        "the row: green agrees, light green agrees if, blue nearer, orange differs, grey not compared"
+    )
+    return put_together([side_by_side(5.2, panels), text_row(0.3, partial(draw_footer, foot))])

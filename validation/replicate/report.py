@@ -7,10 +7,12 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
+from markdown_it import MarkdownIt
 
 from validation import store
 from validation.replicate.evidence import Answer, Findings, Picture, ReplicationSettings, Section
@@ -163,41 +165,32 @@ def linked(text: str, docs: str) -> str:
     return re.sub(r"(?<![\w/\[])(?<!\]\()docs/(\w+\.md)", lambda m: f"[{m[1]}]({docs}{m[1]})", text)
 
 
-def status_class(cell: Cell) -> str:
-    """Return the style of a cell with a verdict, such as `agrees` or `not-compared`; empty for any other cell."""
-    return next((s.replace(" ", "-") for s in STATUSES if cell.text == s or cell.text.startswith((f"{s} [", f"{s}: "))), "")
-
-
-def prose(text: str) -> Markup:
-    """Return a sentence as HTML: its `code` in code elements, everything else escaped."""
-    pieces = [escape(piece) for piece in one_line(text).split("`")]
-    if len(pieces) % 2 == 0:  # an unpaired backtick is text
-        return escape(one_line(text))
-    return Markup("").join(Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
-
-
-def _harmless(value: object) -> object:
-    """Return what a template is to show, before it is escaped: text in harmless lines, HTML as it is."""
-    return value if isinstance(value, Markup) else one_line(value)
-
-
 def document_html(document: Document, figures: Path) -> str:
-    """Return the report as one HTML page that contains its pictures and styles, and loads nothing.
+    """Return the report's markdown as one HTML page that contains its pictures and styles, and loads nothing.
 
     Args:
-        document: the report; all of its texts are escaped.
+        document: the report; its foreign texts stay text.
         figures: folder of its pictures.
 
     Raises:
         SsmrError: a picture is missing, or lies elsewhere.
     """
-    environment = Environment(
-        loader=PackageLoader("validation.replicate", "templates"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, finalize=_harmless,
-    )  # fmt: skip
-    environment.filters["prose"] = prose
+    parser = MarkdownIt("commonmark", {"html": False, "xhtmlOut": False}).enable("table")
+    tokens = parser.parse(document_markdown(document, ""))
+    inner = [child for token in tokens for child in token.children or ()]
+    for picture in (token for token in inner if token.type == "image"):
+        data = base64.b64encode(picture_bytes(figures, str(picture.attrs["src"]))).decode("ascii")
+        picture.attrs["src"] = f"data:image/png;base64,{data}"
+    headings = [token for token in tokens if token.type == "heading_open" and token.tag == "h2"]
+    for heading, chapter in zip(headings, document.chapters, strict=True):
+        heading.attrs["id"] = chapter.key
+    links = "\n".join(f"- [{markdown(c.title)}](#{c.key})" for c in document.chapters)
+    body = parser.renderer.render(tokens, parser.options, {})
+    body = body.replace("<table>", '<div class="scroll"><table>').replace("</table>", "</table></div>")
+    body = re.sub(rf"(<td[^>]*>)({'|'.join(STATUSES)})(?=</td>| \[|: )", _marked, body)
+    page = files("validation.replicate").joinpath("templates/replicate.html").read_text(encoding="utf-8")
+    return Template(page).substitute(title=escape(one_line(document.title)), chapters=parser.render(links), body=body)
 
-    def data(file: str) -> str:
-        return "data:image/png;base64," + base64.b64encode(picture_bytes(figures, file)).decode("ascii")
 
-    return environment.get_template("replicate.html").render(document=document, status_class=status_class, data=data)
+def _marked(cell: re.Match[str]) -> str:
+    return f'{cell[1]}<span class="{cell[2].replace(" ", "-")}">{cell[2]}</span>'

@@ -17,7 +17,6 @@ from validation.study.result import INTERRUPTED
 _SPECIAL: Mapping[str, Any] = {
     "seed": cli.Seed,
     "disturbance": Annotated[bool, cli.option(default="on")],
-    "numbers": Annotated[cli.Names, cli.option(metavar="4.5,4.6,...", default="all, 4.5 to 4.36")],
     "engines": Annotated[cli.Names, cli.option(metavar="ENGINE,...", default="all")],
     "only": Annotated[cli.Names, cli.option(default="all groups")],
     "recording": Annotated[str | None, cli.option(metavar="PATH", default="none")],

@@ -41,7 +41,6 @@ STUDIES = (
     Study("terrain", "Up to which speed, slope, roughness and loss of grip do planar models and trackers hold?"),
     Study("contact", "What does each physics setting of MuJoCo do to the simulated robot?"),
     Study("engines", "Do ODE, which is Gazebo's engine, and Drake move the robot as MuJoCo does, and with which settings?"),
-    Study("tables", "How do the thesis' tables of tracked references (Tab. 4.5-4.36) compare with this project's robots?"),
     Study(
         "transfer",
         "Does an analytic model choose the right controller for the MuJoCo robot, and what does choosing by it cost?",

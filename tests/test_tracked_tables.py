@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,46 +10,51 @@ import pytest
 
 from ssmr.types import Trajectory
 from validation.plants.profile import Profile
-from validation.replicate.control import CONTROL_SECTIONS
-from validation.replicate.evidence import Answer, Findings, ReplicationSettings, Table
-from validation.replicate.result import Replication
-from validation.study.tables import ControlTables, TablesOptions, study_tables
-from validation.study.tables.result import ALL_LOST, TABLE_METRICS
-from validation.study.tables.suppositions import K_11, K_33, PATH_RATE_HZ, supposed_gains, supposed_path
+from validation.replicate.tracked import (
+    ALL_LOST,
+    K_11,
+    K_33,
+    PATH_RATE_HZ,
+    TABLE_METRICS,
+    TableEntry,
+    supposed_gains,
+    supposed_path,
+    tracked_tables,
+)
 from validation.thesis.verdicts import FACTOR, RATIO_REACH
 from validation.track.gains import load_gains
 from validation.track.loops import make_controller
 
 
 @pytest.fixture(scope="module")
-def few(lab: Profile) -> ControlTables:
-    return study_tables(TablesOptions(lab, 4, ("4.5", "4.6", "4.13", "4.27")))
+def few(lab: Profile) -> list[TableEntry]:
+    return list(tracked_tables(lab, 4, ("4.5", "4.6", "4.13", "4.27")))
 
 
-def test_the_line_comes_out_as_printed(few: ControlTables) -> None:
+def test_the_line_comes_out_as_printed(few: list[TableEntry]) -> None:
     """The two rows whose geometry and gains are certain: gap at the end and length, within what four seeds spread."""
-    for entry in few.entries[:2]:
+    for entry in few[:2]:
         assert entry.verdict.status in ("agrees", "agrees if")
         assert entry.mean["d_haus_m"] == pytest.approx(entry.printed["d_haus_m"], rel=0.2)
         assert entry.mean["d_ratio"] == pytest.approx(entry.printed["d_ratio"], abs=1e-3)
         assert entry.lost == 0
 
 
-def test_the_husky_is_as_near_the_prediction_as_the_real_one(few: ControlTables) -> None:
-    entry = few.entries[2]
+def test_the_husky_is_as_near_the_prediction_as_the_real_one(few: list[TableEntry]) -> None:
+    entry = few[2]
     assert entry.comparison == "simulated_vs_real"
     assert entry.mean["d_rms_m"] <= entry.printed["d_rms_m"]
 
 
-def test_a_lost_print_is_said(few: ControlTables) -> None:
-    verdict = few.entries[3].verdict
+def test_a_lost_print_is_said(few: list[TableEntry]) -> None:
+    verdict = few[3].verdict
     assert (verdict.status, "lost" in verdict.reason) == ("not compared", True)
-    assert few.entries[3].mean["d_rms_m"] > 0.0
+    assert few[3].mean["d_rms_m"] > 0.0
 
 
 @pytest.mark.parametrize("comparison", ["reference_vs_simulated", "simulated_vs_real"])
-def test_every_metric_is_judged_in_both_directions(few: ControlTables, comparison: Any) -> None:
-    entry = replace(few.entries[1], comparison=comparison, deviation={m: 0.0 for m in TABLE_METRICS}, supposed={})
+def test_every_metric_is_judged_in_both_directions(few: list[TableEntry], comparison: Any) -> None:
+    entry = replace(few[1], comparison=comparison, deviation={m: 0.0 for m in TABLE_METRICS}, supposed={})
     printed = entry.printed
     assert replace(entry, mean=printed).verdict.status == "agrees"
     for metric in ("d_rms_m", "d_haus_m"):
@@ -64,8 +67,8 @@ def test_every_metric_is_judged_in_both_directions(few: ControlTables, compariso
     assert (lost.status, lost.reason) == ("not compared", ALL_LOST)
 
 
-def test_a_supposition_is_said_and_judged_by_the_whole_row(few: ControlTables) -> None:
-    entry = few.entries[1]
+def test_a_supposition_is_said_and_judged_by_the_whole_row(few: list[TableEntry]) -> None:
+    entry = few[1]
     far = replace(entry, mean={**entry.printed, "d_rms_m": 9.0}, deviation={m: 0.0 for m in TABLE_METRICS})
     assert entry.supposed
     as_printed = {m: replace(s, value=entry.printed[m], spread=None) for m, s in entry.supposed.items()}
@@ -90,20 +93,3 @@ def test_the_supposed_path_has_its_rate_and_both_ends() -> None:
     assert (sampled.t[0], sampled.t[-1]) == (t[0], t[-1])
     assert np.all(np.diff(sampled.t[:-1]) >= 1.0 / PATH_RATE_HZ - 0.008)
     assert len(sampled.t) == pytest.approx(8.0 * PATH_RATE_HZ, abs=2)
-
-
-def test_a_replication_gives_every_row_the_verdict_of_this_study(few: ControlTables, tmp_path: Path) -> None:
-    section = next(s for s in CONTROL_SECTIONS if s.key == "tables")
-    found = Findings({e.table: Table("a caption", {e.row: e.pairs}) for e in few.entries})
-    document = Replication(ReplicationSettings(), tmp_path, (Answer(section, found, 0.0, 0.0),)).as_dict()
-    for entry in few.entries:
-        (verdict,) = document["tables"][entry.table]["verdicts"].values()
-        assert (verdict["verdict"], verdict["reason"]) == (entry.verdict.status, entry.verdict.reason)
-
-
-def test_documents_and_tables_hold_every_row(few: ControlTables) -> None:
-    document = json.loads(json.dumps(few.as_dict(), allow_nan=False))
-    assert list(document["tables"]) == [e.table for e in few.entries]
-    text = "\n".join(few.report())
-    assert all(f"| {e.table} |" in text for e in few.entries)
-    assert len(few.figure().axes) >= 2

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import math
 import random
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,6 +84,20 @@ def test_calls_are_judged() -> None:
     assert faults_of(doors.call("a fault", lambda: 1 // 0)) == {"traceback"}
     assert faults_of(doors.call("a fault", raise_long)) == {"unclear line"}
     assert faults_of(doors.call("no fault", lambda: float("x"))) == set()
+
+
+def test_what_computes_or_waits_too_long_hangs_and_compiling_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doors, "_TICK", 0.02)
+    monkeypatch.setattr(doors, "_LONGEST_IDLE", 0.5)
+    code = "import time\ndef work(until):\n    while time.process_time() < until:\n        pass"
+    spaces: list[dict[str, Any]] = [{"__name__": "numba.core"}, {"__name__": "elsewhere"}]
+    for space in spaces:
+        exec(code, space)
+    compiling, computing = (
+        doors.call("work", lambda work=space["work"]: work(time.process_time() + 1.0), 0.3) for space in spaces
+    )
+    assert (compiling.hung, computing.hung) == (False, True)
+    assert doors.call("waiting", threading.Event().wait, 0.3).hung
 
 
 @pytest.mark.parametrize(

@@ -194,9 +194,9 @@ class Ros2Port(Port):
             self.notices.add(f"unreadable {topic}", f"{topic}: a message that cannot be decoded ({error}); ignored")
             return True
         for sample in came:
-            if isinstance(sample, self._dds.internal.InvalidSample):
+            if sample.sample_info.instance_state == self._dds.core.InstanceState.NotAliveNoWriters:
                 self.notices.add(f"left {topic}", f"{topic}: nobody sends any more")
-            else:
+            if not isinstance(sample, self._dds.internal.InvalidSample):  # the last message, or the end alone
                 self.inbox.put(topic, part(sample))
         return bool(came)
 

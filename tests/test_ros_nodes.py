@@ -19,6 +19,7 @@ from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.sim import (
     FILTERED_TOPIC,
+    PLACE_TOPIC,
     POSE_TOPIC,
     PUBLISH_RATES,
     SET_POSE_TOPIC,
@@ -168,6 +169,29 @@ def test_set_pose_answers_by_service_and_by_topic(plant: MujocoPlant, caplog: py
     assert [bool(a) for a in answers] == [True, True, False]
     assert "'odom'" in answers[0]
     assert (seen.x, seen.y, seen.yaw) == pytest.approx((1.0, 2.0, 0.5), abs=1e-3)
+    assert "a pose in the frame 'map'" in caplog.text
+
+
+def test_the_pose_estimate_of_rviz_puts_the_robot_there(plant: MujocoPlant, caplog: pytest.LogCaptureFixture) -> None:
+    node, port = simulation(plant)
+    for at, frame in ((0.5, "odom"), (0.6, "map")):
+        wanted = make("geometry_msgs/PoseWithCovarianceStamped")
+        wanted.header.frame_id = frame
+        msg.set_pose(wanted.pose.pose, 4.0 * at, 1.0, 0.3)
+        port.plan(PLACE_TOPIC, at, wanted)
+    for k in range(10):
+        port.plan(COMMAND, 0.05 * k, twist(0.5))
+    with caplog.at_level(logging.INFO, "validation"):
+        node.run(1.0)
+    for topic, read in (
+        (FILTERED_TOPIC, msg.read_odometry),
+        (WHEELS_TOPIC, msg.read_odometry),
+        (POSE_TOPIC, msg.read_pose_stamped),
+    ):
+        sent = [read(m) for _, m in port.of(topic)]
+        assert np.all(np.diff([s.stamp for s in sent]) > 0.0)
+        assert (sent[-1].x, sent[-1].y, sent[-1].yaw) == pytest.approx((2.0, 1.0, 0.3), abs=0.15)
+    assert "the robot was put to x 2.000 m" in caplog.text
     assert "a pose in the frame 'map'" in caplog.text
 
 

@@ -78,6 +78,22 @@ def test_set_pose_moves_the_belief_and_not_the_robot(plant: MujocoPlant) -> None
         robot.set_pose(np.array([math.nan, 0.0, 0.0]), covariance)
 
 
+def test_a_robot_is_put_where_odom_says_and_rests_there(plant: MujocoPlant) -> None:
+    robot = driven(SimulatedRobot(plant, SensorSettings(noise=False), State(1.0, 2.0, math.pi / 2.0)), 1.0, (0.5, 0.3))
+    time, asked = robot.time, np.array([3.0, 0.5, -0.2])
+    robot.place(asked)
+    assert robot.resting
+    assert robot.time == time
+    np.testing.assert_allclose(robot.pose, [0.5, 5.0, math.pi / 2.0 - 0.2], atol=1e-6)
+    for pose in (robot.believed()[0], robot.wheels()[0]):
+        np.testing.assert_array_equal(pose, asked)
+    driven(robot, 0.5, (0.0, 0.0))  # nothing is left of the drive before
+    np.testing.assert_allclose(robot.pose, [0.5, 5.0, math.pi / 2.0 - 0.2], atol=1e-3)
+    for pose, twist, *_ in (robot.believed(), robot.wheels()):
+        np.testing.assert_allclose(pose, asked, atol=1e-3)
+        np.testing.assert_allclose(twist, 0.0, atol=1e-3)
+
+
 def test_the_filters_covariance_is_the_one_that_is_told(plant: MujocoPlant) -> None:
     robot = driven(SimulatedRobot(plant, SensorSettings()), 1.0, (0.3, 0.1))
     mean, covariance = robot.belief

@@ -228,7 +228,7 @@ def read_set_pose(message: Any) -> tuple[FloatArray, FloatArray]:
     """
     frame = str(message.header.frame_id).lstrip("/")
     if frame not in ("", ODOM):
-        raise ValueError(f"a pose in the frame '{shortened(frame, 40)}'; the filter's is '{ODOM}'")
+        raise ValueError(f"a pose in the frame '{shortened(frame, 40)}'; it must be '{ODOM}'")
     return np.array(_read_place(message.pose.pose)), planar_covariance(message.pose.covariance)
 
 

@@ -11,6 +11,7 @@ from ssmr.estimation.constants import forward_speed
 from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.sensing import SensorErrors, SensorModel, sense
 from ssmr.estimation.settings import BIAS, Belief, EkfSettings, V, W
+from ssmr.geometry import compose
 from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
 from ssmr.types import FloatArray, State
@@ -62,7 +63,8 @@ class SimulatedRobot:
         """
         self._plant, self._settings = plant, settings
         self._noise, self._push = (np.random.default_rng([settings.seed, k]) for k in range(2))
-        self.state = plant.reset(start or State())
+        self._start = start or State()
+        self.state = plant.reset(self._start)
         self.steps = 0
         self._sensed_at = 0
         self.filter = settings.filter or odometry_of(plant.drive)
@@ -140,6 +142,13 @@ class SimulatedRobot:
         known, p = self.belief
         p[:], p[:BIAS, :BIAS], p[BIAS:, BIAS:] = 0.0, belief.covariance, p[BIAS:, BIAS:].copy()
         self.belief = Belief(np.append(belief.mean, known[BIAS:]), p)
+
+    def place(self, pose: FloatArray) -> None:
+        """Put the robot to rest at a (3,) pose in `odom` [m, m, rad], which filter and wheel odometry are told exactly."""
+        start = np.array([self._start.x, self._start.y, self._start.yaw])
+        self.state = self._plant.reset(State(*map(float, compose(start, pose))))
+        self.set_pose(pose, np.zeros((3, 3)))
+        self._wheel_pose = pose.copy()
 
     @property
     def pose(self) -> FloatArray:

@@ -26,6 +26,8 @@ _SENSORS = ("nav_msgs/Odometry", "geometry_msgs/PoseStamped", "sensor_msgs/Imu",
 """Types that are listened to with best effort."""
 _ALSO_AS = {"geometry_msgs/Twist": "geometry_msgs/TwistStamped"}
 """Types that come and go in two forms: robots of Humble take Twist, and those of Jazzy TwistStamped, under one name."""
+_NAMES_TOPIC = "ros_discovery_info"
+"""Topic of the nodes' names (rmw_dds_common)."""
 _BATCH = 100
 """Messages that are taken at once from a topic of which all are wanted."""
 _LOOK = 0.2
@@ -97,6 +99,14 @@ class Ros2Port(Port):
         except dds.core.DDSException as error:
             asked = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {where}"
             raise NoGraphError(f"no ROS 2 graph in domain {graph.domain} by {asked}: {error.msg}") from None
+        self._name = name
+        self._names: Any = None
+        """Writer that tells ROS 2's tools the node's name; where ROS_DISTRO does not say in which of its two forms, there is
+        none, because nodes of Humble can die of the other one."""
+        if os.environ.get("ROS_DISTRO") and os.environ.get("ROS_VERSION") != "1":
+            topic = dds.topic.Topic(self._node, _NAMES_TOPIC, types.idl_class(types.NODES))
+            quality = self._qos(types.NODES, 1, reliable=True, latch=True)
+            self._names = dds.pub.DataWriter(self._node, topic, qos=quality)
         self._senders: dict[str, list[_Sender]] = {}
         self._readers: list[tuple[Any, str, int | None, Callable[[Any], Any]]] = []
         self._news = dds.core.WaitSet(self._node)
@@ -129,6 +139,15 @@ class Ros2Port(Port):
             qos = self._qos(form, 1 if latch else _KEPT, reliable=True, latch=latch)
             writer = self._dds.pub.DataWriter(self._node, self._topic(topic, form), qos=qos)
             self._senders[topic].append(_Sender(writer, form, form != kind))
+        self._tell_name()
+
+    def _tell_name(self) -> None:
+        """Tell ROS 2's tools the node's name, and what readers and writers it has."""
+        if self._names is not None:
+            readers = [reader.guid.bytes for reader, *_ in self._readers]
+            writers = [sender.writer.guid.bytes for senders in self._senders.values() for sender in senders]
+            own = self._name, self.graph.namespace, self._node.guid.bytes
+            self._names.write(types.described_node(*own, readers, writers))
 
     def make(self, kind: str) -> Any:
         """Return an empty message."""
@@ -167,6 +186,7 @@ class Ros2Port(Port):
             self._news.attach(status.ReadCondition(reader, states))
             stamped = form != kind
             self._readers.append((reader, topic, depth, (lambda m: m.twist) if stamped else (lambda m: m)))
+        self._tell_name()
         if not self._thread.is_alive():
             self._thread.start()
 
@@ -210,4 +230,4 @@ class Ros2Port(Port):
             self._thread.join()
         self._senders.clear()  # cyclonedds deletes what nobody refers to
         self._readers.clear()
-        del self._news, self._node
+        del self._news, self._names, self._node

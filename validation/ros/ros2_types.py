@@ -7,21 +7,31 @@ of each reader and writer (`RIHS01_…`, REP 2011). Peers of DDS match by name; 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+NODES = "rmw_dds_common/ParticipantEntitiesInfo"
+"""Type of the topic by which ROS 2's tools learn the names of nodes."""
+_LONG_GIDS = ("foxy", "galactic", "humble")
+"""Distributions of ROS 2 whose identifiers of readers and writers have 24 bytes in `NODES`; others have 16."""
 _SAME = {"string": str, "bool": bool}
 """Types of IDL that are Python's own; cyclonedds names all others as ROS does."""
 
 
 @cache
 def definitions() -> Typestore:
-    """Return the definitions of ROS 2's messages, by `package/msg/Type`."""
-    return get_typestore(Stores.ROS2_JAZZY)
+    """Return the definitions of ROS 2's messages, by `package/msg/Type`; ROS_DISTRO decides where distributions differ."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    size = 24 if os.environ.get("ROS_DISTRO") in _LONG_GIDS else 16
+    gid: Any = Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), size)  # rosbags has `char` there, which in ROS 2 means this
+    store.fielddefs["rmw_dds_common/msg/Gid"] = [], [("data", gid)]
+    return store
 
 
 def wire_name(topic: str) -> str:
@@ -59,6 +69,21 @@ def empty(kind: str) -> Any:
     return idl_class(kind)(*[new() for new in _blanks(kind)])
 
 
+def described_node(name: str, namespace: str, guid: bytes, readers: Iterable[bytes], writers: Iterable[bytes]) -> Any:
+    """Return a message of the type `NODES`: one node, with the (16,) bytes that DDS knows it and all that it has by."""
+
+    def gid(known: bytes) -> Any:
+        made = empty("rmw_dds_common/Gid")
+        made.data = known.ljust(len(made.data), b"\0")
+        return made
+
+    message, node = empty(NODES), empty("rmw_dds_common/NodeEntitiesInfo")
+    node.node_name, node.node_namespace = name, f"/{namespace.strip('/')}"
+    node.reader_gid_seq, node.writer_gid_seq = list(map(gid, readers)), list(map(gid, writers))
+    message.gid, message.node_entities_info_seq = gid(guid), [node]
+    return message
+
+
 @cache
 def _blanks(kind: str) -> tuple[Callable[[], Any], ...]:
     if kind == "geometry_msgs/Quaternion":
@@ -73,6 +98,8 @@ def _field(node: Any, what: Any) -> tuple[Any, Callable[[], Any]]:
         package, _, name = what.split("/")
         return idl_class(f"{package}/{name}"), lambda: empty(f"{package}/{name}")
     if node.name == "BASE":
+        if what[0] == "string" and what[1]:
+            return types.bounded_str[what[1]], str
         zero = _SAME.get(what[0]) or (float if what[0].startswith("float") else int)
         return _SAME.get(what[0]) or getattr(types, what[0]), zero
     (kind, blank), count = _field(*what[0]), what[1]

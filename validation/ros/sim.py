@@ -34,6 +34,8 @@ TF_TOPIC = "/tf"
 _TF_STATIC_TOPIC = "/tf_static"
 _CLOCK_TOPIC = "/clock"
 SET_POSE_TOPIC = "/set_pose"
+PLACE_TOPIC = "/initialpose"
+"""Topic of RViz' 2D Pose Estimate."""
 _DESCRIPTION_TOPIC = "/robot_description"
 _JOINT_TOPIC = "/joint_states"
 
@@ -122,7 +124,7 @@ class SimNode:
             stamp_offset: stamp of simulated time zero [s]; not zero if stamps are to be wall time.
         """
         self._port, self._robot, self._gate = port, robot, gate
-        topics = (*MESSAGE_TYPES, LOCK_TOPIC, SET_POSE_TOPIC)
+        topics = (*MESSAGE_TYPES, LOCK_TOPIC, SET_POSE_TOPIC, PLACE_TOPIC)
         self._names = {topic: port.graph.topic(topic, robot.description.name) for topic in topics}
         self._joints = [port.graph.joint(wheel) for wheel in WHEELS]
         self._clock, self._sleep, self._offset = clock, sleep, stamp_offset
@@ -191,6 +193,8 @@ class SimNode:
                 self._gate.lock(got.message, got.topic)
             elif got.topic == self._names[SET_POSE_TOPIC]:
                 self._set_pose(*got.message)
+            elif got.topic == self._names[PLACE_TOPIC]:
+                self._place(got.message[0])
             elif self._gate.offer(got.topic, got.message, got.arrival):
                 self.report.waits.append(now - got.arrival)
         while (call := self._port.call()) is not None:
@@ -200,8 +204,12 @@ class SimNode:
     def _set_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
         """Set the filter's (3,) pose [m, m, rad] with its (3, 3) covariance."""
         self._robot.set_pose(pose, covariance)
-        x, y, yaw = pose
-        self._say("set_pose", f"the filter was set to x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad")
+        self._say("set_pose", "the filter was set to x {:.3f} m, y {:.3f} m, yaw {:.3f} rad".format(*pose))
+
+    def _place(self, pose: FloatArray) -> None:
+        """Put the robot to rest at a (3,) pose [m, m, rad]."""
+        self._robot.place(pose)
+        self._say("place", "the robot was put to x {:.3f} m, y {:.3f} m, yaw {:.3f} rad of odom".format(*pose))
 
     def _fill_tf(self, message: Any) -> None:
         x, y, yaw = map(float, self._robot.believed()[0])
@@ -265,4 +273,5 @@ def connect_simulation(port: Port, robot: Robot | None = None) -> None:
         port.listen(source.topic, "geometry_msgs/Twist", msg.read_twist, 1)
     port.listen(name(LOCK_TOPIC), "std_msgs/Bool", msg.read_lock, _LOCKS_KEPT)
     port.listen(name(SET_POSE_TOPIC), "geometry_msgs/PoseWithCovarianceStamped", msg.read_set_pose, 1)
+    port.listen(name(PLACE_TOPIC), "geometry_msgs/PoseWithCovarianceStamped", msg.read_set_pose, 1)
     port.serve_set_pose(name(SET_POSE_TOPIC), msg.read_set_pose)

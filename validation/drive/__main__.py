@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from ssmr.errors import SsmrError
 from validation import cli
 from validation.words import visible
 
@@ -26,10 +27,13 @@ class HandOptions:
     profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="the planar models")] = ()
     """Plants that run beside the MuJoCo robot, separated by commas; `mujoco` for none."""
+    terrain: Annotated[str, cli.option(metavar="GROUND")] = "flat"
+    """Ground under the MuJoCo robot, as in validation.compare: flat, ramp:DEG, rough:MM or split:RATIO."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="until the window is closed")] = None
     """Time after which the drive ends."""
     keys: Annotated[Path | None, cli.option(metavar="FILE", default="a window")] = None
-    """Script of keys, to drive without a window and without waiting: lines `TIME KEY ...`, such as 2.5 up up left."""
+    """Script of keys, to drive without a window and without waiting: lines `TIME KEY ...`, such as 2.5 up up left, or
+    `TIME M/S RAD/S`."""
     run: cli.Run = field(default_factory=cli.Run)
     output: DriveOutput = DriveOutput()
 
@@ -41,12 +45,13 @@ def main(options: HandOptions) -> None:
     sticks do as well.
 
     The drive ends when the window is closed, or with Ctrl-C. It is written as drive.csv, with noise of the sensors, which
-    compare and fit take; and all plants are compared over it.
+    compare and fit take; and all plants are compared over it. Of a drive that is killed, unsaved.keys stays, for --keys.
     """
     from validation.drive.hands import read_keys
-    from validation.drive.run import drive_by_hand, prepare_drive
+    from validation.drive.run import drive_by_hand, prepare_drive, unused
     from validation.drive.window import NoWindowError
     from validation.plants.table import USUAL_PLANTS
+    from validation.simulator.terrain import parse_terrain
 
     output, folder = options.output, options.output.out or Path("runs") / "drive"
     with cli.mistakes_are_users():
@@ -59,23 +64,46 @@ def main(options: HandOptions) -> None:
                 script = read_keys(options.keys.read_text(encoding="utf-8").splitlines())
             except (OSError, ValueError) as error:
                 raise cli.UserError(f"--keys {options.keys}: {getattr(error, 'strerror', None) or error}") from error
-        prepared = prepare_drive(options.profile, options.plants or USUAL_PLANTS, options.run.seed, robot=options.robot)
+        prepared = prepare_drive(
+            options.profile, options.plants or USUAL_PLANTS, options.run.seed, robot=options.robot,
+            terrain=parse_terrain(options.terrain),
+        )  # fmt: skip
     cli.output_folder(folder)
+    for left in sorted({*folder.glob("unsaved*.keys")} - {options.keys}):
+        cli.warn(
+            f"a drive was killed before it was saved; --keys {visible(left)} drives it again, and then you can delete it"
+        )
+    journal = unused(folder, "unsaved.keys")
     try:
-        driven = drive_by_hand(prepared, math.inf if options.until is None else options.until, script)
+        driven = drive_by_hand(
+            prepared,
+            math.inf if options.until is None else options.until,
+            script,
+            journal=journal if script is None else None,
+        )
     except NoWindowError as error:
         raise cli.UserError(str(error)) from error
     recording = driven.write_recording(folder)
-    with cli.shown("comparing") as progress:
-        comparison = driven.compare(options.run.workers, progress)
+    journal.unlink(missing_ok=True)
+    try:
+        with cli.shown("comparing") as progress:
+            comparison = driven.compare(options.run.workers, progress)
+    except BaseException:
+        cli.warn(f"the drive is saved as {visible(recording)}, and was not compared")
+        raise
     cli.report_result(comparison, [recording, *comparison.save(folder, recording=not output.no_rerun)])
     if driven.dropped:
         cli.warn(f"the drive took {driven.dropped:.1f} s longer than its log says: this machine is too slow for real time")
-    print(f"next: ssmr compare {visible(recording)}, or ssmr fit improved --to {visible(recording)}")
-    if driven.interrupted:
-        raise KeyboardInterrupt
+    which = "".join(f" --{k} {visible(v)}" for k, v in (("profile", options.profile), ("robot", options.robot)) if v)
+    which = which or f" --profile {prepared.profile.name}"
+    ground = "" if options.terrain == "flat" else f" --terrain {visible(options.terrain)}"
+    print(f"next: ssmr compare {visible(recording)}{which}{ground}, or ssmr fit improved --to {visible(recording)}{which}")
     output.draw(comparison)
     output.show(folder / "compare.rrd")
+    if driven.failure:
+        raise SsmrError(f"the drive ended before this: {driven.failure}")
+    if driven.interrupted:
+        raise KeyboardInterrupt
 
 
 PROGRAM = main

@@ -9,6 +9,8 @@ KEYS = {265: "up", 264: "down", 263: "left", 262: "right", 257: "enter", 32: "sp
 """Keys by their number in GLFW: MuJoCo's viewer has other meanings for nearly all letters, and none for these."""
 STEPS = 10
 """Presses from rest to the greatest speed or yaw rate."""
+Press = str | tuple[float, float]
+"""A key, or the speed [m/s] and yaw rate [rad/s] that hold until the next key."""
 _DEAD = 0.12
 """Deflection of a stick that counts as none [1]."""
 
@@ -26,9 +28,15 @@ class Hands:
         self._v_max, self._w_max = v_max, w_max
         self._ahead = self._left = 0  # in steps
         self._stick_moved = False
+        self._held = 0.0, 0.0
 
-    def press(self, key: str) -> None:
+    def press(self, key: Press) -> None:
         """Take the press of a key; one that is not in `KEYS` does nothing."""
+        self._held = 0.0, 0.0
+        if not isinstance(key, str):
+            v, w = (max(-most, min(most, asked)) for most, asked in zip((self._v_max, self._w_max), key, strict=True))
+            self._ahead, self._left, self._held = 0, 0, (v, w)
+            return
         ahead, left = {"up": (1, 0), "down": (-1, 0), "left": (0, 1), "right": (0, -1)}.get(key, (0, 0))
         self._ahead = 0 if key == "space" else max(-STEPS, min(STEPS, self._ahead + ahead))
         self._left = 0 if key in ("space", "enter") else max(-STEPS, min(STEPS, self._left + left))
@@ -41,30 +49,46 @@ class Hands:
         """
         ahead, left = (0.0 if abs(s) < _DEAD else max(-1.0, min(1.0, s)) for s in sticks or (0.0, 0.0))
         if ahead or left or self._stick_moved:
-            self._ahead = self._left = 0
+            self._ahead, self._left, self._held = 0, 0, (0.0, 0.0)
             self._stick_moved = bool(ahead or left)
             return self._v_max * ahead, self._w_max * left
-        return self._v_max * self._ahead / STEPS, self._w_max * self._left / STEPS
+        return self._held[0] + self._v_max * self._ahead / STEPS, self._held[1] + self._w_max * self._left / STEPS
 
 
-def read_keys(lines: Sequence[str]) -> list[tuple[float, str]]:
-    """Return instants [s] and keys of a script: lines `TIME KEY ...`; `#` begins a remark.
+def script_line(instant: float, command: tuple[float, float]) -> str:
+    """Return the line of a script that asks for a command [m/s, rad/s] from an instant [s] on."""
+    return f"{instant:.2f} {command[0]!r} {command[1]!r}\n"
+
+
+def read_keys(lines: Sequence[str]) -> list[tuple[float, Press]]:
+    """Return instants [s] and keys of a script: lines `TIME KEY ...` or `TIME M/S RAD/S`; `#` begins a remark.
 
     Raises:
         ValueError: a line of another form, a key that there is not, or a time that goes back.
     """
-    found: list[tuple[float, str]] = []
+    found: list[tuple[float, Press]] = []
     for number, line in enumerate(lines, start=1):
         words = line.partition("#")[0].split()
         if not words:
             continue
-        try:
-            instant = float(words[0])
-        except ValueError:
-            instant = math.nan
+        instant, *numbers = map(_number, words)
         last = found[-1][0] if found else 0.0
-        if not last <= instant < math.inf or len(words) < 2 or not {*words[1:]} <= {*KEYS.values()}:
-            keys = ", ".join(KEYS.values())
-            raise ValueError(f"line {number} must be TIME KEY ..., no earlier than the last, with keys among {keys}")
-        found += [(instant, key) for key in words[1:]]
+        keys: Sequence[Press] = words[1:]
+        if len(numbers) == 2 and all(map(math.isfinite, numbers)):
+            keys = [(numbers[0], numbers[1])]
+        elif not {*keys} <= {*KEYS.values()}:
+            keys = ()
+        if not last <= instant < math.inf or not keys:
+            there = ", ".join(KEYS.values())
+            raise ValueError(
+                f"line {number} must be TIME KEY ... with keys among {there}, or TIME M/S RAD/S, no earlier than the last"
+            )
+        found += [(instant, key) for key in keys]
     return found
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan

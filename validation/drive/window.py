@@ -84,7 +84,7 @@ class DriveWindow:
         stage, viewer = self._stage, self._viewer
         with viewer.lock():
             for rank, pose in enumerate(poses):
-                stage.place(rank, pose, turns[rank])
+                stage.place(rank, pose, turns[rank], (0.0, 0.0, 0.0) if rank else tuple(stage.lie(pose)))
             stage.settle()
             scene, scene.ngeom = viewer.user_scn, 0
             above = 1.4 * stage.mesh.box[1, 2]

@@ -19,6 +19,7 @@ from validation.motion.driving import drive
 from validation.motion.sources import Piece
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import ALL_PLANTS, STANDARD
+from validation.simulator.terrain import FLAT, Terrain
 
 _STANDING = 5.0
 """Time at rest before and after a logged drive [s], in which the gyro's bias shows."""
@@ -89,7 +90,12 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
 
 
 def log_of_drive(
-    driven: Commands, plant: str, profile: Profile, seed: int, settings: LogSettings | None = None
+    driven: Commands,
+    plant: str,
+    profile: Profile,
+    seed: int,
+    settings: LogSettings | None = None,
+    terrain: Terrain = FLAT,
 ) -> dict[str, Group]:
     """Drive a plant from the origin, at rest before and after, and log it.
 
@@ -99,6 +105,7 @@ def log_of_drive(
         profile: parameters of the plant.
         seed: seed of all noise.
         settings: faults of the log; `LogSettings()` if not given.
+        terrain: ground of MuJoCo's robot.
 
     Returns:
         Groups of columns: commands at their own rate, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
@@ -110,7 +117,7 @@ def log_of_drive(
     rest = np.zeros((math.ceil(_STANDING / driven.dt), 2))
     commands = Commands(driven.dt, np.concatenate([rest, driven.values, rest]))
     piece = Piece(commands, State(), None, None)
-    motion = drive(make_plant(profile, plant), piece, profile.section(plant).localiser, SAMPLE_DT)
+    motion = drive(make_plant(profile, plant, terrain), piece, profile.section(plant).localiser, SAMPLE_DT)
     rng = np.random.default_rng(seed)
     sensors = SensorModel(gyro_bias=faults.gyro_bias, missed_left=faults.missed_left, missed_right=faults.missed_right)
     shown = simulate_sensors(motion, rng, sensors, SAMPLE_RATES_HZ["ekf"])

@@ -54,7 +54,7 @@ class Stage:
         Raises:
             ValueError: the robot's hand-made MJCF cannot be read, or has looks that are not drawn.
         """
-        self.mesh, self.names = robot_mesh(robot), tuple(names)
+        self.mesh, self.names, self.terrain, self._frame = robot_mesh(robot), tuple(names), terrain, robot.geometry
         spec, looks = mujoco.MjSpec(), compose_robot(robot).compile()
         scale = float(self.mesh.scale.max())
         spec.stat.extent, spec.visual.global_.offwidth, spec.visual.global_.offheight = 4.0 * scale, 1920, 1080
@@ -100,6 +100,10 @@ class Stage:
         self.data.mocap_pos[rank] = *pose[:2], raised[0]
         self.data.mocap_quat[rank] = roll_pitch_yaw_to_quat_wxyz(raised[1], raised[2], pose[2])
         self.data.qpos[len(WHEELS) * rank : len(WHEELS) * (rank + 1)] = np.asarray(turns)[_SIDES]
+
+    def lie(self, pose: FloatArray) -> FloatArray:
+        """Return (3,) height [m], roll and pitch [rad] with which a robot's wheels lie on the ground at a (3,) pose."""
+        return self.terrain.lie(pose[None], self._frame.wheelbase, self._frame.track)[0]
 
     def settle(self) -> None:
         """Move all bodies to where the robots were put."""

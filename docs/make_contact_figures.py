@@ -14,8 +14,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ssmr.robot.skid_turn import polygonal_turn, turn_on_the_spot
+from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
+from tests.polygons import polygonal_turn
 from validation import load_robot
 from validation.motion.driving import drive
 from validation.motion.sources import open_source

@@ -20,7 +20,6 @@ from validation.plants.profile import load_profile, shipped
 from validation.robots import TapeMeasure, check_robot, draft_from_tape, list_robots
 from validation.robots.__main__ import PROGRAM
 from validation.robots.mechanics import load_shares, spot_turn, tyre_hull_overlap
-from validation.robots.raster import rasterised
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS, Robot, parse_robot, shipped_robots
 from validation.simulator.plant import MujocoPlant
@@ -230,20 +229,6 @@ def test_the_picture_of_a_robot_without_a_model_is_drawn_all_the_same(tmp_path: 
     assert {path.name for path in found.save(tmp_path)} == {"robot.png", "robot.json"}
     gids = {artist.get_gid() for artist in found.figure().findobj()}
     assert {"hull", "com", *WHEELS} <= gids
-
-
-def test_the_nearest_triangle_is_seen() -> None:
-    square = np.array([[[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]]] * 2)
-    depth, colours = np.array([[1.0] * 3, [2.0] * 3]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    span = np.array([[0.0, 0.0], [1.0, 1.0]])
-    for order in ([0, 1], [1, 0]):
-        image = rasterised(square[order], depth[order], colours[order], span, (4, 6))
-        assert image.shape == (4, 6, 4)
-        np.testing.assert_array_equal(image[..., 3], 1.0)
-        np.testing.assert_array_equal(image[..., 1], 1.0)
-        np.testing.assert_array_equal(image[..., 0], 0.0)
-    empty = rasterised(square[:1] + 5.0, depth[:1], colours[:1], span, (4, 6))
-    assert not empty.any()
 
 
 # ------------------------------------------------------------------------------------------- new, and the command line

@@ -292,7 +292,7 @@ def test_a_trembling_plant_gets_advice_but_is_not_called_unhealthy() -> None:
     )  # fmt: skip
     c = comparison(plant("mujoco", health=trembling), plant("linear", health=HEALTHY))
     text = comparison_markdown(c)
-    assert "> **mujoco:** " in text
+    assert "- mujoco: " in text
     assert "or lower" in text
     assert "unhealthy" not in text
     (grid,) = [grid for grid in c.grids() if grid.title == "Health"]

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog, minimize
+from scipy.optimize import minimize
 
 from ssmr.types import FloatArray
 
@@ -20,11 +20,6 @@ FRONT = np.array([1.0, 1.0, -1.0, -1.0])
 LEFT = np.array([1.0, -1.0, 1.0, -1.0])
 """Which wheels are in front (1) and behind (-1), and on the left (1) and the right (-1): front left, front right, rear left,
 rear right."""
-STRAIGHT = 1e-9
-"""Yaw rate below which a robot drives straight, to rounding [rad/s]."""
-
-Limit = Literal["diamond", "square"]
-"""Limit of friction over load: `diamond` is MuJoCo's |f_1| + |f_2| <= mu, `square` is ODE's |f_1|, |f_2| <= mu."""
 
 
 @dataclass(frozen=True)
@@ -111,38 +106,3 @@ def turn_on_the_spot(
     found = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
     forward, across, rate = (float(value) for value in found.x)
     return SkidTurn(forward, across, rate / unit, track)
-
-
-def polygonal_turn(limit: Limit, heading: float, wheelbase: float, track: float, x: float = 0.0, y: float = 0.0) -> SkidTurn:
-    """Return the turn where a polygon that does not turn with the robot limits friction, instead of a circle.
-
-    Args:
-        limit: which polygon; a square is a diamond turned by 45 degrees, and greater, of which the motion knows nothing.
-        heading: yaw of the robot in the polygon's axes [rad].
-        wheelbase: distance of the axles [m].
-        track: distance of the sides [m].
-        x: distance of the centre of mass ahead of the middle between the axles [m].
-        y: distance of the centre of mass to the left of that middle [m].
-
-    Returns:
-        One of the motions of least dissipation: a polygon may leave the motion across free (docs/contact.md).
-    """
-    c = _contacts(wheelbase, track, x, y, 0.0)
-    n = len(c.x)
-    if limit == "square":
-        heading -= 0.25 * np.pi
-    cos, sin = np.cos(heading), np.sin(heading)
-    # A diamond dissipates load * max(|s_1|, |s_2|): least t with -t <= s_k <= t. Columns: v_x, v_y, rate, t of every tyre.
-    ones, zeros = np.ones(n), np.zeros(n)
-    along = np.column_stack([ones, zeros, -c.y]), c.rolling
-    across = np.column_stack([zeros, ones, c.x]), zeros
-    rows, bounds = [], []
-    for p, q in ((cos, -sin), (sin, cos)):
-        matrix, offset = p * along[0] + q * across[0], p * along[1] + q * across[1]
-        for sign in (1.0, -1.0):
-            rows.append(np.hstack([sign * matrix, -np.eye(n)]))
-            bounds.append(sign * offset)
-    cost = np.concatenate([np.zeros(3), c.load])
-    found = linprog(cost, np.vstack(rows), np.concatenate(bounds), bounds=[(None, None)] * 3 + [(0.0, None)] * n)
-    v_x, v_y, rate = (float(value) for value in found.x[:3])
-    return SkidTurn(v_x, v_y, rate if rate > STRAIGHT else 0.0, track)

@@ -24,6 +24,7 @@ import numpy as np
 from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 from validation.compare.data import ComparisonData
+from validation.compare.table import comparison_facts
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import encode, rr, write_about
 from validation.show.rerun_layout import (
@@ -106,10 +107,9 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
             plots.update(_plots_of(track))
         gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)])
         recording.send_blueprint(_layout(tracks, plots, histories))
-        about: dict[str, object] = {"source": c.source, "profile": c.profile, "robot": c.robot.name}
-        about |= {"reference": c.reference_name, "seed": c.seed}
         options = {name: str(value) for name, value in c.options.items()}
-        properties: dict[str, Mapping[str, object]] = {"comparison": about, "options": options, "versions": c.versions}
+        about, versions = comparison_facts(c), c.versions
+        properties: dict[str, Mapping[str, object]] = {"comparison": about, "options": options, "versions": versions}
         report = report_markdown + thinning_note(tracks, plots)
         write_about(recording, f"{c.source}, profile {c.profile_label}", properties, report)
         _write_scene(recording, tracks)

@@ -21,14 +21,11 @@ from validation.show.tables import (
     Grid,
     Unit,
     best_of,
-    code_span,
     interval_grid,
     length_unit,
-    markdown,
-    markdown_table,
     meanings,
     one_line,
-    option_text,
+    report_markdown,
     units_of,
 )
 from validation.simulator.description import WHEELS
@@ -54,16 +51,13 @@ HORIZON_VALUES: tuple[tuple[str, Unit, Callable[[HorizonErrors], float]], ...] =
 )
 
 
-HORIZON_CAPTION = (
-    "Each plant's motion over a window as long as the horizon is compared with the reference's motion over that window, both"
-    " seen from the pose at the window's start: the error is what dead reckoning loses in that time, however far the plant"
-    " has drifted before. Windows follow one another and span no gap. The table gives their number, and the median and the"
-    " 95th percentile (p95) of their errors. Bold: the best of each horizon."
-)
-OVERLAPPING_CAPTION = (
-    "These windows begin every second and so overlap: the median does not depend on where the first one begins. The interval"
-    " in brackets holds it with a probability of 90 %; it comes from resampling blocks of windows as long as the"
-    " horizon. Where a recording is shorter than four such blocks, it is the range of the errors themselves."
+_HORIZON_LEGEND = (
+    "- **horizon**: each plant's motion over a window as long as the horizon is compared with the reference's motion over"
+    " that window, both seen from the pose at the window's start: the error is what dead reckoning loses in that time,"
+    " however far the plant has drifted before. Windows follow one another and span no gap; p95 is the 95th percentile."
+    " Others begin every second and so overlap; the interval in brackets holds their median with a probability of 90 % and"
+    " comes from resampling blocks of windows as long as the horizon (in a recording shorter than four such blocks: the"
+    " range of the errors)."
 )
 _KILOGRAMS, _NEWTON_METRES = Unit("kg", 1.0, 1), Unit("N m", 1.0, 1)
 _TENTHS, _SPEED = Unit("N", 1.0, 1), Unit("m/s", 1.0, 2)
@@ -71,7 +65,6 @@ _HEALTH_CAPTION = (
     "apparent mass: thrust over acceleration; torque: of a side; loads' sum: off the weight; slip limit: where the soft"
     " contact lifts a tyre; rise: of the body at the greatest slip"
 )
-METRIC_CAPTION = "Bold: the best of each column; the reference, at no distance from itself, competes only in real time."
 
 
 def _plant_grid(comparison: ComparisonData) -> Grid:
@@ -255,35 +248,16 @@ def headline_error(comparison: ComparisonData, name: str) -> str:
     return f"d_rms {length.text(d_rms)} {length.symbol}"
 
 
-def comparison_markdown(comparison: ComparisonData) -> str:
-    """Return the whole comparison as GitHub-flavoured markdown.
+def comparison_facts(comparison: ComparisonData) -> dict[str, str | int]:
+    """Return what was compared, by name."""
+    c = comparison
+    return {"source": c.source, "profile": c.profile, "robot": c.robot.name, "reference": c.reference_name, "seed": c.seed}
 
-    It has the run's options, the tables of `comparison_grids`, the metrics' meanings, and advice where a plant is unhealthy.
-    """
-    options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in comparison.options.items())
-    versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in comparison.versions.items())
-    lines = [
-        "# Comparison",
-        "",
-        f"- source: {code_span(comparison.source)}",
-        f"- profile: {code_span(comparison.profile)}",
-        f"- robot: {code_span(comparison.robot.name)}",
-        f"- reference: {code_span(comparison.reference_name)}",
-        f"- seed: {comparison.seed}",
-        f"- options: {code_span(options) if options else 'none'}",
-        f"- versions: {code_span(versions) if versions else 'unknown'}",
-    ]
-    for name, health in _ailing(comparison):
-        lines += ["", f"> **{name}{'' if health.ok else ' is unhealthy'}:** {one_line(health.advice)}."]
-    for grid, title, caption in (
-        (_horizon_grid(comparison), "Error of the relative pose after a horizon", HORIZON_CAPTION),
-        (_overlapping_grid(comparison), "The same over windows that begin every second", OVERLAPPING_CAPTION),
-        (_plant_grid(comparison), "Plants compared with the reference", METRIC_CAPTION),
-        (_load_grid(comparison), "Wheel loads", f"{_load_caption(comparison)}."),
-        (_health_grid(comparison), "Health", f"{_HEALTH_CAPTION}."),
-    ):
-        if grid is not None:
-            lines += ["", f"## {title}", "", *markdown_table(grid), "", caption]
-    if notes := comparison_notes(comparison):
-        lines += ["", "## Notes", "", *(f"- {markdown(one_line(note))}" for note in notes)]
-    return "\n".join([*lines, "", "## What the metrics mean", "", *meanings(COLUMNS)]) + "\n"
+
+def comparison_markdown(comparison: ComparisonData) -> str:
+    """Return the whole comparison as markdown, with advice where something is wrong with a plant's physics."""
+    facts = {**comparison_facts(comparison), "options": comparison.options, "versions": comparison.versions}
+    advice = [f"{n}{'' if h.ok else ' is unhealthy'}: {one_line(h.advice)}." for n, h in _ailing(comparison)]
+    grids = comparison_grids(comparison)
+    legend = meanings(COLUMNS) + [_HORIZON_LEGEND] * any(r.horizons for r in comparison.plants.values())
+    return report_markdown("Comparison", facts, grids, [*advice, *comparison_notes(comparison)], legend)

@@ -181,26 +181,13 @@ def fit_notes(result: FitData) -> list[str]:
 
 
 def fit_markdown(result: FitData) -> str:
-    """Return the whole fit as markdown: options, tables, sentences, and the meaning of each metric."""
-    options = ", ".join(f"{one_line(k)} {tables.option_text(v)}" for k, v in result.options.items() if v is not None)
-    versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in result.versions.items())
-    lines = [
-        "# Fit",
-        "",
-        f"- plant: {tables.code_span(result.model)}",
-        f"- source: {tables.code_span(result.source)}",
-        f"- begun with profile: {tables.code_span(result.begun_with)}",
-        f"- robot: {tables.code_span(result.robot)}",
-        f"- {effort(result)}",
-        f"- status: {ending(result)}",
-        f"- options: {tables.code_span(options) if options else 'none'}",
-        f"- versions: {tables.code_span(versions) if versions else 'unknown'}",
-    ]
-    headings = ("Parameters", "Scores", "Errors by horizon", "Errors over windows that begin every second")
-    for heading, grid in zip(headings, fit_grids(result), strict=False):
-        lines += ["", f"## {heading}", ""]
-        lines += [f"{grid.title}:", ""] * heading.startswith("Errors")
-        lines += tables.markdown_table(grid)
-    lines += ["", "## Notes", "", *(f"- {tables.markdown(note)}" for note in fit_notes(result))] if fit_notes(result) else []
-    lines += ["", "## What the metrics mean", "", *tables.meanings(_METRICS)]
-    return "\n".join(lines) + "\n"
+    """Return the whole fit as markdown."""
+    facts = {
+        "plant": result.model,
+        "source": result.source,
+        "begun with profile": result.begun_with,
+        "robot": result.robot,
+        "options": result.options,
+        "versions": result.versions,
+    }
+    return tables.report_markdown("Fit", facts, fit_grids(result), fit_notes(result), tables.meanings(_METRICS))

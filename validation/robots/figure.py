@@ -15,9 +15,7 @@ from ssmr.types import FloatArray
 from validation.robots.data import CheckedRobot
 from validation.robots.mechanics import robot_outline, tyre_hull_overlap, whole_com
 from validation.robots.panels import draw_facts, draw_load_bars
-from validation.robots.raster import rasterised
-from validation.show.drawing import ALARM, DPI, EDGE_IN, WIDTH_IN, Panel, Row, draw_footer, note_rows, put_together, text_row
-from validation.show.robot_mesh import robot_mesh
+from validation.show.drawing import ALARM, EDGE_IN, WIDTH_IN, Panel, Row, draw_footer, note_rows, put_together, text_row
 from validation.simulator.description import WHEELS, Robot
 from validation.words import abridged
 
@@ -33,10 +31,6 @@ _LETTER_IN = 0.078
 """Width of a letter of a dimension [in]."""
 _DIMENSION, _HULL, _GROUND = "0.25", "#0072b2", "0.35"
 _X, _Y, _Z = "#c0392b", "#1e8449", "#1f5fbf"
-_PALE = 0.3
-"""Share of white that is mixed into the robot's own colours [1]."""
-_LIGHT = np.array([-0.35, 0.45, 0.82])
-"""Where the light comes from in a view: along the abscissa, the ordinate, and towards the eye."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +40,6 @@ class _View:
     name: str
     axes: tuple[int, int]
     """Coordinates along the abscissa and the ordinate."""
-    eye: FloatArray
-    """(3,) unit vector to the eye."""
     inches: float
     """Scale [in/m]."""
     box: FloatArray
@@ -65,69 +57,29 @@ def _scale(box: FloatArray) -> float:
     return float(min(wide / size[0], _TALLEST_IN / size[1], _TALLEST_IN / size[2]))
 
 
-def _draw_mesh(view: _View, robot: Robot, ax: Axes) -> None:
-    """Draw the robot's looks, flat-shaded, what is nearest seen; plain shapes where no model of it can be built."""
-    try:
-        mesh = robot_mesh(robot)
-    except ValueError:
-        _draw_plain(view, robot, ax)
-        return
-    lift = np.array([0.0, 0.0, -robot.geometry.base_height])
-    corners, normals, colours = [], [], []
-    for name, body in mesh.bodies.items():
-        corners.append((body.vertices + mesh.places[name] + lift).reshape(-1, 3, 3))
-        normals.append(body.normals[::3])
-        colours.append(body.colours[::3, :3] / 255.0)
-    triangles, faces, inks = np.concatenate(corners), np.concatenate(normals), np.concatenate(colours)
-    seen = faces @ view.eye > 0.0
-    triangles, faces, inks = triangles[seen], faces[seen], inks[seen]
-    light = _LIGHT[0] * np.eye(3)[view.axes[0]] + _LIGHT[1] * np.eye(3)[view.axes[1]] + _LIGHT[2] * view.eye
-    bright = np.clip(0.62 + 0.42 * faces @ light, 0.0, 1.0)[:, None]
-    shades = (1.0 - _PALE) * np.clip(inks * bright, 0.0, 1.0) + _PALE
-    flat = triangles[:, :, list(view.axes)]
-    span = np.array([flat.min(axis=(0, 1)), flat.max(axis=(0, 1))])
-    wide, tall = np.ceil((span[1] - span[0]) * view.inches * DPI).astype(int)
-    image = rasterised(flat, triangles @ view.eye, shades, span, (int(tall), int(wide)))
-    (left, below), (right, above) = span
-    ax.imshow(
-        image, origin="lower", extent=(left, right, below, above), aspect="auto", interpolation="antialiased", zorder=1.5
-    )
-
-
-def _draw_plain(view: _View, robot: Robot, ax: Axes) -> None:
-    g = robot.geometry
-    _rectangle(view, ax, np.array(g.body_centre), np.array(g.body_size), facecolor="#f6e3a1", edgecolor="none", zorder=1.5)
-    for front, left in zip(FRONT, LEFT, strict=True):
-        middle = np.array([0.5 * front * g.wheelbase, 0.5 * left * g.track, g.axle_height])
-        if view.axes == (0, 1):
-            size = np.array([2.0 * g.wheel_radius, g.wheel_width, 2.0 * g.wheel_radius])
-            _rectangle(view, ax, middle, size, facecolor="0.45", edgecolor="none", zorder=1.6)
-        else:
-            ax.add_patch(Circle((middle[0], middle[2]), g.wheel_radius, facecolor="0.45", edgecolor="none", zorder=1.6))
-
-
 def _rectangle(view: _View, ax: Axes, centre: FloatArray, size: FloatArray, **look: object) -> None:
     a, b = view.axes
     corner = (centre[a] - 0.5 * size[a], centre[b] - 0.5 * size[b])
     ax.add_patch(Rectangle(corner, size[a], size[b], **look))  # type: ignore[arg-type]
 
 
-def _draw_outlines(view: _View, robot: Robot, ax: Axes) -> None:
-    """Draw the outlines of hull and tyres; those that overlap in red."""
+def _draw_shapes(view: _View, robot: Robot, ax: Axes) -> None:
+    """Draw hull and tyres; those that overlap have a red edge."""
     g = robot.geometry
     overlaps = tyre_hull_overlap(robot)
     wrong = {wheel: min(both) > 1e-6 or 2.0 * g.wheel_radius >= g.wheelbase for wheel, both in overlaps.items()}
-    _rectangle(view, ax, np.array(g.body_centre), np.array(g.body_size), fill=False, edgecolor=_HULL, linewidth=1.0,
-               linestyle=(0, (5, 2)), zorder=3.0, gid="hull")  # fmt: skip
+    dashed = {"edgecolor": _HULL, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+    centre, size = np.array(g.body_centre), np.array(g.body_size)
+    _rectangle(view, ax, centre, size, facecolor="#f6e3a1", edgecolor="none", zorder=1.5)
+    _rectangle(view, ax, centre, size, fill=False, **dashed, zorder=3.0, gid="hull")
     for wheel, front, left in zip(WHEELS, FRONT, LEFT, strict=True):
         middle = np.array([0.5 * front * g.wheelbase, 0.5 * left * g.track, g.axle_height])
         ink, wide = (ALARM, 2.2) if wrong[wheel] else ("0.1", 0.9)
+        look = {"facecolor": "0.62", "edgecolor": ink, "linewidth": wide, "zorder": 1.6, "gid": wheel}
         if view.axes == (0, 1):
-            size = np.array([2.0 * g.wheel_radius, g.wheel_width, 0.0])
-            _rectangle(view, ax, middle, size, fill=False, edgecolor=ink, linewidth=wide, zorder=3.1, gid=wheel)
+            _rectangle(view, ax, middle, np.array([2.0 * g.wheel_radius, g.wheel_width, 0.0]), **look)
         else:
-            place = (float(middle[0]), float(middle[2]))
-            ax.add_patch(Circle(place, g.wheel_radius, fill=False, edgecolor=ink, linewidth=wide, zorder=3.1, gid=wheel))
+            ax.add_patch(Circle((float(middle[0]), float(middle[2])), g.wheel_radius, **look))
 
 
 def _draw_frame(view: _View, ax: Axes) -> None:
@@ -221,9 +173,8 @@ def _limits(view: _View, ax: Axes) -> None:
 
 def _draw_top(check: CheckedRobot, view: _View, ax: Axes) -> None:
     robot, g = check.robot, check.robot.geometry
-    _draw_mesh(view, robot, ax)
     _limits(view, ax)
-    _draw_outlines(view, robot, ax)
+    _draw_shapes(view, robot, ax)
     _draw_frame(view, ax)
     _draw_com(view, robot, ax)
     low, high = view.box
@@ -254,9 +205,8 @@ def _draw_top(check: CheckedRobot, view: _View, ax: Axes) -> None:
 
 def _draw_side(check: CheckedRobot, view: _View, ax: Axes) -> None:
     robot, g = check.robot, check.robot.geometry
-    _draw_mesh(view, robot, ax)
     _limits(view, ax)
-    _draw_outlines(view, robot, ax)
+    _draw_shapes(view, robot, ax)
     off, half = view.metres, 0.5 * g.wheelbase
     ground = g.axle_height - g.wheel_radius
     low, high = view.box
@@ -298,8 +248,8 @@ def draw_robot(check: CheckedRobot) -> Figure:
     """Draw a robot from above and from the right, its loads, what was found out, and the advice; 1600 px wide."""
     box = robot_outline(check.robot)
     scale = _scale(box)
-    top = _View("From above", (0, 1), np.array([0.0, 0.0, 1.0]), scale, box)
-    side = _View("From its right side", (0, 2), np.array([0.0, -1.0, 0.0]), scale, box)
+    top = _View("From above", (0, 1), scale, box)
+    side = _View("From its right side", (0, 2), scale, box)
     size = box[1] - box[0]
     heights = [scale * size[1] + _ABOVE_IN + _BELOW_IN, max(scale * size[2] + _ABOVE_IN + _BELOW_IN, 2.3)]
     rows = [

@@ -317,3 +317,27 @@ def option_text(value: object) -> str:
     if isinstance(value, list | tuple):
         return ",".join(map(option_text, value))
     return f"{value:g}" if isinstance(value, float) else one_line(value)
+
+
+def report_markdown(
+    title: str, facts: Mapping[str, object], grids: Iterable[Grid], notes: Sequence[str], legend: Sequence[str]
+) -> str:
+    """Return a report as GitHub-flavoured markdown.
+
+    Args:
+        title: its heading.
+        facts: how it was made, by name; a mapping, such as of options, stands in one line, without what is None.
+        grids: tables.
+        notes: sentences below the tables.
+        legend: lines that say what the columns mean, see `meanings`.
+    """
+    lines = [f"# {title}", ""]
+    for name, fact in facts.items():
+        if isinstance(fact, Mapping):
+            fact = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in fact.items() if v is not None) or "none"
+        lines.append(f"- {name}: {fact if isinstance(fact, int) else code_span(fact)}")
+    for grid in grids:
+        lines += ["", f"## {markdown(grid.title)}", "", *markdown_table(grid)]
+        lines += ["", markdown(grid.caption)] if grid.caption else []
+    lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)] if notes else []
+    return "\n".join([*lines, "", "## What the metrics mean", "", *legend]) + "\n"

@@ -41,7 +41,7 @@ from validation.show.robot_mesh import robot_mesh
 from validation.simulator.terrain import FLAT
 from validation.store import write_atomic
 from validation.track.data import TrackedRobot
-from validation.track.table import gains_text, headline, require_comparable, track_markdown
+from validation.track.table import headline, require_comparable, track_facts, track_markdown
 
 _TRAIL_UPDATES, _TRAIL_POINTS = 200, 600  # a trail grows at most so many times, and has at most so many points
 TRAIL_HEIGHT = 0.016
@@ -67,21 +67,13 @@ def write_track_rerun(results: Sequence[TrackedRobot], path: Path) -> None:
     require_comparable(results)
     first = results[0]
     *robots, reference = followed_tracks(results)
-    about = {
-        "controller": first.controller,
-        "gains": f"{first.gains_name}: {gains_text(first.gains)}",
-        "reference": first.reference,
-        "speed_m_s": first.speed,
-        "profile": first.profile,
-        "robot": first.body.name,
-        "seed": first.seed,
-    }
 
     def fill(recording: rr.RecordingStream) -> None:
         plots = _plots(results, reference)
         recording.send_blueprint(_layout([reference, *robots], plots))
         options = {name: str(value) for name, value in first.options.items()}
-        properties: dict[str, Mapping[str, object]] = {"tracking": about, "options": options, "versions": first.versions}
+        about, versions = track_facts(first), first.versions
+        properties: dict[str, Mapping[str, object]] = {"tracking": about, "options": options, "versions": versions}
         report = track_markdown(results) + thinning_note([reference, *robots], plots)
         write_about(recording, f"{headline(first)}, profile {first.profile_label}", properties, report)
         _write_scene(recording, reference, robots)

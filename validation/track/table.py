@@ -14,12 +14,9 @@ from validation.compare.table import REAL_TIME
 from validation.show.tables import (
     Cell,
     Grid,
-    code_span,
-    markdown,
-    markdown_table,
     meanings,
     one_line,
-    option_text,
+    report_markdown,
     unit_of,
     units_of,
 )
@@ -130,31 +127,22 @@ def track_notes(results: Sequence[TrackedRobot]) -> list[str]:
     return notes
 
 
+def track_facts(robot: TrackedRobot) -> dict[str, str | int | float]:
+    """Return how a robot was driven, by name."""
+    r = robot
+    return {
+        "controller": r.controller,
+        "gains": f"{r.gains_name}: {gains_text(r.gains)}",
+        "reference": r.reference,
+        "speed_m_s": r.speed,
+        "profile": r.profile,
+        "robot": r.body.name,
+        "seed": r.seed,
+    }
+
+
 def track_markdown(results: Sequence[TrackedRobot]) -> str:
-    """Return options, tables, notes and the meaning of each measure of robots on one reference as GitHub's markdown."""
-    first, (path, errors) = results[0], track_grids(results)
-    options = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in first.options.items() if v is not None)
-    versions = ", ".join(f"{one_line(k)} {one_line(v)}" for k, v in first.versions.items())
-    lines = [
-        "# Tracking",
-        "",
-        f"- controller: {code_span(first.controller)}",
-        f"- gains: {code_span(first.gains_name)}, {code_span(gains_text(first.gains))}",
-        f"- reference: {code_span(first.reference)} at {first.speed:.3g} m/s",
-        f"- profile: {code_span(first.profile)}",
-        f"- robot: {code_span(first.body.name)}",
-        f"- seed: {first.seed}",
-        f"- options: {code_span(options) if options else 'none'}",
-        f"- versions: {code_span(versions) if versions else 'unknown'}",
-        "",
-        "## How well it was followed",
-        "",
-        *markdown_table(path),
-        "",
-        *markdown_table(errors),
-    ]
-    if notes := track_notes(results):
-        lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
-    lines += ["", "## What the metrics mean", ""]
-    lines += meanings([*SHOWN_METRICS, REAL_TIME])
-    return "\n".join(lines) + "\n"
+    """Return the whole report on robots on one reference as markdown."""
+    facts = {**track_facts(results[0]), "options": results[0].options, "versions": results[0].versions}
+    legend = meanings([*SHOWN_METRICS, REAL_TIME])
+    return report_markdown("Tracking", facts, track_grids(results), track_notes(results), legend)

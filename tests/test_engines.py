@@ -57,15 +57,32 @@ def test_a_turn_on_the_spot_is_that_of_the_closed_form(name: str, shape: str, la
 
 def test_a_friction_square_along_the_chassis_does_not_slip_forward(lab: Profile) -> None:
     """Sideways friction is then the same for any forward slip, so wheels do not slip forward: the multiplier is 1."""
-    found, _ = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("body"))))
+    found, _ = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("pyramid", "body"))))
     assert found == pytest.approx(1.0, abs=5e-3)
 
 
 def test_a_friction_square_along_the_world_s_axes_turns_unevenly(lab: Profile) -> None:
     """Between M = 1 at heading 0 and 1 + L/B = 1.897 where a diagonal of the square points ahead (docs/contact.md)."""
-    found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("world"))))
+    found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("pyramid", "world"))))
     assert 1.2 < found < 1.6
     assert ripple > 0.3
+
+
+def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
+    """Its bounds split Coulomb's friction by the slip's direction, whatever axes they refer to."""
+    settings = OdeSettings("gazebo_cone", "body", "quick", 50)
+    found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, settings)))
+    expected = turn_on_the_spot(lab.robot.geometry.wheelbase, lab.robot.geometry.track).multiplier
+    assert found == pytest.approx(expected, rel=1e-2)
+    assert ripple < 1e-2
+
+
+def test_gazebo_s_box_bounds_friction_in_newtons(lab: Profile) -> None:
+    """Four contacts push with at most mu newtons each, so the robot gains no more than 4 mu t / m."""
+    plant = made(lab, "ode", lambda n: OdeBody(n, OdeSettings("gazebo_box", "body", "quick", 50)))
+    ahead = Commands(0.05, np.tile([4.0, 4.0], (40, 1)), "wheels")
+    speed = float(plant.run(ahead, State(), 0.01).twist[-1, 0])
+    assert speed == pytest.approx(4.0 * plant.calibration.friction * 2.0 / plant.calibration.mass, rel=1e-2)
 
 
 def test_load_transfer_speeds_the_robot_up_in_a_bend_whatever_the_step(lab: Profile) -> None:
@@ -146,6 +163,8 @@ def test_what_an_engine_cannot_have_is_refused(lab: Profile) -> None:
         RigidNumbers.of(capsules, section.drive, Terrain())
     with pytest.raises(ValueError, match="unknown friction_law 'circle'"):
         OdeSettings("circle")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"second_share 0\.5: the law 'cone' has one friction"):
+        OdeSettings(second_share=0.5)
     with pytest.raises(ValueError, match="unknown approximation 'tamsi'"):
         DrakeSettings("tamsi")  # type: ignore[arg-type]
     light = replace(section.parameters, armature=1e-6, gain=1e4)

@@ -18,19 +18,24 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.search.jde import JdeSettings
 from ssmr.simulation import SAMPLE_DT
-from ssmr.types import State
-from tests.conftest import ROUNDOFF
+from ssmr.types import State, Trajectory
+from tests.conftest import ROUNDOFF, installed_plant
+from validation.engines.body import EngineMissingError
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import write_csv
-from validation.plants.profile import load_profile, make_plant
+from validation.motion.driving import drive as drive_plant
+from validation.motion.sources import open_source
+from validation.plants.profile import Profile, load_profile, make_plant
 from validation.progress import Progress
 from validation.replicate import QUICK_SETTINGS, Replication, ReplicationSettings, replicate
 from validation.replicate import control as evidence_control
+from validation.replicate import gazebo as evidence_gazebo
 from validation.replicate import models as evidence_models
 from validation.replicate import real as evidence_real
 from validation.replicate.events import solve_with_events
@@ -58,12 +63,22 @@ from validation.replicate.result import order_of
 from validation.replicate.run import ALL_SECTIONS, run_sections
 from validation.replicate.tracked import CONTROL_TABLES, TableEntry
 from validation.thesis import published
-from validation.thesis.verdicts import STATUSES, Pair
+from validation.thesis.verdicts import STATUSES, Pair, Verdict, judge
 
 SMALL = ReplicationSettings(fit_population=8, fit_generations=4, noise_seeds=1, repeats=1)
 WANTED = {
     *"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37 4.38".split(),
-    *("Sec. 3.5", "Sec. 3.5.4", "Sec. 3.6", "Fig. 2.9", "Fig. 3.33", "Sec. 4.3.3", "Sec. 4.5", "Sec. 4.5, motors"),
+    *(
+        "Sec. 3.5",
+        "Sec. 3.5.4",
+        "Sec. 3.6",
+        "Sec. 3.7",
+        "Fig. 2.9",
+        "Fig. 3.33",
+        "Sec. 4.3.3",
+        "Sec. 4.5",
+        "Sec. 4.5, motors",
+    ),
     *(f"4.{i}" for i in (*range(5, 20), *range(22, 37))),
 }
 
@@ -527,6 +542,39 @@ def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_p
     assert list(document["tables"]) == sorted(CONTROL_TABLES, key=order_of)
     text = document_markdown(document_of(found, SMALL), "figures/")
     assert all(f"| {number} |" in text for number in CONTROL_TABLES)
+
+
+def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:
+    """Half of the hard turns without any yaw rate is half of them, and soft turns do not count."""
+    asked = np.array([1.0, 1.0, -1.0, -1.0, 0.1, 0.1])
+    wheels = np.column_stack([3.0 - asked, 3.0 + asked])
+    t = 0.1 * np.arange(6)
+    for share, kept in ((0.0, np.ones(6)), (0.5, np.array([1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))):
+        twist = np.column_stack([np.ones(6), np.zeros(6), 0.4 * asked * kept])
+        motion = Trajectory(t, np.zeros((6, 3)), twist, wheels)
+        assert evidence_gazebo.straight_share(motion, 0.16, 0.28) == pytest.approx(share)
+
+
+def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    whole = section("gazebo").digest(SMALL)
+
+    def missing() -> None:
+        raise EngineMissingError("install it")
+
+    monkeypatch.setattr(evidence_gazebo, "ode", missing)
+    findings = section("gazebo").run(Context(SMALL, tmp_path, "gazebo", "", 1))
+    for row in findings.tables["Sec. 3.7"].rows.values():
+        assert judge("Sec. 3.7", "box", "straight_share", row["straight_share"]) == Verdict("not compared", "install it")
+    assert section("gazebo").digest(SMALL) != whole  # once it is installed, the section runs anew
+
+
+def test_gazebo_s_pyramid_drives_straight_as_the_thesis_saw_it(lab: Profile) -> None:
+    """With friction along the world's axes and the weight to the right: see Sec. 3.7 and docs/engines.md."""
+    installed_plant(lab, "ode")
+    improved = drive_plant(make_plant(lab, "improved"), open_source("traj3").pieces[0], Localiser(), 0.01)
+    found = evidence_gazebo.driven_on_trajectory_3("pyramid", "world", improved)
+    assert found.straight > 0.9
+    assert 0.4 < found.excess < 0.5
 
 
 def test_the_page_of_docs_is_a_whole_replication() -> None:

@@ -1,12 +1,13 @@
 """The robot in ODE, Gazebo's engine: bodies, hinges, belts and contacts with the friction law that is asked for.
 
-ODE bounds the two components of friction one by one, |f_1| <= mu N and |f_2| <= mu N: a square along a first direction. Four
-laws can be asked for. `world` leaves the direction to ODE, which takes the world's axes; `body` is the chassis' forward
-direction; `wheel` is a direction fixed in the wheel, which rolls with it, as Gazebo hands on `fdir1`; `cone` puts the first
-direction along the slip s and lets the second component give as a friction cone does, f_2 = -mu N v_2 / |s|, so that it is
-Coulomb's cone to first order of a step. The last is an emulation: ODE and Gazebo as they come have no such law. With the
-exact solver it takes N from the step before, because dWorldStep bounds friction by the normal forces that there would be
-without friction, in which a part of the load transfer is missing.
+ODE bounds the two components of friction one by one, |f_1| <= mu N and |f_2| <= mu2 N: a square along a first direction,
+if both are equal. That is `pyramid`, Gazebo's default. Its two other friction models, as its solver has them
+(deps/opende/src/quickstep_pgs_lcp.cpp): `gazebo_cone` bounds the components by mu N |v_1| / |v| and mu2 N |v_2| / |v|, with
+the slip v at the start of the step; `gazebo_box` bounds them by mu and mu2 in newtons, whatever the load. The fourth law is
+neither ODE's nor Gazebo's: `cone` puts the first direction along the slip and lets the second component give as a friction
+cone does, f_2 = -mu N v_2 / |v|, so that it is Coulomb's cone to first order of a step. With the exact solver it takes N
+from the step before, because dWorldStep bounds friction by the normal forces that there would be without friction, in which
+a part of the load transfer is missing.
 
 Rotors turn with the wheels and their reaction reaches the base; their gyroscopic moments are left out.
 """
@@ -42,7 +43,8 @@ from validation.engines.ode_library import (
 )
 from validation.simulator.description import WHEELS
 
-FrictionLaw = Literal["cone", "body", "world", "wheel"]
+FrictionLaw = Literal["cone", "pyramid", "gazebo_cone", "gazebo_box"]
+FrictionDirection = Literal["world", "body", "wheel"]
 OdeSolver = Literal["exact", "quick"]
 _NO_SLIP = 1e-6
 """Slip below which its direction is noise, and the chassis' is taken [m/s]."""
@@ -61,7 +63,10 @@ class OdeSettings:
     """How ODE computes physics; the defaults are the best that were found (docs/engines.md)."""
 
     friction_law: FrictionLaw = "cone"
-    """Friction's law: an emulated cone, or a square along the chassis, the world's axes or the rolling wheel."""
+    """Law of friction, see above."""
+    direction: FrictionDirection = "world"
+    """First direction of all laws but `cone`: the world's -y, which ODE takes itself, the chassis' forward direction, or one
+    that is fixed in the wheel and rolls with it, as Gazebo hands on `fdir1`."""
     solver: OdeSolver = "exact"
     """`exact` is dWorldStep, `quick` is dWorldQuickStep, successive over-relaxation in random order."""
     iterations: int = 50
@@ -82,10 +87,14 @@ class OdeSettings:
     """Depth that contacts are not pushed out of [m]."""
     max_correcting_velocity: float = math.inf
     """Greatest speed at which contacts are pushed out [m/s]."""
+    second_share: float = 1.0
+    """mu2 over mu [1]; 1 for `cone`."""
 
     def __post_init__(self) -> None:
-        """Check the names."""
-        for name, kind in (("friction_law", FrictionLaw), ("solver", OdeSolver)):
+        """Check the names, and that the cone is round."""
+        if self.friction_law == "cone" and self.second_share != 1.0:
+            raise ValueError(f"second_share {self.second_share:g}: the law 'cone' has one friction")
+        for name, kind in (("friction_law", FrictionLaw), ("direction", FrictionDirection), ("solver", OdeSolver)):
             if getattr(self, name) not in get_args(kind):
                 raise ValueError(f"unknown {name} '{getattr(self, name)}'; there are: {', '.join(get_args(kind))}")
 
@@ -177,16 +186,15 @@ class OdeBody:
             if n.cylinders:
                 lib.dGeomSetOffsetQuaternion(tyre, Vector(math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0))
             self._tyres.append(tyre)
-        self._contact, self._found = (Contact(mode=APPROX1 | MU2), (ContactGeom * _MOST_CONTACTS)())
+        bounds = 0 if s.friction_law == "gazebo_box" else APPROX1  # without it, they are forces
+        self._contact, self._found = Contact(mode=bounds | MU2 | FDIR1), (ContactGeom * _MOST_CONTACTS)()
         if s.soft:
             self._contact.mode |= SOFT_ERP | SOFT_CFM
             self._contact.soft_erp, self._contact.soft_cfm = spring_erp_cfm(kp, kd, n.dt)
-        if s.friction_law != "world":
-            self._contact.mode |= FDIR1
         if s.friction_law == "cone":
             self._contact.mode |= SLIP2
             if s.solver == "exact":
-                self._contact.mode &= ~APPROX1  # friction's bounds are forces
+                self._contact.mode &= ~APPROX1
         self._feedback = [[JointFeedback() for _ in range(_MOST_CONTACTS)] for _ in WHEELS]
 
     def place(self, motion: Rigid) -> None:
@@ -250,35 +258,53 @@ class OdeBody:
     def _touch(self, k: int) -> None:
         """Add the contacts of the wheel with index `k`."""
         lib, found, contact = self._ode, self._found, self._contact
-        contact.mu = contact.mu2 = self._n.friction * _untied(k)
-        size, law = ctypes.sizeof(ContactGeom), self._settings.friction_law
-        count = lib.dCollide(self._tyres[k], self._floor, _MOST_CONTACTS, found, size)
+        count = lib.dCollide(self._tyres[k], self._floor, _MOST_CONTACTS, found, ctypes.sizeof(ContactGeom))
         self._points[k] = count
         for i in range(count):
             contact.geom = found[i]
-            if law == "cone":
+            if self._settings.friction_law == "cone":
                 self._along_slip(k, found[i], count)
-            elif law != "world":
-                turned = self._turned[1 + k if law == "wheel" else 0]
-                x, y = turned[0], turned[4]
-                length = 1.0 if law == "wheel" else math.hypot(x, y)  # Gazebo hands on the wheel's direction as it is
-                contact.fdir1[0], contact.fdir1[1] = x / length, y / length
-                contact.fdir1[2] = turned[8] if law == "wheel" else 0.0
+            else:
+                self._along_axes(k, found[i])
             joint = lib.dJointCreateContact(self._world, self._contacts, ctypes.byref(contact))
             lib.dJointAttach(joint, self._wheels[k], None)
             lib.dJointSetFeedback(joint, ctypes.byref(self._feedback[k][i]))
 
+    def _slip(self, k: int, at: ContactGeom) -> tuple[float, float, float]:
+        """Return the velocity of the wheel with index `k` at a contact [m/s]."""
+        place, _, velocity, spin = self._views[1 + k]
+        (px, py, pz), (vx, vy, vz), (sx, sy, sz) = place.tolist(), velocity.tolist(), spin.tolist()
+        rx, ry, rz = at.pos[0] - px, at.pos[1] - py, at.pos[2] - pz
+        return vx + sy * rz - sz * ry, vy + sz * rx - sx * rz, vz + sx * ry - sy * rx
+
+    def _along_axes(self, k: int, at: ContactGeom) -> None:
+        """Put the first direction of a contact where the settings say, and bound both components."""
+        s, contact = self._settings, self._contact
+        if s.direction == "world":
+            x, y, z = 0.0, -1.0, 0.0
+        elif s.direction == "body":
+            x, y, z = self._turned[0][0], self._turned[0][4], 0.0
+            x, y = x / math.hypot(x, y), y / math.hypot(x, y)
+        else:
+            x, y, z = self._turned[1 + k][0], self._turned[1 + k][4], self._turned[1 + k][8]
+        contact.fdir1[0], contact.fdir1[1], contact.fdir1[2] = x, y, z
+        mu = self._n.friction * _untied(k)
+        contact.mu, contact.mu2 = mu, mu * s.second_share
+        if s.friction_law == "gazebo_cone":
+            vx, vy, vz = self._slip(k, at)
+            first, second = vx * x + vy * y + vz * z, vy * x - vx * y
+            speed = math.hypot(first, second) or 1.0
+            contact.mu *= abs(first) / speed
+            contact.mu2 *= abs(second) / speed
+
     def _along_slip(self, k: int, at: ContactGeom, points: int) -> None:
         """Put the first direction of a contact along its slip, and let the second give as a cone does."""
-        place, _, velocity, spin = self._views[1 + k]
-        (px, py, pz), (vx, vy, _), (sx, sy, sz) = place.tolist(), velocity.tolist(), spin.tolist()
-        rx, ry, rz = at.pos[0] - px, at.pos[1] - py, at.pos[2] - pz
-        x, y = vx + sy * rz - sz * ry, vy + sz * rx - sx * rz
+        x, y, _ = self._slip(k, at)
         slip = math.hypot(x, y)
         load = max(self._loads[k], _LEAST_LOAD * self._n.loads[k]) / points
         self._contact.slip2 = slip / (self._n.friction * load)
-        if self._settings.solver == "exact":
-            self._contact.mu = self._contact.mu2 = self._n.friction * load * _untied(k)
+        bound = self._n.friction * (load if self._settings.solver == "exact" else 1.0)
+        self._contact.mu = self._contact.mu2 = bound * _untied(k)
         if slip < _NO_SLIP:
             x, y = self._turned[0][0], self._turned[0][4]
             slip = math.hypot(x, y)

@@ -212,6 +212,8 @@ class Section:
     """Names of the settings that decide its findings."""
     run: Callable[[Context], Findings]
     """Function that returns its findings."""
+    installed: Callable[[], bool] = lambda: True
+    """Function that says whether what it needs beside Python packages is installed."""
 
     def digest(self, settings: ReplicationSettings) -> str:
         """Return a digest of settings, inputs, code and versions, which decide its findings."""
@@ -224,7 +226,8 @@ class Section:
                     while block := stream.read(1 << 20):
                         read.update(block)
             chosen["recording"] = read.hexdigest()
-        whole = {"section": self.key, "settings": chosen, "versions": store.versions(), "code": code_digest()}
+        inputs = {"settings": chosen, "versions": store.versions(), "installed": self.installed(), "code": code_digest()}
+        whole = {"section": self.key, **inputs}
         return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 

@@ -20,6 +20,7 @@ from validation.replicate.evidence import (
 )
 from validation.replicate.faults import FAULT_SECTIONS
 from validation.replicate.friction import FRICTION_SECTIONS
+from validation.replicate.gazebo import GAZEBO_SECTIONS
 from validation.replicate.keeping import keep, kept
 from validation.replicate.models import MODEL_SECTIONS
 from validation.replicate.noise import NOISE_SECTIONS
@@ -33,6 +34,7 @@ ALL_SECTIONS: tuple[Section, ...] = (
     *NOISE_SECTIONS,
     *MODEL_SECTIONS,
     *OTHER_SECTIONS,
+    *GAZEBO_SECTIONS,
     *STABILITY_SECTIONS,
     *CONTROL_SECTIONS,
     *FAULT_SECTIONS,

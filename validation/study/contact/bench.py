@@ -19,6 +19,7 @@ import numpy as np
 from ssmr.errors import SsmrError
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows
+from ssmr.robot.vehicle import Drive
 from ssmr.types import State, Trajectory
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import Piece, Source, open_source
@@ -164,6 +165,12 @@ class TriedVariant:
     """Reason for each drive that failed, by its name."""
 
 
+def surge_of(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
+    """Return the greatest speed on trajectory 3, once under way, over that of the wheels straight ahead, less 1 [1]."""
+    rim = STRAIGHT_SPEED * wheel_radius / drive.command_radius
+    return float(motion.twist[motion.t >= _SURGE_LEAD, 0].max()) / rim - 1.0
+
+
 class _Trial:
     """A variant on the bench: it takes every measure that it can, and keeps why others failed."""
 
@@ -204,8 +211,7 @@ class _Trial:
         lab, scenarios = self.bench.lab, self.bench.scenarios
         motions = {name: drive(self.plant, piece, lab.localiser, SAMPLE) for name, piece in scenarios.items()}
         turned = drive(self.plant, replace(scenarios["traj3"], start=State(yaw=TURNED)), lab.localiser, SAMPLE)
-        rim = STRAIGHT_SPEED * self.rolling.wheel_radius / lab.drive.command_radius
-        ahead = [motion.twist[motion.t >= _SURGE_LEAD, 0].max() for motion in (motions["traj3"], turned)]
+        surge = max(surge_of(motion, self.rolling.wheel_radius, lab.drive) for motion in (motions["traj3"], turned))
         apart = {
             model: {name: compare_paths(motions[name], reference)["d_rms_m"] for name, reference in paths.items()}
             for model, paths in self.bench.models.items()
@@ -215,7 +221,7 @@ class _Trial:
         turned_end = turned.xy @ np.array([[c, -s], [s, c]])  # in the frame of the ground
         return {
             "d_rms_m": apart,
-            "surge": float(max(ahead)) / rim - 1.0,
+            "surge": surge,
             "turned_ground_m": float(np.hypot(*(turned_end[-1] - motions["traj3"].xy[-1]))),
         }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -23,7 +23,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.description import GRAVITY, WHEELS
 from validation.simulator.health import LIFT_SHARE
 from validation.simulator.terrain import Terrain
-from validation.study.contact.bench import HORIZON, SCENARIOS
+from validation.study.contact.bench import HORIZON, SCENARIOS, TURNED, surge_of
 from validation.study.engines.variants import EngineVariant
 
 RIM_RATE, _SPIN_TIME, _LEAD, _SAMPLE = 2.0, 16.0, 2.0, 0.01
@@ -68,6 +68,8 @@ class EngineMeasures:
     """Power of the motors in a slow turn over what friction takes, less 1 [1]."""
     halving_m: float | None = None
     """Distance that the end of trajectory 4 moves if the physics step is halved [m]."""
+    surge: float | None = None
+    """Greatest speed on trajectory 3 over that of the wheels straight ahead, less 1 [1]; the greater of two headings."""
     d_rms_m: Mapping[str, float] = field(default_factory=dict)
     """d_rms from the improved model, by trajectory [m]."""
     wheels_m: float | None = None
@@ -212,7 +214,10 @@ class _Trial:
         motions = {name: drive(self.plant, piece, localiser, _SAMPLE) for name, piece in b.pieces.items()}
         fine = self.variant.plant(self.section.parameters, self.section.drive, step=0.5)
         end = drive(fine, b.pieces["traj4"], localiser, _SAMPLE).xy[-1]
+        turned = drive(self.plant, replace(b.pieces["traj3"], start=State(yaw=TURNED)), localiser, _SAMPLE)
+        surges = [surge_of(m, self.numbers.wheel_radius, self.section.drive) for m in (motions["traj3"], turned)]
         return {
+            "surge": max(surges),
             "d_rms_m": {name: compare_paths(motions[name], b.improved[name])["d_rms_m"] for name in SCENARIOS},
             "halving_m": float(np.hypot(*(end - motions["traj4"].xy[-1]))),
         }

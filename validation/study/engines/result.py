@@ -48,6 +48,8 @@ _COLUMNS = (
             "power of the motors in a slow turn over what friction on a cone takes, less 1"),
     _Column("step halved", MILLIMETRES, lambda m: m.halving_m, _REST,
             "distance that the end of trajectory 4 moves if the physics step is halved"),
+    _Column("surge", PERCENT, lambda m: m.surge, _REST,
+            "greatest speed on trajectory 3, at either of two headings, over the speed that its wheels suggest, less 1"),
     *(_Column(f"to improved {k}", MILLIMETRES, lambda m, name=name: m.d_rms_m.get(name), _REST,  # type: ignore[misc]
               f"d_rms from the improved model on trajectory {k}") for k, name in enumerate(SCENARIOS, 1)),
     _Column("wheels", MILLIMETRES, lambda m: m.wheels_m, _REST,

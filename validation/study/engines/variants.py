@@ -70,10 +70,14 @@ class EngineVariant:
         return MujocoPlant(changed, drive, terrain=terrain, settings=s)
 
 
-_ODE = OdeSettings("world", "quick", 20, soft=False, cfm=1e-10)
-_GAZEBO = OdeSettings("wheel", "quick", 50, kp=1e7, kd=2.0, cfm=0.0, surface_layer=1e-3, max_correcting_velocity=100.0)
+_ODE = OdeSettings("pyramid", "world", "quick", 20, soft=False, cfm=1e-10)
+GAZEBO = OdeSettings(
+    "pyramid", "wheel", "quick", 50, kp=1e7, kd=2.0, cfm=0.0, surface_layer=1e-3, max_correcting_velocity=100.0
+)
+"""What Gazebo and its Husky hand to ODE."""
 _HUSKY: Mapping[str, Any] = {"wheel_shape": "cylinder", "friction": 1.0, "timestep": 0.001}
-_MAKER: Mapping[str, Any] = {**_HUSKY, "com_x": -0.00065, "com_y": -0.085}
+MAKERS_HUSKY: Mapping[str, Any] = {**_HUSKY, "com_x": -0.00065, "com_y": -0.085}
+"""What is different in the calibration of Gazebo's Husky."""
 _PAIR: Mapping[str, Any] = {"wheel_shape": "cylinder"}
 _V = EngineVariant
 
@@ -81,16 +85,16 @@ ENGINE_VARIANTS = (
     _V("as shipped", SHIPPED, scored=True),
     _V("its own defaults", PhysicsSettings("pyramidal", 1.0, solimp=MUJOCO_IMPEDANCE, iterations=100, integrator="Euler")),
     _V("its own defaults", _ODE),
-    _V("Gazebo's Husky", _GAZEBO, _MAKER, True),
-    _V("Gazebo's Husky, centre in the middle", _GAZEBO, _HUSKY),
-    _V("Gazebo's Husky, square along the world", replace(_GAZEBO, friction_law="world"), _MAKER),
-    _V("Gazebo's Husky, square along the chassis", replace(_GAZEBO, friction_law="body"), _MAKER),
-    _V("Gazebo's Husky, emulated cone", replace(_GAZEBO, friction_law="cone"), _MAKER),
-    _V("and the centre in the middle", replace(_GAZEBO, friction_law="cone"), _HUSKY),
+    _V("Gazebo's Husky", GAZEBO, MAKERS_HUSKY, True),
+    _V("Gazebo's Husky, centre in the middle", GAZEBO, _HUSKY),
+    _V("Gazebo's Husky, square along the world", replace(GAZEBO, direction="world"), MAKERS_HUSKY),
+    _V("Gazebo's Husky, square along the chassis", replace(GAZEBO, direction="body"), MAKERS_HUSKY),
+    _V("Gazebo's Husky, emulated cone", replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY),
+    _V("and the centre in the middle", replace(GAZEBO, friction_law="cone"), _HUSKY),
     _V("best: emulated cone, exact solver", OdeSettings(), scored=True),
     _V("best, cylinders", OdeSettings(), _PAIR),
-    _V("best, square along the chassis", OdeSettings("body")),
-    _V("best, square along the world", OdeSettings("world")),
+    _V("best, square along the chassis", OdeSettings("pyramid", "body")),
+    _V("best, square along the world", OdeSettings("pyramid", "world")),
     _V("its own defaults", DrakeSettings(stiffness=-1.0, stiction=1e-3)),
     _V("best: lagged, stiction 0.1 mm/s", DrakeSettings(), scored=True),
     _V("best, pairs of spheres", DrakeSettings(), _PAIR),

@@ -42,7 +42,7 @@ _SURGE_LEAD = 3.0
 """Start of the measurement of speed on trajectory 3, when the robot has accelerated [s]."""
 UNDRIVEABLE = "straight drive"
 """Name of the first drive; where it fails, nothing else is measured."""
-_TIMED = 1.0
+_TIMED = 2.0
 """Simulated time of which the processor time is taken [s]."""
 
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
-
 from validation.progress import Progress, Report, silent
 from validation.study.contact.bench import (
     UNDRIVEABLE,

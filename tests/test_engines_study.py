@@ -26,13 +26,13 @@ SHIPPED, BEST = NAMES["mujoco: as shipped"], NAMES["ode: best: emulated cone, ex
 
 @pytest.fixture
 def short(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> EngineBench:
-    """A bench whose turns are short, with the first six seconds of trajectory 4 for all trajectories."""
+    """A bench whose turns are short, with the first six seconds of trajectory 4 for the two trajectories that it has."""
     monkeypatch.setattr(bench, "_SPIN_TIME", 6.0)
-    monkeypatch.setattr(bench, "SCENARIOS", ("traj4",))
+    monkeypatch.setattr(bench, "SCENARIOS", names := ("traj3", "traj4"))
     whole = open_source("traj4").pieces[0]
     piece = replace(whole, commands=replace(whole.commands, values=whole.commands.values[:120]))
     improved = drive(make_plant(lab, "improved"), piece, lab.plants["improved"].localiser, 0.01)
-    return EngineBench(lab, {"traj4": improved}, {"traj4": piece})
+    return EngineBench(lab, dict.fromkeys(names, improved), dict.fromkeys(names, piece))
 
 
 def measured(short: EngineBench, *variants: EngineVariant) -> EnginesStudy:

@@ -122,7 +122,7 @@ def _draw(found: Mapping[tuple[str, FrictionDirection], _Drive], improved: Traje
     def paths(ax: Axes) -> None:
         for label, ink, style, motion in drawn:
             ax.plot(*motion.xy.T, style, color=ink, linewidth=1.8, label=label)
-        ax.set(xlabel="x [m]", ylabel="y [m]")
+        ax.set(xlabel="x [m]", ylabel="y [m]", ylim=(-0.5, 7.5))
         inset(ax, left=0.8)
         ax.legend(loc="upper left", fontsize=8.0)
 

@@ -560,14 +560,18 @@ def peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return program
 
 
-def test_a_peer_of_another_dds_drives_the_robot(tmp_path: Path, graph: Graph, peer: Path) -> None:
-    """It joins late, gets the description, hears the odometry and commands the robot 0.2 m far."""
+def test_a_peer_of_another_dds_drives_the_robot(
+    tmp_path: Path, graph: Graph, peer: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It joins late, gets the description, hears the odometry, learns whose it is, and commands the robot 0.2 m far."""
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
     with node(tmp_path, graph, "sim") as (_, log):
         wait_for(lambda: "Ctrl-C ends" in said(log), "the robot")
         command = [str(peer), str(graph.domain), str(round(PATIENCE))]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=2.0 * PATIENCE)
     assert done.returncode == 0, f"{done.stdout} {done.stderr} {said(log)}"
     assert "odom to base_link" in done.stdout
+    assert "odometry by /husky_simulation" in done.stdout
     assert int(done.stdout.split("description of ")[1].split()[0]) == len(urdf_text(load_robot(), JOINTS))
 
 

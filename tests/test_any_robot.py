@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import tomllib
@@ -19,7 +18,6 @@ from tests.ros_fakes import FakeClock, FakePort
 from validation import load_profile, load_robot
 from validation.compare import __main__ as compare_program
 from validation.compare import compare
-from validation.compare import rerun as comparison_rerun
 from validation.fit import __main__ as fit_program
 from validation.fit import fit
 from validation.fit.run import FitParameters
@@ -32,7 +30,6 @@ from validation.recordings import __main__ as recordings_program
 from validation.ros.commands import CommandGate, robot_topic
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.sim import POSE_TOPIC, WHEELS_TOPIC, SimNode, connect_simulation
-from validation.show.robot_mesh import robot_mesh
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 from validation.study import __main__ as study_program
@@ -216,31 +213,6 @@ def test_learning(robot: str) -> None:
     assert environment.batch.source.sections[0].robot == load_robot(robot)
     for name, seen in step.observation.items():
         environment.observation_spec()[name].validate(seen)
-
-
-@pytest.mark.parametrize("name", ["husky", "jackal", "warthog", "pioneer3at"])
-def test_scenes_have_the_size_of_their_robot(name: str) -> None:
-    """Neighbours in the line-up stand apart and fill the view alike, and what follows a robot is neither in it nor far."""
-    found = compare("traj1", plants=PLANTS, robot=name)
-    tracks, mesh = comparison_rerun.compared_tracks(found), robot_mesh(load_robot(name))
-    length, width, height = mesh.box[1] - mesh.box[0]
-    g = load_robot(name).geometry
-    assert length == pytest.approx(g.wheelbase + 2.0 * g.wheel_radius, rel=0.25)
-    assert width == pytest.approx(g.track + g.wheel_width, rel=0.02)
-    places = [comparison_rerun._place(k, len(tracks), comparison_rerun._gap(mesh)) for k in range(len(tracks))]
-    for a, b in itertools.combinations(places, 2):
-        assert abs(a[0] - b[0]) > 1.5 * length or 1.5 * width < abs(a[1] - b[1])
-    *_, lineup, close = comparison_rerun._views_of_robots(tracks)
-    for view, least, most in ((lineup, 2.5, 6.0), (close, 1.5, 3.0)):
-        eye, target = (np.array(part.as_arrow_array().to_pylist()[0]) for part in eye_of(view))
-        assert least < np.linalg.norm(eye - target) / max(length, width) < most
-        assert eye[2] > height
-
-
-def eye_of(view: Any) -> tuple[Any, Any]:
-    """Return position and target of a view's eye."""
-    controls = view.properties["EyeControls3D"]
-    return controls.position, controls.look_target
 
 
 def test_topics_bear_the_robots_name() -> None:

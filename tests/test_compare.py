@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -219,16 +218,6 @@ def test_settings_are_checked() -> None:
 
 
 # ------------------------------------------------------------------------------- as a program
-def test_names_of_files_cannot_reach_the_terminal_as_escape_sequences(capsys: pytest.CaptureFixture[str]) -> None:
-    result = SimpleNamespace(grids=list, notes=lambda: ["a\x1b[31m[red]b[/red]"])
-    cli.report_result(result, [Path("c\x1b]0;d")])
-    cli.warn("e\x1b[2Jf\ng")
-    out, err = capsys.readouterr()
-    assert "\x1b" not in out + err
-    assert "[red]b[/red]" in out
-    assert err == "warning: e\\x1b[2Jf g\n"
-
-
 def test_the_main_job_writes_its_three_files_and_a_table(tmp_path: Path) -> None:
     done = run("traj4", "--out", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr
@@ -260,13 +249,6 @@ def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Pat
     assert not (tmp_path / "runs/compare/drive/compare.rrd").exists()
 
 
-def test_exit_status_of_the_program(tmp_path: Path) -> None:
-    done = run("traj9", "--out", str(tmp_path / "out"))
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(
     ("error", "status"), [(DivergedError("it diverged"), cli.EXIT_FAILED_RUN), (KeyboardInterrupt(), cli.EXIT_INTERRUPTED)]
 )
@@ -281,24 +263,6 @@ def test_a_failed_run_exits_1_and_an_interrupt_130(
         cli.run(fail, "x", [])
     assert left.value.code == status
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
-
-
-def test_help_says_what_there_is() -> None:
-    done = run("--help")
-    assert done.returncode == 0
-    for option in (
-        "--profile",
-        "--plants",
-        "--reference",
-        "--input",
-        "--horizons",
-        "--from",
-        "--until",
-        "--view",
-        "--no-rerun",
-        "--seed",
-    ):
-        assert option in done.stdout
 
 
 @pytest.mark.skipif(not TILE.is_file(), reason=f"no recording at {TILE}; set SSMR_DATA to the folder that has husky_tile")

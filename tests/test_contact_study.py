@@ -24,7 +24,7 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SPIN_LEAD
 from validation.study.contact import ContactStudy
 from validation.study.contact import bench as bench_module
-from validation.study.contact.bench import Bench, Measures, TriedVariant, make_bench, make_variant
+from validation.study.contact.bench import Bench, Measures, make_bench, make_variant
 from validation.study.contact.figure import badness
 from validation.study.contact.result import MEASURE_COLUMNS
 from validation.study.contact.run import try_variants
@@ -212,14 +212,6 @@ def test_every_variant_has_a_name_of_its_own_and_can_be_made(lab: Profile) -> No
         assert calibration.mass == lab.plants["mujoco"].parameters.mass
 
 
-def test_colours_run_from_good_to_bad() -> None:
-    column = next(c for c in MEASURE_COLUMNS if c.name == "veer")
-    good, bad = column.limits or (0.0, 0.0)
-    assert [badness(column, x) for x in (0.0, good, -good, bad, -10.0 * bad)] == [0.0, 0.0, 0.0, 1.0, 1.0]
-    assert badness(column, (good * bad) ** 0.5) == pytest.approx(0.5)
-    assert badness(column, None) is None
-
-
 def test_the_picture_has_every_number(small: ContactStudy) -> None:
     written = {text.get_gid(): text.get_text() for ax in small.figure().axes for text in ax.texts}
     for outcome in small.tried:
@@ -233,9 +225,3 @@ def test_the_program_writes_everything(tmp_path: Path) -> None:
     document = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
     assert [v["group"] for v in document["variants"]] == ["shipped", "wheels", "wheels"]
     assert all(1e-6 < v["cost_s"] < 1e-2 for v in document["variants"])
-
-
-def test_an_outcome_without_measures_is_drawn() -> None:
-    nothing = ContactStudy("lab", None, None, (TriedVariant(BASELINE, Measures(), {"straight drive": "no"}),))
-    assert nothing.figure().axes
-    assert nothing.columns() == ()

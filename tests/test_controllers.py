@@ -23,8 +23,6 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
-BELOW_SATURATION = scheduled.OPERATING_SPEEDS[:-1]
-"""At the last operating speed the feedforward alone saturates."""
 RICCATI = 1e-7
 """Relative: two solvers of one Riccati equation, whose pencil has eigenvalues from 0.1 to 1000 1/s for the weights below."""
 DT = 0.008
@@ -392,10 +390,3 @@ def test_zero_is_refused_where_it_leaves_no_law(name: str, positive: set[str]) -
                 make_gains(name, {field: 0.0})
         else:
             Controller(make_gains(name, {field: 0.0}), *MODEL).packed()
-
-
-def test_unknown_names_list_those_there_are() -> None:
-    with pytest.raises(ValueError, match=r"unknown controller 'psychic'; there are: pid, lqr, lqr-scheduled, smc"):
-        make_gains("psychic", {})
-    with pytest.raises(ValueError, match=r"smc has no gain 'k_p_rho'; there are: k_x, eta_x"):
-        make_gains("smc", {"k_p_rho": 1.0})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ import pytest
 from ssmr.control.references import circle, line
 from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF
-from tests.test_robustness import run_program
 from validation.plants.profile import Profile
 from validation.study.filter import FilterOptions, FilterStudy
 from validation.study.filter.findings import drift_of, filter_variants, grounds_of
@@ -117,22 +115,3 @@ def test_the_picture_has_every_filter(small: FilterStudy) -> None:
     drawn = [line.get_gid() for ax in figure.axes for line in ax.get_lines()]
     for variant in filter_variants():
         assert drawn.count(variant.name) == len(small.drives)
-
-
-def test_the_program_writes_everything(tmp_path: Path) -> None:
-    asked = (
-        "--references",
-        "line",
-        "--speed",
-        "0.8",
-        "--profiles",
-        "thesis-lab",
-        "--frictions",
-        "",
-        "--seeds",
-        "2",
-        "--plants",
-        "",
-    )
-    assert run_program("filter", *asked, "--timestep", "0.005", "--out", str(tmp_path)) == 0
-    assert {p.name for p in tmp_path.iterdir()} == {"study.json", "study.png", "study.md"}

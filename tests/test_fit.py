@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -242,10 +241,3 @@ def test_resuming_from_nothing_begins_anew(tmp_path: Path, caplog: pytest.LogCap
 def test_a_log_holds_nothing_out_of_itself(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("kinematic", "--to", str(log), "--held-out", str(log), "--out", str(tmp_path / "out")) == 2
     assert "nothing of it is held out" in capsys.readouterr().err
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    tmp_path.chmod(0o500)
-    assert call("coulomb", "--to", "traj4", "--out", str(tmp_path / "x")) == 2
-    assert "cannot be made" in capsys.readouterr().err

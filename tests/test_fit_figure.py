@@ -311,11 +311,6 @@ def test_correlations_are_shown_where_there_are_any(case: tuple[FitResult, Figur
         assert ax.images[0].get_clim() == (-1.0, 1.0)
 
 
-def test_no_panel_is_empty(case: tuple[FitResult, Figure]) -> None:
-    for ax in case[1].axes:
-        assert ax.lines or ax.images or ax.collections or ax.texts or ax.get_legend() is not None
-
-
 def test_infinite_costs_are_left_out() -> None:
     made = result()
     best, median = np.array([np.inf, np.inf, 2.0, 1.0]), np.array([np.nan, np.nan, 3.0, 2.0])
@@ -333,14 +328,6 @@ def test_what_was_before_beyond_the_bounds_is_marked_at_their_end() -> None:
     for p, marker, x in ((low, "<", 0.0), (high, ">", 1.0)):
         tick = lines(ax)[f"before {p.name}"]
         assert (tick.get_marker(), np.asarray(tick.get_xdata())[0]) == (marker, x)
-
-
-def test_foreign_names_are_written_as_they_are() -> None:
-    made = result(train=[scored("/data/a$x$_{b}^$.csv", "recording", DRIVE, 1.0)], begun_with="p" * 300)
-    figure = fit_figure(made)
-    assert "a$x$_{b}^$.csv" in written(figure)
-    assert "/data" not in written(figure)
-    assert all(text.get_window_extent().x1 <= figure.bbox.x1 for text in texts(figure))
 
 
 def test_no_setting_outlives_a_call_and_the_file_is_1600_pixels_wide(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from rerun.chunk import RrdReader
 from rich.table import Table
 
 from ssmr.types import FloatArray
-from tests.test_fit_figure import CASES, DRIVE, interrupted, many, parameter, recorded, result, scored
+from tests.test_fit_figure import CASES, interrupted, many, parameter, recorded, result
 from tests.test_rerun_log import run_rerun
 from tests.test_tables import TERMINAL, in_si, markdown_tables, rendered, rich_rows
 from validation.fit.data import FittedParameter
@@ -166,15 +166,6 @@ def test_notes_say_what_is_doubtful_and_how_errors_were_found() -> None:
     assert note in text
     assert "INTERRUPTED" in rendered(tables_of(interrupted())[0])
     assert "INTERRUPTED" not in fit_markdown(recorded()) + rendered(tables_of(recorded())[0])
-
-
-def test_what_the_user_named_is_never_markup() -> None:
-    made = result(train=[scored("a|b`c*[red].csv", "recording", DRIVE, 1.01)], remarks=("[red]one\n# two[/]",))
-    assert "a|b`c*[red].csv" in rendered(tables_of(made)[1])
-    text = fit_markdown(made)
-    assert "`a|b'c*[red].csv`" in text
-    assert "- [red]one # two[/]\n" in text
-    assert markdown_tables(text)[1][1][0][0] == r"a\|b`c*[red].csv"
 
 
 # --- the recording ---

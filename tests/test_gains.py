@@ -149,12 +149,6 @@ def test_a_set_survives_its_file(
     assert list(again.values) == list(FIELDS[controller])
 
 
-def test_whole_numbers_are_numbers_and_no_provenance_is_needed(tmp_path: Path) -> None:
-    gains = load_gains("lqr", str(on_file(tmp_path, document(gains=dict.fromkeys(FIELDS["lqr"], 2)))))
-    assert gains.values["q_x"] == 2.0
-    assert not gains.provenance
-
-
 def test_a_set_is_read_only() -> None:
     values = dict(load_gains("pid", "published").values)
     gains = GainSet("pid", "mine", values)
@@ -199,14 +193,6 @@ def test_pid_has_no_manual_set() -> None:
         "pid has no gains 'manual'; there are: published, robust, tuned, husky-tile, husky-wet-grass, warthog-grass, "
         "default; or give the path of a TOML file"
     )
-
-
-def test_unknown_names_list_those_there_are() -> None:
-    assert refused("lqr", "best").startswith(
-        "lqr has no gains 'best'; there are: manual, published, robust, tuned, husky-tile, "
-    )
-    assert refused("psychic", "published").startswith("unknown controller 'psychic'; there are: pid, lqr")
-    assert "these are gains of pid, wanted lqr" in refused("lqr", "pid-published")
 
 
 @pytest.mark.parametrize("controller", LAWS)

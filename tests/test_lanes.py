@@ -143,12 +143,6 @@ def test_sine_and_cosine_are_those_of_the_angle(angle: float) -> None:
     assert abs(cosine - math.cos(angle)) <= slack
 
 
-def test_every_quadrant_has_its_signs() -> None:
-    for angle in np.arange(-40, 41) * 0.25 * math.pi:
-        for near in (angle, np.nextafter(angle, 10.0), np.nextafter(angle, -10.0)):
-            assert np.abs(np.subtract(sine_cosine(near), (math.sin(near), math.cos(near)))).max() <= SINE + math.ulp(near)
-
-
 def test_what_a_law_derives_is_one_number_a_field() -> None:
     for name in PLANAR_MODELS:
         robot: Any = PlanarModel(KINDS[name](), Vehicle(), Drive()).packed(0.001)

@@ -416,29 +416,3 @@ def test_tile_is_read_whole(tile: Recording) -> None:
     assert tile.has_pose
     assert list(tile.channels) == ["acc_x", "acc_y", "acc_z", "calib_step"]
     assert (tile.t[0], tile.t[-1]) == (0.0, 649.95)
-
-
-def test_tile_has_a_segment_more_than_it_has_gaps(tile: Recording) -> None:
-    # Steps are 0.05 s, 121 of 0.1 s (one sample dropped, tolerated) and 14 of 0.15 s (two dropped: a gap each).
-    steps = np.diff(tile.t)
-    assert np.count_nonzero(steps > 0.149) == 14
-    segments = tile.segments()
-    assert len(segments) == 15
-    assert sum(map(len, segments)) == len(tile)
-    assert max(float(np.diff(s.t).max()) for s in segments) < 0.1 + TIME_ROUNDOFF
-
-
-def test_tile_poses_are_refreshed_at_10_hz(tile: Recording) -> None:
-    # The log runs at 20 Hz; clock time without gaps is 647.9 s, poses come every 0.1 s and never repeat more than thrice.
-    segments = tile.segments()
-    clock = sum(float(s.t[-1] - s.t[0]) for s in segments)
-    assert sum(int(s.fresh.sum()) for s in segments) / clock == pytest.approx(10.0, rel=0.03)
-    assert max(int(np.diff(np.flatnonzero(s.fresh)).max()) for s in segments) <= 4
-
-
-def test_tile_starts_each_segment_with_a_plausible_state(tile: Recording) -> None:
-    for s in tile.segments():
-        state = s.initial_state()
-        assert abs(state.v_x) < 0.6
-        assert abs(state.v_y) < 0.3
-        assert abs(state.yaw_rate - s.recording.columns["gyro_z"][s.start : s.start + 10].mean()) < 0.4

@@ -35,7 +35,7 @@ from validation.compare.rerun import write_recording
 from validation.show import rerun_file, thinning
 from validation.show.palette import GREY, colour, mix
 from validation.show.rerun_layout import axis_range
-from validation.show.robot_mesh import body_mesh, box, revolve, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.show.robot_mesh import body_mesh, robot_mesh, wheel_quat_wxyz, wheel_turns
 from validation.show.thinning import POSE_PERIOD, outline_of
 from validation.show.viewer import open_viewer
 from validation.simulator.description import WHEELS
@@ -628,18 +628,6 @@ def test_what_cannot_be_drawn_is_said() -> None:
         body_mesh(model, "world")
     with pytest.raises(ValueError, match="nothing to draw"):
         body_mesh(model, "b")
-
-
-def test_simple_solids_have_the_faces_one_expects() -> None:
-    assert volume(box(np.array([1.0, 2.0, 3.0]))) == pytest.approx(48.0)
-    cone = revolve(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-    assert len(cone) == 2 * len(np.unique(cone[cone[..., 2] == 0.0].round(9), axis=0)) - 2
-    assert volume(cone) == pytest.approx(math.pi / 3.0, rel=FACETS)
-
-
-def test_tints_keep_what_is_dark_dark() -> None:
-    shades = tinted(np.array([[0, 0, 0, 255], [128, 128, 128, 9], [255, 255, 255, 0]], dtype=np.uint8), (200, 100, 0), 0.25)
-    assert shades.tolist() == [[50, 25, 0, 255], [150, 75, 0, 9], [200, 100, 0, 0]]
 
 
 def test_wheel_turns_are_the_integral_of_the_rates() -> None:

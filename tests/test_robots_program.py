@@ -31,7 +31,6 @@ KEYS = {
     "yaw_ripple", "static_loads_N", "apparent_mass_kg", "ok", "advice",
 }  # fmt: skip
 """Of robot.json, as the contract has them."""
-TAPE = TapeMeasure(0.5, 0.6, 0.15, 0.1, 60.0)
 
 
 def changed(name: str = "warthog", **sections: Mapping[str, Any]) -> Robot:

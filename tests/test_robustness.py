@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -148,18 +147,6 @@ def test_the_picture_has_every_controller(small: Robustness) -> None:
 def run_program(*arguments: str) -> int:
     """Exit status of the program, in this process."""
     return exit_status(PROGRAM, *arguments)
-
-
-def test_the_program_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, out = tmp_path / "short.csv", tmp_path / "out"
-    path.write_text("x,y\n0,0\n0.5,0\n0.8,0.1\n", encoding="utf-8")
-    asked = f"--controllers lqr --reference {path} --runs 17 --seeds 1 --gains published --timestep 0.005".split()
-    assert run_program("robustness", *asked, "--out", str(out)) == 0
-    assert {p.name for p in out.iterdir()} == {"study.json", "study.png", "study.md"}
-    assert "lqr" in capsys.readouterr().out
-    document = json.loads((out / "study.json").read_text(encoding="utf-8"))
-    assert len(document["controllers"]["lqr-published"]["runs"]) == 17
-    assert "| lqr |" in (out / "study.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)

@@ -315,10 +315,3 @@ def test_the_headline_is_the_error_after_six_seconds_or_d_rms() -> None:
     c = comparison(plant("mujoco", METRICS, errors), plant("linear"))
     assert headline_error(c, "mujoco") == "51 mm, 4.4° in 5 s"
     assert headline_error(c, "linear") == "d_rms 14.5 mm"
-
-
-def test_tables_print_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    c = comparison(plant("mujoco", METRICS, {6.0: ERRORS}, health=UNHEALTHY), plant("linear"))
-    for make in (comparison_table, horizon_table, comparison_markdown):
-        make(c)
-    assert capsys.readouterr() == ("", "")

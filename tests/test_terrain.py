@@ -22,7 +22,7 @@ from validation.plants.profile import Profile, make_plant
 from validation.simulator.model import robot_model
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.terrain import FLAT, KINDS, Terrain, parse_terrain
+from validation.simulator.terrain import FLAT, Terrain, parse_terrain
 from validation.track import __main__ as track
 
 SAMPLED = 0.06
@@ -181,8 +181,3 @@ def test_programs_drive_on_it(tmp_path: Path) -> None:
     asked = ("lqr", "line", "--plant", "mujoco", "--terrain", "rough:2", "--out", str(tmp_path / "t"))
     assert exit_status(track.main, *asked) == 0
     assert json.loads((tmp_path / "t" / "track.json").read_text())["options"]["terrain"].startswith("rough:height_mm=2")
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_kinds_have_words(kind: str) -> None:
-    assert Terrain(kind).words  # type: ignore[arg-type]

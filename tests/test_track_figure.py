@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 
 from ssmr.control.loop import Feedback
 from ssmr.control.references import circle, line, sine
 from ssmr.control.waypoints import Waypoints
 from tests.test_figures import lines, overlapping, texts, written, x_of, y_of
 from tests.test_tune_figure import cut
-from validation.show.drawing import save_figure
 from validation.show.tables import units_of
 from validation.track.data import TrackedRobot
 from validation.track.figure import draw_track
@@ -180,19 +176,3 @@ def test_robots_that_do_not_belong_together_are_refused() -> None:
         draw_track([one, followed("line", "kinematic")])
     with pytest.raises(ValueError, match="got 0"):
         draw_track([])
-
-
-def test_foreign_names_are_written_as_they_are() -> None:
-    made = replace(followed("line", "kinematic"), reference="/data/a$x$_{b}^$" + 90 * "w" + ".csv", profile="p" * 300)
-    made = replace(made, gains_name="g" * 300)
-    figure = draw_track([made])
-    assert "/data" not in written(figure)
-    assert overlapping(figure) == []
-
-
-def test_no_setting_outlives_a_call_and_the_file_is_1600_pixels_wide(tmp_path: Path) -> None:
-    before = dict(matplotlib.rcParams)
-    save_figure(draw_track(CASES["two"]()), tmp_path / "track.png")
-    assert dict(matplotlib.rcParams) == before
-    assert imread(tmp_path / "track.png").shape[1] == 1600
-    assert [path.name for path in tmp_path.iterdir()] == ["track.png"]

@@ -84,13 +84,6 @@ def test_notes_say_who_was_lost_saturated_or_far_away() -> None:
         assert all(note in track_markdown(CASES[name]()) for note in track_notes(CASES[name]()))
 
 
-def test_what_the_user_named_is_never_markup() -> None:
-    made = replace(followed("line", "kinematic"), reference="a|b`c*[red].csv", gains_name="[bold]\nx")
-    assert "a|b`c*[red].csv" in rendered(rich_table(track_grids([made])[0]))
-    assert "[bold] x" in rendered(rich_table(track_grids([made])[1]))
-    assert "`a|b'c*[red].csv`" in track_markdown([made])
-
-
 # --- documents ---
 
 
@@ -153,8 +146,8 @@ def test_the_tuning_document_keeps_the_contract(name: str, tmp_path: Path) -> No
         assert list(document[key]) == [f.label for f in every]
         for f in every:
             for who, cost, metrics in (
-                ("tuned", f.tuned_cost, f.tuned_metrics),
-                ("baseline", f.baseline_cost, f.baseline_metrics),
+                ("tuned", f.tuned.cost, f.tuned.metrics),
+                ("baseline", f.baseline.cost, f.baseline.metrics),
             ):
                 found = document[key][f.label][who]
                 assert set(found) == METRICS | {"cost", "lost"}

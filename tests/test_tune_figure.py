@@ -23,7 +23,7 @@ from validation.plants.profile import load_profile
 from validation.track.data import reference_of
 from validation.track.gains import GainSet, load_gains
 from validation.track.loops import make_controller, make_robot, rate, run_robots
-from validation.tune.data import TunedRun
+from validation.tune.data import Followed, TunedRun
 from validation.tune.figure import MAX_HELD_OUT, MAX_TRAIN, tune_figure
 from validation.tune.result import TuneResult
 from validation.tune.table import run_text
@@ -62,7 +62,7 @@ def followed(reference: str, plant: str, lost: str = "") -> TunedRun:
     return TunedRun(
         f"{reference} at {ways.speed:g} m/s, {plant}", reference, ways.speed, plant,
         reference_of(runs[0], ways, whole=True) if len(runs[0].t) > 1 else ways.trajectory(0.008),
-        runs[0], rate(runs[0], ways, robot), costs[0], runs[1], rate(runs[1], ways, robot), costs[1],
+        *(Followed(run, rate(run, ways, robot), cost) for run, cost in zip(runs, costs, strict=True)),
     )  # fmt: skip
 
 
@@ -157,13 +157,13 @@ def test_references_have_a_path_each_and_those_without_are_named(case: tuple[Tun
         assert len(shown) == min(most, len(every))
         for ax, f in zip(shown, every, strict=False):
             assert np.array_equal(np.asarray(lines(ax)["reference"].get_xydata()), f.target.xy)
-            assert np.array_equal(np.asarray(lines(ax)["tuned"].get_xydata()), f.tuned.columns("x", "y"))
-            assert np.array_equal(np.asarray(lines(ax)["baseline"].get_xydata()), f.baseline.columns("x", "y"))
+            assert np.array_equal(np.asarray(lines(ax)["tuned"].get_xydata()), f.tuned.run.columns("x", "y"))
+            assert np.array_equal(np.asarray(lines(ax)["baseline"].get_xydata()), f.baseline.run.columns("x", "y"))
             assert ("tuned lost" in lines(ax)) == f.tuned.lost
             assert ("baseline lost" in lines(ax)) == f.baseline.lost
             assert ax.get_aspect() == 1.0
             told = [text.get_text() for text in ax.texts]
-            assert any(t.startswith("tuned: lost" if f.tuned.lost else f"tuned: cost {f.tuned_cost:.4g},") for t in told)
+            assert any(t.startswith("tuned: lost" if f.tuned.lost else f"tuned: cost {f.tuned.cost:.4g},") for t in told)
         for f in every[most:]:
             assert run_text(f) in " ".join(written(figure).split())
 

@@ -221,10 +221,10 @@ def test_a_gain_on_the_tuned_path_that_others_pay_for_is_said(lab: Profile) -> N
     options = {"plants": ("linear",), "free": ("q_x",), "population": 5, "generations": 1, "held_out": ("line@0.5",)}
     found = tune_gains("lqr", "circle@0.5", lab, noise=False, **options)
     (held,) = found.held_out
-    worse = replace(held, tuned_cost=4.0 * held.baseline_cost)
+    worse = replace(held, tuned=held.tuned._replace(cost=4.0 * held.baseline.cost))
     told = " ".join(replace(found, held_out=(worse,)).notes())
     assert "are worse on other references: line at 0.5 m/s, linear +300.0%" in told
-    fine = replace(held, tuned_cost=held.baseline_cost)
+    fine = replace(held, tuned=held.tuned._replace(cost=held.baseline.cost))
     assert "worse on other references" not in " ".join(replace(found, held_out=(fine,)).notes())
 
 

@@ -14,7 +14,7 @@ from ssmr.robot.skid_turn import FRONT, LEFT
 from ssmr.types import FloatArray
 from validation.robots.data import CheckedRobot
 from validation.robots.mechanics import robot_outline, tyre_hull_overlap, whole_com
-from validation.robots.panels import draw_facts, draw_load_bars
+from validation.robots.panels import draw_facts
 from validation.show.drawing import ALARM, EDGE_IN, WIDTH_IN, Panel, Row, draw_footer, note_rows, put_together, text_row
 from validation.simulator.description import WHEELS, Robot
 from validation.words import abridged
@@ -255,7 +255,7 @@ def draw_robot(check: CheckedRobot) -> Figure:
     rows = [
         text_row(_HEADER_IN, partial(_draw_heading, check)),
         _row(heights[0], partial(_draw_top, check, top), partial(draw_facts, check)),
-        _row(heights[1], partial(_draw_side, check, side), partial(draw_load_bars, check)),
+        _row(heights[1], partial(_draw_side, check, side), lambda ax: ax.set_axis_off()),
         *note_rows([("fault: " if each.fault else "hint: ") + each.text for each in check.advice]),
         text_row(_FOOTER_IN, partial(draw_footer, _footer(check))),
     ]

@@ -1,21 +1,18 @@
-"""The panels beside a robot's picture: numbers, and its loads and torques as bars."""
+"""The numbers beside a robot's picture."""
 
 from __future__ import annotations
 
 import math
 
 from matplotlib.axes import Axes
-from matplotlib.patches import Rectangle
 
 from validation.robots.data import CheckedRobot
 from validation.robots.mechanics import tyre_hull_overlap
-from validation.show.drawing import ALARM, QUIET
+from validation.show.drawing import ALARM
 from validation.show.tables import NOTHING
-from validation.simulator.description import WHEELS
 
 _LINE_IN = 0.27
 """Height of a line of numbers [in]."""
-_BAR, _SHORT, _MARK = "#56a0c8", "#d55e00", "0.15"
 
 
 def _facts(check: CheckedRobot) -> list[tuple[str, str, bool]]:
@@ -39,9 +36,10 @@ def _facts(check: CheckedRobot) -> list[tuple[str, str, bool]]:
         ("ripple of the yaw rate", NOTHING if not found or found.ripple is None else f"{100.0 * found.ripple:.2f} %", False),
         ("friction of the ground", f"{mu:g}", False),
     ]
-    if spot is not None and math.isfinite(robot.drive.torque_limit):
-        most = (2.0 * robot.drive.torque_limit - robot.drive.gear_loss) / spot.side_torque
-        lines.append(("it can turn up to friction", f"{most:.2g}", most < mu))
+    if spot is not None:
+        needed, has = mu * spot.side_torque + robot.drive.gear_loss, 2.0 * robot.drive.torque_limit
+        lines.append(("torque that a side needs", f"{needed:.3g} N m", needed > has))
+        lines.append(("torque that a side has", f"{has:.3g} N m" if math.isfinite(has) else "no limit", needed > has))
     return lines
 
 
@@ -66,40 +64,3 @@ def draw_facts(check: CheckedRobot, ax: Axes) -> None:
         ax.text(0.04, y, name, va="center", fontsize=9.5, color="0.25")
         ax.text(1.0, y, value, va="center", ha="right", fontsize=9.5, color=ALARM if wrong else "0.05", gid=name)
         ax.plot([0.04, 1.0], [y + 0.5 * each] * 2, color="0.92", linewidth=0.7)
-
-
-def _bar(ax: Axes, y: float, share: float, name: str, text: str, wrong: bool) -> None:
-    ax.add_patch(
-        Rectangle((0.36, y - 0.3), 0.64 * max(share, 0.0), 0.6, facecolor=_SHORT if wrong else _BAR, edgecolor="none")
-    )
-    ax.text(0.34, y, name, ha="right", va="center", fontsize=9.0, color="0.2")
-    ax.text(0.38, y, text, ha="left", va="center", fontsize=9.0, color="0.05", gid=name)
-
-
-def draw_load_bars(check: CheckedRobot, ax: Axes) -> None:
-    """Draw the loads of the four wheels beside a quarter of the weight, and the torque of a side that a turn takes."""
-    ax.set_axis_off()
-    robot, spot = check.robot, check.spot
-    loads, quarter = check.static_loads, 0.25 * 9.81 * robot.masses.total
-    most = 1.05 * max(*loads, quarter)
-    ax.set(xlim=(0.0, 1.0), ylim=(7.6, -1.0))
-    ax.text(0.0, -0.55, "Loads of the wheels", fontsize=9.5, fontweight="bold", va="center")
-    for k, (wheel, load) in enumerate(zip(WHEELS, loads, strict=True)):
-        _bar(ax, k + 0.3, load / most, wheel.replace("_", " "), f"{load:.0f} N", load < 0.3 * quarter)
-    x = 0.36 + 0.64 * quarter / most
-    ax.plot([x, x], [-0.1, 3.7], color=_MARK, linewidth=1.0, linestyle=(0, (3, 2)))
-    ax.text(x, 3.75, "a quarter of the weight", fontsize=7.5, color=QUIET, ha="right", va="top")
-    if spot is None:
-        return
-    needed, has = robot.simulation.friction * spot.side_torque + robot.drive.gear_loss, 2.0 * robot.drive.torque_limit
-    ax.text(0.0, 4.75, "Torque of a side, turning on the spot", fontsize=9.5, fontweight="bold", va="center")
-    most = 1.05 * max(needed, has if math.isfinite(has) else needed)
-    _bar(ax, 5.6, needed / most, "needed", f"{needed:.3g} N m", needed > has)
-    _bar(
-        ax,
-        6.6,
-        (has if math.isfinite(has) else most) / most,
-        "the motors have",
-        f"{has:.3g} N m" if math.isfinite(has) else "no limit",
-        False,
-    )

@@ -25,6 +25,11 @@ class Followed(NamedTuple):
     cost: float
     """Cost of the run; infinite where it was lost."""
 
+    @property
+    def lost(self) -> bool:
+        """Whether the robot was lost."""
+        return self.run.lost
+
 
 @dataclass(frozen=True, eq=False)
 class TunedRun:
@@ -40,20 +45,18 @@ class TunedRun:
     """Name of the plant that was the robot."""
     target: Trajectory
     """The whole reference."""
-    tuned: ClosedRun
-    """The run with the tuned gains; it may have been lost."""
-    tuned_metrics: Metrics
-    """Metrics of `tuned`."""
-    tuned_cost: float
-    """Cost of `tuned`; infinite where it was lost."""
-    baseline: ClosedRun
+    tuned: Followed
+    """The run with the tuned gains."""
+    baseline: Followed
     """The run with the gains of before."""
-    baseline_metrics: Metrics
-    """Metrics of `baseline`."""
-    baseline_cost: float
-    """Cost of `baseline`; infinite where it was lost."""
     shipped: Followed | None = None
     """The run with the shipped gains; None where those are the gains of before, or where there are none."""
+
+    @property
+    def runs(self) -> dict[str, Followed]:
+        """All runs by the name of their gains: `tuned`, `baseline` and, if there is one, `shipped`."""
+        known = {"tuned": self.tuned, "baseline": self.baseline}
+        return known if self.shipped is None else {**known, "shipped": self.shipped}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -51,18 +51,15 @@ def _draw_run(run: ClosedRun, ink: Ink, width: float, zorder: float, gid: str, a
         drawing.draw_loss(ax, x[-1], y[-1], f"{gid} lost")
 
 
-def _quality(followed: TunedRun) -> tuple[str, str]:
-    """Return cost and d_rms of the tuned gains and of the baseline, a line each."""
-    f = followed
-    unit = length_unit([f.tuned_metrics["d_rms_m"], f.baseline_metrics["d_rms_m"]])
-
-    def text(name: str, cost: float, lost: bool, d_rms: float) -> str:
-        return f"{name}: {'' if lost else 'cost '}{cost_text(cost, lost)}, d_rms {unit.text(d_rms)} {unit.symbol}"
-
-    return (
-        text("tuned", f.tuned_cost, f.tuned.lost, f.tuned_metrics["d_rms_m"]),
-        text("baseline", f.baseline_cost, f.baseline.lost, f.baseline_metrics["d_rms_m"]),
-    )
+def _quality(followed: TunedRun) -> list[tuple[str, bool]]:
+    """Return cost and d_rms of the tuned gains and of the baseline, a line each, and whether the robot was lost."""
+    runs = {"tuned": followed.tuned, "baseline": followed.baseline}
+    unit = length_unit([run.metrics["d_rms_m"] for run in runs.values()])
+    words = {name: f"{'' if run.lost else 'cost '}{cost_text(run.cost, run.lost)}" for name, run in runs.items()}
+    return [
+        (f"{name}: {words[name]}, d_rms {unit.text(run.metrics['d_rms_m'])} {unit.symbol}", run.lost)
+        for name, run in runs.items()
+    ]
 
 
 def _draw_path(followed: TunedRun, held_out: bool, ax: Axes) -> None:
@@ -70,15 +67,15 @@ def _draw_path(followed: TunedRun, held_out: bool, ax: Axes) -> None:
     f = followed
     drawing.inset(ax, above=0.36)
     drawing.draw_reference(ax, f.target.xy)
-    _draw_run(f.baseline, BESIDE_INK, 1.3, 2.2, "baseline", ax)
-    _draw_run(f.tuned, drawing.ink_of(f.plant), NARROW, 2.5, "tuned", ax)
-    if len(f.tuned.t):
-        drawing.draw_dart(ax, f.tuned.columns("x", "y", "yaw")[-1], f.plant, 11.0)
+    _draw_run(f.baseline.run, BESIDE_INK, 1.3, 2.2, "baseline", ax)
+    _draw_run(f.tuned.run, drawing.ink_of(f.plant), NARROW, 2.5, "tuned", ax)
+    if len(f.tuned.run.t):
+        drawing.draw_dart(ax, f.tuned.run.columns("x", "y", "yaw")[-1], f.plant, 11.0)
     drawing.equal_scales(ax, 0.6)
     ax.locator_params(nbins=5)
     ax.set(xlabel="x [m]", ylabel="y [m]", label="held out" if held_out else "train")
     title_path(run_text(f, 80), 31.0, 0.3, ax)
-    for k, (text, lost) in enumerate(zip(_quality(f), (f.tuned.lost, f.baseline.lost), strict=True)):
+    for k, (text, lost) in enumerate(_quality(f)):
         ax.annotate(text, (0.0, 1.0), (0.0, 17.0 - 12.0 * k), xycoords="axes fraction", textcoords="offset points",
                     va="bottom", fontsize=8.5, color=ALARM if lost else "0.15" if k == 0 else "0.45")  # fmt: skip
     if held_out:

@@ -246,12 +246,10 @@ class TuneProblem:
         laws, n = [make_controller(self.profile, gains) for gains in sets], len(sets)
         runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self._seeds[:1], workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
-        new, before, *shipped = (
+        followed = [
             Followed(run, rate(run, case.waypoints, case.robot), float(cost)) for run, cost in zip(runs, costs, strict=True)
-        )
-        return TunedRun(
-            case.label, case.reference, case.waypoints.speed, case.robot.name, case.target, *new, *before, *shipped
-        )
+        ]
+        return TunedRun(case.label, case.reference, case.waypoints.speed, case.robot.name, case.target, *followed)
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""

@@ -252,7 +252,7 @@ def _robust_provenance(result: TuneResult) -> dict[str, Any]:
 def _with_provenance(result: TuneResult) -> GainSet:
     """Return the tuned gains as a set that says how it was found."""
     followed: dict[str, Any] = {
-        run.label: {"d_rms_m": run.tuned_metrics["d_rms_m"], "cost": run.tuned_cost}
+        run.label: {"d_rms_m": run.tuned.metrics["d_rms_m"], "cost": run.tuned.cost}
         for run in (*result.train, *result.held_out)
         if not run.tuned.lost
     }

@@ -8,13 +8,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from ssmr.metrics.declared import Metrics
 from validation.fit.table import effort, ending, parameter_grid
 from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened, units_of
 from validation.track.data import TRACK_METRICS
 from validation.track.mismatch import WORST, spread
 from validation.track.table import gains_text, lost_text
-from validation.tune.data import Followed, TuneData, TunedRun
+from validation.tune.data import TuneData, TunedRun
 
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m")
 """Measures in the table of references."""
@@ -50,14 +49,14 @@ def change(cost: float, before: float) -> str:
 
 def _costlier(result: TuneData) -> list[TunedRun]:
     """Return the held-out references on which the tuned gains are worse than those of before by more than a tenth."""
-    return [f for f in result.held_out if not f.baseline.lost and (f.tuned.lost or f.tuned_cost > _WORSE * f.baseline_cost)]
+    return [f for f in result.held_out if not f.baseline.lost and (f.tuned.lost or f.tuned.cost > _WORSE * f.baseline.cost)]
 
 
 def _transfer_notes(result: TuneData) -> list[str]:
     """Return sentences on references that were not tuned on, and on the shipped gains."""
     notes = []
     if costlier := _costlier(result):
-        there = ", ".join(f"{run_text(f)} {change(f.tuned_cost, f.baseline_cost) or 'lost'}" for f in costlier)
+        there = ", ".join(f"{run_text(f)} {change(f.tuned.cost, f.baseline.cost) or 'lost'}" for f in costlier)
         here = change(result.cost, result.baseline_cost)
         gained = f"cost {here} on what they were tuned on, but " if here else ""
         notes.append(
@@ -73,8 +72,7 @@ def _score_grid(result: TuneData) -> Grid:
     """Return the tuned gains and those of before on each reference; the better of each measure is emphasised."""
     measures = [TRACK_METRICS[name] for name in _SHOWN]
     followed = (*result.train, *result.held_out)
-    every = [metrics for f in followed for metrics in (f.tuned_metrics, f.baseline_metrics)]
-    every += [f.shipped.metrics for f in followed if f.shipped is not None]
+    every = [run.metrics for f in followed for run in f.runs.values()]
     units = units_of(measures, every)
     header = [
         ("reference", ""),
@@ -85,27 +83,21 @@ def _score_grid(result: TuneData) -> Grid:
     ]
 
     def rows(f: TunedRun, held_out: bool) -> tuple[tuple[Cell, ...], ...]:
-        pair: dict[str, tuple[float, bool, Metrics]] = {
-            "tuned": (f.tuned_cost, f.tuned.lost, f.tuned_metrics),
-            "baseline": (f.baseline_cost, f.baseline.lost, f.baseline_metrics),
-        }
-        if f.shipped is not None:
-            pair["shipped"] = (f.shipped.cost, f.shipped.run.lost, f.shipped.metrics)
-        kept = [name for name, (_, lost, _) in pair.items() if not lost]
-        costs = {name: cost_text(cost, lost) for name, (cost, lost, _) in pair.items()}
-        best = best_of(costs, {name: pair[name][0] for name in kept}, "low")
+        kept = {name: run for name, run in f.runs.items() if not run.lost}
+        costs = {name: cost_text(run.cost, run.lost) for name, run in f.runs.items()}
+        best = best_of(costs, {name: run.cost for name, run in kept.items()}, "low")
         columns = [{name: Cell(text, name in best) for name, text in costs.items()}]
-        columns.append(
-            {name: Cell("" if name == "baseline" else change(cost, f.baseline_cost)) for name, (cost, *_) in pair.items()}
-        )
+        changes = {name: "" if name == "baseline" else change(run.cost, f.baseline.cost) for name, run in f.runs.items()}
+        columns.append({name: Cell(text) for name, text in changes.items()})
         for m, unit in zip(measures, units, strict=True):
-            values = {name: metrics[m.name] for name, (_, _, metrics) in pair.items()}
+            values = {name: run.metrics[m.name] for name, run in f.runs.items()}
             texts = {name: unit.text(value) for name, value in values.items()}
             best = best_of(texts, {name: values[name] for name in kept}, m.wanted)
             columns.append({name: Cell(text, name in best) for name, text in texts.items()})
-        label = f"{'held out: ' * held_out}{run_text(f)}"
+        labels = [f"{'held out: ' * held_out}{run_text(f)}", "", ""]
         return tuple(
-            (Cell(label if k == 0 else ""), Cell(name), *(column[name] for column in columns)) for k, name in enumerate(pair)
+            (Cell(label), Cell(name), *(column[name] for column in columns))
+            for label, name in zip(labels, f.runs, strict=False)
         )
 
     groups = [rows(f, False) for f in result.train] + [rows(f, True) for f in result.held_out]
@@ -150,7 +142,7 @@ def tune_notes(result: TuneData) -> list[str]:
     for f in (*result.train, *result.held_out):
         for who, run in (("tuned gains lose", f.tuned), (f"gains {one_line(result.baseline_name)} lose", f.baseline)):
             if run.lost:
-                notes.append(f"The {who} {run_text(f)}: {lost_text(run)}.")
+                notes.append(f"The {who} {run_text(f)}: {lost_text(run.run)}.")
     if result.scores:
         costs = {name: spread(costs).cvar for name, costs in result.scores.items()}
         told = ", ".join(f"{cost_text(cost, not math.isfinite(cost))} with the {name} gains" for name, cost in costs.items())
@@ -172,19 +164,9 @@ def robots_dict(result: TuneData) -> dict[str, Any]:
     return {"robots": drawn}
 
 
-def _shipped_dict(shipped: Followed | None) -> dict[str, Any]:
-    if shipped is None:
-        return {}
-    return {"shipped": {**shipped.metrics, "cost": shipped.cost, "lost": shipped.run.lost}}
-
-
 def runs_dict(runs: Sequence[TunedRun]) -> dict[str, Any]:
     """Return the runs as tune.json holds them."""
     return {
-        run.label: {
-            "tuned": {**run.tuned_metrics, "cost": run.tuned_cost, "lost": run.tuned.lost},
-            "baseline": {**run.baseline_metrics, "cost": run.baseline_cost, "lost": run.baseline.lost},
-            **_shipped_dict(run.shipped),
-        }
-        for run in runs
+        each.label: {name: {**run.metrics, "cost": run.cost, "lost": run.lost} for name, run in each.runs.items()}
+        for each in runs
     }

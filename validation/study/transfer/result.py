@@ -9,12 +9,9 @@ from typing import Any
 
 from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid
 from validation.study.result import StudyResult
-from validation.study.transfer.comparison import RESAMPLES, Agreement, mean_costs
+from validation.study.transfer.comparison import RESAMPLES, mean_costs
 from validation.study.transfer.contenders import PRACTICABLE, TransferOptions
 from validation.study.transfer.field import TransferField
-
-_TYRED = "four_wheel"
-"""The plant between the planar models and MuJoCo."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +136,6 @@ class TransferStudy(StudyResult):
             _best_sentence(field),
             *(_plant_sentence(field, plant) for plant in field.models),
             *_prediction_sentences(field),
-            *_tyres_sentences(field),
             *_lost_sentences(field),
         ]
 
@@ -213,30 +209,6 @@ def _prediction_sentences(field: TransferField) -> list[str]:
         return []
     some = f"among the {knows} controllers that know their dead time, plants choose with {with_it}"
     return [f"{field.label}: {some}; among the {blind} others, with {without}."]
-
-
-def _tyres_sentences(field: TransferField) -> list[str]:
-    """Return whether the robot on four tyres chooses better than the planar models."""
-    others = [plant for plant in field.models if plant != _TYRED]
-    if _TYRED not in field.models or not others:
-        return []
-    own, found = field.agreement(_TYRED), [a for a in map(field.agreement, others) if a is not None]
-    assert own is not None
-    better = (_not_worse(own, found), _not_worse(own, found, reverse=True))
-    verdict = "chooses better than" if better == (True, False) else "chooses worse than" if better == (False, True) else (
-        "chooses neither better nor worse than"
-    )  # fmt: skip
-    wins = _range([a.same_winner for a in found], str)
-    own_text = f"{_agreed(field, [_TYRED], None)}, the same winner on {own.same_winner} references"
-    rest = f"{_agreed(field, others, None)}, {wins}"
-    return [f"{field.label}: {_TYRED} {verdict} the other models: {own_text}; those have {rest}."]
-
-
-def _not_worse(own: Agreement, others: Sequence[Agreement], *, reverse: bool = False) -> bool:
-    """Return whether one's correlation and regret are at least as good as everybody's, or with `reverse` as bad."""
-    if reverse:
-        return all(own.tau <= a.tau and own.regret >= a.regret for a in others)
-    return all(own.tau >= a.tau and own.regret <= a.regret for a in others)
 
 
 def _lost_sentences(field: TransferField) -> list[str]:

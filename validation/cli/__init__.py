@@ -25,6 +25,7 @@ from validation.cli.options import Output as Output
 from validation.cli.options import RobotName as RobotName
 from validation.cli.options import Run as Run
 from validation.cli.options import Seed as Seed
+from validation.cli.options import Topics as Topics
 from validation.cli.options import UserError as UserError
 from validation.cli.options import Values as Values
 from validation.cli.options import Workers as Workers
@@ -48,3 +49,4 @@ from validation.cli.running import options_type as options_type
 from validation.cli.running import output_folder as output_folder
 from validation.cli.running import run as run
 from validation.cli.running import search_kept_in as search_kept_in
+from validation.cli.running import writes as writes

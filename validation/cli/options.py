@@ -129,6 +129,12 @@ def _span(text: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def _some(text: str) -> str:
+    if not text:
+        raise ValueError
+    return text
+
+
 def read_values(text: str) -> dict[str, float]:
     """Return NAME=NUMBER,... as a dictionary.
 
@@ -192,6 +198,11 @@ Bounds = Annotated[
     ),
 ]
 """NAME=LOW:HIGH,... as a mapping to pairs."""
+Topics = Annotated[
+    Mapping[str, str],
+    parsed(lambda text: _comma_pairs(text, _some, "ROLE=TOPIC such as odom=/odometry/filtered"), "ROLE=TOPIC,..."),
+]
+"""ROLE=TOPIC,... as a mapping."""
 Number = Annotated[float | None, parsed(_finite, "X", lambda v: "" if v is None else f"{v:g}")]
 """A finite number, or None where the option is not given."""
 Count = Annotated[int | None, parsed(_whole(1), "N", lambda v: "" if v is None else str(v))]

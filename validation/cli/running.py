@@ -76,6 +76,15 @@ def output_folder(path: Path) -> Path:
 
 
 @contextlib.contextmanager
+def writes(option: str, path: Path) -> Iterator[None]:
+    """Within, a file that cannot be written is the user's mistake, who named it by this option."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"{option} {path}: the file cannot be written ({error.strerror or error})") from error
+
+
+@contextlib.contextmanager
 def search_kept_in(checkpoint: Path) -> Iterator[None]:
     """Within, an interruption says how to go on, if a search wrote its checkpoint there meanwhile."""
     began = time.time() - 0.1  # clocks of file systems are coarse

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,25 +18,11 @@ from validation.recordings.simulated_log import LogSettings
 from validation.words import file_name
 
 
-def _parse_topics(text: str) -> dict[str, str]:
-    """Return `role=/topic,role=/topic` as a mapping; a UserError refuses another form, and a role that stands twice."""
-    found: dict[str, str] = {}
-    for part in filter(None, (p.strip() for p in text.split(","))):
-        role, equals, topic = (s.strip() for s in part.partition("="))
-        if not equals or not topic or role in found:
-            raise cli.UserError(f"'{part}' must be ROLE=TOPIC such as odom=/husky_velocity_controller/odom, each role once")
-        found[role] = topic
-    return found
-
-
-_TopicMap = Annotated[Mapping[str, str], cli.parsed(_parse_topics, "ROLE=TOPIC,...")]
-
-
 @dataclass(frozen=True)
 class LogOptions:
     """Options for reading a log; topics and stamps are those of a ROS bag."""
 
-    topics: Annotated[_TopicMap, cli.option(default="guessed from the message types")] = field(default_factory=dict)
+    topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
     stamps: Annotated[Stamps, cli.option()] = "header"
     """Clock that counts: header, when a message was measured; or bag, when it was written."""
@@ -98,29 +84,21 @@ class InfoOptions:
 
 
 @dataclass(frozen=True)
-class ChangeOptions:
-    """Changes that are made to the log; the order is that of `ConvertSettings`."""
+class ChangeOptions(ConvertSettings):
+    """Changes that are made to the log."""
 
     rate: Annotated[cli.Number, cli.option(metavar="HZ", default="the log's own")] = None
-    """Samples a second."""
     smooth: Annotated[float, cli.option(metavar="SECONDS", default="0, no smoothing")] = 0.0
-    """Standard deviation of the Gaussian that smooths measurements."""
     align: cli.Flag = False
-    """Place the origin of the world at the first pose."""
     unbias: cli.Flag = False
-    """Take out the gyro's mean at rest."""
     sync: cli.Flag = False
-    """Take estimated offsets of time out of the measurements; commands stay."""
     ekf: cli.Flag = False
-    """Let the state filter of wheels and gyro fill x, y and yaw."""
     filter: Annotated[str, cli.option(metavar="thesis|learning|FILE.toml")] = "thesis"
     """State filter for --ekf."""
     gps_std: Annotated[float, cli.option(metavar="METRES", default="0, no GPS")] = 0.0
     """Standard deviation of GPS positions, which --ekf takes in by their stamps; --sync takes out their delay."""
     start: Annotated[float | None, cli.option("from", metavar="SECONDS", default="the beginning")] = None
-    """Leave out what was logged before this time."""
-    until: Annotated[float | None, cli.option(metavar="SECONDS", default="the end")] = None
-    """Leave out what was logged after this time."""
+    stop: Annotated[float | None, cli.option("until", metavar="SECONDS", default="the end")] = None
 
 
 @dataclass(frozen=True)
@@ -169,10 +147,8 @@ def _info(options: InfoOptions) -> None:
     for fault in found.log.faults:
         cli.warn(fault)
     if options.json is not None:
-        try:
+        with cli.writes("--json", options.json):
             found.save(options.json)
-        except OSError as error:
-            raise cli.UserError(f"--json {options.json}: the file cannot be written ({error.strerror or error})") from error
     cli.report_result(found, [] if options.json is None else [options.json])
 
 
@@ -186,10 +162,9 @@ def _convert(options: ConvertOptions) -> None:
     bag, changes, simulation = options.bag, options.changes, options.simulation
     target = options.out or Path("runs") / "recordings" / f"{file_name(Path(options.source).stem)}.csv"
     with cli.mistakes_are_users():
-        settings = ConvertSettings(*astuple(changes))
         converted = convert(
             options.source,
-            settings,
+            changes,
             bag.reading(),
             simulation.profile,
             simulation.seed,
@@ -197,10 +172,8 @@ def _convert(options: ConvertOptions) -> None:
             robot=simulation.robot,
             faults=simulation.faults(),
         )
-        try:
+        with cli.writes("--out", target):
             converted.save(target)
-        except OSError as error:
-            raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
     cli.report_result(converted, [target])
 
 
@@ -214,10 +187,8 @@ def _commission(options: CommissionOptions) -> None:
     with cli.mistakes_are_users():
         check_apart(target, o.source)
         made = commission_log(o.source, o.bag.reading(), simulation.profile, simulation.seed, robot=simulation.robot)
-        try:
+        with cli.writes("--out", target):
             made.save(target)
-        except OSError as error:
-            raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
     print(f"{made.name}: {made.sentence()}\nwritten: {target}")
 
 

@@ -28,9 +28,9 @@ class ConvertSettings:
     """Changes that a conversion makes to a log."""
 
     rate: float | None = None
-    """Samples a second [Hz]; None: the log's own."""
+    """Samples a second [Hz], where it is another rate than the log's own."""
     smooth: float = 0.0
-    """Standard deviation of the Gaussian that smooths measurements [s]; 0 smooths nothing."""
+    """Standard deviation of the Gaussian that smooths measurements [s], if any does."""
     align: bool = False
     """Place the origin of the world at the first pose."""
     unbias: bool = False

@@ -187,6 +187,7 @@ def document_html(document: Document, figures: Path) -> str:
     links = "\n".join(f"- [{markdown(c.title)}](#{c.key})" for c in document.chapters)
     body = parser.renderer.render(tokens, parser.options, {})
     body = body.replace("<table>", '<div class="scroll"><table>').replace("</table>", "</table></div>")
+    body = re.sub(r'(<img [^>]*alt="([^"]*)"[^>]*>)', r"\1<br><small>\2</small>", body)
     body = re.sub(rf"(<td[^>]*>)({'|'.join(STATUSES)})(?=</td>| \[|: )", _marked, body)
     page = files("validation.replicate").joinpath("templates/replicate.html").read_text(encoding="utf-8")
     return Template(page).substitute(title=escape(one_line(document.title)), chapters=parser.render(links), body=body)

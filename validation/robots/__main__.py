@@ -161,10 +161,8 @@ def _export(options: ExportOptions) -> None:
         target = options.out or Path(f"{file_name(robot.name)}.{options.to}")
         if target.exists():
             raise cli.UserError(f"--out {target}: there is such a file already; name another")
-        try:
+        with cli.writes("--out", target):
             store.write_text(target, export_robot(robot, options.to))
-        except OSError as error:
-            raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
     cli.report_console().print(f"written: {visible(target)}", markup=False, highlight=False, soft_wrap=True)
 
 
@@ -172,10 +170,8 @@ def _write(drafted: DraftedRobot, out: Path | None) -> None:
     """Write a new robot's file, and say how to go on."""
     target = out or Path(f"{drafted.robot.name}.toml")
     with cli.mistakes_are_users():
-        try:
+        with cli.writes("--out", target):
             drafted.save(target)
-        except OSError as error:
-            raise cli.UserError(f"--out {target}: the file cannot be written ({error.strerror or error})") from error
     cli.report_result(drafted, [target])
     cli.report_console().print(
         f"next: python -m validation.robots check {visible(target)}", markup=False, highlight=False, soft_wrap=True

@@ -62,7 +62,7 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "one row": (HEADER + "0,0,0\n", ": there is one waypoint after the header"),
     "no x": ("t,y\n0,0\n1,1\n", ", line 1: there is no column x among 't', 'y'; a file of waypoints begins with"),
     "no header": ("0,0,0\n1,1,0\n", ", line 1: there is no column x among '0', '0', '0'"),
-    "semicolons": ("t;x;y\n0;0;0\n", ", line 1: there is no column x among 't;x;y'"),
+    "semicolons": ("t;x;y\n0;0;0\n", ", line 1: semicolons separate the columns"),
     "no time": ("x,y\n0,0\n1,1\n", ", line 1: there is no column t [s]: add one, or give the reference speed"),
     "twice": ("t,x,y,X\n0,0,0,0\n1,1,1,1\n", ", line 1, column x: the header names this column twice"),
     "text": (HEADER + "0,0,0\n1,abc,0\n", ", line 3, column x: there is 'abc', wanted a finite number [m]"),

@@ -123,13 +123,17 @@ def make_table(
         limits: the limits in force.
 
     Raises:
-        TableError: an `error`, if rows differ in length from the header, or there are more than the limits allow.
+        TableError: an `error`, if rows differ in length from the header, semicolons separate the columns, or there are more
+            rows or columns than the limits allow.
     """
     numbered = iter(rows)
     header_line, header = next(numbered, (0, ()))
     width = len(header)
     if not width:
         return None
+    if width == 1 and ";" in header[0]:
+        what = "semicolons separate the columns; wanted commas between them, and points in numbers"
+        raise error(path, what, header_line)
     if width > limits.columns:
         raise error(path, f"there are {width} columns, but {limits.says('columns')}", header_line)
     most, at_once = min(limits.samples, limits.cells // width), math.ceil(_AT_ONCE / width)

@@ -61,7 +61,7 @@ def draw_cases(runs: int, seeds: int, seed: int, robot: Robot) -> list[Robustnes
     left = runs - len(single)
     if left < 2:
         raise ValueError(
-            f"{runs} runs are too few: {len(single)} go to single mismatches under {seeds} seeds; at least 2 more"
+            f"{runs} runs are too few: wanted {len(single) + 2} or more, for {len(single)} drive one mismatch alone"
         )
     drawn = draw_mismatches(left, seed, STUDYING, robot)
     return [*single, *(RobustnessCase("drawn", m, seed + seeds + k) for k, m in enumerate(drawn))]

@@ -18,7 +18,6 @@ from typing import Any
 import pytest
 
 from ssmr.control.laws import LAWS
-from ssmr.estimation.bias import BiasSettings
 from ssmr.estimation.sensing import SensorModel
 from ssmr.estimation.settings import EkfSettings
 from ssmr.models.four_wheel import FourWheelParameters
@@ -46,7 +45,6 @@ DOCUMENTED = (
     SensorNoise,
     EkfSettings,
     SensorModel,
-    BiasSettings,
     LogSettings,
     *(law.gains for law in LAWS.values()),
 )

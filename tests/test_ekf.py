@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.estimation.bias import BiasSettings, learn_bias
+from ssmr.estimation.commission import learning, stood
 from ssmr.estimation.ekf import aside_of, filter_log, filter_step, initial_belief, predict, run_ekf, update
-from ssmr.estimation.sensing import SensorLog, SensorModel, SensorSample, sense, simulate_sensors
+from ssmr.estimation.sensing import SensorLog, SensorModel, SensorSample, gyro_at_rest, sense, simulate_sensors
 from ssmr.estimation.settings import Aside, Belief, EkfSettings
 from ssmr.geometry import compose, rotate_body_to_world
 from ssmr.models.kinematic import KinematicParameters
@@ -469,40 +469,29 @@ def test_impossible_settings_are_refused(name: str, value: float) -> None:
 # ------------------------------------------------------------------------------------------------ the gyro's bias
 
 
-@given(st.floats(1e-4, 0.1), st.floats(1e-6, 1e-3), st.integers(1, 60))
-def test_a_bias_that_does_not_walk_is_the_mean_at_rest_weighed_with_the_prior(std: float, variance: float, n: int) -> None:
-    """Bayes' rule for a constant: b = sum(z) / (n + R/P_0), with the variance R / (n + R/P_0)."""
-    shown = 0.01 + math.sqrt(variance) * np.random.default_rng(n).standard_normal(n + 5)
-    still = np.arange(n + 5) >= 5
-    found = learn_bias(0.02 * np.arange(n + 5), shown, still, BiasSettings(std, 0.0, variance))
-    np.testing.assert_array_equal(found[:5, 0], 0.0)
-    np.testing.assert_array_equal(found[:5, 1], std)
-    weight = n + variance / std**2
-    assert found[-1, 0] == pytest.approx(shown[still].sum() / weight, rel=1e-9)  # a recursion of 60 steps against a sum
-    assert found[-1, 1] == pytest.approx(math.sqrt(variance / weight), rel=1e-9)
+@given(st.floats(-0.1, 0.1), st.floats(1e-4, 0.1), st.floats(1e-6, 1e-3), st.integers(1, 60))
+def test_a_bias_is_the_mean_at_rest_weighed_with_what_was_believed(bias: float, std: float, variance: float, n: int) -> None:
+    """Bayes' rule, reading by reading, against the rule for all readings at once."""
+    shown = 0.01 + math.sqrt(variance) * np.random.default_rng(n).standard_normal(n)
+    before = replace(STOCK, bias=bias, bias_std=std, variance_gyro=variance)
+    at_once, one_by_one = stood(before, shown), before
+    for reading in shown:
+        one_by_one = stood(one_by_one, np.array([reading]))
+    assert at_once.bias == pytest.approx(one_by_one.bias, rel=1e-9, abs=1e-12)  # a recursion of 60 steps against a sum
+    assert at_once.bias_std == pytest.approx(one_by_one.bias_std, rel=1e-9)
+    assert at_once.bias_std == pytest.approx(math.sqrt(variance / (n + variance / std**2)), rel=1e-9)
+    assert stood(before, shown[:0]).bias == bias  # it did not stand
+    assert stood(STOCK, shown) == STOCK  # it knows that there is none
 
 
-def test_a_bias_is_less_sure_the_longer_the_robot_moves() -> None:
-    t = np.arange(2000) * 0.05
-    found = learn_bias(t, np.full(len(t), 0.003), t < 10.0, BiasSettings(walk=1e-9))
-    moving = t > 10.0
-    assert np.all(found[moving, 0] == found[-1, 0])
-    growth = found[moving, 1] ** 2 - found[moving, 1][0] ** 2
-    np.testing.assert_allclose(growth, 1e-9 * (t[moving] - t[moving][0]), rtol=1e-9, atol=1e-18)
-
-
-def test_the_bias_filter_is_as_sure_as_it_says() -> None:
-    """Normalised errors of 400 walks, looked at after a drive between two rests, have the variance 1 +- 0.07 (1 sigma)."""
-    settings = BiasSettings(0.02, 1e-7, 3.5e-5)
-    rng = np.random.default_rng(8)
-    t = np.arange(1500) * 0.02
-    still = (t < 3.0) | (t > 25.0)
-    errors = []
-    for _ in range(400):
-        bias = 0.02 * rng.standard_normal() + np.cumsum(math.sqrt(1e-7 * 0.02) * rng.standard_normal(len(t)))
-        turn = np.where(still, 0.0, np.sin(t))
-        found = learn_bias(t, turn + bias + math.sqrt(3.5e-5) * rng.standard_normal(len(t)), still, settings)
-        errors += [(found[k, 0] - bias[k]) / found[k, 1] for k in (1200, 1499)]
+def test_a_bias_that_was_learned_at_rest_is_as_sure_as_it_says() -> None:
+    """Normalised errors of 1000 gyros have the variance 1 +- 0.045 (1 sigma)."""
+    rng, errors = np.random.default_rng(8), []
+    for _ in range(1000):
+        bias = 0.02 * rng.standard_normal()
+        found = stood(learning(STOCK), gyro_at_rest(SensorModel(gyro_bias=bias).packed(), rng))
+        errors.append((found.bias - bias) / found.bias_std)
+    assert found.bias_std < 0.001
     assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.2)
 
 
@@ -514,26 +503,7 @@ def test_a_filter_whose_gyro_is_biased_keeps_its_heading_once_it_has_stood() -> 
     left, right = wheel_rates.py_func(v, turn, STOCK.half_track, STOCK.radius)
     shown = turn - 0.0156
     plain = run_ekf(t, left, right, shown, STOCK, State())
-    learned = run_ekf(t, left, right, shown - learn_bias(t, shown, still)[:, 0], STOCK, State())
+    learned = run_ekf(t, left, right, shown - stood(learning(STOCK), shown[still]).bias, STOCK, State())
     truth = 0.3 * (1.0 - math.cos(t[-1] - 4.0))
     assert abs(plain.pose[-1, 2] - truth) > 0.8  # 0.0156 rad/s for a minute
-    # a first sample of bias before it is known, then what the prior leaves of it: R / (P_0 n) of 0.0156 rad/s for 56 s
-    assert abs(learned.pose[-1, 2] - truth) < 0.01
-
-
-@pytest.mark.parametrize(
-    ("field", "value"), [("start_std", -1.0), ("walk", -1.0), ("variance", 0.0), ("variance", math.nan), ("walk", math.inf)]
-)
-def test_impossible_beliefs_about_a_bias_are_refused(field: str, value: float) -> None:
-    with pytest.raises(ValueError, match=field):
-        BiasSettings(**{field: value})
-
-
-def test_logs_that_do_not_fit_together_teach_no_bias() -> None:
-    t = np.arange(5) * 0.1
-    with pytest.raises(ValueError, match="still has shape"):
-        learn_bias(t, np.zeros(5), np.zeros(4, dtype=bool))
-    with pytest.raises(ValueError, match="t must increase"):
-        learn_bias(t[::-1], np.zeros(5), np.zeros(5, dtype=bool))
-    with pytest.raises(ValueError, match="gyro"):
-        learn_bias(t, np.full(5, np.nan), np.zeros(5, dtype=bool))
+    assert abs(learned.pose[-1, 2] - truth) < 0.01  # what the prior leaves of it: R / (P_0 n) of 0.0156 rad/s for 60 s

@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ssmr.control.loop import Feedback
+from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.references import eight
 from validation.plants.profile import load_profile
 from validation.study.filter.doubt import chi_squared_band, doubt_of
+from validation.track.commissioning import TRACKER
+from validation.track.gains import DEFAULT, load_gains
+from validation.track.loops import make_controller, make_robot, run_robots
 
 LEAST_INSIDE = 8 / 9
 """Share of the nine instants whose mean must be inside the band: one in twenty is outside by chance."""
@@ -33,6 +37,23 @@ def test_the_errors_of_the_pose_are_of_the_size_that_is_claimed(profile: str, pl
     assert found.inside >= LEAST_INSIDE
     assert found.nis_share >= 0.93
     assert np.all(found.thesis_biased.mean(axis=0)[-3:] > 100.0)  # the thesis' filter on the same drives
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("profile", ["thesis-lab", "husky-tile", "warthog-grass"])
+def test_slip_in_turns_is_hardly_a_function_of_the_motion(profile: str) -> None:
+    """So no turning ratio that the filter could know beforehand would bring the wheels' NIS into its band on tyres."""
+    chosen = load_profile(profile)
+    robot, law = make_robot(chosen, "mujoco"), make_controller(chosen, load_gains(TRACKER, DEFAULT))
+    (run,) = run_robots([robot], [law], [LoopSettings("truth")], eight(0.25), [1000])
+    (v, _, w), wheels = run.motion.twist.T, run.motion.wheels
+    left = []
+    for known in ([v, w], [v, w, v * v, v * w, w * w, w * abs(w), v * v * w, v * w * w, w**3]):
+        known_of = np.column_stack(known)
+        shown = wheels[:, 1] - wheels[:, 0]
+        left.append(np.std(shown - known_of @ np.linalg.lstsq(known_of, shown)[0]))
+    print(f"slip that polynomials leave of what a constant ratio leaves: {left[1] / left[0]:.2f}")
+    assert 0.75 < left[1] / left[0] < 1.0
 
 
 @pytest.mark.slow

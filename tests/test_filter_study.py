@@ -86,6 +86,8 @@ def test_sensors_explain_the_drift(small: FilterStudy) -> None:
             assert f["biased gyro"].mean("end_yaw") < -0.05
             assert f["commissioned"].mean("position") < 0.7 * f["wheels + gyro"].mean("position")
             assert f["commissioned, biased"].mean("position") < 0.7 * f["biased gyro"].mean("position")
+            assert f["commissioned, biased"].mean("yaw") == pytest.approx(f["commissioned"].mean("yaw"), rel=0.1)
+            assert f["commissioned"].mean("yaw") < 0.005
 
 
 def test_a_study_repeats_whatever_the_workers(small: FilterStudy, lab: Profile) -> None:

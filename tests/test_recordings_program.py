@@ -16,16 +16,17 @@ from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from scipy.optimize import least_squares
 
+from ssmr.estimation.commission import learning
 from ssmr.geometry import align_rigidly, quat_wxyz_to_yaw
 from tests.bag_factory import circle, poses_at, write
 from tests.conftest import data_folder
-from validation.logs.dead_reckoning import integrated, reckon
+from validation.logs.dead_reckoning import filtered_motion, integrated, reckon
 from validation.logs.formats import log_path, read_recording
 from validation.logs.log import ReadOptions
 from validation.logs.offsets import estimate_offsets
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import read_csv, write_csv
-from validation.logs.rest import find_rest, unbiased
+from validation.logs.rest import STOCK, find_rest, unbiased
 from validation.plants.profile import load_profile
 from validation.recordings import ConvertSettings, convert, info, open_log
 from validation.recordings.simulated_log import LogSettings, simulated_log
@@ -192,7 +193,30 @@ def test_on_the_parking_lot_the_filter_is_nearer_the_gps_than_gyro_heading_alone
     assert abs(rest.bias) < 1e-3
     whole = reckon(unbiased(PARKING_LOT, groups))
     assert whole is not None
-    assert whole.rows[3].rms < rms["filter of wheels and gyro"]  # as well if it is taken out of the whole log at once
+    assert whole.rows[3].rms == pytest.approx(rms["filter, bias learned at rest"], abs=0.01)  # taken out before, or by it
+    learns = reckon(groups, more={"learning": learning(STOCK)})
+    assert learns is not None
+    assert learns.rows[-1].rms < 1.01 * rms["filter, bias learned at rest"]
+    assert learns.rows[-1].length == pytest.approx(359.0, abs=1.0)  # what it learns on the way moves no pose by a jump
+
+
+@pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")
+def test_between_gps_positions_the_learning_filter_does_not_run_away() -> None:
+    """Every second minute of positions is kept from both filters, which are judged there, without alignment."""
+    groups = open_log(PARKING_LOT).groups
+    gps = groups["gps"]
+    away = gps.t // 60.0 % 2.0 == 1.0
+    told = replace(gps, t=gps.t[~away], columns={name: column[~away] for name, column in gps.columns.items()})
+    found = {}
+    for name, used in (("thesis", STOCK), ("learning", learning(STOCK))):
+        motion = filtered_motion({**groups, "gps": told}, settings=used, gps_std=2.5)
+        assert motion is not None
+        there = [np.interp(gps.t, motion.t, column) for column in motion.xy.T]
+        off = np.hypot(*(there - np.array([gps.columns["gps_east"], gps.columns["gps_north"]])))
+        found[name] = [float(np.sqrt(np.mean(off[part] ** 2))) for part in (away, ~away)]
+    print(f"rms distance [m] where positions were kept from it, and where it had them: {found}")
+    assert found["learning"][0] < 1.1 * found["thesis"][0] < 6.0
+    assert found["learning"][1] < found["thesis"][1]
 
 
 @pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -90,6 +91,22 @@ def learning(settings: EkfSettings, sensors: SensorModel | None = None) -> EkfSe
         slip_along=1e-4, slip_across=1e-4, slip_turn=0.02,
         bias_std=0.02, bias_walk=8e-12, scale_std=0.05, turning_std=0.6, centre_std=0.05,
     )  # fmt: skip
+
+
+def stood(settings: EkfSettings, gyro: FloatArray) -> EkfSettings:
+    """Return a filter that has learned its gyro's bias at rest, where it is all that the gyro shows besides its noise.
+
+    On the way only the wheels tell of the bias, and their slip hides it: what the filter believes at the start it believes
+    for the whole drive. It should therefore not start with one reading of the gyro.
+
+    Args:
+        settings: the filter before; if it has no doubt of the bias, it stays as it is.
+        gyro: (N,) yaw rates that the gyro showed while the robot stood [rad/s].
+    """
+    prior, noise = settings.bias_std**2, settings.variance_gyro
+    total = len(gyro) * prior + noise
+    bias = settings.bias + prior / total * float(np.sum(gyro - settings.bias))
+    return replace(settings, bias=bias, bias_std=math.sqrt(prior * noise / total))
 
 
 def _slip_per_metre(drives: Sequence[Trajectory], slips: Sequence[FloatArray], ways: Sequence[FloatArray]) -> float:

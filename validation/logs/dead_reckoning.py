@@ -10,8 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ssmr._jit import source
-from ssmr.estimation.bias import learn_bias
-from ssmr.estimation.commission import commission
+from ssmr.estimation.commission import commission, learning, stood
 from ssmr.estimation.ekf import aside_of, run_ekf
 from ssmr.estimation.settings import EkfSettings, SeenPose
 from ssmr.geometry import align_rigidly, rotate_body_to_world
@@ -70,8 +69,8 @@ def filtered_motion(
     Args:
         groups: the log.
         gyro: True if the filter takes in the gyro.
-        bias: True if the gyro's bias is learned whenever the robot stands, see `learn_bias`, and subtracted from then on. A
-            filter that learns has a state for the bias, and is told when the robot stands instead.
+        bias: True if what the gyro shows whenever the robot stands tells its bias, see `stood`, from the log's beginning on.
+            The bias is subtracted, or a filter that learns begins with it.
         settings: the filter's, with wheel radius and half-track of the robot's driver.
         gps_std: standard deviation of the log's GPS positions, which the filter takes in by their stamps [m]; 0 to take in
             none. The motion is then in their frame, in which it begins as the first `_FIRST_WAY` of dead reckoning lies.
@@ -88,8 +87,10 @@ def filtered_motion(
     left, right = source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
     still = standing(groups, t)
     std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
-    if turning is not None and bias and not settings.learns:
-        turning = turning - learn_bias(t, turning, still)[:, 0]
+    if turning is not None and bias and settings.learns:
+        settings, turning = stood(settings, turning[still]), np.where(still, np.nan, turning)
+    elif turning is not None and bias:
+        turning = turning - stood(learning(settings), turning[still]).bias
     aside = aside_of(still) if settings.learns else None
     motion = run_ekf(t, left, right, turning, settings, State(), std, aside)
     fixes = groups.get("gps") if gps_std else None

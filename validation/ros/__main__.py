@@ -82,7 +82,7 @@ class SimOptions:
     filter: Annotated[str, cli.option(metavar="thesis|commissioned|learning|FILE.toml")] = "thesis"
     """State filter on the robot, as in validation.track."""
     gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
-    """Reading of the gyro at rest, of which no filter is told."""
+    """Reading of the gyro at rest, of which no filter is told; one that learns has listened for 5 s before the start."""
     seed: cli.Seed = 0
     graph: GraphOptions = field(default_factory=GraphOptions)
 

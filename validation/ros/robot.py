@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ssmr.estimation.commission import stood
 from ssmr.estimation.constants import forward_speed
 from ssmr.estimation.ekf import filter_step, initial_belief
-from ssmr.estimation.sensing import SensorErrors, SensorModel, sense
+from ssmr.estimation.sensing import SensorErrors, SensorModel, gyro_at_rest, sense
 from ssmr.estimation.settings import BIAS, Belief, EkfSettings, V, W
 from ssmr.geometry import compose
 from ssmr.robot.drive import body_rates, whole_steps
@@ -54,7 +55,7 @@ class SimulatedRobot:
     """A robot that advances only when `advance` is called."""
 
     def __init__(self, plant: MujocoPlant, settings: SensorSettings, start: State | None = None) -> None:
-        """Put the robot to rest at its start, with a filter that knows that pose.
+        """Put the robot to rest at its start, with a filter that knows that pose, and stood there for `STANDS`.
 
         Args:
             plant: the robot; its own drive stands between command and wheels.
@@ -67,9 +68,10 @@ class SimulatedRobot:
         self.state = plant.reset(self._start)
         self.steps = 0
         self._sensed_at = 0
-        self.filter = settings.filter or odometry_of(plant.drive)
-        self._numbers = self.filter.packed()
         self._deviations = settings.model.packed() if settings.noise else SensorErrors(0.0, 0.0, settings.model.gyro_bias)
+        at_rest = gyro_at_rest(self._deviations, np.random.default_rng([settings.seed, 2]))
+        self.filter = stood(settings.filter or odometry_of(plant.drive), at_rest)
+        self._numbers = self.filter.packed()
         self.belief = initial_belief(State(), settings=self.filter if self.filter.learns else None)
         self._wheel_pose = np.zeros(3)
         self._wheels = np.zeros((2, 2))

@@ -73,7 +73,8 @@ class World:
     no_disturbance: cli.Flag = False
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
     gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
-    """Reading of the gyro at rest, of which no filter is told. It needs --feedback ekf."""
+    """Reading of the gyro at rest, of which no filter is told; one that learns listens for 5 s before the robot drives. It
+    needs --feedback ekf."""
     missed_ticks: Annotated[
         tuple[float, float], cli.parsed(_read_shares, "LEFT,RIGHT"), cli.option(default="0,0, sound encoders")
     ] = (0.0, 0.0)

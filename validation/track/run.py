@@ -14,7 +14,8 @@ import numpy as np
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.sensing import SensorModel
+from ssmr.estimation.commission import stood
+from ssmr.estimation.sensing import SensorModel, gyro_at_rest
 from ssmr.geometry import rotate_body_to_world
 from ssmr.types import State
 from validation import store
@@ -68,7 +69,8 @@ class TrackSettings:
     robot's constants and learns how they change; one that is `learning` on a robot that nobody has commissioned; or the path
     of a TOML file."""
     gyro_bias: float = 0.0
-    """Reading of the gyro at rest [rad/s], of which no filter is told; for the feedback `ekf`."""
+    """Reading of the gyro at rest [rad/s], of which no filter is told; one that learns listens for `STANDS` before the robot
+    drives. For the feedback `ekf`."""
     missed_ticks: tuple[float, float] = (0.0, 0.0)
     """Share of their ticks that damaged encoders of the left and of the right side miss [1] (Sec. 4.5); for the feedback
     `ekf`, which alone reads them."""
@@ -137,9 +139,9 @@ class PreparedTracking:
     def _drive(self, robot: ClosedLoopRobot, workers: int | None) -> TrackedRobot:
         s = self.settings
         used = chosen_filter(s.filter, self.profile, robot.name)
-        around = LoopSettings(
-            s.feedback, sensors=s.sensors, filter=used.settings, disturbance=s.disturbance, lookahead=s.lookahead
-        )
+        at_rest = gyro_at_rest(s.sensors.packed(), np.random.default_rng([s.seed, 2]))  # 0 and 1 draw the loop's noise
+        told = stood(used.settings, at_rest)
+        around = LoopSettings(s.feedback, sensors=s.sensors, filter=told, disturbance=s.disturbance, lookahead=s.lookahead)
         began = time.perf_counter()
         (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [s.seed], workers, self._start())
         wall = time.perf_counter() - began

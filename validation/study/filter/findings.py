@@ -14,6 +14,7 @@ from typing import get_args
 import numpy as np
 
 from ssmr.control.loop import Feedback
+from ssmr.estimation.sensing import STANDS
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import relative, wrap_angle
 from ssmr.parameters import require_in_range, require_within
@@ -122,6 +123,8 @@ class FilterOptions:
     """Further frictions for the last profile's robot [1]."""
     bias: float = REAL_BIAS
     """Bias of the biased gyro [rad/s]."""
+    stands: float = STANDS
+    """Time for which the robot stands before a drive, while a filter that learns listens to its gyro [s]."""
     plants: tuple[str, ...] = ("improved",)
     """Plants on which it is measured how sure filters may be, on every profile; none for none."""
     feedbacks: tuple[str, ...] = get_args(Feedback)
@@ -156,6 +159,7 @@ class FilterOptions:
             raise ValueError(f"runs {self.runs} must be at least 1")
         require_within(self, ("bias",), -100.0, 100.0)
         require_within(self, ("speed",), 1e-3, 100.0)
+        require_in_range(self, "stands", 0.0, 1000.0)
         require_in_range(self, "timestep", 1e-5, 0.01)
 
 

@@ -102,7 +102,7 @@ class FilterStudy(StudyResult):
             "references": list(self.references),
             "speed_m_s": self.speed,
             "seed": o.seed,
-            "options": {"seeds": o.seeds, "bias": o.bias, "timestep": o.timestep},
+            "options": {"seeds": o.seeds, "bias": o.bias, "stands": o.stands, "timestep": o.timestep},
             "window_m": DRIFT_STRETCH,
             "tracker": TRACKER,
             "doubts": [

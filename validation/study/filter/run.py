@@ -16,8 +16,9 @@ import numpy as np
 
 from ssmr.control.loop import ClosedRun, Feedback, LoopSettings, make_clock
 from ssmr.control.waypoints import Waypoints
+from ssmr.estimation.commission import stood
 from ssmr.estimation.ekf import run_ekf
-from ssmr.estimation.sensing import SensorModel, simulate_sensors
+from ssmr.estimation.sensing import SensorModel, gyro_at_rest, simulate_sensors
 from ssmr.estimation.settings import EkfSettings
 from ssmr.types import State, Trajectory
 from validation.progress import Progress, Report, silent
@@ -125,9 +126,11 @@ def _estimate(
         drifts, errors = [], []
         for k in range(options.seeds):
             rng = np.random.default_rng([options.seed, k])
-            log = simulate_sensors(truth, rng, SensorModel(gyro_bias=variant.bias))
+            sensors = SensorModel(gyro_bias=variant.bias)
+            log = simulate_sensors(truth, rng, sensors)
+            settings = stood(ground.filter_settings(variant, known), gyro_at_rest(sensors.packed(), rng, options.stands))
             gyro = log.gyro if variant.gyro else None
-            believed = run_ekf(log.t, log.left, log.right, gyro, ground.filter_settings(variant, known), start)
+            believed = run_ekf(log.t, log.left, log.right, gyro, settings, start)
             seen = np.searchsorted(truth.t, log.t - 1e-9)
             then = Trajectory(truth.t[seen], truth.pose[seen], truth.twist[seen], truth.wheels[seen])
             drifts.append(drift_of(believed, then))

@@ -61,9 +61,7 @@ def test_slip_in_turns_is_hardly_a_function_of_the_motion(profile: str) -> None:
 @pytest.mark.parametrize("plant", ["linear", "kinematic", "coulomb", "improved"])
 @ALL_FEEDBACKS
 def test_on_every_planar_model_the_filter_is_as_sure_as_it_may_be(profile: str, plant: str, feedback: Feedback) -> None:
-    """On husky-tile's coulomb with the feedback ekf, two means over 16 robots are above the band, and none over 64."""
-    runs = 64 if (profile, plant, feedback) == ("husky-tile", "coulomb", "ekf") else 16
-    found = doubt_of(load_profile(profile), plant, feedback, runs)
+    found = doubt_of(load_profile(profile), plant, feedback)
     assert found.inside >= LEAST_INSIDE
     assert found.nis_share >= 0.93
 
@@ -73,12 +71,8 @@ def test_on_every_planar_model_the_filter_is_as_sure_as_it_may_be(profile: str, 
 @pytest.mark.parametrize("plant", ["four_wheel", "mujoco"])
 @ALL_FEEDBACKS
 def test_on_tyres_the_filter_is_not_too_sure(profile: str, plant: str, feedback: Feedback) -> None:
-    """Slip counts as white noise that is as strong as its slowest part; so the filter may doubt too much, as on wet grass.
-
-    On thesis-printed, three means over 16 robots are above the band in MuJoCo, and none over 48.
-    """
-    runs = 48 if (profile, plant) == ("thesis-printed", "mujoco") else 16
-    found = doubt_of(load_profile(profile), plant, feedback, runs)
+    """Slip counts as white noise that is as strong as its slowest part; so the filter may doubt too much, as on grass."""
+    found = doubt_of(load_profile(profile), plant, feedback)
     low, high = found.band
     mean = found.nees.mean(axis=0)
     assert np.mean(mean < high) >= LEAST_INSIDE

@@ -87,6 +87,8 @@ def test_a_robot_over_ros_has_the_filter_that_is_asked_for(tile: Profile) -> Non
     for name in ("thesis", "learning"):
         used = chosen_filter(name, tile, "mujoco").settings
         robot = SimulatedRobot(plant, SensorSettings(model=biased, filter=used))
+        assert name == "thesis" or robot.filter.bias == pytest.approx(0.0156, abs=4.0 * robot.filter.bias_std) != used.bias
+        assert robot.filter.bias_std < 0.0005  # it has stood, or knows of no bias
         for k in range(1000):
             robot.advance(10, (0.3, 0.8 * math.sin(k / 150.0)))
             robot.sense()

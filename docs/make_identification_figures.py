@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ssmr.geometry import integral
 from ssmr.metrics.poses import horizon_windows
 from ssmr.types import FloatArray, IndexArray
 from validation.logs.recording_csv import read_csv
@@ -123,8 +124,8 @@ def table_floor(path: str) -> None:
     for piece in recording.segments():
         t, wheels = piece.t, piece.inputs("wheels")
         gyro = recording.columns["gyro_z"][piece.start : piece.stop]
-        turned = np.concatenate([[0.0], np.cumsum(0.5 * (gyro[1:] + gyro[:-1]) * np.diff(t))])
-        rolled = np.concatenate([np.zeros((1, 2)), np.cumsum(wheels[: len(t) - 1] * np.diff(t)[:, None], axis=0)])
+        turned = integral(t, gyro)
+        rolled = np.cumulative_sum(wheels[: len(t) - 1] * np.diff(t)[:, None], axis=0, include_initial=True)
         for i, j in zip(*_overlapping(t, piece.fresh, 6.0), strict=True):
             if t[i] - GYRO_LAG >= t[0]:
                 by_gyro = np.interp(t[j] - GYRO_LAG, t, turned) - np.interp(t[i] - GYRO_LAG, t, turned)

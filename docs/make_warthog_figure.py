@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ssmr.geometry import relative, rotate_body_to_world, wrap_angle
+from ssmr.geometry import integral, relative, rotate_body_to_world, wrap_angle
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.motion.driving import drive
@@ -39,7 +39,7 @@ def moving_windows(piece: Piece, horizon: float) -> tuple[IndexArray, IndexArray
     assert piece.t is not None
     assert piece.reference is not None
     way = np.abs(piece.reference.wheels[:-1]).max(axis=1) * np.diff(piece.t)
-    turned = np.concatenate([[0.0], np.cumsum(way)])
+    turned = np.cumulative_sum(way, include_initial=True)
     starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
     moves = turned[ends] - turned[starts] > _MOVES
     return starts[moves], ends[moves]
@@ -76,7 +76,7 @@ def gyro_errors(source: Source) -> tuple[float, FloatArray]:
             assert piece.reference is not None
             starts, ends = moving_windows(piece, 6.0)
             t, rate = piece.t, piece.reference.twist[:, 2]  # the gyro's
-            heading = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+            heading = integral(t, rate)
             turned = np.interp(t[ends] - late, t, heading) - np.interp(t[starts] - late, t, heading)
             off.append(np.abs(turned - (piece.reference.pose[ends, 2] - piece.reference.pose[starts, 2])))
         found.append((float(late), np.concatenate(off)))
@@ -101,9 +101,9 @@ class Drift:
             assert piece.t is not None
             dt, rates = piece.commands.dt, piece.commands.values * (radius + difference * np.array([0.5, -0.5]))
             v, w = rates.mean(axis=1), (rates[:, 1] - rates[:, 0]) / (2.0 * half_track)
-            yaw = np.concatenate([[0.0], np.cumsum(w) * dt])
+            yaw = np.cumulative_sum(w, include_initial=True) * dt
             steps = rotate_body_to_world(np.column_stack([v, -k * v * w]), yaw[:-1] + 0.5 * w * dt) * dt
-            path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+            path = np.cumulative_sum(steps, axis=0, include_initial=True)
             path = path + rotate_body_to_world(np.tile([t_x, t_y], (len(path), 1)), yaw)
             told, clock = piece.t - piece.t[0] - late, dt * np.arange(len(yaw))
             columns = [np.interp(told, clock, c) for c in (*path.T, yaw + t_yaw)]

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ssmr.geometry import integral
 from ssmr.metrics.poses import relative_pose_error
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors, overlapping_windows
 from ssmr.types import FloatArray
@@ -102,7 +103,7 @@ def moving(source: Source, horizon: float = HORIZON) -> list[tuple[NDArray[np.in
         assert piece.t is not None
         assert piece.reference is not None
         starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
-        way = np.concatenate([[0.0], np.cumsum(np.abs(piece.reference.wheels[:-1]).max(axis=1) * np.diff(piece.t))])
+        way = np.cumulative_sum(np.abs(piece.reference.wheels[:-1]).max(axis=1) * np.diff(piece.t), include_initial=True)
         turns = way[ends] - way[starts] > _MOVES
         found.append((starts[turns], ends[turns]))
     return found
@@ -115,8 +116,7 @@ def turns_of(source: Source) -> Turns:
     for piece, (starts, ends) in zip(source.pieces, moving(source), strict=True):
         assert piece.t is not None
         assert piece.reference is not None
-        mean = 0.5 * (piece.reference.wheels[1:] + piece.reference.wheels[:-1])
-        way = offset + np.concatenate([np.zeros((1, 2)), np.cumsum(mean * np.diff(piece.t)[:, None], axis=0)])
+        way = offset + integral(piece.t, piece.reference.wheels)
         t.append(piece.t)
         travel.append(way)
         offset = way[-1]

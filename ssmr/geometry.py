@@ -1,4 +1,4 @@
-"""Angles, planar poses and quaternions: the only place where each convention is written down.
+"""Angles, planar poses, paths and quaternions: the only place where each convention is written down.
 
 A pose is (x, y, yaw): it takes body coordinates to world coordinates by rotating through yaw (Eq. 2.1) and adding (x, y).
 Quaternions are named for their order: `wxyz` is MuJoCo's, `xyzw` is rerun's and ROS'.
@@ -74,6 +74,18 @@ def align_rigidly(points: ArrayLike, onto: ArrayLike) -> FloatArray:
     p_0, q_0 = p - p.mean(axis=0), q - q.mean(axis=0)
     cross = np.sum(p_0[:, 0] * q_0[:, 1] - p_0[:, 1] * q_0[:, 0])
     return np.asarray(q.mean(axis=0) + rotate_body_to_world(p_0, np.arctan2(cross, np.sum(p_0 * q_0))))
+
+
+def integral(t: ArrayLike, rate: ArrayLike) -> FloatArray:
+    """Return the (M, ...) integral of (M, ...) rates from the first of (M,) instants [s] on, by trapezoids."""
+    r = np.asarray(rate, dtype=np.float64)
+    steps = 0.5 * (r[1:] + r[:-1]) * np.diff(t).reshape(-1, *(1,) * (r.ndim - 1))
+    return np.cumulative_sum(steps, axis=0, include_initial=True)
+
+
+def travelled(xy: FloatArray) -> FloatArray:
+    """Return the (M,) way along a path from its first point to each of its (M, 2) points [m]."""
+    return np.cumulative_sum(np.hypot(*np.diff(xy, axis=0).T), include_initial=True)
 
 
 def yaw_to_quat_wxyz(yaw: ArrayLike) -> FloatArray:

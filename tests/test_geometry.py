@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.geometry import (
     compose,
+    integral,
     invert,
     quat_wxyz_to_roll_pitch,
     quat_wxyz_to_xyzw,
@@ -18,6 +20,7 @@ from ssmr.geometry import (
     rotate_body_to_world,
     rotate_world_to_body,
     shift_reference,
+    travelled,
     wrap_angle,
     yaw_to_quat_wxyz,
 )
@@ -86,3 +89,11 @@ def test_roll_pitch_and_yaw_are_turned_in_that_order_and_come_back(roll: float, 
 
 def test_the_order_of_a_quaternion_is_in_its_name() -> None:
     assert np.array_equal(quat_wxyz_to_xyzw([1.0, 2.0, 3.0, 4.0]), [2.0, 3.0, 4.0, 1.0])
+
+
+def test_the_integral_of_straight_rates_is_exact_and_a_path_is_as_long_as_its_steps() -> None:
+    t = np.linspace(2.0, 5.0, 301) ** 1.1
+    found = integral(t, np.column_stack([2.0 * t, np.full(len(t), -3.0)]))
+    assert np.abs(found - np.column_stack([t**2 - t[0] ** 2, -3.0 * (t - t[0])])).max() <= 1e-10
+    assert travelled(np.array([[1.0, 1.0], [4.0, 5.0], [4.0, 5.0], [4.0, 3.0]])) == pytest.approx([0.0, 5.0, 5.0, 7.0])
+    assert travelled(np.zeros((1, 2))).tolist() == integral(t[:1], t[:1]).tolist() == [0.0]

@@ -35,7 +35,7 @@ from validation.compare.rerun import write_recording
 from validation.show import rerun_file, thinning
 from validation.show.palette import GREY, colour, mix
 from validation.show.rerun_layout import axis_range
-from validation.show.robot_mesh import body_mesh, robot_mesh, wheel_quat_wxyz, wheel_turns
+from validation.show.robot_mesh import body_mesh, robot_mesh, wheel_quat_wxyz
 from validation.show.thinning import POSE_PERIOD, outline_of
 from validation.show.viewer import open_viewer
 from validation.simulator.description import WHEELS
@@ -628,12 +628,6 @@ def test_what_cannot_be_drawn_is_said() -> None:
         body_mesh(model, "world")
     with pytest.raises(ValueError, match="nothing to draw"):
         body_mesh(model, "b")
-
-
-def test_wheel_turns_are_the_integral_of_the_rates() -> None:
-    t = np.linspace(2.0, 5.0, 301) ** 1.1
-    turns = wheel_turns(t, np.column_stack([2.0 * t, np.full(len(t), -3.0)]))
-    assert np.abs(turns - np.column_stack([t**2 - t[0] ** 2, -3.0 * (t - t[0])])).max() <= ROUNDOFF * 100.0
 
 
 @pytest.mark.parametrize("turn", [-2.0, 0.0, 0.3, 7.0])

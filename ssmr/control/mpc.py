@@ -248,7 +248,7 @@ class Mpc:
         reach = f.horizon + self._ends[-1] + long + HEADING_TIME
         self._times = np.concatenate([[-reach], course["t"], [course["t"][-1] + 2.0 * reach]])
         held = np.concatenate([[course["heading"][0]], course["heading"]]) * np.diff(self._times)
-        self._turned = np.concatenate([[0.0], np.cumsum(held)])  # integral of the heading [rad s]
+        self._turned = np.cumulative_sum(held, include_initial=True)  # integral of the heading [rad s]
         self._steps = np.eye(2 * n) - np.eye(2 * n, k=-2)
         self._solver: Any = daqp.Model()
         self._plan: FloatArray | None = None

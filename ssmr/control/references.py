@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ssmr.control.waypoints import Waypoints
+from ssmr.geometry import integral
 from ssmr.types import FloatArray
 
 SPACING = 0.02
@@ -79,7 +80,7 @@ def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods:
     bound = end * math.hypot(1.0, amplitude * k)  # no arc is longer
     x = np.linspace(0.0, end, _REFINEMENT * _count(bound) + 1)
     slope = np.hypot(1.0, amplitude * k * np.cos(k * x))
-    arc = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(x))])
+    arc = integral(x, slope)
     along = np.interp(_spread(float(arc[-1])), arc, x)
     return Waypoints.from_path(np.column_stack([along, amplitude * np.sin(k * along)]), speed)
 
@@ -115,7 +116,7 @@ def eight(speed: float, half_width: float = 1.25) -> Waypoints:
     _require_positive(half_width=half_width)
     u = np.linspace(-0.5 * math.pi, 1.5 * math.pi, 2 * _REFINEMENT * _count(6.0 * half_width) + 1)  # 5.244 a is its length
     rate = half_width / np.hypot(1.0, np.sin(u))
-    arc = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(u))])
+    arc = integral(u, rate)
     at = np.interp(_spread(float(arc[-1])), arc, u)
     x = half_width * np.cos(at) / (1.0 + np.sin(at) ** 2)
     x[[0, -1]] = 0.0  # the cosine of a rounded right angle is not quite zero
@@ -259,7 +260,7 @@ def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     u = 0.5 * (1.0 + nodes)
     along = headings[:, None] + ds[:, None] * (k0[:, None] * u + 0.5 * (k1 - k0)[:, None] * u**2)
     chords = 0.5 * ds[:, None] * np.column_stack([np.cos(along) @ weights, np.sin(along) @ weights])
-    return np.vstack([np.zeros((1, 2)), np.cumsum(chords, axis=0)])
+    return np.cumulative_sum(chords, axis=0, include_initial=True)
 
 
 def _require_positive(**numbers: float) -> None:

@@ -153,7 +153,7 @@ class Waypoints:
         if not (math.isfinite(speed) and speed > 0.0):
             raise ValueError(f"the reference speed must be positive and finite, got {speed} m/s")
         with np.errstate(all="ignore"):  # what overflows here is found, and named, by the check of the times
-            t = np.concatenate([[0.0], np.cumsum(_lengths(places) / speed + waits)])
+            t = np.cumulative_sum(_lengths(places) / speed + waits, include_initial=True)
         return cls(t, places)
 
     def at_speed(self, speed: float) -> Waypoints:

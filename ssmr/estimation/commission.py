@@ -116,7 +116,7 @@ def _slip_per_metre(drives: Sequence[Trajectory], slips: Sequence[FloatArray], w
         off, far = 0.0, 0.0
         for d, slip, way in zip(drives, slips, ways, strict=True):
             n = round(duration / float(np.median(np.diff(d.t))))
-            sums = [np.concatenate([[0.0], np.cumsum(np.diff(d.t) * a[1:])]) for a in (slip, way)]
+            sums = [np.cumulative_sum(np.diff(d.t) * a[1:], include_initial=True) for a in (slip, way)]
             off, far = (
                 off + float(np.sum((sums[0][n:] - sums[0][:-n]) ** 2)),
                 far + float(np.sum(sums[1][n:] - sums[1][:-n])),

@@ -20,8 +20,8 @@ from validation.show.tables import (
     Cell,
     Grid,
     Unit,
-    best_of,
     interval_grid,
+    judged_cells,
     length_unit,
     meanings,
     one_line,
@@ -77,9 +77,8 @@ def _plant_grid(comparison: ComparisonData) -> Grid:
         values = {name: row[metric.name] for name, row in every.items()}
         texts = {name: unit.text(value) for name, value in values.items()}
         judged = {n: v for n, v in values.items() if n != comparison.reference_name or metric is REAL_TIME}
-        best = best_of(texts, judged, metric.wanted)
         header.append((metric.label, unit.symbol))
-        columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+        columns.append(judged_cells(texts, judged, metric.wanted))
     rows = []
     for name in plants:
         label = f"{name} (ref)" if name == comparison.reference_name else name
@@ -108,9 +107,7 @@ def _horizon_grid(comparison: ComparisonData) -> Grid | None:
         columns = []
         for _, unit, value in HORIZON_VALUES:
             values = {name: value(e) for name, e in errors.items()}
-            texts = {name: unit.text(v) for name, v in values.items()}
-            best = best_of(texts, values, "low")
-            columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+            columns.append(judged_cells({name: unit.text(v) for name, v in values.items()}, values, "low"))
         rows = []
         for name, e in errors.items():
             rows.append((Cell(f"{horizon:g}"), Cell(name), Cell(str(e.n)), *(column[name] for column in columns)))

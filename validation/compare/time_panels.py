@@ -112,7 +112,7 @@ def shown_span(comparison: ComparisonData) -> Span:
     longest = max(motion.pieces, key=lambda piece: float(piece.t[-1] - piece.t[0]))
     first, last = float(longest.t[0]), float(longest.t[-1])
     begins = np.append(np.arange(first, last - _STRETCH, 1.0), 0.5 * (first + last - _STRETCH))
-    moved = np.concatenate([[0], np.cumsum(np.abs(longest.twist[:, (0, 2)]).max(axis=1) > _MOVES)])
+    moved = np.cumulative_sum(np.abs(longest.twist[:, (0, 2)]).max(axis=1) > _MOVES, include_initial=True)
     inside = [np.searchsorted(longest.t, begins + end) for end in (0.0, _STRETCH)]
     share = (moved[inside[1]] - moved[inside[0]]) / np.maximum(inside[1] - inside[0], 1)
     good = begins[share >= share.max() - _AS_GOOD]
@@ -227,7 +227,7 @@ def _swiftest_turn(motion: DrawnMotion) -> tuple[bool, int, float]:
 def _running_mean(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return means of (M, k) values over `_MEAN_TIME` around each sample, over less at the ends."""
     reach = int(0.5 * _MEAN_TIME / sample_period(t))
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
+    total = np.cumulative_sum(values, axis=0, include_initial=True)
     k = np.arange(len(t))
     low, high = np.maximum(k - reach, 0), np.minimum(k + reach + 1, len(t))
     return (total[high] - total[low]) / (high - low)[:, None]

@@ -13,7 +13,7 @@ from ssmr._jit import source
 from ssmr.estimation.commission import commission, learning, stood
 from ssmr.estimation.ekf import aside_of, run_ekf
 from ssmr.estimation.settings import EkfSettings, SeenPose
-from ssmr.geometry import align_rigidly, rotate_body_to_world
+from ssmr.geometry import align_rigidly, integral, rotate_body_to_world, travelled
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
@@ -106,7 +106,7 @@ def filtered_motion(
 
 def _start_in(motion: Trajectory, t: FloatArray, points: FloatArray) -> State:
     """Return the pose at which a motion begins in the frame of (N, 2) points, by those of its first `_FIRST_WAY`."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(motion.xy, axis=0).T))])
+    way = travelled(motion.xy)
     last = motion.t[min(int(np.searchsorted(way, _FIRST_WAY)), len(way) - 1)]
     first = (t >= motion.t[0]) & (t <= last)
     if np.count_nonzero(first) < 2:
@@ -169,9 +169,10 @@ def integrated(groups: Groups, settings: EkfSettings = STOCK) -> Group | None:
         return None
     (stamps, v, _), (t, rate) = wheels, within
     dt = np.diff(t)
-    yaw = _summed(dt * 0.5 * (rate[1:] + rate[:-1]))
+    yaw = integral(t, rate)
     speed, heading = np.interp(t[:-1] + 0.5 * dt, stamps, v), 0.5 * (yaw[1:] + yaw[:-1])
-    return Group("", t, {"x": _summed(dt * speed * np.cos(heading)), "y": _summed(dt * speed * np.sin(heading))})
+    x, y = (np.cumulative_sum(dt * speed * along(heading), include_initial=True) for along in (np.cos, np.sin))
+    return Group("", t, {"x": x, "y": y})
 
 
 def _gyro_within(groups: Groups, stamps: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -181,10 +182,6 @@ def _gyro_within(groups: Groups, stamps: FloatArray) -> tuple[FloatArray, FloatA
         return None
     within = (imu.t >= stamps[0]) & (imu.t <= stamps[-1])
     return (imu.t[within], imu.columns["gyro_z"][within]) if np.count_nonzero(within) > 1 else None
-
-
-def _summed(steps: FloatArray) -> FloatArray:
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def reckon(

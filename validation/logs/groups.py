@@ -202,7 +202,7 @@ def smoothed(t: FloatArray, values: FloatArray, sigma: float, longest_step: floa
     """
     if sigma == 0.0:
         return values
-    piece = np.concatenate([[0], np.cumsum(np.diff(t) > longest_step)])
+    piece = np.cumulative_sum(np.diff(t) > longest_step, include_initial=True)
     total, weights = values.copy(), np.ones_like(values)
     for lag in range(1, len(t)):
         step = t[lag:] - t[:-lag]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ssmr.geometry import integral
 from ssmr.types import FloatArray, IndexArray
 from validation.logs.groups import Groups, stacked_columns
 from validation.logs.recording import COMMAND_COLUMNS, POSE_COLUMNS, fresh_poses
@@ -124,7 +125,7 @@ def find_jumps(groups: Groups) -> Jumps | None:
     path = _FASTER * _scale(rim, stamps, t, metres) * _greatest_around(t, stamps, rim) * dt
     turn = _FASTER * _greatest_around(t, stamps, turning) * dt
     beyond = (metres - path > JUMP_M) | (radians - turn > JUMP_RAD)
-    piece = np.concatenate([[0], np.cumsum(np.diff(group.t) > group.longest_step())])[new]
+    piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
     at = np.flatnonzero(beyond & (np.diff(piece) == 0))
     return Jumps(new[at + 1], t[at + 1], metres[at], radians[at])
 
@@ -228,7 +229,7 @@ def _dead_columns(groups: Groups) -> tuple[str, ...]:
 
 def _turns(t: FloatArray, rate: FloatArray) -> bool:
     """Return whether (M,) yaw rates [rad/s] add up to a turn."""
-    return bool(np.ptp(_integral(t, rate)) > _TURNED)
+    return bool(np.ptp(integral(t, rate)) > _TURNED)
 
 
 def _implausible(groups: Groups) -> list[str]:
@@ -251,7 +252,7 @@ def _mismatches(groups: Groups) -> list[str]:
     if wheels is None:
         return []
     t, v, w = wheels
-    path, turn = _integral(t, np.abs(v)), _integral(t, w)
+    path, turn = integral(t, np.abs(v)), integral(t, w)
     there = {name: (group.t, values) for group in groups.values() for name, values in group.columns.items()}
     grid = np.arange(t[0], t[-1], _RATIO_S)
     of_wheels = {"path": np.diff(np.interp(grid, t, path)), "turn": np.abs(np.diff(np.interp(grid, t, turn)))}
@@ -271,16 +272,11 @@ def _mismatches(groups: Groups) -> list[str]:
             found.append(f"yaw turns {ratio:.3g} times as far as the wheels say: it may be in degrees")
     if "gyro_z" in there:
         stamps, rate = there["gyro_z"]
-        turned = np.abs(np.diff(np.interp(grid, stamps, _integral(stamps, rate))))
+        turned = np.abs(np.diff(np.interp(grid, stamps, integral(stamps, rate))))
         ratio = _median_ratio(turned, of_wheels["turn"])
         if ratio > _TOO_FAR:
             found.append(f"gyro_z turns {ratio:.3g} times as far as the wheels say: it may be in degrees per second")
     return found
-
-
-def _integral(t: FloatArray, rate: FloatArray) -> FloatArray:
-    """Return the (M,) integral of (M,) rates from the first stamp on."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
 
 
 def _median_ratio(moved: FloatArray, wheels: FloatArray) -> float:

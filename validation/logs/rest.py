@@ -66,8 +66,8 @@ def wheel_twist(groups: Groups, settings: EkfSettings = STOCK) -> tuple[FloatArr
 def moving_mean(t: FloatArray, values: FloatArray, half: float) -> FloatArray:
     """Return the (M,) means of the values whose stamps lie within `half` [s] of each of the (M,) stamps."""
     low, high = np.searchsorted(t, t - half - TIME_ROUNDOFF), np.searchsorted(t, t + half + TIME_ROUNDOFF)
-    mean: FloatArray = np.diff(np.concatenate([[0.0], np.cumsum(values)])[np.stack([low, high])], axis=0)[0] / (high - low)
-    return mean
+    sums = np.cumulative_sum(values, include_initial=True)
+    return np.asarray((sums[high] - sums[low]) / (high - low))
 
 
 def standing(groups: Groups, t: FloatArray) -> NDArray[np.bool_]:

@@ -64,7 +64,7 @@ def standing_share(source: Source, horizon: float) -> float | None:
     for piece in source.pieces:
         if piece.t is None or piece.reference is None:
             continue
-        moved = np.concatenate([[0], np.cumsum(_moves(piece, piece.t, piece.reference))])
+        moved = np.cumulative_sum(_moves(piece, piece.t, piece.reference), include_initial=True)
         starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
         still.append(moved[ends + 1] == moved[starts])
     found = np.concatenate(still) if still else np.empty(0)

@@ -28,6 +28,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Affine2D
 from PIL import Image
 
+from ssmr.geometry import travelled
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
@@ -163,7 +164,7 @@ def draw_loss(ax: Axes, x: float, y: float, gid: str) -> None:
 
 def draw_directions(ax: Axes, xy: FloatArray, name: str, shares: Sequence[float]) -> None:
     """Darts on a path, at shares of its length, that point where it goes; none on a path that goes nowhere."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    along = travelled(xy)
     if not along[-1] > 1e-3:
         return
     for share in shares:

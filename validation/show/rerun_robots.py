@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.geometry import quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world
+from ssmr.geometry import integral, quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.show.palette import Rgb, colour, mix
 from validation.show.rerun_file import TIMELINE, rr
-from validation.show.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz, wheel_turns
+from validation.show.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz
 from validation.show.thinning import POSE_PERIOD, pose_period
 from validation.simulator.description import WHEELS, Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
@@ -96,7 +96,7 @@ class Track:
     @property
     def turns(self) -> FloatArray:
         """(M, 2) angles through which the left and right wheels have turned since their piece began [rad]."""
-        return np.concatenate([wheel_turns(p.t, p.wheels) for p in self.pieces])
+        return np.concatenate([integral(p.t, p.wheels) for p in self.pieces])
 
     @cached_property
     def seen(self) -> FloatArray:

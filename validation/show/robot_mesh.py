@@ -160,12 +160,6 @@ def tinted(colours: NDArray[np.uint8], rgb: Rgb, darkest: float) -> NDArray[np.u
     return out
 
 
-def wheel_turns(t: FloatArray, rates: FloatArray) -> FloatArray:
-    """(M, 2) angles [rad] through which wheels of (M, 2) rates [rad/s] have turned since the first of (M,) stamps [s]."""
-    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(t)[:, None]  # trapezoids
-    return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(steps, axis=0)])
-
-
 def wheel_quat_wxyz(turn: ArrayLike) -> FloatArray:
     """(..., 4) unit quaternions, w first, of turns by (...) angles [rad] about y, the axle: a positive one rolls forward."""
     half = 0.5 * np.asarray(turn, dtype=np.float64)

@@ -164,8 +164,10 @@ def meanings(metrics: Iterable[Metric]) -> list[str]:
     return [f"- **{metric.label}**: {metric.meaning}." for metric in metrics]
 
 
-def best_of(texts: Mapping[str, str], values: Mapping[str, float], wanted: Literal["low", "one", "high"]) -> set[str]:
-    """Return the names of the best, ties as written included; none where there are not two to compare."""
+def judged_cells(
+    texts: Mapping[str, str], values: Mapping[str, float], wanted: Literal["low", "one", "high"]
+) -> dict[str, Cell]:
+    """Return a column's entries by name, the best of the values emphasised: no less than two, ties as written included."""
 
     def badness(value: float) -> float:
         if wanted == "one":
@@ -173,10 +175,8 @@ def best_of(texts: Mapping[str, str], values: Mapping[str, float], wanted: Liter
         return value if wanted == "low" else -value
 
     finite = {name: badness(value) for name, value in values.items() if math.isfinite(value)}
-    if len(finite) < 2:
-        return set()
-    winner = min(finite, key=lambda name: finite[name])
-    return {name for name in finite if texts[name] == texts[winner]}
+    best = texts[min(finite, key=lambda name: finite[name])] if len(finite) > 1 else None
+    return {name: Cell(text, name in finite and text == best) for name, text in texts.items()}
 
 
 NEWTONS = Unit("N", 1.0, 0)

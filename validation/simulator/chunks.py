@@ -74,7 +74,7 @@ def sampled(
             t = (first + int(bad[0])) * dt
             raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=before[: int(bad[0]) + 1])
         yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
-        whole = turns - np.concatenate([[0], np.cumsum(np.rint(np.diff(yaw) / _TURN).astype(np.int64))])
+        whole = turns - np.cumulative_sum(np.rint(np.diff(yaw) / _TURN).astype(np.int64), include_initial=True)
         at = slice(-first % stride, len(after), stride)
         change = (after[at, 1 + nq + 5] - before[at, 1 + nq + 5]) / dt
         yield Samples(np.array(before[at]), np.array(sensors[at]), yaw[:-1][at] + _TURN * whole[:-1][at], change)

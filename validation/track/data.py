@@ -173,7 +173,7 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
 
 
 def _cross_track_max(run: ClosedRun, waypoints: Waypoints) -> float:
-    along = np.concatenate([[0.0], np.cumsum(waypoints.lengths)])
+    along = np.cumulative_sum(waypoints.lengths, include_initial=True)
     aims = np.interp(run.t, waypoints.t - waypoints.t[0], along)
     return cross_track_max(run.columns("x", "y"), waypoints.xy, along, aims, LOST)
 

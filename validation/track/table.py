@@ -17,7 +17,6 @@ from validation.show.tables import (
     meanings,
     one_line,
     report_markdown,
-    unit_of,
     units_of,
 )
 from validation.track.data import TRACK_METRICS, TrackedRobot
@@ -32,6 +31,7 @@ SHOWN_METRICS = tuple(TRACK_METRICS[name] for name in (
     "command_effort", "command_jerk",
 ))  # fmt: skip
 """Metrics of each robot in tables and pictures."""
+_COLUMNS = (*SHOWN_METRICS, REAL_TIME)
 _OF_THE_PATH = 7  # so many of them compare the robot's motion with the reference
 
 
@@ -72,14 +72,11 @@ def lost_text(run: ClosedRun) -> str:
 def track_grids(robots: Sequence[TrackedRobot]) -> list[Grid]:
     """Return two tables of robots on one reference, a row each: measures of the path; errors that the controller sees."""
     labels = [Cell(f"{r.plant} (lost)" if r.run.lost else r.plant) for r in robots]
-    metrics = [r.metrics for r in robots]
-    units = units_of(SHOWN_METRICS, metrics)
+    metrics = [{**r.metrics, REAL_TIME.name: r.real_time_factor} for r in robots]
     columns = [
         ((m.label, unit.symbol), [Cell(unit.text(of[m.name])) for of in metrics])
-        for m, unit in zip(SHOWN_METRICS, units, strict=True)
+        for m, unit in zip(_COLUMNS, units_of(_COLUMNS, metrics), strict=True)
     ]
-    factors = [r.real_time_factor for r in robots]
-    columns.append((("real time", "×"), [Cell(unit_of("×", factors).text(f)) for f in factors]))
 
     def grid(which: Sequence[tuple[tuple[str, str], list[Cell]]], title: str, caption: str = "") -> Grid:
         header = (("plant", ""), *(name for name, _ in which))
@@ -144,5 +141,5 @@ def track_facts(robot: TrackedRobot) -> dict[str, str | int | float]:
 def track_markdown(results: Sequence[TrackedRobot]) -> str:
     """Return the whole report on robots on one reference as markdown."""
     facts = {**track_facts(results[0]), "options": results[0].options, "versions": results[0].versions}
-    legend = meanings([*SHOWN_METRICS, REAL_TIME])
+    legend = meanings(_COLUMNS)
     return report_markdown("Tracking", facts, track_grids(results), track_notes(results), legend)

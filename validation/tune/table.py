@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from validation.fit.table import effort, ending, parameter_grid
-from validation.show.tables import NOTHING, Cell, Grid, best_of, one_line, shortened, units_of
+from validation.show.tables import NOTHING, Cell, Grid, judged_cells, one_line, shortened, units_of
 from validation.track.data import TRACK_METRICS
 from validation.track.mismatch import WORST, spread
 from validation.track.table import gains_text, lost_text
@@ -85,15 +85,12 @@ def _score_grid(result: TuneData) -> Grid:
     def rows(f: TunedRun, held_out: bool) -> tuple[tuple[Cell, ...], ...]:
         kept = {name: run for name, run in f.runs.items() if not run.lost}
         costs = {name: cost_text(run.cost, run.lost) for name, run in f.runs.items()}
-        best = best_of(costs, {name: run.cost for name, run in kept.items()}, "low")
-        columns = [{name: Cell(text, name in best) for name, text in costs.items()}]
+        columns = [judged_cells(costs, {name: run.cost for name, run in kept.items()}, "low")]
         changes = {name: "" if name == "baseline" else change(run.cost, f.baseline.cost) for name, run in f.runs.items()}
         columns.append({name: Cell(text) for name, text in changes.items()})
         for m, unit in zip(measures, units, strict=True):
-            values = {name: run.metrics[m.name] for name, run in f.runs.items()}
-            texts = {name: unit.text(value) for name, value in values.items()}
-            best = best_of(texts, {name: values[name] for name in kept}, m.wanted)
-            columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+            texts = {name: unit.text(run.metrics[m.name]) for name, run in f.runs.items()}
+            columns.append(judged_cells(texts, {name: run.metrics[m.name] for name, run in kept.items()}, m.wanted))
         labels = [f"{'held out: ' * held_out}{run_text(f)}", "", ""]
         return tuple(
             (Cell(label), Cell(name), *(column[name] for column in columns))
@@ -111,8 +108,7 @@ def _robots_grid(result: TuneData) -> Grid:
     for part in ("mean", "cvar", "worst"):
         values = {name: getattr(found, part) for name, (found, _) in rows.items()}
         texts = {name: cost_text(value, not math.isfinite(value)) for name, value in values.items()}
-        best = best_of(texts, {name: value for name, value in values.items() if math.isfinite(value)}, "low")
-        columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+        columns.append(judged_cells(texts, values, "low"))
     header = (("gains", ""), ("mean", ""), ("CVaR", ""), ("worst", ""), ("robots lost", ""))
     lines = tuple((Cell(name), *(column[name] for column in columns), Cell(str(lost))) for name, (_, lost) in rows.items())
     title = f"Costs with {len(result.scored_on)} robots that the tuning has not seen"

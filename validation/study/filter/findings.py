@@ -16,7 +16,7 @@ import numpy as np
 from ssmr.control.loop import Feedback
 from ssmr.estimation.sensing import STANDS
 from ssmr.estimation.settings import EkfSettings
-from ssmr.geometry import relative, wrap_angle
+from ssmr.geometry import relative, travelled, wrap_angle
 from ssmr.parameters import require_in_range, require_within
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.filters import odometry_of
@@ -177,11 +177,6 @@ class Drift:
     """Error of the yaw at the end, signed [rad]."""
 
 
-def travelled(truth: Trajectory) -> FloatArray:
-    """Return the (M,) distance driven so far [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth.xy, axis=0).T))])
-
-
 def drift_of(believed: Trajectory, truth: Trajectory) -> Drift:
     """Return the errors of a filter.
 
@@ -192,14 +187,14 @@ def drift_of(believed: Trajectory, truth: Trajectory) -> Drift:
     Raises:
         ValueError: the drive is too short.
     """
-    along = travelled(truth)
+    along = travelled(truth.xy)
     count = int(along[-1] / DRIFT_STRETCH + 1e-9)
     if count < 1:
         raise ValueError(f"a drive of {along[-1]:.2f} m is shorter than the {DRIFT_STRETCH:g} m over which drift is taken")
     ends = np.minimum(np.searchsorted(along, DRIFT_STRETCH * np.arange(count + 1) - 1e-9), len(along) - 1)
     first, last = ends[:-1], ends[1:]
     error = relative(truth.pose[first], truth.pose[last]) - relative(believed.pose[first], believed.pose[last])
-    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(truth.pose[:, 2])))])
+    turned = np.cumulative_sum(np.abs(np.diff(truth.pose[:, 2])), include_initial=True)
     turn = float(turned[ends[-1]] - turned[ends[0]])
     off = believed.pose[-1] - truth.pose[-1]
     return Drift(

@@ -20,6 +20,7 @@ from ssmr.estimation.commission import stood
 from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.sensing import SensorModel, gyro_at_rest, simulate_sensors
 from ssmr.estimation.settings import EkfSettings
+from ssmr.geometry import travelled
 from ssmr.types import State, Trajectory
 from validation.progress import Progress, Report, silent
 from validation.study.filter.doubt import Doubt, doubt_of
@@ -33,7 +34,6 @@ from validation.study.filter.findings import (
     drift_of,
     filter_variants,
     grounds_of,
-    travelled,
 )
 from validation.study.filter.result import FilterStudy
 from validation.study.result import keeping, profile_of
@@ -119,7 +119,7 @@ def _estimate(
     ground: FilterGround, reference: str, truth: Trajectory, options: FilterOptions, known: EkfSettings
 ) -> GroundDrive:
     """Return the errors of all filters with all draws of the noise along one drive."""
-    along, filters = travelled(truth), {}
+    along, filters = travelled(truth.xy), {}
     (x, y, yaw), (v, _, w) = truth.pose[0].tolist(), truth.twist[0].tolist()
     start = State(x, y, yaw, v_x=v, yaw_rate=w)
     for variant in filter_variants(options.bias):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from validation.show.tables import MILLIMETRES, Cell, Grid, best_of
+from validation.show.tables import MILLIMETRES, Cell, Grid, judged_cells
 from validation.study.result import StudyResult
 from validation.study.robustness.cases import CaseKind, RobustnessCase, RobustnessOptions
 from validation.study.robustness.outcomes import ControllerRuns, RunErrors
@@ -136,8 +136,7 @@ class Robustness(StudyResult):
                 found = {name: asdict(spread([getattr(e, values) for e in errors])) for name, errors in mine.items()}
                 for part in ("mean", "std", "cvar", "worst"):
                     texts = {name: MILLIMETRES.text(of[part]) for name, of in found.items()}
-                    best = best_of(texts, {name: of[part] for name, of in found.items()}, "low") if len(found) > 1 else ()
-                    columns.append({name: Cell(text, name in best) for name, text in texts.items()})
+                    columns.append(judged_cells(texts, {name: of[part] for name, of in found.items()}, "low"))
             rows = []
             for k, (name, errors) in enumerate(mine.items()):
                 lost = sum(e.lost_at_s is not None for e in errors)

@@ -208,8 +208,8 @@ def test_between_gps_positions_the_learning_filter_does_not_run_away() -> None:
     away = gps.t // 60.0 % 2.0 == 1.0
     told = replace(gps, t=gps.t[~away], columns={name: column[~away] for name, column in gps.columns.items()})
     found = {}
-    for name, used in (("thesis", STOCK), ("learning", learning(STOCK))):
-        motion = filtered_motion({**groups, "gps": told}, settings=used, gps_std=2.5)
+    for name, used, std in (("thesis", STOCK, 2.5), ("learning", learning(STOCK), 2.5), ("doubts", learning(STOCK), 40.0)):
+        motion = filtered_motion({**groups, "gps": told}, settings=used, gps_std=std)
         assert motion is not None
         there = [np.interp(gps.t, motion.t, column) for column in motion.xy.T]
         off = np.hypot(*(there - np.array([gps.columns["gps_east"], gps.columns["gps_north"]])))
@@ -217,6 +217,7 @@ def test_between_gps_positions_the_learning_filter_does_not_run_away() -> None:
     print(f"rms distance [m] where positions were kept from it, and where it had them: {found}")
     assert found["learning"][0] < 1.1 * found["thesis"][0] < 6.0
     assert found["learning"][1] < found["thesis"][1]
+    assert found["doubts"][0] < 0.9 * found["learning"][0]  # the receiver wanders, which is no noise
 
 
 @pytest.mark.skipif(not PARKING_LOT.is_file(), reason=f"no recording {PARKING_LOT}")

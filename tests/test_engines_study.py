@@ -37,8 +37,8 @@ def short(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> EngineBench:
 
 def measured(short: EngineBench, *variants: EngineVariant) -> EnginesStudy:
     for v in variants:
-        if v.engine in SECOND_OPINIONS:
-            installed_plant(short.lab, v.engine)
+        if v.group in SECOND_OPINIONS:
+            installed_plant(short.lab, v.group)
     return try_engines(short, variants)
 
 
@@ -83,7 +83,7 @@ def test_a_missing_engine_is_left_out_and_said(short: EngineBench, monkeypatch: 
         raise EngineMissingError("ODE is missing: fetch it")
 
     whole = EngineVariant.plant
-    monkeypatch.setattr(EngineVariant, "plant", lambda v, *a, **k: (missing if v.engine == "ode" else whole)(v, *a, **k))
+    monkeypatch.setattr(EngineVariant, "plant", lambda v, *a, **k: (missing if v.group == "ode" else whole)(v, *a, **k))
     study = try_engines(short, (SHIPPED, BEST))
     assert [t.variant.key for t in study.tried] == [SHIPPED.key]
     assert "ODE is missing: fetch it." in study.notes()
@@ -102,7 +102,7 @@ def test_its_files_hold_settings_and_measures_and_the_picture_has_a_line_for_eac
     assert second["settings"]["cone"] == "pyramidal"
     assert first["timestep_s"] == short.lab.plants["mujoco"].parameters.timestep
     assert len(first["multiplier_by_heading"]) == bench.BINS
-    assert "| mujoco | as shipped |" in (tmp_path / "study.md").read_text(encoding="utf-8")
+    assert "  as shipped | " in (tmp_path / "study.md").read_text(encoding="utf-8")
     names = {line.get_gid() for ax in study.figure().axes for line in ax.get_lines()}
     assert {f"heading {t.variant.key}" for t in study.tried} <= names
 
@@ -115,8 +115,8 @@ def test_a_robot_that_never_turns_has_no_multiplier_by_heading(short: EngineBenc
 
 
 def test_options_are_checked() -> None:
-    assert {v.engine for v in chosen_engines(())} == set(ENGINES)
-    assert {v.engine for v in chosen_engines(("drake",))} == {"drake"}
+    assert {v.group for v in chosen_engines(())} == set(ENGINES)
+    assert {v.group for v in chosen_engines(("drake",))} == {"drake"}
     with pytest.raises(ValueError, match="unknown engine 'bullet' in engines; there are: mujoco, ode, drake"):
         EnginesOptions(("bullet",))
     with pytest.raises(ValueError, match="name one as recording"):

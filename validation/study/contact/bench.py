@@ -16,7 +16,6 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ssmr.errors import SsmrError
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.poses import horizon_windows
 from ssmr.robot.vehicle import Drive
@@ -29,6 +28,7 @@ from validation.simulator.model import controls
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SAMPLE, STRAIGHT_SPEED, creep, measure_spin, rolling_radius, spin
 from validation.study.contact.variants import PhysicsVariant
+from validation.study.measured import Attempts, Tried
 
 SCENARIOS = ("traj1", "traj2", "traj3", "traj4")
 PUBLISHED_MODELS = ("improved", "coulomb", "linear")
@@ -153,41 +153,22 @@ def make_variant(variant: PhysicsVariant, section: PlantProfile) -> MujocoPlant:
     return MujocoPlant(variant.calibration(section.parameters), section.drive, settings=variant.settings)
 
 
-@dataclass(frozen=True, eq=False)
-class TriedVariant:
-    """A variant, and its measures."""
-
-    variant: PhysicsVariant
-    """Settings that were tried."""
-    measures: Measures
-    """Measures that could be taken."""
-    failures: Mapping[str, str]
-    """Reason for each drive that failed, by its name."""
-
-
 def surge_of(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
     """Return the greatest speed on trajectory 3, once under way, over that of the wheels straight ahead, less 1 [1]."""
     rim = STRAIGHT_SPEED * wheel_radius / drive.command_radius
     return float(motion.twist[motion.t >= _SURGE_LEAD, 0].max()) / rim - 1.0
 
 
-class _Trial:
+class _Trial(Attempts):
     """A variant on the bench: it takes every measure that it can, and keeps why others failed."""
 
     def __init__(self, bench: Bench, variant: PhysicsVariant, stopped: Callable[[], bool]) -> None:
+        super().__init__()
         self.bench, self.variant, self.stopped = bench, variant, stopped
-        self.found: dict[str, Any] = {}
-        self.failures: dict[str, str] = {}
 
     def attempt(self, what: str, measure: Callable[[], Mapping[str, Any]]) -> bool:
-        """Take some measures, and return whether that went well."""
-        if self.stopped():
-            return False
-        try:
-            self.found.update(measure())
-        except (SsmrError, ValueError) as error:
-            self.failures[what] = " ".join(str(error).split())
-        return what not in self.failures
+        """Take some measures unless it was stopped, and return whether that went well."""
+        return not self.stopped() and super().attempt(what, measure)
 
     def straight(self) -> dict[str, float]:
         """Find the rolling radius in a first drive, and drive again with tyres of the right size."""
@@ -241,7 +222,7 @@ class _Trial:
         return {"recording_position_m": errors.position_median_m, "recording_yaw_rad": errors.yaw_median_rad}
 
 
-def measure_variant(bench: Bench, variant: PhysicsVariant, stopped: Callable[[], bool] = lambda: False) -> TriedVariant:
+def measure_variant(bench: Bench, variant: PhysicsVariant, stopped: Callable[[], bool] = lambda: False) -> Tried:
     """Return all measures of a variant but the cost of a step; once `stopped()`, the rest is left out."""
     trial = _Trial(bench, variant, stopped)
     if trial.attempt(UNDRIVEABLE, trial.straight):
@@ -252,7 +233,7 @@ def measure_variant(bench: Bench, variant: PhysicsVariant, stopped: Callable[[],
             trial.attempt("half the step", trial.halved)
         if bench.recording is not None:
             trial.attempt("recording", trial.recorded)
-    return TriedVariant(variant, Measures(**trial.found), MappingProxyType(trial.failures))
+    return Tried(variant, Measures(**trial.found), MappingProxyType(trial.failures))
 
 
 @mujoco_failures()

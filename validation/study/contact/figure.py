@@ -11,9 +11,9 @@ from matplotlib.patches import Rectangle
 
 from validation.show.drawing import ALARM, QUIET, Row, draw_footer, note_rows, put_together, text_row
 from validation.show.palette import Rgb, mix
-from validation.study.contact.bench import TriedVariant
-from validation.study.contact.result import ContactStudy, MeasureColumn
+from validation.study.contact.result import ContactStudy
 from validation.study.contact.variants import BASELINE
+from validation.study.measured import MeasureColumn, Tried
 
 _GOOD: Rgb = (255, 255, 255)
 _BAD: Rgb = (213, 94, 0)
@@ -35,7 +35,7 @@ def badness(column: MeasureColumn, value: float | None) -> float | None:
     return min(max(math.log(max(abs(value), 1e-300) / good) / math.log(bad / good), 0.0), 1.0)
 
 
-def _heights(study: ContactStudy) -> list[tuple[float, TriedVariant]]:
+def _heights(study: ContactStudy) -> list[tuple[float, Tried]]:
     """Return the distance of each row's middle from the top of the table [in]."""
     found, y = [], 0.0
     for tried in study.by_group().values():

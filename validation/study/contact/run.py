@@ -12,7 +12,6 @@ from validation.progress import Progress, Report, silent
 from validation.study.contact.bench import (
     UNDRIVEABLE,
     Bench,
-    TriedVariant,
     make_bench,
     make_variant,
     measure_variant,
@@ -20,6 +19,7 @@ from validation.study.contact.bench import (
 )
 from validation.study.contact.result import ContactStudy
 from validation.study.contact.variants import PhysicsVariant, chosen_variants
+from validation.study.measured import Tried
 from validation.study.recorded import RecordedOptions
 from validation.study.result import keeping
 
@@ -77,7 +77,7 @@ def try_variants(
         for variant in chosen:
             variant.calibration(section.parameters)
     total, stop = len(chosen) + (_ROUNDS if timed else 0), threading.Event()
-    tried: list[TriedVariant] = []
+    tried: list[Tried] = []
     with keeping(tried) as course:
         with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
             try:

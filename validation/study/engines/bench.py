@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from ssmr.errors import SsmrError
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.types import Commands, FloatArray, State, Trajectory
@@ -25,6 +24,7 @@ from validation.simulator.health import LIFT_SHARE
 from validation.simulator.terrain import Terrain
 from validation.study.contact.bench import HORIZON, SCENARIOS, TURNED, surge_of
 from validation.study.engines.variants import EngineVariant
+from validation.study.measured import Attempts, Tried
 
 RIM_RATE, _SPIN_TIME, _LEAD, _SAMPLE = 2.0, 16.0, 2.0, 0.01
 """Turn on the spot at given wheel rates [rad/s], its length, the start of the measurement and the period of samples [s]."""
@@ -81,21 +81,15 @@ class EngineMeasures:
 
 
 @dataclass(frozen=True, eq=False)
-class TriedEngine:
+class TriedEngine(Tried):
     """A variant with its measures."""
 
-    variant: EngineVariant
-    """Engine and settings."""
     timestep: float
     """Physics step [s]."""
-    measures: EngineMeasures
-    """What was measured."""
     by_heading: FloatArray
     """(BINS,) multiplier by sector of the heading, from 0 to a turn [1]; NaN where the robot never pointed."""
     path: FloatArray
     """(M, 2) path of the robot's middle in the turn on the spot [m]."""
-    failures: Mapping[str, str]
-    """What could not be measured, and why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,22 +120,14 @@ def _given(rates: tuple[float, float], seconds: float) -> Commands:
     return Commands(0.05, np.tile(rates, (round(seconds / 0.05), 1)), "wheels")
 
 
-class _Trial:
+class _Trial(Attempts):
     def __init__(self, bench: EngineBench, variant: EngineVariant) -> None:
-        section = bench.lab.section(variant.engine)
+        super().__init__()
+        section = bench.lab.section(variant.group)
         self.bench, self.variant, self.section = bench, variant, section
         self.plant = variant.plant(section.parameters, section.drive)
         self.numbers: Calibration = self.plant.calibration  # type: ignore[attr-defined]
-        self.found: dict[str, Any] = {}
-        self.failures: dict[str, str] = {}
         self.by_heading, self.path = np.full(BINS, np.nan), np.zeros((1, 2))
-
-    def attempt(self, what: str, measure: Callable[[], Mapping[str, Any]]) -> None:
-        """Take measures; what a run or its numbers make impossible is a failure."""
-        try:
-            self.found |= measure()
-        except (SsmrError, ValueError) as error:
-            self.failures[what] = str(error)
 
     def turn(self) -> dict[str, float | None]:
         c, before = self.numbers, ode_library.failures
@@ -224,7 +210,7 @@ class _Trial:
 
     def recording(self) -> dict[str, float]:
         assert self.bench.recorded is not None
-        section, found = self.bench.recorded.section(self.variant.engine), {}
+        section, found = self.bench.recorded.section(self.variant.group), {}
         plant = self.variant.plant(section.parameters, section.drive)
         for measure, source in self.bench.sources.items():
             motions = [drive(plant, piece, section.localiser, source.sample_dt) for piece in source.pieces]
@@ -248,5 +234,5 @@ def measure_engine(bench: EngineBench, variant: EngineVariant) -> TriedEngine:
     trial.attempt("trajectories", trial.trajectories)
     if bench.recorded is not None and variant.scored:
         trial.attempt("recording", trial.recording)
-    measures = EngineMeasures(**trial.found)
-    return TriedEngine(variant, trial.plant.dt, measures, trial.by_heading, trial.path, MappingProxyType(trial.failures))
+    tried = variant, EngineMeasures(**trial.found), MappingProxyType(trial.failures)
+    return TriedEngine(*tried, trial.plant.dt, trial.by_heading, trial.path)

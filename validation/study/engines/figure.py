@@ -39,9 +39,9 @@ def _lines(study: EnginesStudy) -> list[tuple[TriedEngine, str, Ink]]:
     found: list[tuple[TriedEngine, str, Ink]] = []
     for t in study.tried:
         if t.measures.multiplier is not None:
-            seen[t.variant.engine] = seen.get(t.variant.engine, -1) + 1
-            again, style = divmod(seen[t.variant.engine], len(_DASHES))
-            red, green, blue = (1.0 - (1.0 - part) / (1.0 + 0.8 * again) for part in ink_of(t.variant.engine))
+            seen[t.variant.group] = seen.get(t.variant.group, -1) + 1
+            again, style = divmod(seen[t.variant.group], len(_DASHES))
+            red, green, blue = (1.0 - (1.0 - part) / (1.0 + 0.8 * again) for part in ink_of(t.variant.group))
             found.append((t, _DASHES[style], (red, green, blue)))
     return found
 
@@ -66,7 +66,7 @@ def _draw_distances(study: EnginesStudy, ax: Axes) -> None:
     """Draw what lies on a logarithmic scale: d_rms from the improved model, and errors against the recording."""
     inset(ax, left=2.4)
     for row, t in enumerate(study.tried):
-        ink, m = ink_of(t.variant.engine), t.measures
+        ink, m = ink_of(t.variant.group), t.measures
         each = [1e3 * d for d in m.d_rms_m.values()]
         ax.plot(each, [row] * len(each), "o", color=ink, markersize=5.0, alpha=0.75, markeredgewidth=0.0)
         for value, marker in ((m.wheels_m, "s"), (m.commands_m, "D")):

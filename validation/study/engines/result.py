@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
-from validation.show.tables import DEGREES, MILLIMETRES, NEWTONS, NOTHING, PERCENT, Cell, Grid, Unit
+from validation.show.tables import DEGREES, MILLIMETRES, NEWTONS, PERCENT, Unit
 from validation.study.contact.bench import SCENARIOS
-from validation.study.engines.bench import EngineMeasures, TriedEngine
-from validation.study.result import StudyResult
+from validation.study.engines.bench import TriedEngine
+from validation.study.measured import MeasureColumn, MeasuredStudy, Tried
 
 _TURN, _REST = "Turning on the spot at given wheel rates", "At rest, sliding, on trajectories and on the recording"
 
 
-class _Column(NamedTuple):
-    name: str
-    unit: Unit
-    value: Callable[[EngineMeasures], float | None]
-    table: str
-    meaning: str
-
-
-_ONE = Unit("1", 1.0, 3)
+_ONE, _Column = Unit("1", 1.0, 3), MeasureColumn
 _COLUMNS = (
     _Column("multiplier", _ONE, lambda m: m.multiplier, _TURN,
             "yaw rate that the wheels suggest over that of the body, over the whole turn"),
@@ -59,75 +49,30 @@ _COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class EnginesStudy(StudyResult):
+class EnginesStudy(MeasuredStudy):
     """The same robot in several engines."""
 
     schema = "ssmr.study.engines/1"
     study = "engines"
     title = "Engines"
-    profile: str
-    """Name of the lab robot's profile."""
-    recording: str | None
-    """Name of the recording; None for none."""
-    recording_profile: str | None
-    """Name of the recorded robot's profile; None without a recording."""
+    all_columns = _COLUMNS
     tried: tuple[TriedEngine, ...]
-    """Variants with their measures."""
     missing: tuple[str, ...]
     """A sentence for each engine that is not installed."""
 
-    def heading(self) -> str:
-        """Return what was studied, in one line."""
-        text = f"{len(self.tried)} settings, {self.of_profile(self.profile)}"
-        return text if self.recording is None else f"{text}; recording with profile {self.recording_profile}"
-
     def notes(self) -> list[str]:
         """Return sentences on missing engines, on measures that could not be taken, and on what is no engine's own."""
-        failed = [f"{t.variant.key}: {what} failed: {why}." for t in self.tried for what, why in t.failures.items()]
         gazebo = "Gazebo itself was not run: its Husky's settings were given to the distribution's ODE."
         cone = "ODE has no friction cone; where one is emulated, the name says so."
-        return [*(f"{line}." for line in self.missing), *failed, gazebo, cone]
-
-    def grids(self) -> list[Grid]:
-        """Return the measures by variant, in two tables."""
-        return [self._measures_of(title) for title in (_TURN, _REST)]
-
-    def explanations(self) -> list[str]:
-        """Return what each column means."""
-        return [f"{c.name}: {c.meaning}" for c in _COLUMNS]
+        return [*(f"{line}." for line in self.missing), *super().notes(), gazebo, cone]
 
     def findings(self) -> dict[str, Any]:
-        """Return each variant's settings, measures and failures."""
-        return {
-            "profile": self.profile,
-            "recording": self.recording,
-            "recording_profile": self.recording_profile,
-            "missing": list(self.missing),
-            "seed": "ODE's quick solver shuffles its rows anew at each step; the seed is the number of the step",
-            "variants": [
-                {
-                    "engine": t.variant.engine,
-                    "name": t.variant.name,
-                    "timestep_s": t.timestep,
-                    "settings": {k: v for k, v in asdict(t.variant.settings).items() if v is not None},
-                    "calibration": dict(t.variant.changes),
-                    **asdict(replace(t.measures, d_rms_m=dict(t.measures.d_rms_m))),
-                    "multiplier_by_heading": [m if math.isfinite(m) else None for m in t.by_heading.tolist()],
-                    "failures": dict(t.failures),
-                }
-                for t in self.tried
-            ],
-        }
+        """Return what is missing, and each variant's settings, measures and failures."""
+        seed = "ODE's quick solver shuffles its rows anew at each step; the seed is the number of the step"
+        return {**super().findings(), "missing": list(self.missing), "seed": seed}
 
-    def _measures_of(self, title: str) -> Grid:
-        columns = [c for c in _COLUMNS if c.table == title]
-        columns = [c for c in columns if any(c.value(t.measures) is not None for t in self.tried)]
-        header = (("engine", ""), ("setting", ""), *((c.name, c.unit.symbol) for c in columns))
-        groups: dict[str, list[tuple[Cell, ...]]] = {}
-        for t in self.tried:
-            values = [c.value(t.measures) for c in columns]
-            texts = [NOTHING if v is None else c.unit.text(v) for c, v in zip(columns, values, strict=True)]
-            row = (Cell(t.variant.engine), Cell(t.variant.name), *map(Cell, texts))
-            groups.setdefault(t.variant.engine, []).append(row)
-        shown = f"{title}, {self.heading()}" if title == _TURN else title
-        return Grid(header, tuple(tuple(rows) for rows in groups.values()), 2, shown)
+    def found_of(self, tried: Tried) -> dict[str, Any]:
+        """Return what study.json holds of a variant."""
+        assert isinstance(tried, TriedEngine)
+        more = {"timestep_s": tried.timestep, "multiplier_by_heading": tried.by_heading.tolist()}
+        return {"engine": tried.variant.group, **super().found_of(tried), **more}

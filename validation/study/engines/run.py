@@ -60,7 +60,7 @@ def try_engines(bench: EngineBench, chosen: Sequence[EngineVariant], *, progress
             try:
                 tried.append(measure_engine(bench, variant))
             except EngineMissingError as error:
-                missing[variant.engine] = str(error)
+                missing[variant.group] = str(error)
             progress(Progress(done, len(chosen), variant.key))
     if not tried:
         raise EngineMissingError("; ".join(missing.values()))

@@ -45,7 +45,7 @@ class EngineVariant:
     """Whether it is driven over recordings."""
 
     @property
-    def engine(self) -> str:
+    def group(self) -> str:
         """Name of the engine."""
         kinds = zip((PhysicsSettings, OdeSettings, DrakeSettings), ENGINES, strict=True)
         return next(name for kind, name in kinds if isinstance(self.settings, kind))
@@ -53,7 +53,7 @@ class EngineVariant:
     @property
     def key(self) -> str:
         """Engine and name."""
-        return f"{self.engine}: {self.name}"
+        return f"{self.group}: {self.name}"
 
     def plant(self, calibration: Calibration, drive: Drive, terrain: Terrain = FLAT, step: float = 1.0) -> Plant:
         """Return the robot, with physics steps of `step` times the variant's.
@@ -64,9 +64,9 @@ class EngineVariant:
         changed = replace(calibration, **dict(self.changes))
         changed, s = replace(changed, timestep=step * changed.timestep), self.settings
         if isinstance(s, OdeSettings):
-            return EnginePlant(self.engine, lambda numbers: OdeBody(numbers, s), changed, drive, terrain)
+            return EnginePlant(self.group, lambda numbers: OdeBody(numbers, s), changed, drive, terrain)
         if isinstance(s, DrakeSettings):
-            return EnginePlant(self.engine, lambda numbers: DrakeBody(numbers, s), changed, drive, terrain)
+            return EnginePlant(self.group, lambda numbers: DrakeBody(numbers, s), changed, drive, terrain)
         return MujocoPlant(changed, drive, terrain=terrain, settings=s)
 
 
@@ -113,4 +113,4 @@ def chosen_engines(engines: tuple[str, ...]) -> tuple[EngineVariant, ...]:
     """
     if unknown := [name for name in engines if name not in ENGINES]:
         raise ValueError(f"unknown engine '{', '.join(unknown)}' in engines; there are: {', '.join(ENGINES)}")
-    return tuple(v for v in ENGINE_VARIANTS if not engines or v.engine in engines)
+    return tuple(v for v in ENGINE_VARIANTS if not engines or v.group in engines)

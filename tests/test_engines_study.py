@@ -102,7 +102,7 @@ def test_its_files_hold_settings_and_measures_and_the_picture_has_a_line_for_eac
     assert second["settings"]["cone"] == "pyramidal"
     assert first["timestep_s"] == short.lab.plants["mujoco"].parameters.timestep
     assert len(first["multiplier_by_heading"]) == bench.BINS
-    assert "  as shipped | " in (tmp_path / "study.md").read_text(encoding="utf-8")
+    assert "| as shipped |" in (tmp_path / "study.md").read_text(encoding="utf-8")
     names = {line.get_gid() for ax in study.figure().axes for line in ax.get_lines()}
     assert {f"heading {t.variant.key}" for t in study.tried} <= names
 

@@ -44,6 +44,8 @@ CONTACT_TIME, GREATEST_IMPEDANCE = 0.02, 0.95
 """solref[0] [s] and solimp[1], equal in both contacts."""
 HALF_TRACK = 0.5 * TRACK * 1.8
 """Half-track of the driver in all turns below [m]."""
+FREE = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
+"""A drive that does at once whatever it is told."""
 OUT = Path(__file__).parent / "img" / "contact.png"
 
 
@@ -199,12 +201,9 @@ def lab_drive(torque_limit: float) -> Drive:
     return Drive(command_half_track=HALF_TRACK, torque_limit=torque_limit)
 
 
-def trajectory(
-    scenario: str, calibration: Calibration, torque_limit: float, settings: PhysicsSettings = SHIPPED
-) -> Trajectory:
+def trajectory(scenario: str, calibration: Calibration, drive: Drive, settings: PhysicsSettings = SHIPPED) -> Trajectory:
     """Drive one of trajectories 1-4, sampled every 10 ms."""
-    plant = MujocoPlant(calibration, lab_drive(torque_limit), settings=settings)
-    return plant.run(TRAJECTORIES[scenario].commands(), State(), 0.01)
+    return MujocoPlant(calibration, drive, settings=settings).run(TRAJECTORIES[scenario].commands(), State(), 0.01)
 
 
 def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
@@ -215,55 +214,28 @@ def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
 def table_steps() -> None:
     """Print convergence with the time step on trajectories 1-4, and over servo gain and armature."""
     print("\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; loads; side slip [m/s]")
-    for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
+    lab = load_profile("thesis-lab").plants["mujoco"]
+    grounds = {(mu, limit): (husky(friction=mu), lab_drive(limit)) for mu, limit in ((0.14, 7.0), (0.4, 20.0))}
+    for ground, (calibration, drive) in {**grounds, ("thesis-lab",): (lab.parameters, lab.drive)}.items():
         for scenario in TRAJECTORIES:
-            runs = [
-                trajectory(scenario, husky(friction=friction, timestep=dt), limit) for dt in (0.005, 0.002, 0.001, 0.0005)
-            ]
+            runs = [trajectory(scenario, replace(calibration, timestep=dt), drive) for dt in (0.005, 0.002, 0.001, 0.0005)]
             apart = [f"{ends_apart(a, b):.2f}" for a, b in pairwise(runs)]
             health = check_health(runs[1].channels["wheel_load_N"])
-            driving = runs[1].t > 3.0
-            slip = np.abs(runs[1].twist[driving, 1]).max()
+            slip = np.abs(runs[1].twist[runs[1].t > 3.0, 1]).max()
             loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
-            turned = f"yaw {np.ptp(runs[1].yaw):.2f} rad"
-            print_row(friction, limit, scenario, *apart, *loads, f"{slip:.3f}", turned)
-    lab = load_profile("thesis-lab").plants["mujoco"]
-    for scenario in TRAJECTORIES:
-        runs = [
-            MujocoPlant(replace(lab.parameters, timestep=dt), lab.drive).run(
-                TRAJECTORIES[scenario].commands(), State(), 0.01
-            )
-            for dt in (0.005, 0.002, 0.001, 0.0005)
-        ]
-        health = check_health(runs[1].channels["wheel_load_N"])
-        slip = np.abs(runs[1].twist[runs[1].t > 3.0, 1]).max()
-        loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
-        print_row("thesis-lab", scenario, *(f"{ends_apart(a, b):.2f}" for a, b in pairwise(runs)), *loads, f"{slip:.3f}")
+            print_row(*ground, scenario, *apart, *loads, f"{slip:.3f}", f"yaw {np.ptp(runs[1].yaw):.2f} rad")
     print("\npyramidal cone, trajectory 4: end moves from 2 to 1, 1 to 0.5 ms [mm]")
-    for friction, limit in ((0.14, 7.0), (0.4, 20.0)):
-        runs = [
-            trajectory("traj4", husky(friction=friction, timestep=dt), limit, PhysicsSettings(cone="pyramidal"))
-            for dt in (0.002, 0.001, 0.0005)
-        ]
+    for (friction, _), (calibration, drive) in grounds.items():
+        steps = [replace(calibration, timestep=dt) for dt in (0.002, 0.001, 0.0005)]
+        runs = [trajectory("traj4", step, drive, PhysicsSettings(cone="pyramidal")) for step in steps]
         print_row(friction, *(f"{ends_apart(a, b):.0f}" for a, b in pairwise(runs)))
     print("\ngain, armature: time constant [ms], end moves from 2 to 1 ms on trajectories 1 and 4 [mm]")
     for gain, armature in (
-        (118.04, 1.0),
-        (118.04, 0.3),
-        (118.04, 0.1),
-        (118.04, 0.03),
-        (400.0, 0.3),
-        (783.0, 0.3),
-        (783.0, 0.11),
-    ):
-        moved = []
-        for scenario in ("traj1", "traj4"):
-            one, two = (
-                trajectory(scenario, husky(friction=0.14, gain=gain, armature=armature, timestep=dt), 7.0)
-                for dt in (0.002, 0.001)
-            )
-            moved.append(f"{ends_apart(one, two):.1f}")
-        print_row(gain, armature, f"{2e3 * (armature + 0.04411) / gain:.1f}", *moved)
+        (118.04, 1.0), (118.04, 0.3), (118.04, 0.1), (118.04, 0.03), (400.0, 0.3), (783.0, 0.3), (783.0, 0.11),
+    ):  # fmt: skip
+        steps = [husky(friction=0.14, gain=gain, armature=armature, timestep=dt) for dt in (0.002, 0.001)]
+        moved = [ends_apart(*(trajectory(scenario, c, lab_drive(7.0)) for c in steps)) for scenario in ("traj1", "traj4")]
+        print_row(gain, armature, f"{2e3 * (armature + 0.04411) / gain:.1f}", *(f"{mm:.1f}" for mm in moved))
 
 
 def settled(calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -301,17 +273,15 @@ def table_between() -> None:
     """Print side slip and droop, in which the MuJoCo Husky differs from a planar model."""
     print("\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], multiplier by contact radius at rest")
     lag = 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
-    drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
-    radius = RADIUS
     for friction in (0.2, 0.4, 0.8):
         for v, w in ((0.25, 0.5), (0.5, 0.25), (0.5, 0.5), (0.5, 0.75), (1.0, 0.5)):
-            motion = MujocoPlant(husky(friction=friction), drive).run(
+            motion = MujocoPlant(husky(friction=friction), FREE).run(
                 Commands(0.05, np.tile([v, w], (200, 1))), State(), 0.01
             )
             tail = motion.t > 7.0
             (v_x, v_y, rate), wheels = motion.twist[tail].mean(axis=0), motion.wheels[tail].mean(axis=0)
             expected = -v_x * rate**2 * DIAGONAL**3 / (2.0 * friction * GRAVITY * WHEELBASE * TRACK) - lag * v_x * rate
-            multiplier = radius * (wheels[1] - wheels[0]) / (TRACK * rate)
+            multiplier = RADIUS * (wheels[1] - wheels[0]) / (TRACK * rate)
             numbers = f"{v_x:.3f}", f"{rate:.3f}", f"{v_y:.4f}", f"{expected:.4f}", f"{-v_y / rate:.3f}", f"{multiplier:.3f}"
             print_row(friction, v, w, *numbers)
     print("\nfriction, gain, commanded rate: share of the wheels' share reached, predicted")
@@ -347,18 +317,12 @@ def draw() -> None:
     left.minorticks_off()
     left.legend(fontsize=8, frameon=False, loc="upper left")
     left.set_title("Turning on the spot, friction 0.6", fontsize=10)
-    drive = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
     for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
-        plant = MujocoPlant(husky(friction=0.6), drive, settings=PhysicsSettings(solimp=solimp))
+        plant = MujocoPlant(husky(friction=0.6), FREE, settings=PhysicsSettings(solimp=solimp))
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), plant.dt)
         shown = motion.t > 4.8
-        right.plot(
-            motion.t[shown] - 4.8,
-            motion.channels["wheel_load_N"][shown, 0],
-            color=colour,
-            lw=1.0,
-            label=f"{contact} contact",
-        )
+        load = motion.channels["wheel_load_N"][shown, 0]
+        right.plot(motion.t[shown] - 4.8, load, color=colour, lw=1.0, label=f"{contact} contact")
     right.set(xlabel="time [s]", ylabel="load of the front left wheel [N]", ylim=(0.0, 490.0))
     right.legend(fontsize=8, frameon=False, loc="upper right", ncols=2)
     right.set_title("Wheel load in this turn (ellipsoid, 2 ms)", fontsize=10)

@@ -27,7 +27,7 @@ from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from validation import cli
 from validation.plants.profile import load_profile
-from validation.simulator.loops import HuskyLoop, run_husky_loops
+from validation.simulator.loops import run_husky_loops
 from validation.simulator.model import controls
 from validation.simulator.plant import MujocoPlant
 from validation.track.gains import load_gains
@@ -75,15 +75,16 @@ def mujoco_rows(repeats: int, workers: int, population: int) -> list[Row]:
     assert isinstance(plant, MujocoPlant)
     waypoints = circle(0.5, 1.5, 0.25)
     law = make_controller(profile, load_gains("pid", "published"))
-    loops = [HuskyLoop(plant, law, LoopSettings())] * population
-    runs = run_husky_loops(loops, waypoints, range(4), workers)
+    loops = [plant] * population, [law] * population, [LoopSettings()] * population
+    run = partial(run_husky_loops, *loops, waypoints, range(4), workers)
+    runs = run()
     n = round(float(runs[0].t[-1]) / plant.dt)
     references = np.repeat(runs[0].table[:-1, 6:8], n // (len(runs[0].t) - 1), axis=0)
     control = np.repeat(controls(plant.model, references)[None], population, axis=0)
     start = np.repeat(plant.placed(waypoints.start)[None], population, axis=0)
     datas = [mujoco.MjData(plant.model) for _ in range(workers)]
     closed, opened = alternate(
-        lambda: run_husky_loops(loops, waypoints, range(4), workers),
+        run,
         lambda: rollout.rollout(plant.model, datas, start, control),
         repeats=repeats,
     )

@@ -84,9 +84,8 @@ def turn(calibration: Calibration, rate: float = 0.6, solimp: Impedance | None =
             depths = [-contact.dist for contact in data.contact]
             loads = [data.sensor(f"load_{wheel}").data[0] for wheel in WHEELS]
             deep = sum(depths) / max(len(depths), 1)
-            rows.append(
-                (data.qvel[5], data.qvel[right] - data.qvel[left], deep, data.sensor("torque_right").data[0], *loads)
-            )
+            torque = sum(data.sensor(f"torque_{end}_right").data[0] for end in ("front", "rear"))
+            rows.append((data.qvel[5], data.qvel[right] - data.qvel[left], deep, torque, *loads))
     table = np.array(rows)
     yaw_rate, wheels, depth, torque = table[:, :4].mean(axis=0)
     multiplier = RADIUS * wheels / (TRACK * yaw_rate)

@@ -37,7 +37,7 @@ from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.plants.profile import Profile, load_profile, make_plant
-from validation.simulator.loops import HuskyLoop, run_husky_loops
+from validation.simulator.loops import run_husky_loops
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.thesis import published
@@ -114,7 +114,7 @@ def drive(
     """One robot alone."""
     if isinstance(robot, PlanarModel):
         return run_loops([Loop(robot, law, settings)], waypoints, [seed], start=start)[0]
-    return run_husky_loops([HuskyLoop(robot, law, settings)], waypoints, [seed], start=start)[0]
+    return run_husky_loops([robot], [law], [settings], waypoints, [seed], start=start)[0]
 
 
 def rolling(speed: float, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> State:
@@ -193,16 +193,16 @@ def test_a_planar_population_is_its_members(feedback: str, threads: Callable[[in
 def test_a_population_of_huskies_is_its_members(feedback: str, husky: MujocoPlant) -> None:
     smooth = MujocoPlant(replace(husky.calibration, friction=0.4), husky.drive)
     loops = [
-        HuskyLoop(
+        (
             smooth if i == 2 else husky,
             controller(law, **gains),
             replace(s, feedback=feedback, disturbance=True),  # type: ignore[arg-type]
         )
         for i, (law, gains, s) in enumerate(MIXED)
     ]
-    alone = [run_husky_loops([loop], BEND, [7 + i % 2], 1)[0] for i, loop in enumerate(loops)]
+    alone = [run_husky_loops(*zip(loop, strict=True), BEND, [7 + i % 2], 1)[0] for i, loop in enumerate(loops)]
     for workers in (1, 2, 5):
-        together = run_husky_loops(loops, BEND, [7, 8], workers)
+        together = run_husky_loops(*zip(*loops, strict=True), BEND, [7, 8], workers)
         assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
     assert len({run.table[-1, 0] for run in alone}) == len(loops)
 
@@ -525,14 +525,14 @@ def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
     assert [run.lost for run in together] == [False, True, False]
     assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
     alone = [drive(husky, law, FLIGHT, LoopSettings()) for law in laws]
-    together = run_husky_loops([HuskyLoop(husky, law, LoopSettings()) for law in laws], FLIGHT, [1], 2)
+    together = run_husky_loops([husky] * 3, laws, [LoopSettings()] * 3, FLIGHT, [1], 2)
     assert [run.lost for run in together] == [False, True, False]
     assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
 
 
 def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(husky: MujocoPlant) -> None:
     """MuJoCo puts a diverged robot back to the origin, which on this reference is not far from the target."""
-    for run in run_husky_loops([HuskyLoop(husky, PUBLISHED["pid"], TRUTH)] * 2, BEND, [1], start=State(v_x=1e11)):
+    for run in run_husky_loops([husky] * 2, [PUBLISHED["pid"]] * 2, [TRUTH] * 2, BEND, [1], start=State(v_x=1e11)):
         assert run.lost
         assert len(run.t) == 1
         with pytest.raises(LostError, match="left its bounds"):
@@ -573,7 +573,7 @@ def test_a_population_shares_feedback_disturbance_and_periods(other: LoopSetting
     with pytest.raises(ValueError, match="a population has one kind of feedback"):
         run_loops([Loop(IDEAL, IDLE, s) for s in (TRUTH, other)], BEND, [1])
     with pytest.raises(ValueError, match="a population has one kind of feedback"):
-        run_husky_loops([HuskyLoop(husky, IDLE, s) for s in (TRUTH, other)], BEND, [1])
+        run_husky_loops([husky] * 2, [IDLE] * 2, [TRUTH, other], BEND, [1])
 
 
 def test_a_population_is_one_kind_of_robot(husky: MujocoPlant, lab: Profile) -> None:
@@ -581,16 +581,16 @@ def test_a_population_is_one_kind_of_robot(husky: MujocoPlant, lab: Profile) -> 
         run_loops([Loop(model(name), IDLE, TRUTH) for name in ("linear", "improved")], BEND, [1])
     quick = MujocoPlant(replace(lab.plants["mujoco"].parameters, timestep=0.001), husky.drive)
     with pytest.raises(ValueError, match="one time step"):
-        run_husky_loops([HuskyLoop(plant, IDLE, TRUTH) for plant in (husky, quick)], BEND, [1])
+        run_husky_loops([husky, quick], [IDLE] * 2, [TRUTH] * 2, BEND, [1])
 
 
 def test_nobody_and_no_seed_are_refused(husky: MujocoPlant) -> None:
     for loops, seeds in (([], [1]), ([Loop(IDEAL, IDLE, TRUTH)], [])):
         with pytest.raises(ValueError, match="at least one loop and one seed"):
             run_loops(loops, BEND, seeds)
-    for huskies, seeds in (([], [1]), ([HuskyLoop(husky, IDLE, TRUTH)], [])):
+    for n, seeds in ((0, [1]), (1, [])):
         with pytest.raises(ValueError, match="at least one loop and one seed"):
-            run_husky_loops(huskies, BEND, seeds)
+            run_husky_loops([husky] * n, [IDLE] * n, [TRUTH] * n, BEND, seeds)
 
 
 def test_every_law_has_been_driven() -> None:

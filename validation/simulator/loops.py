@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -26,18 +25,6 @@ from ssmr.types import FloatArray, State
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.model import controls
 from validation.simulator.plant import MujocoPlant
-
-
-@dataclass(frozen=True, eq=False)
-class HuskyLoop:
-    """One closed loop of a population: a controller around a MuJoCo Husky."""
-
-    plant: MujocoPlant
-    """The robot; several loops may share one."""
-    controller: Controller | PythonController
-    """The law."""
-    settings: LoopSettings
-    """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""
 
 
 class MujocoBodies:
@@ -114,7 +101,9 @@ class MujocoBodies:
 
 @mujoco_failures()
 def run_husky_loops(
-    loops: Sequence[HuskyLoop],
+    plants: Sequence[MujocoPlant],
+    controllers: Sequence[Controller | PythonController],
+    settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     seeds: Sequence[int],
     workers: int | None = None,
@@ -123,7 +112,9 @@ def run_husky_loops(
     """Run many closed loops of MuJoCo Huskies along one reference.
 
     Args:
-        loops: S of them.
+        plants: S robots; several may be one.
+        controllers: their laws.
+        settings: feedback, noise and periods of each.
         waypoints: what they follow.
         seeds: of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
         workers: threads; the result does not depend on it.
@@ -134,17 +125,14 @@ def run_husky_loops(
             number of steps; no loops or no seeds.
         MemoryError: the batch does not fit into memory.
     """
-    common_settings([p.settings for p in loops], seeds)
-    plants = [p.plant for p in loops]
+    common_settings(settings, seeds)
     if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
         raise ValueError("a population of Huskies has one time step, one terrain, one shape of tyre and one kind of motor")
-    controllers, settings = [p.controller for p in loops], [p.settings for p in loops]
 
     def bodies_at(state: State) -> MujocoBodies:
         bodies = MujocoBodies(plants, workers or os.cpu_count() or 1)
         bodies.place(range(len(plants)), [state] * len(plants))
         return bodies
 
-    return run_bodies(
-        bodies_at, [p.drive for p in plants], plants[0].dt, controllers, settings, waypoints, seeds, start,
-    )  # fmt: skip
+    drives = [p.drive for p in plants]
+    return run_bodies(bodies_at, drives, plants[0].dt, controllers, settings, waypoints, seeds, start)

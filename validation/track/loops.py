@@ -24,7 +24,7 @@ from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, Plant, State
 from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
-from validation.simulator.loops import HuskyLoop, run_husky_loops
+from validation.simulator.loops import run_husky_loops
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 from validation.track.data import track_metrics
@@ -129,14 +129,13 @@ def run_robots(
         ValueError: several kinds of plant in one population, or settings that do not go together.
     """
     told = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
-    each = list(zip(robots, told, settings, strict=True))
-    planar = [Loop(r.body, c, s) for r, c, s in each if isinstance(r.body, PlanarModel)]
-    huskies = [HuskyLoop(r.body, c, s) for r, c, s in each if isinstance(r.body, MujocoPlant)]
+    planar = [Loop(r.body, c, s) for r, c, s in zip(robots, told, settings, strict=True) if isinstance(r.body, PlanarModel)]
+    huskies = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
     tyred = [r.body for r in robots if isinstance(r.body, FourWheelModel)]
-    if len(each) not in (len(planar), len(huskies), len(tyred)):
+    if len(robots) not in (len(planar), len(huskies), len(tyred)):
         raise ValueError("a population is one kind of plant")
     if huskies:
-        return run_husky_loops(huskies, waypoints, seeds, workers, start)
+        return run_husky_loops(huskies, told, settings, waypoints, seeds, workers, start)
     numba.set_num_threads(min(workers or os.cpu_count() or 1, config.NUMBA_NUM_THREADS))
     if tyred:
         return run_bodies(

@@ -51,6 +51,11 @@ def opened(path: str | Path, most_bytes: int) -> Iterator[BinaryIO]:
         raise ValueError(f"{path}: the file cannot be read ({error.strerror or error})") from error
 
 
+def is_number(value: object) -> bool:
+    """Return whether a value of a text is a number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _kind(mode: int) -> str:
     """Return in words what a thing that is no regular file is."""
     kinds = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"))

@@ -26,6 +26,7 @@ from ssmr.types import Plant
 from validation import reading, store
 from validation.plants.kind import PlantProfile
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kind
+from validation.reading import is_number
 from validation.simulator.description import USUAL_ROBOT, Robot, load_robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
@@ -67,7 +68,7 @@ class Profile:
 
     def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
         """Return all numbers, or those of some plants, for a result to record."""
-        return {name: _finite(self.section(name).numbers()) for name in (self.plants if plants is None else plants)}
+        return {name: store.plain(self.section(name).numbers()) for name in (self.plants if plants is None else plants)}
 
     def save(self, path: str | Path) -> Path:
         """Write a TOML file without the numbers that the robot has anyway; return its path. `load_profile` reads it back.
@@ -185,7 +186,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         where = f"plants.{name}"
         reading.require_known(section, {"parameters", "vehicle", "drive", "localiser", "tracked_point"}, where)
         point = section.get("tracked_point", [0.0, 0.0])
-        if not (isinstance(point, list) and len(point) == 2 and all(_is_number(p) and math.isfinite(p) for p in point)):
+        if not (isinstance(point, list) and len(point) == 2 and all(is_number(p) and math.isfinite(p) for p in point)):
             raise ValueError(f"{where}.tracked_point is {reprlib.repr(point)}, wanted two numbers [m]")
         plants[name] = PlantProfile(
             _fill(plant_kind(name).defaults(robot), section.get("parameters", {}), f"{where}.parameters"),
@@ -221,24 +222,13 @@ def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
     given = {}
     for key, value in values.items():
         wanted = types[key]
-        if not (isinstance(value, str) if wanted is str else _is_number(value)):
+        if not (isinstance(value, str) if wanted is str else is_number(value)):
             raise ValueError(f"{where}.{key} is {reprlib.repr(value)}, wanted {'text' if wanted is str else 'a number'}")
         given[key] = wanted(value)
     try:
         return replace(default, **given)  # type: ignore[type-var]
     except ValueError as error:
         raise ValueError(f"[{where}] {error}") from error
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _finite(value: Any) -> Any:
-    """Return the value with null for every infinite number, which stands for a limit that is off: JSON has no infinity."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> Plant:

@@ -20,6 +20,7 @@ from typing import Any, Literal, get_args
 from ssmr.parameters import check_parameters, described, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
 from validation import reading
+from validation.reading import is_number
 from validation.words import one_line
 
 SCHEMA = "ssmr.robot/1"
@@ -408,10 +409,10 @@ def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, An
         if isinstance(f.default, str):
             fits = isinstance(value, str)
         elif isinstance(f.default, tuple):
-            fits = isinstance(value, list) and len(value) == len(f.default) and all(map(_is_number, value))
+            fits = isinstance(value, list) and len(value) == len(f.default) and all(map(is_number, value))
             fits = fits and all(math.isnan(d) or not math.isnan(v) for v, d in zip(value, f.default, strict=True))
         else:
-            fits = _is_number(value) and not math.isnan(value)
+            fits = is_number(value) and not math.isnan(value)
         if not fits:
             raise ValueError(f"{name}.{f.name} is {reprlib.repr(value)}, wanted {_wanted(kind, f.name)}")
         # MuJoCo reads no number so small that a float has not all its digits: it becomes 0 here
@@ -441,7 +442,3 @@ def _sources(section: Any) -> tuple[tuple[str, str], ...]:
             raise ValueError(f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', with GRADE of {grades}")
         found.append((key, one_line(value)))
     return tuple(found)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

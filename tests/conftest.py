@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -34,6 +35,7 @@ DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 
 os.environ.pop("COLUMNS", None)  # pytest-xdist sets it to 80 in its workers, and tables would leave out columns there
+signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a script ignore interrupts
 settings.register_profile("repeat", derandomize=True, database=None, deadline=None)  # the same examples for everybody
 settings.register_profile("explore", max_examples=2000, deadline=None)  # new ones: pytest --hypothesis-profile=explore
 settings.load_profile("repeat")

@@ -35,7 +35,8 @@ DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 
 os.environ.pop("COLUMNS", None)  # pytest-xdist sets it to 80 in its workers, and tables would leave out columns there
-signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a script ignore interrupts
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in a script's background; programs inherit that
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("repeat", derandomize=True, database=None, deadline=None)  # the same examples for everybody
 settings.register_profile("explore", max_examples=2000, deadline=None)  # new ones: pytest --hypothesis-profile=explore
 settings.load_profile("repeat")

@@ -279,7 +279,6 @@ def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> N
 def test_an_interrupt_in_mid_run_leaves_nothing(lab: Profile, tmp_path: Path) -> None:
     recorded(lab, "improved", tmp_path)
     program = "import os, signal; from validation import cli; from validation.compare import run, __main__ as program; "
-    program += "signal.signal(signal.SIGINT, signal.default_int_handler); "  # who runs the tests may ignore interrupts
     program += "real = run.drive; run.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; "
     program += "cli.run(program.main, 'compare', ['drive.csv', '--out', 'out'])"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

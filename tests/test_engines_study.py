@@ -70,7 +70,7 @@ def test_ode_with_the_best_settings_is_as_good(short: EngineBench) -> None:
 
 def test_gazebo_s_husky_wanders_and_a_cone_with_the_centre_in_the_middle_does_not(short: EngineBench) -> None:
     """The maker's centre of mass alone makes the middle circle a point; the rest of the wandering is friction's law."""
-    found = measured(short, NAMES["ode: Gazebo's Husky"], NAMES["ode: and the centre in the middle"]).tried
+    found = measured(short, NAMES["ode: Gazebo's Husky"], NAMES["ode: Gazebo's Husky, emulated cone, centred"]).tried
     gazebo, cured = (t.measures for t in found)
     assert (gazebo.wander_m or 0.0) > (gazebo.wander_expected_m or 9.9)
     assert (gazebo.multiplier_high or 0.0) > 1.5 * (gazebo.multiplier_low or 9.9)

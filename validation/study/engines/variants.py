@@ -90,7 +90,7 @@ ENGINE_VARIANTS = (
     _V("Gazebo's Husky, square along the world", replace(GAZEBO, direction="world"), MAKERS_HUSKY),
     _V("Gazebo's Husky, square along the chassis", replace(GAZEBO, direction="body"), MAKERS_HUSKY),
     _V("Gazebo's Husky, emulated cone", replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY),
-    _V("and the centre in the middle", replace(GAZEBO, friction_law="cone"), _HUSKY),
+    _V("Gazebo's Husky, emulated cone, centred", replace(GAZEBO, friction_law="cone"), _HUSKY),
     _V("best: emulated cone, exact solver", OdeSettings(), scored=True),
     _V("best, cylinders", OdeSettings(), _PAIR),
     _V("best, square along the chassis", OdeSettings("pyramid", "body")),

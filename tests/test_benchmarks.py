@@ -17,6 +17,7 @@ from benchmarks import simulate
 from benchmarks.rows import MissingError, optional
 from ssmr.errors import SsmrError
 from ssmr.scenarios import TRAJECTORIES
+from validation import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = sorted(p.stem for p in (ROOT / "benchmarks").glob("*.py") if p.stem not in ("__init__", "rows"))
@@ -37,6 +38,17 @@ def test_a_quick_run_ends_well(name: str, tmp_path: Path) -> None:
         finally:
             numba.set_num_threads(threads)
     assert json.loads(out.read_text(encoding="utf-8"))["schema"] == "ssmr.benchmark/1"
+
+
+@pytest.mark.parametrize(
+    ("option", "said"), [("--foo", "Unrecognized options: --foo"), ("--repeats=x", "'x' must be a whole")]
+)
+def test_a_mistyped_option_is_one_line(option: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        cli.run(simulate.main, "python -m benchmarks.simulate", [option])
+    assert left.value.code == cli.EXIT_USER_ERROR
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")

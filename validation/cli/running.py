@@ -212,11 +212,12 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
                 return next(function for function in main.values() if _options_of(function) is type(options)), options
             if (kind := options_type(main)) is not None:
                 return main, read(kind, description=inspect.getdoc(main))
+            read_only = functools.wraps(main)(lambda *given, **named: functools.partial(main, *given, **named))
+            return (lambda ready: ready()), read(read_only)
     except SystemExit as left:
         if left.code:
             raise UserError(_mistake_in(said.getvalue())) from None
         raise
-    return lambda _: tyro.cli(main, prog=program, args=arguments, registry=NUMBERS), None
 
 
 def _mistake_in(box: str) -> str:

@@ -169,7 +169,6 @@ def test_dead_reckoning_takes_the_robots_wheels(robot: str, tmp_path: Path) -> N
 STUDIES = {
     "contact": ("--only", "condim"),
     "transfer": ("--judge", "linear", "--plants", "kinematic", "--controllers", "pid", "--references", "line@0.4"),
-    "tables": ("--numbers", "4.5", "--seeds", "1"),
     "filter": ("--references", "circle", "--seeds", "1", "--frictions", "0.6"),
     "robustness": ("--controllers", "pid", "--gains", "tuned", "--runs", "17", "--seeds", "1", "--reference", "line",
                    "--speed", "0.5", "--timestep", "0.005"),

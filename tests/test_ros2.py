@@ -294,7 +294,7 @@ def test_sensors_match_readers_and_writers_of_either_quality(graph: Graph, relia
 
 
 def test_nodes_tell_their_names_where_the_distribution_is_known(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What `ros2 node list` and `ros2 node info` ask for, also who joins late; and nothing that another form would break."""
+    """Whoever joins, also late, reads names, readers and writers; without a distribution, nothing is sent."""
     dds = load_dds()
     policy, named = dds.qos.Policy, Graph(2, graph.domain, "a200_0000")
     node = dds.domain.DomainParticipant(graph.domain)

@@ -1,4 +1,4 @@
-"""What studies have in common that take the same measures of many variants: their columns, tables and files."""
+"""Columns, tables and files of studies that take the same measures of many variants."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Tried:
 
 
 class Attempts:
-    """What was measured of a variant, and why the rest was not."""
+    """Measures of a variant as they are taken, with the reason for each that could not be taken."""
 
     def __init__(self) -> None:
         """Begin with nothing."""

@@ -74,10 +74,10 @@ _ODE = OdeSettings("pyramid", "world", "quick", 20, soft=False, cfm=1e-10)
 GAZEBO = OdeSettings(
     "pyramid", "wheel", "quick", 50, kp=1e7, kd=2.0, cfm=0.0, surface_layer=1e-3, max_correcting_velocity=100.0
 )
-"""What Gazebo and its Husky hand to ODE."""
+"""ODE's settings, as Gazebo and the description of its Husky set them."""
 _HUSKY: Mapping[str, Any] = {"wheel_shape": "cylinder", "friction": 1.0, "timestep": 0.001}
 MAKERS_HUSKY: Mapping[str, Any] = {**_HUSKY, "com_x": -0.00065, "com_y": -0.085}
-"""What is different in the calibration of Gazebo's Husky."""
+"""Fields of `Calibration` in which Gazebo's Husky differs from ours, with their values there."""
 _PAIR: Mapping[str, Any] = {"wheel_shape": "cylinder"}
 _V = EngineVariant
 

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
-from ssmr.robot.drive import wheel_rates, wheel_references
+from ssmr.robot.drive import wheel_rates
 from ssmr.robot.skid_turn import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
@@ -25,7 +25,7 @@ from validation import load_robot
 from validation.plants.profile import load_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.contact_law import ContactLaw, contact_law
-from validation.simulator.health import START_TIME, check_health, examine, run_health
+from validation.simulator.health import check_health, examine, run_health
 from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model, wheel_geoms
 from validation.simulator.physics import SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -175,24 +175,18 @@ def table_rise() -> None:
         print_row(product, f"{1e3 * (law.depth(0.0) - found.depth):.2f}", f"{1e3 * law.rise(slip):.2f}")
 
 
-def table_ripple() -> None:
-    """Print how far the loads' sum trembles on trajectories 1 and 4, by gain, armature and lag, and the law's."""
-    print("\ngain, armature, lag [ms], trajectory: rms of the loads' sum about the weight [N], law [N]")
+def table_trembling() -> None:
+    """Print how far the loads' sum trembles on trajectories 1 and 4, by gain, armature and lag."""
+    print("\ngain, armature, lag [ms]: rms of the loads' sum about the weight on trajectories 1 and 4 [N]")
     for gain, armature, lag in (
         (2100.0, 1.8, 0.0), (2100.0, 1.8, 0.02), (2100.0, 1.8, 0.05), (2100.0, 0.3, 0.0),
         (118.04, 0.3, 0.0), (118.04, 0.1, 0.02), (118.04, 0.1, 0.05),
     ):  # fmt: skip
         calibration = husky(friction=0.7, gain=gain, armature=armature)
-        drive = replace(lab_drive(400.0), wheel_lag=lag)
-        plant = MujocoPlant(calibration, drive)
-        examined = examine(plant.model, calibration, drive)
-        for scenario in ("traj1", "traj4"):
-            commands = TRAJECTORIES[scenario].commands()
-            found = run_health(examined, [plant.run(commands, State(), plant.dt)]).load_sum_rms_N
-            references = wheel_references(commands, replace(drive, wheel_lag=0.0), plant.dt, State())
-            jumps = np.diff(references[:: round(drive.hold / plant.dt)], axis=0)[round(START_TIME / drive.hold) :]
-            law = examined.weight * examined.ripple.share(float(np.sqrt(np.mean(jumps**2))))
-            print_row(gain, armature, 1e3 * lag, scenario, f"{found:.1f}", f"{law:.1f}")
+        plant = MujocoPlant(calibration, replace(lab_drive(400.0), wheel_lag=lag))
+        examined = examine(plant.model, calibration)
+        runs = [plant.run(TRAJECTORIES[name].commands(), State(), plant.dt) for name in ("traj1", "traj4")]
+        print_row(gain, armature, 1e3 * lag, *(f"{run_health(examined, [run]).load_sum_rms_N:.1f}" for run in runs))
 
 
 def lab_drive(torque_limit: float) -> Drive:
@@ -332,6 +326,6 @@ def draw() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--tables"]:
-        for table in (table_turning, table_lift, table_rise, table_ripple, table_steps, table_rest, table_between):
+        for table in (table_turning, table_lift, table_rise, table_trembling, table_steps, table_rest, table_between):
             table()
     draw()

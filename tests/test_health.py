@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from ssmr.robot.drive import wheel_references
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory
@@ -24,7 +23,6 @@ from validation.simulator.description import WHEELS
 from validation.simulator.health import (
     PUSH_SHARE,
     START_TIME,
-    TREMBLE_SHARE,
     Examined,
     Health,
     check_health,
@@ -40,8 +38,6 @@ PUSHED = 1e-3
 """Relative, of the apparent mass against its closed form: tyres creep a little, and roll at the radius to 0.1 %."""
 RISE = 5e-3
 """Relative, of the body's rise over slip speed, which the measured slip speed limits."""
-RIPPLE_FACTOR = 1.8
-"""Greatest factor between a simulated ripple and its law, either way; the ripples differ a thousandfold."""
 DRIVE = Drive(delay_v=0.2, delay_w=0.2, command_half_track=0.5188, acceleration_v=1.16, wheel_lag=0.02, torque_limit=400.0)
 JERKY = husky(friction=0.7, gain=2100.0, armature=1.8, wheel_radius=0.16)
 
@@ -64,7 +60,7 @@ def test_a_push_feels_the_mass_and_what_turns_with_the_wheels(calibration: Calib
     spin, half = 2.0 * (WHEEL_INERTIA + calibration.armature), 0.5 * calibration.radius_difference
     radii = calibration.wheel_radius + half, calibration.wheel_radius - half
     wanted = calibration.mass + sum(spin / radius**2 for radius in radii)
-    found = examine(plant.model, calibration, DRIVE)
+    found = examine(plant.model, calibration)
     assert found.apparent_mass == pytest.approx(wanted, rel=PUSHED)
     assert found.weight == pytest.approx(calibration.mass * GRAVITY, rel=ROUNDOFF)
     for name in ("tendon_frictionloss", "dof_damping", "dof_frictionloss"):
@@ -165,7 +161,7 @@ def test_slip_is_the_speed_of_the_rubber_over_the_ground(place: tuple[float, ...
     v_x, v_y, rate, left, right = place
     calibration = husky(radius_difference=0.008)
     plant = MujocoPlant(calibration, DRIVE)
-    examined = examine(plant.model, calibration, DRIVE)
+    examined = examine(plant.model, calibration)
     motion = Trajectory(
         np.zeros(1), np.zeros((1, 3)), np.array([[v_x, v_y, rate]]), np.array([[left, right]]), {}
     )  # fmt: skip
@@ -182,116 +178,31 @@ def test_slip_is_the_speed_of_the_rubber_over_the_ground(place: tuple[float, ...
 
 
 # ------------------------------------------------------------------------------- trembling
-def driven(
-    calibration: Calibration, drive: Drive, scenario: str, settings: PhysicsSettings = SHIPPED, slip_damping: float = 0.0
-) -> tuple[Examined, Health]:
-    plant = MujocoPlant(calibration, drive, settings=settings)
-    if slip_damping:
-        plant.model.pair_solreffriction[:] = 0.0, -slip_damping
+def driven(calibration: Calibration, drive: Drive, scenario: str) -> tuple[Examined, Health]:
+    plant = MujocoPlant(calibration, drive)
     motion = plant.run(TRAJECTORIES[scenario].commands(), State(), calibration.timestep)
-    examined = examine(plant.model, calibration, drive)
+    examined = examine(plant.model, calibration)
     return examined, run_health(examined, [motion])
 
 
-def rms_jump(drive: Drive, dt: float, scenario: str) -> float:
-    references = wheel_references(TRAJECTORIES[scenario].commands(), replace(drive, wheel_lag=0.0), dt, State())
-    jumps = np.diff(references[:: round(drive.hold / dt)], axis=0)[round(START_TIME / drive.hold) :]
-    return float(np.sqrt(np.mean(jumps**2)))
-
-
 @pytest.mark.parametrize("scenario", ["traj1", "traj4"])
-@pytest.mark.parametrize(
-    ("calibration", "lag", "settings"),
-    [
-        (JERKY, 0.02, SHIPPED),
-        (JERKY, 0.0, SHIPPED),
-        (JERKY, 0.05, SHIPPED),
-        (replace(JERKY, friction=0.35), 0.02, SHIPPED),
-        (replace(JERKY, timestep=0.001), 0.02, SHIPPED),
-        (replace(JERKY, armature=0.3), 0.0, SHIPPED),
-        (replace(JERKY, gain=118.0, armature=1.0), 0.0, SHIPPED),
-        (replace(JERKY, gain=118.0, armature=0.1), 0.0, SHIPPED),
-        (replace(JERKY, gain=118.0, armature=0.1), 0.05, SHIPPED),
-        (replace(JERKY, gain=118.0, armature=0.1), 0.0, PhysicsSettings(solref=(0.006, 1.0))),
-        (replace(JERKY, gain=118.0, armature=0.1, friction=0.5), 0.02, PhysicsSettings(solref=(0.006, 1.0))),
-    ],
-)
-def test_loads_tremble_as_the_law_says(
-    calibration: Calibration, lag: float, settings: PhysicsSettings, scenario: str
-) -> None:
-    drive = replace(DRIVE, wheel_lag=lag)
-    examined, health = driven(calibration, drive, scenario, settings)
-    law = examined.ripple.share(rms_jump(drive, calibration.timestep, scenario))
-    assert health.load_sum_rms_N is not None
-    found = health.load_sum_rms_N / examined.weight
-    assert law / RIPPLE_FACTOR < found < law * RIPPLE_FACTOR
-
-
-@pytest.mark.parametrize("scenario", ["traj1", "traj4"])
-@pytest.mark.parametrize(("gain", "armature", "lag"), [(2100.0, 1.8, 0.0), (2100.0, 1.8, 0.02), (118.0, 0.1, 0.0)])
-def test_a_ramp_between_commands_calms_the_loads_as_the_law_says(
-    gain: float, armature: float, lag: float, scenario: str
-) -> None:
-    calibration = replace(JERKY, gain=gain, armature=armature)
-    for ramp in (0.01, 0.02, 0.04):
-        drive = replace(DRIVE, wheel_lag=lag, command_ramp=ramp)
-        examined, health = driven(calibration, drive, scenario)
-        law = examined.weight * examined.ripple.share(rms_jump(drive, calibration.timestep, scenario))
-        assert health.load_sum_rms_N is not None
-        assert law / RIPPLE_FACTOR < health.load_sum_rms_N < law * RIPPLE_FACTOR
-    whole = replace(examined.ripple, ramp=drive.hold)
-    assert whole.share(1.0) < 1e-12 * examined.ripple.share(1.0)
-    assert driven(calibration, replace(drive, command_ramp=drive.hold), scenario)[1].load_sum_rms_N < health.load_sum_rms_N
-
-
-@pytest.mark.parametrize("scenario", ["traj1", "traj4"])
-def test_whoever_follows_the_advice_on_trembling_stops_it(scenario: str) -> None:
-    """Each piece of advice alone, in the simulator: what is left may exceed the limit by what the law is uncertain by."""
-    examined, health = driven(JERKY, DRIVE, scenario)
+def test_whoever_follows_the_advice_on_trembling_calms_the_loads(scenario: str) -> None:
+    """Each of the four pieces of advice alone, in the simulator."""
+    _, health = driven(JERKY, DRIVE, scenario)
     assert health.trembles
     assert health.ok
     assert health.load_sum_rms_N is not None
-    limit = TREMBLE_SHARE * examined.weight
-    found = examined.ripple.remedies(limit / health.load_sum_rms_N)
-    assert health.remedies == tuple(words for words, _ in found)
-    assert all(words in health.advice for words in health.remedies)
-    for words, then in found:
-        calibration = replace(JERKY, gain=then.gain, armature=then.armature)
-        contact = SHIPPED, 0.0
-        if then.contact != examined.contact:
-            time = then.contact.time_constant
-            contact = PhysicsSettings(solref=(time, 1.0), tangent_ratio=1.0), 2.0 / 0.02
-        drive = replace(DRIVE, wheel_lag=then.lag, command_ramp=then.ramp)
-        _, calmer = driven(calibration, drive, scenario, *contact)
-        assert calmer.load_sum_rms_N is not None
-        assert calmer.load_sum_rms_N < min(RIPPLE_FACTOR * limit, 0.9 * health.load_sum_rms_N), words
-    assert {then.gain != JERKY.gain for _, then in found} == {True, False}
-
-
-def test_advice_changes_one_number_at_a_time_at_most_tenfold_and_the_heavy_armature_last() -> None:
-    law = driven(JERKY, DRIVE, "traj4")[0].ripple
-    (first, ramped), *found = law.remedies(0.8)
-    assert "command_ramp" in first
-    assert ramped.share(0.3) < 1e-9 * law.share(0.3)
-    assert [words.split()[0] for words, _ in found] == ["let", "shorten", "lower", "raise"]
-    assert all(then.share(0.3) == pytest.approx(0.8 * law.share(0.3), rel=1e-3) for _, then in found)
-    numbers = [(t.lag, t.contact, t.gain, t.armature) for _, t in found]
-    was = law.lag, law.contact, law.gain, law.armature
-    assert [[a != b for a, b in zip(row, was, strict=True)] for row in numbers] == np.eye(4, dtype=bool).tolist()
-    far = law.remedies(0.15)[1:]
-    assert far
-    assert all(law.gain <= 10.0 * t.gain and t.lag <= 10.0 * law.lag for _, t in far)
-    assert len(law.remedies(1e-4)) == 1
-
-
-def test_ripple_grows_with_friction_gain_and_jump_and_falls_with_lag_and_armature() -> None:
-    law = driven(JERKY, DRIVE, "traj4")[0].ripple
-    now = law.share(0.2)
-    assert law.share(0.4) == pytest.approx(2.0 * now, rel=ROUNDOFF)
-    assert replace(law, contact=replace(law.contact, friction=0.35)).share(0.2) < now
-    for calmer in (replace(law, gain=500.0), replace(law, armature=5.0), replace(law, lag=0.1), replace(law, ramp=0.02)):
-        assert calmer.share(0.2) < now
-    assert replace(law, lag=0.0).share(0.2) > now
+    advised = {
+        "command_ramp": (JERKY, replace(DRIVE, command_ramp=DRIVE.hold)),
+        "lag": (JERKY, replace(DRIVE, wheel_lag=5.0 * DRIVE.wheel_lag)),
+        "gain": (replace(JERKY, gain=0.2 * JERKY.gain), DRIVE),
+        "armature": (replace(JERKY, armature=5.0 * JERKY.armature), DRIVE),
+    }
+    for word, (calibration, drive) in advised.items():
+        assert word in health.advice
+        calmer = driven(calibration, drive, scenario)[1].load_sum_rms_N
+        assert calmer is not None
+        assert calmer < 0.6 * health.load_sum_rms_N, word
 
 
 # ------------------------------------------------------------------------------- the verdict
@@ -304,7 +215,7 @@ def loads_of(total: FloatArray) -> Trajectory:
 @cache
 def examined_husky() -> Examined:
     calibration = husky()
-    return examine(MujocoPlant(calibration, DRIVE).model, calibration, DRIVE)
+    return examine(MujocoPlant(calibration, DRIVE).model, calibration)
 
 
 def test_the_sum_is_judged_after_the_start_and_over_all_pieces() -> None:
@@ -382,6 +293,6 @@ def test_given_wheel_rates_have_no_torque_of_the_robots_own(lab: Profile) -> Non
     plant = MujocoPlant(section.parameters, section.drive)
     rates = np.tile([3.0, 3.0], (100, 1))
     motion = plant.run(Commands(0.05, rates, kind="wheels"), State(wheel_left=3.0, wheel_right=3.0, v_x=0.48), 0.01)
-    health = run_health(examine(plant.model, section.parameters, section.drive), [motion], given_rates=True)
+    health = run_health(examine(plant.model, section.parameters), [motion], given_rates=True)
     assert "peak_torque_N_m" not in health.as_dict()
     assert health.apparent_mass_kg is not None

@@ -41,7 +41,7 @@ from validation.show.robot_mesh import robot_mesh
 lab = load_profile("thesis-lab")
 plant = make_plant(lab, "mujoco")
 kept = [plant, load_model(plant), resting_loads(plant), robot_mesh(lab.robot)]
-kept.append(examine(plant.model, plant.calibration, plant.drive))
+kept.append(examine(plant.model, plant.calibration))
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 60_000_000, -1))
 try:
@@ -69,7 +69,7 @@ print(said)
     [
         ('make_plant(lab, "mujoco")', 'make_plant(lab, "mujoco")'),
         ("mujoco.MjData(plant.model)", "load_model(plant)"),
-        ("mujoco.MjData(plant.model)", "examine(plant.model, plant.calibration, plant.drive)"),
+        ("mujoco.MjData(plant.model)", "examine(plant.model, plant.calibration)"),
         ("mujoco.MjData(plant.model)", "resting_loads(plant)"),
         ("np.ones(500_000)", "robot_mesh.cache_clear() or robot_mesh(lab.robot)"),
     ],

@@ -137,7 +137,7 @@ class PreparedComparison:
             return None
         bodies = [replace(motion, twist=localiser.body_twist(motion.twist)) for motion in motions]
         given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
-        return run_health(examine(plant.model, plant.calibration, plant.drive), bodies, given_rates=given)
+        return run_health(examine(plant.model, plant.calibration), bodies, given_rates=given)
 
     def _drive_all(self, workers: int | None, progress: Report) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
         """Return all motions and each plant's wall time; plants run side by side, the pieces of one after another."""

@@ -73,7 +73,7 @@ def measure_robot(robot: Robot) -> Measured:
     found = measure_spin(spin(plant, seconds, rate), stiff)
     return Measured(
         found.get("multiplier"), found.get("ripple"), found["lifted_share"], tuple(map(float, loads)),
-        examine(own.model, calibration, robot.drive).apparent_mass,
+        examine(own.model, calibration).apparent_mass,
     )  # fmt: skip
 
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, Trajectory
 from validation.simulator.calibration import Calibration
 from validation.simulator.contact_law import ContactLaw, contact_law
 from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.failures import mujoco_failures
-from validation.simulator.load_ripple import RippleLaw
 from validation.simulator.model import GRAVITY, wheel_geoms
 
 LIFT_SHARE = 0.02
@@ -57,8 +55,6 @@ class Health:
     """Slip speed at which the soft contact lifts a tyre off the ground [m/s] (`contact_law`)."""
     ride_rise_m: float | None = None
     """How much higher the body rides at the greatest slip speed than where its wheels roll [m], by the contact's law."""
-    remedies: tuple[str, ...] = ()
-    """What would stop the trembling, each alone; what does the least harm comes first."""
 
     @property
     def ok(self) -> bool:
@@ -111,7 +107,12 @@ class Health:
             f"wheel loads tremble (their sum deviates from the weight by {self.load_sum_rms_N:.1f} N rms, "
             f"at most {TREMBLE_SHARE * self.weight_N:.1f} N)"
         )
-        return f"{what}: {', or '.join(self.remedies)}" if self.remedies else what
+        if self.peak_torque_N_m is None:
+            return f"{what}: smooth the given wheel rates"
+        return (
+            f"{what}: let the driver go over from each command to the next (command_ramp), let its reference lag, "
+            "lower the gain, or raise the armature, which makes the robot heavier to push"
+        )
 
     def _of_slip(self) -> str:
         if not self.slips_too_fast:
@@ -123,7 +124,7 @@ class Health:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all that is known, with the verdict and the advice, as JSON files have it."""
-        known = {name: value for name, value in asdict(self).items() if value is not None and name != "remedies"}
+        known = {name: value for name, value in asdict(self).items() if value is not None}
         return {**known, "ok": self.ok, "advice": self.advice}
 
 
@@ -141,19 +142,14 @@ class Examined:
     """Constant thrust over acceleration [kg]."""
     weight: float
     """Weight [N]."""
-    ripple: RippleLaw
-    """The law of the loads' trembling, with the law of the contact."""
+    contact: ContactLaw
+    """The law of the contact under the tyre that slip lifts first."""
     places: FloatArray
     """(4, 2) places of the wheels in the body [m], ahead and to the left; in the order of `WHEELS`."""
     radii: FloatArray
     """(2,) rolling radii of the left and the right wheels [m]."""
     grip: tuple[float, float]
     """Friction of a tyre along its wheel and across it, over the greater of both [1]."""
-
-    @property
-    def contact(self) -> ContactLaw:
-        """The law of the contact under the tyre that slip lifts first."""
-        return self.ripple.contact
 
     def slip_speeds(self, motion: Trajectory) -> FloatArray:
         """Return (M, 4) slip speeds of the tyres [m/s] in a motion of the body.
@@ -169,13 +165,12 @@ class Examined:
 
 
 @mujoco_failures()
-def examine(model: mujoco.MjModel, calibration: Calibration, drive: Drive) -> Examined:
+def examine(model: mujoco.MjModel, calibration: Calibration) -> Examined:
     """Return what a calibrated model says about itself on level ground.
 
     Args:
         model: the robot on level ground; it is left as it is.
         calibration: the robot's numbers.
-        drive: what drives it.
 
     Raises:
         MemoryError: there is not enough memory to push the robot.
@@ -188,15 +183,10 @@ def examine(model: mujoco.MjModel, calibration: Calibration, drive: Drive) -> Ex
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=round(SETTLE_TIME / model.opt.timestep))
     contact = contact_law(model, data, wheel_geoms(model))
-    base, first = model.body("base").id, model.body(WHEELS[0])
-    inertia = float(first.inertia[1])
-    ripple = RippleLaw(
-        contact, calibration.wheel_radius, calibration.gain, calibration.armature, inertia, drive.wheel_lag, drive.hold,
-        drive.command_ramp, float(model.opt.timestep),
-    )  # fmt: skip
+    base = model.body("base").id
     half, ratio = 0.5 * calibration.radius_difference, calibration.friction_ratio
     return Examined(
-        _pushed(model, data, base), float(model.body_subtreemass[base]) * GRAVITY, ripple,
+        _pushed(model, data, base), float(model.body_subtreemass[base]) * GRAVITY, contact,
         np.array([model.body(wheel).pos[:2] for wheel in WHEELS]),
         np.array([calibration.wheel_radius + half, calibration.wheel_radius - half]),
         (1.0 / max(ratio, 1.0), ratio / max(ratio, 1.0)),
@@ -228,16 +218,10 @@ def run_health(examined: Examined, motions: Sequence[Trajectory], *, given_rates
     rms = float(np.sqrt(np.mean(excess**2)))
     peak = max(float(np.abs(m.channels["torque_N_m"]).max()) for m in motions)
     contact = examined.contact
-    health = Health(
+    return Health(
         min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts), examined.apparent_mass,
         None if given_rates else peak, rms, examined.weight, slip, contact.slip_limit, contact.rise(slip),
     )  # fmt: skip
-    if not health.trembles:
-        return health
-    if given_rates:
-        return replace(health, remedies=("smooth the given wheel rates",))
-    found = examined.ripple.remedies(TREMBLE_SHARE * examined.weight / rms)
-    return replace(health, remedies=tuple(words for words, _ in found))
 
 
 def _after_start(motion: Trajectory) -> FloatArray:

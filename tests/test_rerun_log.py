@@ -14,7 +14,6 @@ import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,18 +23,14 @@ import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
-from rerun.experimental import ViewerClient
 from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
-from tests.robots import HUSKY
 from validation.compare import Comparison, PlantResult
 from validation.compare.rerun import write_recording
-from validation.show import rerun_file, thinning
-from validation.show.palette import GREY, colour, mix
-from validation.show.rerun_layout import axis_range
-from validation.show.robot_mesh import body_mesh, robot_mesh, wheel_quat_wxyz
+from validation.show import thinning
+from validation.show.robot_mesh import body_mesh
 from validation.show.thinning import POSE_PERIOD, outline_of
 from validation.show.viewer import open_viewer
 from validation.simulator.description import WHEELS
@@ -176,38 +171,6 @@ def test_the_poses_read_back_are_those_given(shown: tuple[Comparison, Path, Read
     assert np.abs(heading[:, :2] - np.column_stack([np.cos(2.0 * half), np.sin(2.0 * half)])).max() <= 4.0 * SINGLE
 
 
-def test_every_plant_has_its_entities(shown: tuple[Comparison, Path, Read]) -> None:
-    _, _, read = shown
-    for plant in PLANTS:
-        for tree in ("world", "lineup"):
-            assert "Transform3D:translation" in read.over_time[f"{tree}/{plant}/robot"]
-            for body in ("base", *WHEELS):
-                assert "Mesh3D:vertex_positions" in read.static[f"{tree}/{plant}/robot/{body}"]
-            for wheel in WHEELS:
-                assert "Transform3D:quaternion" in read.over_time[f"{tree}/{plant}/robot/{wheel}"]
-        assert len(read.static[f"world/{plant}/path"]["LineStrips3D:strips"]) == 1
-        for quantity in ("speed", "yaw_rate", "yaw_acceleration", "torque"):
-            assert f"plots/{quantity}/{plant}" in read.over_time
-        for quantity in ("position_error", "yaw_error"):
-            assert (f"plots/{quantity}/{plant}" in read.over_time) == (plant != "mujoco")
-        assert (f"plots/wheel_load/{plant}" in read.over_time) == (plant == "mujoco")
-    assert {"plots/speed/commanded", "plots/yaw_rate/commanded"} <= set(read.over_time)
-    assert read.static["report"]["TextDocument:text"] == [REPORT]
-
-
-def test_plants_are_told_apart_by_the_palette(shown: tuple[Comparison, Path, Read]) -> None:
-    _, _, read = shown
-    assert len({colour(name) for name in (*PLANTS, "recording", "truth", "no plant")}) == len(PLANTS) + 3
-    for plant in PLANTS:
-        red, green, blue = colour(plant)
-        packed = [red << 24 | green << 16 | blue << 8 | 255]
-        assert read.static[f"world/{plant}/path"]["LineStrips3D:colors"] == packed
-        assert read.static[f"plots/speed/{plant}"]["SeriesLines:colors"] == packed
-        assert read.static[f"plots/speed/{plant}"]["SeriesLines:names"] == [f"{plant} [m/s]"]
-    assert colour("no plant") == GREY
-    assert mix((0, 100, 200), (200, 100, 0), 0.25) == (50, 100, 150)
-
-
 @pytest.mark.parametrize("k", [1, 4])
 def test_an_outline_keeps_the_extremes_of_every_stretch(k: int) -> None:
     values = np.random.default_rng(k).normal(size=(10_007, k)).cumsum(axis=0)
@@ -244,27 +207,6 @@ def test_a_long_recording_is_thinned_and_says_so(monkeypatch: pytest.MonkeyPatch
     assert "60 of 251 samples" in str(read.static["report"]["TextDocument:text"])
 
 
-def test_what_was_run_can_be_read_from_the_properties(shown: tuple[Comparison, Path, Read]) -> None:
-    _, _, read = shown
-    about = read.static["__properties/comparison"]
-    assert (about["source"], about["profile"]) == (["traj4"], ["thesis-lab"])
-    assert (about["reference"], about["seed"]) == (["mujoco"], [3])
-    assert read.static["__properties/options"]["noise"] == ["False"]
-    assert read.static["__properties/versions"]["mujoco"] == ["3.17"]
-
-
-def test_the_body_stands_on_its_wheels(shown: tuple[Comparison, Path, Read]) -> None:
-    _, _, read = shown
-    model = mujoco.MjModel.from_xml_path(str(HUSKY.mjcf_path))
-    at = read.static["world/linear/robot/base"]["Transform3D:translation"][0]
-    assert np.abs(np.array(at) - model.body("base").pos).max() <= SINGLE
-    for wheel in WHEELS:
-        _, places = read.track(f"world/linear/robot/{wheel}", "Transform3D:translation")
-        assert np.abs(places - (model.body("base").pos + model.body(wheel).pos)).max() <= SINGLE
-    tread = 0.004  # what the treads stand out of the tyre, and so below the ground [m]
-    assert -tread < robot_mesh(HUSKY).box[0, 2] <= 0.0
-
-
 @pytest.mark.parametrize(("speed", "direction"), [(0.5, -1.0), (-0.5, 1.0)])
 def test_wheels_roll_the_way_the_robot_drives(tmp_path: Path, speed: float, direction: float) -> None:
     t = stamps(0.01, 0.1)
@@ -281,28 +223,6 @@ def test_wheels_roll_the_way_the_robot_drives(tmp_path: Path, speed: float, dire
     left, right = (speed - 0.4) * t[-1] / RADIUS, (speed + 0.4) * t[-1] / RADIUS
     wanted = {w: left if w.endswith("left") else right for w in WHEELS}
     assert turned == pytest.approx(wanted, rel=1e-5)  # single precision through an arc sine
-
-
-def test_errors_are_those_at_the_same_instant(shown: tuple[Comparison, Path, Read]) -> None:
-    made, _, read = shown
-    reference, other = made.reference[0], made.plants["coulomb"].pieces[0]
-    t, error = read.track("plots/position_error/coulomb", "Scalars:scalars")
-    assert np.abs(t - reference.t).max() < 1e-9
-    assert "long" not in str(read.static["report"]["TextDocument:text"])  # nothing was thinned
-    assert np.abs(error[:, 0] - np.linalg.norm(other.xy - reference.xy, axis=1)).max() <= ROUNDOFF * 10.0  # metres
-
-
-def test_yaw_errors_are_wrapped_and_a_recording_is_a_robot_of_its_own(in_pieces: tuple[Comparison, Read]) -> None:
-    _, read = in_pieces
-    _, error = read.track("plots/yaw_error/improved", "Scalars:scalars")
-    assert np.abs(error).max() <= ROUNDOFF * 100.0  # the recording's yaw is a whole turn ahead
-    assert "world/recording/robot/base" in read.static
-    assert "plots/yaw_rate/recording" in read.over_time
-    assert "plots/yaw_acceleration/recording" not in read.over_time
-    assert "plots/position_error/recording" not in read.over_time
-    assert "plots/position_error/mujoco" in read.over_time
-    _, error = read.track("plots/position_error/mujoco", "Scalars:scalars")
-    assert np.abs(error - 1.0).max() <= ROUNDOFF * 100.0
 
 
 def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> None:
@@ -333,27 +253,6 @@ def test_commands_hold_until_the_next(in_pieces: tuple[Comparison, Read]) -> Non
     assert mode == [rr.components.InterpolationMode.StepAfter.value]
 
 
-def test_wheel_rate_commands_have_a_plot_of_their_own(tmp_path: Path) -> None:
-    made = comparison([TWO_SECONDS], PLANTS[:2])
-    wheels = tuple(Commands(0.05, c.values * [3.0, 4.0], "wheels") for c in made.commands)
-    write_recording(replace(made, commands=wheels), tmp_path / "a.rrd", REPORT)
-    read = Read.file(tmp_path / "a.rrd")
-    _, rates = read.track("plots/wheel_rate/commanded", "Scalars:scalars")
-    assert rates[0] == pytest.approx(wheels[0].values[0])
-    assert "plots/speed/commanded" not in read.over_time
-
-
-def test_the_line_up_shows_displacements_only_where_they_stay_small(tmp_path: Path) -> None:
-    made = comparison([TWO_SECONDS], PLANTS[:2])
-    far = replace(made.plants["improved"], pieces=(arc(2.0, 0.8, TWO_SECONDS, (0.0, 0.0, 3.0)),))
-    places = {}
-    for name, plants in (("near", made.plants), ("far", {**made.plants, "improved": far})):
-        write_recording(replace(made, plants=plants), tmp_path / f"{name}.rrd", REPORT)
-        _, places[name] = Read.file(tmp_path / f"{name}.rrd").track("lineup/improved/robot", "Transform3D:translation")
-    assert np.ptp(places["near"], axis=0).max() > 0.01
-    assert np.ptp(places["far"], axis=0).max() == 0.0
-
-
 @pytest.mark.parametrize("t", [stamps(0.008, 0.0), stamps(0.008, 0.032)])
 def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -> None:
     still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
@@ -365,59 +264,7 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
     assert len(Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[0]) >= 1
 
 
-@pytest.mark.parametrize(("low", "high"), [(-0.77, 0.77), (0.0, 0.3), (158.0, 200.0), (0.0, 0.0), (-6.0, 6.0), (2.1, 2.9)])
-def test_axes_hold_all_samples_and_numbers_to_read_them_by(low: float, high: float) -> None:
-    bottom, top = axis_range([np.array([low, high]), np.array([high])])
-    assert bottom < low <= high < top
-    assert top - bottom < 3.0 * max(high - low, 1e-3)
-    step = 10.0 ** math.floor(math.log10(top - bottom))
-    few = math.floor(top / step) - math.ceil(bottom / step) < 1
-    assert not few or top - bottom <= 1.5 * step  # then tenths of a step have room, and are written
-
-
 # --- the file ---
-
-
-def test_rerun_accepts_the_file_and_finds_a_layout_in_it(shown: tuple[Comparison, Path, Read]) -> None:
-    _, path, _ = shown
-    done = run_rerun("rrd", "verify", path)
-    assert done.returncode == 0, done.stderr
-    reader = RrdReader(path)
-    assert [entry.application_id for entry in reader.recordings()] == ["ssmr-testbed compare"]
-    assert [entry.application_id for entry in reader.blueprints()] == ["ssmr-testbed compare"]
-    printed = run_rerun("rrd", "print", path).stdout  # a viewer that still holds another layout takes this one
-    assert "make_active: true" in printed
-    assert "make_default: true" in printed
-
-
-NO_ADAPTER = ("Failed to get render context", "No graphics adapter was found")
-"""The viewer says one of these where nothing can render, neither a card nor software."""
-
-
-@pytest.mark.slow
-def test_a_viewer_without_a_window_shows_the_layout(
-    shown: tuple[Comparison, Path, Read], capfd: pytest.CaptureFixture[str]
-) -> None:
-    """The real viewer holds the views that were asked for; it renders by software where there is no graphics card."""
-    _, path, _ = shown
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    try:
-        viewer = ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True)
-        try:
-            viewer.open(str(path))
-            layout = viewer.get_blueprint().blueprint
-        finally:
-            with suppress(ConnectionError):
-                viewer.quit()
-    except ConnectionError:
-        said = "".join(capfd.readouterr())
-        if not any(lack in said for lack in NO_ADAPTER):  # then the viewer has crashed for another reason
-            raise
-        pytest.skip("no graphics adapter; on Debian, mesa-vulkan-drivers lets the viewer render without a card")
-    names = {parts["ViewBlueprint"].get("display_name") for parts in layout.values() if "ViewBlueprint" in parts}
-    assert {"Scene (grid 1 m)", "From above", "Report", "Following mujoco", "Position error to mujoco [m]"} <= names, names
 
 
 def test_a_repeated_run_compares_equal_and_another_has_another_id(
@@ -432,19 +279,6 @@ def test_a_repeated_run_compares_equal_and_another_has_another_id(
     ids = [RrdReader(file).recordings()[0].recording_id for file in files]
     assert ids[0] == ids[1]
     assert len(set(ids)) == 3
-
-
-def test_two_hours_of_five_plants_stay_below_150_mb(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A tenth of the poses and samples of two hours, whose thinned recording grows with them."""
-    most = thinning.MOST_POSES // 10
-    monkeypatch.setattr(thinning, "MOST_POSES", most)
-    monkeypatch.setattr(thinning.outline_of, "__defaults__", (thinning.MOST_SAMPLES // 10,))
-    sizes = []
-    for seconds in (0.08, 720.0):
-        made = against_a_recording(comparison([stamps(0.02, seconds)]))
-        write_recording(made, tmp_path / "a.rrd", REPORT)
-        sizes.append((tmp_path / "a.rrd").stat().st_size)
-    assert sizes[0] + 10.0 * (sizes[1] - sizes[0]) < 150e6
 
 
 def raiser(failure: BaseException) -> Callable[..., None]:
@@ -470,20 +304,6 @@ def test_a_failure_leaves_nothing_and_spares_what_was_there(tmp_path: Path, monk
         write_recording(made, tmp_path / "nowhere" / "a.rrd", REPORT)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="files in memory are Linux's")
-def test_a_file_in_memory_and_a_stream_make_the_same_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = comparison([A_MOMENT], PLANTS[:2])
-    with rerun_file._file_in_memory() as path:
-        assert path is not None
-    write_recording(made, tmp_path / "file.rrd", REPORT)
-    monkeypatch.setattr(rerun_file, "_files_are_limited", lambda: True)
-    with rerun_file._file_in_memory() as path:
-        assert path is None
-    write_recording(made, tmp_path / "stream.rrd", REPORT)
-    assert run_rerun("rrd", "compare", "--unordered", tmp_path / "file.rrd", tmp_path / "stream.rrd").returncode == 0
-    assert Read.file(tmp_path / "file.rrd").over_time.keys() == Read.file(tmp_path / "stream.rrd").over_time.keys()
-
-
 def test_rerun_switched_off_is_said_and_not_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RERUN", "off")
     with pytest.raises(RuntimeError, match="switched off"):
@@ -491,27 +311,7 @@ def test_rerun_switched_off_is_said_and_not_ignored(tmp_path: Path, monkeypatch:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_rerun_is_left_as_it_was_found(tmp_path: Path) -> None:
-    rr.set_strict_mode(False)
-    write_recording(comparison([A_MOMENT], PLANTS[:1]), tmp_path / "a.rrd", REPORT)
-    assert not rr.strict_mode()
-    assert rr.get_global_data_recording() is None
-    assert os.environ["RERUN_ANALYTICS"]
-
-
 # --- the viewer ---
-
-
-def test_without_a_display_the_log_says_what_to_do(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with caplog.at_level(logging.WARNING):
-        assert not open_viewer(Path("a.rrd"))
-    assert "no display" in caplog.text
-    assert "rerun a.rrd" in caplog.text
 
 
 class FakeViewer:
@@ -618,20 +418,3 @@ def test_solids_are_closed_and_face_outwards(geom: str, wanted: float) -> None:
     assert np.abs(np.linalg.norm(mesh.normals, axis=1) - 1.0).max() <= ROUNDOFF
     assert np.all(np.einsum("vi,vi->v", mesh.normals, mesh.vertices - [1.0, 2.0, 3.0]) > 0.0)
     assert np.unique(mesh.colours, axis=0).tolist() == [[255, 128, 0, 255]]
-
-
-def test_what_cannot_be_drawn_is_said() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><geom name="floor" group="2" type="plane" size="1 1 1"/><body name="b"/></worldbody></mujoco>'
-    )
-    with pytest.raises(ValueError, match="'floor' is a mjGEOM_PLANE"):
-        body_mesh(model, "world")
-    with pytest.raises(ValueError, match="nothing to draw"):
-        body_mesh(model, "b")
-
-
-@pytest.mark.parametrize("turn", [-2.0, 0.0, 0.3, 7.0])
-def test_the_wheel_quaternion_is_mujocos(turn: float) -> None:
-    wanted = np.empty(4)
-    mujoco.mju_axisAngle2Quat(wanted, np.array([0.0, 1.0, 0.0]), turn)
-    assert np.abs(wheel_quat_wxyz(turn) - wanted).max() <= ROUNDOFF

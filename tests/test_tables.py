@@ -21,11 +21,12 @@ from ssmr.types import Commands, Trajectory
 from tests.conftest import ROUNDOFF, metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare.table import COLUMNS, comparison_markdown, headline_error
+from validation.fit.data import FittedParameter
+from validation.fit.table import value_text
 from validation.show.tables import BEST_STYLE, NOTHING, Cell, Grid, length_unit, rich_table
 from validation.simulator.health import Health
 
 TERMINAL = 110  # columns: what the tables must fit
-HEALTHY, UNHEALTHY = Health(0.9, 0.03), Health(0.0, 0.3)
 STANDSTILL = Trajectory(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 2)))
 METRICS = metrics_of(0.0145, 0.0250, 1.0312, 0.98, 0.0151, 0.0260, 0.0202, 0.0349)
 ERRORS = HorizonErrors(24, 0.074, 0.131, 0.0915, 0.2401)
@@ -126,19 +127,6 @@ def test_every_metric_of_every_plant_is_there_to_its_last_digit(values: list[Met
             assert value == pytest.approx(known[column.name], abs=rounding, rel=ROUNDOFF)
 
 
-@given(st.lists(metrics, min_size=5, max_size=5))
-def test_the_terminal_shows_all_within_its_width(values: list[Metrics]) -> None:
-    names = ("mujoco", "improved", "coulomb", "linear", "kinematic")
-    speeds = (1e-2, 1.0, 73.9, 1e4, 123456.0)
-    c = comparison(*(plant(n, m, speed=s) for n, m, s in zip(names, values, speeds, strict=True)), reference="kinematic")
-    table = comparison_table(c)
-    text = rendered(table)
-    assert "…" not in text
-    assert all(len(line) <= TERMINAL for line in text.splitlines())
-    shown = text.split()
-    assert all(cell in shown for row in rich_rows(table)[1] for cell in row[1:])
-
-
 texts = st.text("abcdefg hijkl 0123456789", min_size=1, max_size=30).map(lambda t: " ".join(t.split()) or "x")
 numbers = st.floats(-1e6, 1e6).map("{:.4g}".format)
 
@@ -160,42 +148,6 @@ def test_a_narrow_terminal_shows_fewer_numbers_but_all_their_digits(rows: list[t
         assert all(number in " ".join(lines).split() for number in row[1 : 1 + len(shown)])
 
 
-def test_the_usual_table_of_a_comparison_has_all_its_columns_on_a_usual_terminal() -> None:
-    c = comparison(plant("mujoco", speed=204.0), plant("kinematic", speed=16600.0), reference="mujoco")
-    (grid,) = [grid for grid in c.grids() if grid.header[0] == ("plant", "")]
-    text = rendered(rich_table(grid, 80), 80)
-    assert "left out" not in text
-    assert "16600" in text
-    assert "left out for want of room: yaw rms, real time" in rendered(rich_table(grid, 70), 70)
-
-
-@given(st.dictionaries(st.sampled_from([0.5, 2.0, 6.0, 30.0]), st.tuples(errors, errors), min_size=1))
-def test_every_horizon_of_every_plant_is_there(by_horizon: dict[float, tuple[HorizonErrors, HorizonErrors]]) -> None:
-    c = comparison(
-        *(plant(n, METRICS, {h: e[k] for h, e in by_horizon.items()}) for k, n in enumerate(("mujoco", "linear")))
-    )
-    table = horizon_table(c)
-    assert table is not None
-    header, rows, best = rich_rows(table)
-    assert (header, rows, best) == markdown_tables(comparison_markdown(c))[0]
-    assert all(len(line) <= TERMINAL and "…" not in line for line in rendered(table).splitlines())
-    assert [(float(row[0]), row[1]) for row in rows] == [(h, n) for h in sorted(by_horizon) for n in c.plants]
-    for row in rows:
-        e = c.plants[row[1]].horizons[float(row[0])]
-        assert int(row[2]) == e.n
-        wanted = (e.position_median_m, e.position_p95_m, e.yaw_median_rad, e.yaw_p95_rad)
-        for heading, cell, value in zip(header[3:], row[3:], wanted, strict=True):
-            got, rounding = in_si(heading, cell)
-            assert got == pytest.approx(value, abs=rounding, rel=ROUNDOFF)
-    assert [h.split("[")[1] for h in header[3:]] == ["m]", "m]", "deg]", "deg]"]
-
-
-def test_without_horizons_there_is_no_table_of_them() -> None:
-    c = comparison(plant("mujoco"), plant("linear"), reference="mujoco")
-    assert horizon_table(c) is None
-    assert len(markdown_tables(comparison_markdown(c))) == 1
-
-
 def test_the_best_of_each_column_is_marked_and_the_reference_only_for_speed() -> None:
     worse = metrics_of(0.02, 0.03, 0.5, 1.9, 0.02, 0.03, 0.03, 0.04)
     ideal = metrics_of(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -210,14 +162,6 @@ def test_the_best_of_each_column_is_marked_and_the_reference_only_for_speed() ->
     assert {(2, "d_ratio"), (1, "e_bend ratio"), (2, "yaw rms"), (0, "real time")} <= marked
     assert (0, "d_rms") not in marked
     assert {(1, "d_rms"), (2, "d_rms")} <= marked, "what is written alike is marked alike"
-
-
-@pytest.mark.parametrize("reference", ["recording", "mujoco"])
-def test_who_competes_with_nobody_is_not_the_best(reference: str) -> None:
-    plants = [plant("linear"), plant("mujoco")] if reference == "mujoco" else [plant("linear")]
-    c = comparison(*plants, reference=reference)
-    distances = {h for _, h in rich_rows(comparison_table(c))[2]} - {"real time [×]"}
-    assert not distances
 
 
 def test_what_is_no_number_is_a_dash_and_never_the_best() -> None:
@@ -251,67 +195,18 @@ def test_lengths_are_in_the_unit_that_reads_best(values: list[float], symbol: st
     assert unit.text(-1e-9) == unit.text(0.0), "no negative zero"
 
 
-def test_the_reference_is_marked() -> None:
-    c = comparison(plant("improved"), plant("mujoco"), reference="improved")
-    assert [row[0] for row in rich_rows(comparison_table(c))[1]] == ["improved (ref)", "mujoco"]
-    assert "compared with improved" in rendered(comparison_table(c))
-
-
-def test_the_report_says_how_it_was_run_and_what_each_metric_means() -> None:
-    c = comparison(plant("mujoco"), plant("linear"))
-    c = replace(c, options={**c.options, "horizons": (2.0, 6.0)})  # type: ignore[dict-item]
-    text = comparison_markdown(c)
-    for what in (
-        "`drive.csv`",
-        "`thesis-lab`",
-        "`recording`",
-        "seed: 7",
-        "noise yes",
-        "from_s 12.5",
-        "horizons 2,6",
-        "mujoco 3.17.0",
-    ):
-        assert what in text
-    for column in COLUMNS:
-        assert len(re.findall(rf"^- \*\*{re.escape(column.label)}\*\*: .*\.$", text, flags=re.MULTILINE)) == 1
-    assert text.endswith(".\n")
-
-
-def test_an_unhealthy_plant_gets_the_advice_and_a_healthy_one_does_not() -> None:
-    sick = comparison(plant("mujoco", health=UNHEALTHY), plant("linear"))
-    sound = comparison(plant("mujoco", health=HEALTHY), plant("linear"))
-    assert UNHEALTHY.advice in comparison_markdown(sick)
-    assert "unhealthy" in rendered(comparison_table(sick))
-    assert "unhealthy" not in comparison_markdown(sound) + rendered(comparison_table(sound))
-
-
-def test_a_trembling_plant_gets_advice_but_is_not_called_unhealthy() -> None:
-    trembling = replace(
-        HEALTHY, apparent_mass_kg=361.52, load_sum_rms_N=10.8, weight_N=719.0, slip_speed_m_s=0.28, slip_limit_m_s=1.03,
-        ride_rise_m=0.0012,
-    )  # fmt: skip
-    c = comparison(plant("mujoco", health=trembling), plant("linear", health=HEALTHY))
-    text = comparison_markdown(c)
-    assert "- mujoco: " in text
-    assert "smooth the given wheel rates" in text
-    assert "unhealthy" not in text
-    (grid,) = [grid for grid in c.grids() if grid.title == "Health"]
-    assert [[cell.text for cell in row] for row in grid.groups[0]] == [
-        ["mujoco", "361.5", NOTHING, "10.8", "0.28", "1.03", "1.2", "loads tremble"]
-    ]
-    assert not any(grid.title == "Health" for grid in comparison(plant("mujoco", health=HEALTHY)).grids())
-
-
-def test_what_the_user_named_is_never_markup() -> None:
-    c = comparison(plant("mujoco"), plant("li|near"), source="a|b`c*[red]\n# d[/]", reference="mujoco")
-    text = comparison_markdown(c)
-    assert "- source: `a|b'c*[red] # d[/]`\n" in text
-    assert markdown_tables(text)[0][1][1][0] == r"li\|near"
-    assert "a|b`c*[red] # d[/]" in rendered(comparison_table(c))
-
-
-def test_the_headline_is_the_error_after_six_seconds_or_d_rms() -> None:
-    errors = {2.0: ERRORS, 5.0: replace(ERRORS, position_median_m=0.0512, yaw_median_rad=math.radians(4.44)), 30.0: ERRORS}
-    c = comparison(plant("mujoco", METRICS, errors), plant("linear"))
-    assert headline_error(c, "mujoco") == "51 mm, 4.4° in 5 s"
-    assert headline_error(c, "linear") == "d_rms 14.5 mm"
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.52345, 0.00412, "0.523 ± 0.004"),
+        (0.52345, 0.00345, "0.5234 ± 0.0034"),
+        (523.45, 150.0, "520 ± 150"),
+        (-0.0001, 0.4, "0.0 ± 0.4"),
+        (0.52345, None, "0.5234"),
+        (0.52345, math.nan, "0.5234"),
+        (0.0, 0.02, "0.000 ± 0.020"),
+    ],
+)
+def test_digits_follow_the_standard_error(value: float, error: float | None, text: str) -> None:
+    fitted = FittedParameter("friction", "1", value, 0.1, 1.2, "linear", 0.4, at_bound=False, standard_error=error)
+    assert value_text(fitted) == text

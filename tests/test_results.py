@@ -1,0 +1,173 @@
+"""Results keep one contract, whatever program made them: they print, draw, and save files that are whole and finite."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from matplotlib.text import Text
+from PIL import Image
+
+from ssmr.control.references import circle, line
+from tests.test_objective import recorded
+from tests.test_rerun_log import run_rerun
+from tests.test_robustness import hopeless
+from validation.compare import compare
+from validation.fit import fit
+from validation.logs.recording_csv import write_csv
+from validation.plants.profile import Profile
+from validation.progress import Progress
+from validation.robots import check_robot
+from validation.show.drawing import save_figure
+from validation.track import track
+from validation.tune import tune
+
+
+def interrupt(now: Progress) -> None:
+    """Press Ctrl-C after the second generation."""
+    if now.done == 2.0:
+        raise KeyboardInterrupt
+
+
+SMALL: dict[str, Any] = {"population": 8, "generations": 3, "seed": 1}
+TUNED: dict[str, Any] = {"plants": ("linear",), "free": ("q_x", "r_v"), "noise": False, "held_out": ("line@0.5",), **SMALL}
+FITTED: dict[str, Any] = {"held_out": ("traj1@improved",), "objective": "path", "free": ("y_l", "alpha_l"), **SMALL}
+HORIZONS = (2.0, 6.0)
+MADE: dict[str, Callable[[str], Any]] = {
+    "compare": lambda log: compare("traj4", "thesis-lab"),
+    "compare on a log": lambda log: compare(log, "thesis-lab", horizons=HORIZONS),
+    "compare one plant": lambda log: compare("traj1", plants=("kinematic",), reference="kinematic"),
+    "fit": lambda log: fit("kinematic", log, **FITTED),
+    "fit, interrupted": lambda log: fit("linear", "traj4@improved", progress=interrupt, **SMALL),
+    "track": lambda log: track("smc", circle(0.5), "linear"),
+    "track four plants": lambda log: track("pid", line(0.5), ("linear", "kinematic", "improved", "coulomb"), lookahead=0.2),
+    "track, lost": lambda log: track("pid", line(0.5), ("kinematic", "linear"), gains=hopeless()),
+    "tune": lambda log: tune("lqr", ("circle@0.5", "line@0.4"), **TUNED),
+    "tune, interrupted": lambda log: tune("lqr", "circle@0.5", progress=interrupt, **TUNED),
+    "robots check": lambda log: check_robot("jackal"),
+}
+"""A result of every program, made of the path of a log with a gap."""
+
+
+@pytest.fixture(scope="module")
+def log(lab: Profile, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("log") / "drive.csv"
+    write_csv(recorded(lab, seconds=60.0), path)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def result(log: str) -> Callable[[str], Any]:
+    """The result of that name, made once."""
+    return cache(lambda name: MADE[name](log))
+
+
+@pytest.fixture(scope="module", params=MADE)
+def made(request: pytest.FixtureRequest, result: Callable[[str], Any]) -> Any:
+    return result(request.param)
+
+
+@pytest.fixture(scope="module")
+def figure(made: Any) -> Figure:
+    before = dict(matplotlib.rcParams)
+    drawn: Figure = made.figure()
+    assert dict(matplotlib.rcParams) == before
+    return drawn
+
+
+@pytest.fixture(scope="module")
+def saved(made: Any, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    written: list[Path] = made.save(tmp_path_factory.mktemp("saved") / "new")
+    return written
+
+
+def seen(figure: Figure) -> list[Text]:
+    """Everything written in a figure, numbers at the axes left out."""
+    numbers = {id(label) for ax in figure.axes for label in (*ax.get_xticklabels(), *ax.get_yticklabels())}
+    every = [text for text in figure.findobj(Text) if isinstance(text, Text) and id(text) not in numbers]
+    return [text for text in every if text.get_visible() and text.get_text().strip()]
+
+
+def overlapping(figure: Figure) -> list[str]:
+    """Texts that leave the figure or cover one another."""
+    renderer, whole = figure.canvas.get_renderer(), figure.bbox  # type: ignore[attr-defined]
+    boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in seen(figure)]
+    wrong = [t for t, b in boxes if b.x0 < whole.x0 or b.x1 > whole.x1 or b.y0 < whole.y0 or b.y1 > whole.y1]
+    return wrong + [f"{one!r} covers {two!r}" for (one, a), (two, b) in itertools.combinations(boxes, 2) if a.overlaps(b)]
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_it_prints_within_the_terminal(made: Any, width: int) -> None:
+    text = made.table(width)
+    assert all(len(row) <= width and "…" not in row for row in text.splitlines())
+    assert not {"nan", "inf", "-inf", "None"} & set(text.split())
+
+
+def test_nothing_written_in_its_picture_overlaps_or_leaves_it(figure: Figure) -> None:
+    assert overlapping(figure) == []
+
+
+def test_its_files_are_whole_and_finite_and_rerun_takes_them(made: Any, saved: list[Path]) -> None:
+    files = {path.suffix: path for path in saved}
+    assert saved[-1].suffix == ".json"
+    assert sorted(saved) == sorted(saved[0].parent.iterdir())
+    document = json.loads(saved[-1].read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert document == json.loads(json.dumps(made.as_dict(), allow_nan=False))
+    assert document["schema"] == f"ssmr.{saved[-1].stem}/1"
+    assert {"numpy", "mujoco", "ssmr-testbed"} <= set(document["versions"])
+    assert imread(files[".png"]).shape[1] == 1600
+    if ".rrd" in files:
+        done = run_rerun("rrd", "verify", files[".rrd"])
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["compare", "track four plants"])
+def test_a_picture_shows_the_paths_that_were_driven(name: str, result: Callable[[str], Any]) -> None:
+    made = result(name)
+    paths = [r.run.columns("x", "y") for r in made.robots] if hasattr(made, "robots") else [
+        result.pieces[0].xy for result in made.plants.values()
+    ]  # fmt: skip
+    drawn = [np.asarray(curve.get_xydata()) for ax in made.figure().axes for curve in ax.lines]
+    assert all(any(np.array_equal(path, curve) for curve in drawn) for path in paths)
+
+
+def test_no_line_over_time_bridges_a_gap(result: Callable[[str], Any]) -> None:
+    made = result("compare on a log")
+    (before, after) = made.reference
+    for ax in made.figure().axes:
+        for curve in ax.lines:
+            x, y = np.asarray(curve.get_xydata(), dtype=np.float64).T
+            ends = np.flatnonzero(np.isclose(x[:-1], before.t[-1]) & np.isclose(x[1:], after.t[0]))
+            assert not np.isfinite(y[ends]).any()
+
+
+def test_no_setting_leaks_into_a_picture(result: Callable[[str], Any], tmp_path: Path) -> None:
+    made = result("compare one plant")
+    save_figure(made.figure(), tmp_path / "plain.png")
+    with matplotlib.rc_context({"font.size": 30.0, "axes.facecolor": "black", "lines.linewidth": 9.0, "savefig.dpi": 20}):
+        save_figure(made.figure(), tmp_path / "styled.png")
+    assert np.array_equal(imread(tmp_path / "plain.png"), imread(tmp_path / "styled.png"))
+
+
+def test_a_picture_that_fails_leaves_what_was_there_and_the_numbers_are_kept(
+    result: Callable[[str], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half(self: Image.Image, fname: Path, **_: object) -> None:
+        fname.write_bytes(b"half")
+        raise OSError("disk full")
+
+    (tmp_path / "compare.png").write_bytes(b"before")
+    monkeypatch.setattr(Image.Image, "save", half)
+    with pytest.raises(OSError, match="disk full"):
+        result("compare one plant").save(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"compare.png", "compare.json"}
+    assert (tmp_path / "compare.png").read_bytes() == b"before"

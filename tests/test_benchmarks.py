@@ -21,7 +21,7 @@ from validation import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = sorted(p.stem for p in (ROOT / "benchmarks").glob("*.py") if p.stem not in ("__init__", "rows"))
-APART = {"ros", "cluster"}
+APART = {"ros"}
 """Benchmarks that run as processes of their own: what they start would not leave this one as it was."""
 
 

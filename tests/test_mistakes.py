@@ -203,7 +203,7 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
     """In this process, for speed; the status of real ones is looked at in other files."""
     if "--scheduler" in command and not find_spec("distributed"):
         pytest.skip("the extra 'cluster' is not installed")
-    monkeypatch.setattr("validation.fit.cluster.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("validation.fit.executors.CONNECT_TIMEOUT", 0.5)
     monkeypatch.chdir(place)
     program, *arguments = shlex.split(command)
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}

@@ -29,7 +29,6 @@ PARTS = (
     "kills",
     "signals",
     "pairs",
-    "cluster",
     "surroundings",
     "strangers",
     "ros",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -77,6 +78,7 @@ class _Search(FitSearch):
     target: Annotated[cli.Number, cli.option(metavar="COST", default="none")] = None
     seed: cli.Seed = 0
     workers: cli.Workers = None
+    executor: tyro.conf.Suppress[Executor | None] = None
     checkpoint: tyro.conf.Suppress[Path | None] = None
     resume: cli.Flag = False
     """Continue from the checkpoint in the folder of --out."""

@@ -19,11 +19,12 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import Scored
+from validation.fit.executors import dask_executor
 from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
 from validation.fit.refine import STARTS
 from validation.fit.result import FitResult
-from validation.fit.search import Evaluate, FreeParameters, Search, SearchOptions, put_options, search_for
+from validation.fit.search import FreeParameters, Search, SearchOptions, put_options, search_for
 from validation.fit.targets import FitSources, is_scenario, open_targets
 from validation.fit.uncertainty import Uncertainty, estimate, found_parameters, sentences
 from validation.motion.driving import drive, horizons_of, standing_sentences, window_errors_of
@@ -66,7 +67,7 @@ class FitParameters(FreeParameters):
 
 @dataclass(frozen=True)
 class FitSearch(SearchOptions):
-    """Options of a fit's search. A scheduler of None uses this computer's threads."""
+    """Options of a fit's search."""
 
     method: Method = "hybrid"
     """hybrid: a short differential evolution (jDE), then bounded least squares from its best candidate and from others far
@@ -163,12 +164,11 @@ def _searched(
 ) -> Search:
     """Return the search after all its stages, or where it was interrupted."""
     with contextlib.ExitStack() as stack:
-        evaluate: Evaluate | None = None
+        rated_by = search
         if search.scheduler is not None:
-            from validation.fit.cluster import Cluster
-
-            evaluate = stack.enter_context(Cluster(search.scheduler, problem))
-        found = search_for(problem, settings, search, start, progress, evaluate, _STARTS[search.method])
+            executor, shares = stack.enter_context(dask_executor(search.scheduler))
+            rated_by = replace(search, executor=executor, workers=shares)
+        found = search_for(problem, settings, rated_by, start, progress, _STARTS[search.method])
     if found.starts and not found.interrupted:
         found.refine(problem, search.threads, search.checkpoint, progress)
     return found

@@ -9,6 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -25,6 +26,7 @@ from ssmr.types import FloatArray
 from validation import reading, store
 from validation.fit.checkpoint import CheckpointError, damaged, read_arrays, write_arrays
 from validation.fit.data import SearchTrace
+from validation.fit.executors import costs_by
 from validation.fit.refine import Remembered, Residuals, arrivals
 from validation.progress import Progress, Report, silent
 
@@ -38,7 +40,7 @@ _SHOWN_VALUES = 4
 
 
 Evaluate = Callable[[FloatArray, FloatArray, Callable[[float], object] | None], FloatArray]
-"""A function that rates a generation, here or on a cluster: points, limits and `on_share`, see `SearchProblem.costs`."""
+"""A function that rates a generation: points, limits and `on_share`, see `SearchProblem.costs`."""
 
 
 class RefinableProblem(Residuals, Protocol):
@@ -102,6 +104,9 @@ class SearchOptions:
     """Seed of the random numbers; equal seeds give equal results."""
     workers: int | None = None
     """Number of threads; the result does not depend on it."""
+    executor: Executor | None = None
+    """What rates the candidates of jDE in the place of threads, in `workers` shares: a `ProcessPoolExecutor` that spawns its
+    processes, or dask's `client.get_executor(pure=False)`. The result does not depend on it."""
     checkpoint: Path | None = None
     """File in which the search's state is kept after every generation."""
     resume: bool = False
@@ -372,22 +377,21 @@ def search_for(
     options: SearchOptions,
     start: FloatArray | None = None,
     progress: Report = silent,
-    evaluate: Evaluate | None = None,
     starts: int = 0,
 ) -> Search:
     """Search from the beginning, or from a checkpoint, until a stop rule holds, or Ctrl-C.
 
     Of so many `starts` of least squares that follow, one needs no generation after the first population.
 
-    The (k, n) `start` are candidates for the first population; `evaluate`, such as a cluster, rates generations in the place
-    of `problem.costs`. The search that is returned has at least one candidate of finite cost.
+    The (k, n) `start` are candidates for the first population. The search that is returned has at least one candidate of
+    finite cost.
 
     Raises:
         ValueError: settings that make no sense, or the checkpoint of another search.
         UnusableFolder: the folder of the checkpoint cannot be made or written.
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: it was interrupted before it found anything.
-        SsmrError: every candidate was impossible or failed, or the cluster was lost; what was rated before is kept.
+        SsmrError: every candidate was impossible or failed, or the executor was lost; what was rated before is kept.
     """
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
     plain |= {"start": None if start is None else start.tolist(), "seed": options.seed}
@@ -401,9 +405,14 @@ def search_for(
     search.space, search.starts = problem.space, starts
     if options.checkpoint is not None:
         store.make_folder(options.checkpoint.parent)
-    here: Evaluate = lambda points, limits, on_share: problem.costs(points, limits, options.threads, on_share)  # noqa: E731
+
+    def evaluate(points: FloatArray, limits: FloatArray, on_share: Callable[[float], object] | None) -> FloatArray:
+        if options.executor is None:
+            return problem.costs(points, limits, options.threads, on_share)
+        return costs_by(options.executor, options.threads, problem.costs, points, limits)
+
     try:
-        search.run(evaluate or here, options.checkpoint, progress, 0 if starts == 1 else None)
+        search.run(evaluate, options.checkpoint, progress, 0 if starts == 1 else None)
     except SsmrError as error:
         if options.checkpoint is None or not search.best_cost:
             raise

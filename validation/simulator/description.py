@@ -232,20 +232,18 @@ class Robot:
     def sizes(self) -> Mapping[str, float]:
         """The sizes that default bounds of fits are multiples of (`ssmr.parameters.Declaration.of`), SI units."""
         g, s = self.geometry, self.simulation
-        return MappingProxyType(
-            {
-                "mass": self.masses.total,
-                "yaw_inertia": self.yaw_inertia,
-                "wheel_radius": g.wheel_radius,
-                "half_track": 0.5 * g.track,
-                "turning_half_track": g.turning_half_track,
-                "half_wheelbase": 0.5 * g.wheelbase,
-                "gain": s.gain,
-                "gain_over_radius": s.gain / g.wheel_radius,
-                "rotor_inertia": s.armature,
-                "torque_limit": self.drive.torque_limit,
-            }
-        )
+        return {  # no proxy: a robot travels to other processes
+            "mass": self.masses.total,
+            "yaw_inertia": self.yaw_inertia,
+            "wheel_radius": g.wheel_radius,
+            "half_track": 0.5 * g.track,
+            "turning_half_track": g.turning_half_track,
+            "half_wheelbase": 0.5 * g.wheelbase,
+            "gain": s.gain,
+            "gain_over_radius": s.gain / g.wheel_radius,
+            "rotor_inertia": s.armature,
+            "torque_limit": self.drive.torque_limit,
+        }
 
     def source(self, key: str) -> tuple[str, str]:
         """Return the grade and the source of a number, `section.key`; one that the file does not say is assumed."""

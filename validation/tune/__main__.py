@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -72,6 +73,7 @@ class _Search(SearchOptions):
     target: Annotated[cli.Number, cli.option(metavar="COST", default="none")] = None
     seed: cli.Seed = 0
     workers: cli.Workers = None
+    executor: tyro.conf.Suppress[Executor | None] = None
     checkpoint: tyro.conf.Suppress[Path | None] = None
     resume: cli.Flag = False
     """Continue from the checkpoint in the folder of --out."""

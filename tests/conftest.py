@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
-from collections.abc import Callable, Iterator
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,9 @@ at some 5 rad/s among them, and Python cannot set a smaller limit (SapSolverPara
 DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 
+Launch = Callable[..., subprocess.Popen[Any]]
+"""What the fixture `launch` is."""
+
 os.environ.pop("COLUMNS", None)  # pytest-xdist sets it to 80 in its workers, and tables would leave out columns there
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in a script's background; programs inherit that
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -47,6 +52,13 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """The whole suite takes all cores, at most four; files that are named run in this process and start at once."""
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     return min(4, os.cpu_count() or 1) if whole else 0
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any, error: object | None) -> None:
+    """A worker that dies fails the run, also where it had no test to fail."""
+    if error:
+        node.config.pluginmanager.get_plugin("session").testsfailed += 1
 
 
 def data_folder() -> Path:
@@ -70,6 +82,27 @@ def strict_arithmetic() -> Iterator[None]:
     """Numpy raises where it would warn."""
     with np.errstate(divide="raise", invalid="raise", over="raise"):
         yield
+
+
+@pytest.fixture
+def launch() -> Iterator[Launch]:
+    """Starts processes as `subprocess.Popen` does; however the test ends, they are killed and their pipes closed."""
+    with contextlib.ExitStack() as left:
+
+        def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+            process = left.enter_context(subprocess.Popen(command, **options))
+            left.callback(process.kill)
+            return process
+
+        yield start
+
+
+@pytest.fixture
+def hangup() -> Iterator[None]:
+    """SIGHUP ends programs, as it usually does: under nohup they inherit that it is ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 def installed_plant(profile: Profile, name: str, settings: PhysicsSettings = SHIPPED) -> Plant:

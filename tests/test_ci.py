@@ -82,6 +82,24 @@ def test_a_main_job_that_fails_is_told_and_hides_nothing_else(house: Path) -> No
     assert output[-2:] == ["FAILED: the README's main job", "== 3 passed in 0.10s =="]
 
 
+@pytest.mark.parametrize(
+    ("death", "said"),
+    [
+        ("def test_dies():\n    os.abort()", "1 failed"),
+        ("if os.environ.get('PYTEST_XDIST_WORKER') == 'gw1':\n    os.abort()", "no tests ran"),
+    ],
+)
+def test_a_worker_that_dies_fails_the_run_and_nobody_waits_for_it(death: str, said: str, tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        (tmp_path / f"test_{name}.py").write_text("def test_one(): pass\ndef test_two(): pass\n")
+    (tmp_path / "test_last.py").write_text(f"import os\n{death}\n")
+    command = [sys.executable, "-m", "pytest", "-c", str(ROOT / "pyproject.toml"), "-p", "tests.conftest", "-n", "2"]
+    command += ["-p", "no:cacheprovider", "--rootdir", str(tmp_path), str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100, check=False)
+    assert (done.returncode, said in done.stdout.splitlines()[-1]) == (1, True), done.stdout
+
+
 def test_the_readme_has_both_commands() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     main, tests = (READER["runnable"](READER["printed"](name, text), "SOURCE") for name in ("main", "tests"))

@@ -16,6 +16,7 @@ import pytest
 
 from ssmr import _jit
 from ssmr.errors import SsmrError
+from tests.conftest import Launch
 from validation import cli, store
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,28 +35,32 @@ cli.run(main, "program")
 """
 
 
-def start(program: str, *arguments: str, **options: object) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", program, *arguments]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
-    return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
-        command, env=environment, text=True, preexec_fn=listen, **streams
-    )
+@pytest.fixture
+def start(launch: Launch) -> Launch:
+    """A maker of processes that run the text of a program."""
+
+    def program(text: str, *arguments: str, **options: object) -> subprocess.Popen[str]:
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+        return launch([sys.executable, "-c", text, *arguments], env=environment, text=True, **streams)
+
+    return program
 
 
-def listen() -> None:
-    """A shell lets what it starts in the background ignore Ctrl-C; these tests want it heard."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
+@pytest.mark.usefixtures("hangup")
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
-def test_a_signal_ends_the_work_and_keeps_the_result(number: signal.Signals, status: int, tmp_path: Path) -> None:
+def test_a_signal_ends_the_work_and_keeps_the_result(
+    start: Launch, number: signal.Signals, status: int, tmp_path: Path
+) -> None:
     process = start(PROGRAM, str(tmp_path / "kept.txt"))
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
     _, said = process.communicate(timeout=30)
-    assert (process.returncode, said) == (status, "interrupted\n" if status == 130 else f"ended by {number.name}\n")
+    assert (process.returncode, said) == (
+        status,
+        "interrupted\n" if status == 130 else f"ended by {signal.Signals(number).name}\n",
+    )
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
 
 
@@ -70,7 +75,7 @@ def test_the_status_is_kept_though_the_interrupt_passed_through_code_made_at_run
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_a_library_that_a_signal_kept_from_loading_is_no_fault(number: int, status: int) -> None:
+def test_a_library_that_a_signal_kept_from_loading_is_no_fault(start: Launch, number: int, status: int) -> None:
     program = f"""
 import os
 from validation import cli
@@ -86,7 +91,7 @@ cli.run(main, "program", [])
     assert (process.returncode, said) == (status, "ended by SIGTERM\n" if status == 143 else "interrupted\n")
 
 
-def test_under_nohup_a_hangup_is_ignored(tmp_path: Path) -> None:
+def test_under_nohup_a_hangup_is_ignored(start: Launch, tmp_path: Path) -> None:
     ignoring = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + PROGRAM
     process = start(ignoring, str(tmp_path / "kept.txt"))
     assert process.stdout is not None
@@ -94,8 +99,6 @@ def test_under_nohup_a_hangup_is_ignored(tmp_path: Path) -> None:
     process.send_signal(signal.SIGHUP)
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(0.3)
-    process.kill()
-    process.communicate()
 
 
 def test_closed_streams_do_no_harm(tmp_path: Path) -> None:
@@ -110,7 +113,7 @@ def test_closed_streams_do_no_harm(tmp_path: Path) -> None:
     assert out.read_text() == "x"
 
 
-def test_a_reader_that_leaves_is_no_failure() -> None:
+def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
     program = "from validation.cli import run\ndef main() -> None:\n    print('x' * 10**6)\nrun(main, 'program', [])"
     process = start(program)
     assert process.stdout is not None
@@ -173,7 +176,7 @@ cli.run(main, "program", [])
 """
 
 
-def test_a_librarys_warning_is_one_harmless_line() -> None:
+def test_a_librarys_warning_is_one_harmless_line(start: Launch) -> None:
     process = start(WARNING)
     _, said = process.communicate(timeout=30)
     assert said == "warning: RuntimeWarning: one two \\x1b]0;title\\x07 (<string>, line 5)\n"
@@ -284,7 +287,7 @@ def test_an_old_cache_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert not old.exists()
 
 
-def test_what_goes_wrong_while_a_program_is_loaded_is_one_line() -> None:
+def test_what_goes_wrong_while_a_program_is_loaded_is_one_line(start: Launch) -> None:
     process = start("from validation import cli; import no_such_package")
     _, said = process.communicate(timeout=30)
     assert process.returncode == cli.EXIT_FAULT
@@ -292,7 +295,7 @@ def test_what_goes_wrong_while_a_program_is_loaded_is_one_line() -> None:
     assert len(said.splitlines()) == 1
 
 
-def test_ctrl_c_while_a_program_is_loaded_is_no_traceback() -> None:
+def test_ctrl_c_while_a_program_is_loaded_is_no_traceback(start: Launch) -> None:
     """Python calls the first argument `-m` as long as it loads what it was asked for."""
     process = start("import sys, time; sys.argv = ['-m']; import validation; print('loading', flush=True); time.sleep(30)")
     assert process.stdout is not None
@@ -302,7 +305,7 @@ def test_ctrl_c_while_a_program_is_loaded_is_no_traceback() -> None:
     assert (process.returncode, said) == (-signal.SIGINT, "")
 
 
-def test_a_signal_that_comes_while_numba_compiles_is_kept_until_it_has(tmp_path: Path) -> None:
+def test_a_signal_that_comes_while_numba_compiles_is_kept_until_it_has(start: Launch, tmp_path: Path) -> None:
     """Its compiler swallows an interrupt; the program would go on as if nothing had been asked."""
     program = """
 import numba, time

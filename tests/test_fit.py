@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ssmr.search.jde import Jde, JdeSettings
-from tests.conftest import EXACT, exit_status
+from tests.conftest import EXACT, Launch, exit_status
 from tests.robots import HUSKY
 from tests.test_objective import recorded, scenario
 from validation.fit import __main__ as fit
@@ -176,12 +176,12 @@ def wait_for(path: Path, child: subprocess.Popen[bytes], seconds: float = 120.0)
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_a_broken_off_fit_resumes_to_the_same_end(how: signal.Signals, tmp_path: Path) -> None:
+def test_a_broken_off_fit_resumes_to_the_same_end(how: signal.Signals, tmp_path: Path, launch: Launch) -> None:
     args = "improved --to traj4@coulomb --seed 3 --generations 25 --population 30 --patience 99".split()
     through, broken = tmp_path / "through", tmp_path / "broken"
     assert call(*args, "--out", str(through)) == 0
     command = [sys.executable, "-m", "validation.fit", *args, "--out", str(broken)]
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    child = launch(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     wait_for(broken / "checkpoint.npz", child)
     child.send_signal(how)
     _, errors = child.communicate(timeout=60)

@@ -556,6 +556,7 @@ def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:
 
 
 def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(evidence_gazebo, "ode", lambda: None)
     whole = section("gazebo").digest(SMALL)
 
     def missing() -> None:

@@ -26,7 +26,7 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
-from tests.conftest import ROUNDOFF, metrics_of
+from tests.conftest import ROUNDOFF, Launch, metrics_of
 from validation.compare import Comparison, PlantResult
 from validation.compare.rerun import write_recording
 from validation.show import thinning
@@ -349,11 +349,11 @@ def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
 
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="only Linux says who listens where in /proc")
-def test_a_browser_is_served_on_loopback_until_an_interrupt(tmp_path: Path) -> None:
+def test_a_browser_is_served_on_loopback_until_an_interrupt(tmp_path: Path, launch: Launch) -> None:
     """The program says where; what it says can be fetched; after Ctrl-C nobody listens there any more."""
     words = "traj2 --plants linear --reference linear --view web"
     command = [sys.executable, "-m", "validation.compare", *words.split()]
-    program = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    program = launch(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert program.stdout is not None
     address = next(word for line in program.stdout for word in line.split() if word.startswith("http://127.0.0.1:"))
     page = int(address.split(":")[2].partition("/")[0])

@@ -90,6 +90,7 @@ def test_a_drive_that_arrives_says_so(drive: Drive) -> None:
     assert drive.stood()
 
 
+@pytest.mark.usefixtures("hangup")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_stop_the_robot_and_keep_the_drive(drive: Drive, capsys: pytest.CaptureFixture[str], number: int) -> None:
     """Others that come while the robot is being stopped change nothing."""

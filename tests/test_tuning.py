@@ -17,7 +17,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.references import circle, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
-from tests.conftest import EXACT, ROUNDOFF, exit_status
+from tests.conftest import EXACT, ROUNDOFF, Launch, exit_status
 from validation.plants.profile import Profile, ProfileError
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -235,7 +235,7 @@ def test_held_out_references_are_of_other_kinds_than_those_tuned_on(lab: Profile
     assert all(run.speed == pytest.approx(0.4, rel=1e-9) for run in found.held_out)
 
 
-def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path) -> None:
+def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path, launch: Launch) -> None:
     args = ["lqr", "--plant", "linear", "--reference", "circle@0.5", "--held-out", "line@0.5", "--population", "8"]
     args += ["--generations", "4", "--seed", "3", "--free", "q_x,r_v,q_yaw"]
     assert call(tune.main, *args, "--out", str(tmp_path / "a")) == 0
@@ -250,7 +250,7 @@ def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path) -> None:
     assert again.values["q_x"] == a["gains"]["q_x"]
     assert again.provenance["seed"] == 3
     command = [sys.executable, "-m", "validation.tune", *args, "--out", str(tmp_path / "b")]
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    child = launch(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     checkpoint = tmp_path / "b" / "checkpoint.npz"
     while not checkpoint.exists() and child.poll() is None:
         pass

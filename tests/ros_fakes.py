@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import threading
 from bisect import insort
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
+from validation.ros.graph import Graph
 from validation.ros.inbox import Inbox, Notices, Received
-from validation.ros.port import Call, Port
+from validation.ros.port import Port
 
 
 def _stamp() -> SimpleNamespace:
-    return SimpleNamespace(secs=0, nsecs=0)
+    return SimpleNamespace(sec=0, nanosec=0)
 
 
 def _vector() -> SimpleNamespace:
@@ -88,24 +88,16 @@ class FakeClock:
 class FakePort(Port):
     """A port whose incoming messages are known beforehand, and whose outgoing ones are kept."""
 
-    master = "http://nowhere:11311"
-
     def __init__(self, clock: FakeClock) -> None:
         self.clock, self.kinds = clock, dict[str, str]()
-        self.master_gone = threading.Event()
+        self.graph = Graph()
         self.notices = Notices()
         self.inbox = Inbox(self.notices, lambda: self._arriving)
         self._arriving = clock()
         self.coming: deque[tuple[str, float, Any]] = deque()
-        self.waiting: list[Call] = []
         self.sent: list[tuple[str, float, Any]] = []
-        self.gone_at = self.back_at = float("inf")
         self.robot_at = 0.0
-        self.closed = ""
-        self._read_call: Callable[[Any], Any] = lambda pose: pose
-
-    def simulate_time(self) -> None:
-        """Nobody is there to be told."""
+        self.closed = False
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
         """Note a topic's type."""
@@ -115,30 +107,15 @@ class FakePort(Port):
         """As the real one does."""
         self.inbox.open(topic, read, depth)
 
-    def serve_set_pose(self, name: str, read: Callable[[Any], Any]) -> None:
-        """Note how a request is read."""
-        self._read_call = read
-
-    def ask(self, pose: Any, answer: Callable[[str], None]) -> None:
-        """Let somebody call the service."""
-        try:
-            self.waiting.append(Call(self._read_call(pose), answer))
-        except ValueError as error:
-            answer(str(error))
-
     def make(self, kind: str) -> Any:
         """An empty message."""
         return make(kind)
 
     def send(self, topic: str, fill: Callable[[Any], None]) -> None:
-        """Keep a message, and lose the master when it is time."""
+        """Keep a message."""
         message = make(self.kinds[topic])
         fill(message)
         self.sent.append((topic, self.clock(), message))
-        if self.gone_at <= self.clock() < self.back_at:
-            self.master_gone.set()
-        else:
-            self.master_gone.clear()
 
     def plan(self, topic: str, arrival: float, message: Any) -> None:
         """Let a message come at `arrival` [s] after the clock's beginning."""
@@ -170,13 +147,9 @@ class FakePort(Port):
         """One, once the robot is there."""
         return int(self.clock() >= self.robot_at)
 
-    def call(self) -> Call | None:
-        """The next call."""
-        return self.waiting.pop(0) if self.waiting else None
-
-    def close(self, why: str) -> None:
+    def close(self) -> None:
         """Leave nothing."""
-        self.closed = why
+        self.closed = True
 
     def counts(self) -> Counter[str]:
         """How many were sent, by topic."""

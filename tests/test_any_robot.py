@@ -27,7 +27,8 @@ from validation.plants.searchable import find, searchable
 from validation.plants.table import plant_kind
 from validation.recordings import ConvertSettings, convert, info
 from validation.recordings import __main__ as recordings_program
-from validation.ros.commands import CommandGate, robot_topic
+from validation.ros.commands import CommandGate
+from validation.ros.graph import Graph
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.sim import POSE_TOPIC, WHEELS_TOPIC, SimNode, connect_simulation
 from validation.simulator.description import Robot
@@ -215,11 +216,11 @@ def test_learning(robot: str) -> None:
 
 
 def test_topics_bear_the_robots_name() -> None:
-    assert robot_topic(WHEELS_TOPIC, "jackal") == "/jackal_velocity_controller/odom"
-    assert robot_topic(POSE_TOPIC, "my-robot 2") == "/vrpn_client_node/my_robot_2/pose"
-    assert robot_topic(POSE_TOPIC, "4wd") == "/vrpn_client_node/robot_4wd/pose"
-    assert robot_topic("/odometry/filtered", "jackal") == "/odometry/filtered"
-    assert robot_topic(POSE_TOPIC, "husky") == POSE_TOPIC
+    graph = Graph()
+    assert graph.topic(POSE_TOPIC, "my-robot 2") == "/vrpn_mocap/my_robot_2/pose"
+    assert graph.topic(POSE_TOPIC, "4wd") == "/vrpn_mocap/robot_4wd/pose"
+    assert graph.topic(WHEELS_TOPIC, "jackal") == WHEELS_TOPIC
+    assert graph.topic(POSE_TOPIC, "husky") == POSE_TOPIC
 
 
 def test_the_simulated_robot_of_ros_is_the_one_that_is_named(robot: str) -> None:
@@ -232,8 +233,8 @@ def test_the_simulated_robot_of_ros_is_the_one_that_is_named(robot: str) -> None
     assert simulated.filter.radius == profile.robot.drive.command_radius
     SimNode(port, simulated, CommandGate(), clock=port.clock, sleep=port.clock.sleep).run(0.5)
     name = profile.robot.name
-    assert len(port.of(f"/{name}_velocity_controller/odom")) == len(port.of("/imu/data")) > 20
-    assert len(port.of(f"/vrpn_client_node/{name}/pose")) > 50
+    assert len(port.of(WHEELS_TOPIC)) == len(port.of("/sensors/imu_0/data")) > 20
+    assert len(port.of(f"/vrpn_mocap/{name}/pose")) > 50
     ((_, mounts),) = port.of("/tf_static")
     at = mounts.transforms[0].transform.translation
     assert (at.x, at.y, at.z) == profile.robot.geometry.imu

@@ -127,12 +127,11 @@ def test_only_the_compiler_cache_touches_files() -> None:
             assert not imports(path) & {"os", "pathlib", "tempfile", "shutil", "io"}, name
 
 
-def test_one_module_knows_rospy_and_none_needs_cyclonedds() -> None:
-    """Everything else of the nodes is tested without ROS; DDS is imported by name, when a port opens."""
-    packages = {"rospy", "rosgraph", "genpy", "rosgraph_msgs", *(f"{kind}_msgs" for kind in ("geometry", "nav", "sensor"))}
+def test_no_module_needs_ros() -> None:
+    """Everything of the nodes but the bytes is tested without DDS, which is imported by name when a node opens."""
+    packages = {"cyclonedds", "rclpy", *(f"{kind}_msgs" for kind in ("geometry", "nav", "sensor"))}
     for name, path in modules().items():
-        used = {u.split(".")[0] for u in imports(path)}
-        found = used & (packages if name != "validation.ros.ros1" else set()) | used & {"cyclonedds"}
+        found = {u.split(".")[0] for u in imports(path)} & packages
         assert not found, f"{name} imports {sorted(found)}"
 
 

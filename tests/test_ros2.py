@@ -30,6 +30,7 @@ from validation.robots.urdf import read_urdf
 from validation.ros import messages as msg
 from validation.ros import ros2_types
 from validation.ros.__main__ import PROGRAM
+from validation.ros.commands import LOCK_TOPIC
 from validation.ros.graph import Graph
 from validation.ros.inbox import Received
 from validation.ros.port import NoGraphError, Port
@@ -66,7 +67,7 @@ def graph(dds: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
                 taken = bound.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
                 taken.bind(("", port + offset))
             taken.close()
-            yield Graph(2, domain)
+            yield Graph(domain)
             return
     pytest.fail("no domain is free")
 
@@ -77,7 +78,7 @@ def joined(graph: Graph, name: str = "tester") -> Iterator[Port]:
     try:
         yield port
     finally:
-        port.close("tested")
+        port.close()
 
 
 def wait_for(true: Callable[[], Any], what: str) -> Any:
@@ -93,37 +94,24 @@ def wait_for(true: Callable[[], Any], what: str) -> Any:
 
 
 def test_topics_have_clearpaths_names() -> None:
-    graph = Graph(2)
-    names = {topic: graph.topic(topic, "husky") for topic in (*MESSAGE_TYPES, "/cmd_vel", "/e_stop", "/tf_static")}
-    assert names == {
-        "/odometry/filtered": "/platform/odom/filtered",
-        "/husky_velocity_controller/odom": "/platform/odom",
-        "/imu/data": "/sensors/imu_0/data",
-        "/joint_states": "/platform/joint_states",
-        "/vrpn_client_node/husky/pose": "/vrpn_mocap/husky/pose",
-        "/tf": "/tf",
-        "/clock": "/clock",
-        "/cmd_vel": "/cmd_vel",
-        "/e_stop": "/platform/emergency_stop",
-        "/tf_static": "/tf_static",
-    }
-    named = Graph(2, namespace="a200_0000")
+    graph = Graph()
+    names = {topic: graph.topic(topic, "husky") for topic in (*MESSAGE_TYPES, "/cmd_vel", LOCK_TOPIC, "/tf_static")}
+    assert all(name == topic for topic, name in names.items())
+    named = Graph(namespace="a200_0000")
     assert named.topic("/cmd_vel", "husky") == "/a200_0000/cmd_vel"
     assert named.topic("/clock", "husky") == "/clock"
     assert named.topic(POSE_TOPIC, "jackal") == "/vrpn_mocap/jackal/pose"
     assert [(s.topic, s.priority) for s in named.sources][-1] == ("/a200_0000/cmd_vel", 1)
-    assert Graph(2, namespace="/fleet/a200_0000").topic("/tf", "husky") == "/fleet/a200_0000/tf"
+    assert Graph(namespace="/fleet/a200_0000").topic("/tf", "husky") == "/fleet/a200_0000/tf"
 
 
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        ({"ros": 3}, "not 3"),
-        ({"ros": 2, "domain": 233}, "0 to 232"),
-        ({"ros": 2, "domain": -1}, "0 to 232"),
-        ({"ros": 2, "namespace": "a b"}, "namespace has letters"),
-        ({"ros": 2, "interface": "lo'/><x"}, "interface is a name"),
-        ({"ros": 1, "domain": 4}, "belong to ROS 2"),
+        ({"domain": 233}, "0 to 232"),
+        ({"domain": -1}, "0 to 232"),
+        ({"namespace": "a b"}, "namespace has letters"),
+        ({"interface": "lo'/><x"}, "interface is a name"),
     ],
 )
 def test_graphs_that_cannot_be(wrong: dict[str, Any], why: str) -> None:
@@ -218,23 +206,32 @@ def test_without_the_extra_one_line_says_so(monkeypatch: pytest.MonkeyPatch, cap
         load_dds()
     for node in (("sim",), ("control", "pid", "line")):
         with pytest.raises(SystemExit) as ended:
-            cli.run(PROGRAM, "ros", (*node, "--ros", "2"))
+            cli.run(PROGRAM, "ros", node)
         assert ended.value.code == cli.EXIT_USER_ERROR
         said = " ".join(capsys.readouterr().err.split())
         assert said.count("error:") == 1
         assert "ROS 2 needs cyclonedds" in said
 
 
+@pytest.mark.parametrize("node", [("sim",), ("control", "pid", "line")])
+@pytest.mark.parametrize("version", ["1", "noetic", ""])
+def test_ros_1_is_said_to_be_gone(node: tuple[str, ...], version: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.run(PROGRAM, "ros", (*node, "--ros", version))
+    assert ended.value.code == cli.EXIT_USER_ERROR
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "nodes of ROS 1 are gone (tag 1.7 keeps them)" in line
+
+
 def test_the_domain_is_ros_domain_id(monkeypatch: pytest.MonkeyPatch) -> None:
     from validation.ros.__main__ import GraphOptions
 
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    assert GraphOptions(ros=2).graph().domain == 7
-    assert GraphOptions(ros=2, domain=9).graph().domain == 9
-    assert GraphOptions().graph() == Graph()
+    assert GraphOptions().graph().domain == 7
+    assert GraphOptions(domain=9).graph().domain == 9
     monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
     with pytest.raises(ValueError, match="no whole number"):
-        GraphOptions(ros=2).graph()
+        GraphOptions().graph()
 
 
 # --- ports on a graph ---
@@ -296,7 +293,7 @@ def test_sensors_match_readers_and_writers_of_either_quality(graph: Graph, relia
 def test_nodes_tell_their_names_where_the_distribution_is_known(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever joins, also late, reads names, readers and writers; without a distribution, nothing is sent."""
     dds = load_dds()
-    policy, named = dds.qos.Policy, Graph(2, graph.domain, "a200_0000")
+    policy, named = dds.qos.Policy, Graph(graph.domain, "a200_0000")
     node = dds.domain.DomainParticipant(graph.domain)
     topic = dds.topic.Topic(node, "ros_discovery_info", ros2_types.idl_class(ros2_types.NODES))
     wanted = dds.qos.Qos(policy.Reliability.Reliable(0), policy.Durability.TransientLocal, policy.History.KeepAll)
@@ -442,7 +439,7 @@ def test_what_cannot_be_sent_is_said(graph: Graph) -> None:
 def test_an_interface_that_is_not_there_is_one_line(dds: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", "")
     with pytest.raises(NoGraphError, match="no ROS 2 graph in domain 101 by interface nowhere0"):
-        open_port("tester", Graph(2, 101, interface="nowhere0"))
+        open_port("tester", Graph(101, interface="nowhere0"))
 
 
 # --- the nodes, as processes ---
@@ -452,7 +449,7 @@ def test_an_interface_that_is_not_there_is_one_line(dds: None, monkeypatch: pyte
 def node(tmp_path: Path, graph: Graph, *arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """A node's process and the file of what it says; killed at the end."""
     log = tmp_path / f"{arguments[0]}.log"
-    command = [sys.executable, "-m", "validation.ros", *arguments, "--ros", "2", "--domain", str(graph.domain)]
+    command = [sys.executable, "-m", "validation.ros", *arguments, "--domain", str(graph.domain)]
     with log.open("wb") as out:
         running = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, cwd=ROOT, start_new_session=True)
     try:
@@ -493,7 +490,7 @@ def test_silence_and_a_killed_driver_stop_the_robot(tmp_path: Path, graph: Graph
     """The watchdog brakes when the stream ends, also when its writer was killed and could not say that it leaves."""
     code = (
         "import time; from validation.ros.graph import Graph; from validation.ros.run import open_port;"
-        f"port = open_port('driver', Graph(2, {graph.domain})); port.advertise('/cmd_vel', 'geometry_msgs/Twist');\n"
+        f"port = open_port('driver', Graph({graph.domain})); port.advertise('/cmd_vel', 'geometry_msgs/Twist');\n"
         "while True: port.send('/cmd_vel', lambda m: setattr(m.linear, 'x', 0.3)); time.sleep(0.05)"
     )
     with joined(graph) as port, node(tmp_path, graph, "sim", "--no-noise") as (_, log):
@@ -584,7 +581,7 @@ def test_a_peer_of_another_dds_drives_the_robot(
 
 # --- the robot's description ---
 
-JOINTS = {wheel: Graph(2).joint(wheel) for wheel in WHEELS}
+JOINTS = {wheel: Graph().joint(wheel) for wheel in WHEELS}
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -10,16 +10,7 @@ from hypothesis import strategies as st
 
 from validation.ros.commands import BASE_TIMEOUT, SOURCES, STAND_STILL, CommandGate, CommandSource
 
-JOY, MARKER, PLANNER, EXTERNAL = (s.topic for s in SOURCES)
-
-
-def test_sources_are_the_thesis_four_in_its_order() -> None:
-    assert [(s.topic, s.priority) for s in SOURCES] == [
-        ("/joy_teleop/cmd_vel", 10),
-        ("/twist_marker_server/cmd_vel", 8),
-        ("/move_base/cmd_vel", 2),
-        ("/cmd_vel", 1),
-    ]
+REMOTE, JOY, MARKER, EXTERNAL = (s.topic for s in SOURCES)
 
 
 def test_a_robot_that_nobody_commands_stands() -> None:

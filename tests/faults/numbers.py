@@ -33,8 +33,6 @@ def constructors() -> Mapping[str, type]:
 
     found = {}
     for name in sorted(modules()):
-        if name.startswith("validation.ros.ros1"):
-            continue
         module = importlib.import_module(name)
         for _, kind in inspect.getmembers(module, inspect.isclass):
             if kind.__module__ != name or not dataclasses.is_dataclass(kind) or kind.__name__.startswith("_"):

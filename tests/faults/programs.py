@@ -69,7 +69,7 @@ USUAL: Mapping[str, Usual] = {
 """Commands by what they are called in the campaign; the first word is the program."""
 LONG = ("study terrain",)
 """Commands whose shortest run takes minutes: they are judged by what they refuse."""
-NOT_TRIED = {"-h": "prints the help", "--view": "opens a window", "--ros": "chooses a graph that is not there"}
+NOT_TRIED = {"-h": "prints the help", "--view": "opens a window"}
 """Options that the campaign does not give, and why."""
 WRITTEN = {"--out", "--docs", "--json"}
 """Options that say where to write."""

@@ -1,4 +1,4 @@
-"""The MuJoCo robot on a ROS 1 graph, and controllers for a robot that is there: `simulate_robot` and `control_robot`."""
+"""The MuJoCo robot on a ROS 2 graph, and controllers for a robot that is there: `simulate_robot` and `control_robot`."""
 
 import lazy_loader as lazy
 

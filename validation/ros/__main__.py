@@ -28,7 +28,7 @@ from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
 from validation.track import chosen_controller, open_reference
 from validation.track.commissioning import chosen_filter
-from validation.words import file_name
+from validation.words import file_name, shortened
 
 _STOPPING = 60.0
 """Longest time for which signals are ignored after the first one, or after the end of a drive [s]: the robot is being
@@ -39,28 +39,32 @@ stopped, and the drive saved, which takes three seconds and, on a busy machine, 
 class GraphOptions:
     """The graph to join."""
 
-    ros: Annotated[Literal[1, 2], cli.option()] = 1
-    """Version of ROS: 1 needs rospy and a master, 2 the extra `ros2` alone."""
+    ros: Annotated[str, cli.option(metavar="2")] = "2"
+    """Version of ROS; there is 2 alone, with the extra `ros2`."""
     domain: Annotated[int | None, cli.option(metavar="N", default="ROS_DOMAIN_ID, or 0")] = None
-    """ROS 2: domain."""
+    """Domain."""
     namespace: Annotated[str, cli.option(metavar="NAME", default="none")] = ""
-    """ROS 2: namespace of the robot, such as a200_0000."""
+    """Namespace of the robot, such as a200_0000."""
     interface: Annotated[str, cli.option(metavar="NAME|ADDRESS", default="loopback, or what CYCLONEDDS_URI says")] = ""
-    """ROS 2: network interface."""
+    """Network interface."""
 
     def graph(self) -> Graph:
         """Return the graph.
 
         Raises:
-            ValueError: a domain that is no number, or what `Graph` refuses.
+            ValueError: another ROS than 2, a domain that is no number, or what `Graph` refuses.
         """
+        if self.ros != "2":
+            raise cli.UserError(
+                f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone (tag 1.7 keeps them); there is ROS 2"
+            )
         domain = self.domain
-        if domain is None and self.ros == 2:
+        if domain is None:
             told = os.environ.get("ROS_DOMAIN_ID", "") or "0"
             if not (told.isascii() and told.isdigit()):
                 raise cli.UserError("ROS_DOMAIN_ID is set, and is no whole number")
             domain = int(told[:9])
-        return Graph(self.ros, domain or 0, self.namespace.strip("/"), self.interface)
+        return Graph(domain, self.namespace.strip("/"), self.interface)
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class SimOptions:
     disturbance: cli.Flag = False
     """Push the robot's yaw at random (Sec. 3.4.5)."""
     wall_time: cli.Flag = False
-    """Stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set."""
+    """Stamp with the wall's time; else time begins at 0."""
     filter: Annotated[str, cli.option(metavar="thesis|commissioned|learning|FILE.toml")] = "thesis"
     """State filter on the robot, as in validation.track."""
     gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
@@ -93,12 +97,10 @@ class TopicOptions:
 
     odometry: Annotated[str | None, cli.option(metavar="TOPIC", default="the robot's filter")] = None
     """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose."""
-    pose: Annotated[
-        str | None, cli.option(metavar="TOPIC", default="/vrpn_client_node/ROBOT/pose, or /vrpn_mocap/ROBOT/pose")
-    ] = None
+    pose: Annotated[str | None, cli.option(metavar="TOPIC", default="/vrpn_mocap/ROBOT/pose")] = None
     """Topic of a tracking system's geometry_msgs/PoseStamped."""
     command: Annotated[str | None, cli.option(metavar="TOPIC", default="cmd_vel")] = None
-    """Topic of geometry_msgs/Twist on which the robot listens; in ROS 2 also of TwistStamped."""
+    """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens."""
     feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
 
@@ -147,7 +149,7 @@ class ControlOptions:
 
 
 def sim(options: SimOptions) -> None:
-    """Put a MuJoCo robot on a graph of ROS 1 or ROS 2, in real time, until Ctrl-C.
+    """Put a MuJoCo robot on a ROS 2 graph, in real time, until Ctrl-C.
 
     Its topics are those of a Clearpath robot of its name; docs/ros.md lists them.
     """
@@ -171,7 +173,7 @@ def control(options: ControlOptions) -> None:
 
     The robot is stopped
     - at the reference's end, on Ctrl-C, and on any error;
-    - when feedback is older than 0.5 s, or the master is gone;
+    - when feedback is older than 0.5 s;
     - when it is 3 m from its target.
 
     Writes track.json and track.png, also of a drive that was stopped.

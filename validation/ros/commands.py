@@ -1,7 +1,8 @@
 """The choice of the command that drives the robot: sources by priority, locks, and a watchdog that brakes without commands.
 
-The rules are a Husky's (husky_control: twist_mux.yaml and control.yaml). The multiplexer passes a command on when no source
-of higher priority has spoken within its own timeout; the wheel controller brakes when nothing was passed on for a while.
+The rules are those of Clearpath's robots (twist_mux.yaml and control.yaml). The multiplexer passes a command on when no
+source of higher priority has spoken within its own timeout; the wheel controller brakes when nothing was passed on for a
+while.
 This module has no clock and no ROS: the caller gives the time.
 """
 
@@ -10,8 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-from validation.simulator.description import USUAL_ROBOT
 
 Twist = tuple[float, float]
 """v [m/s] and omega [rad/s]."""
@@ -36,13 +35,13 @@ class CommandSource:
 
 
 SOURCES = (
+    CommandSource("/rc_teleop/cmd_vel", 12),
     CommandSource("/joy_teleop/cmd_vel", 10),
     CommandSource("/twist_marker_server/cmd_vel", 8),
-    CommandSource("/move_base/cmd_vel", 2),
     CommandSource("/cmd_vel", 1),
 )
-"""Sources of a Husky (Sec. 3.3; husky_control/config/twist_mux.yaml)."""
-LOCK_TOPIC = "/e_stop"
+"""Sources of Clearpath's robots (clearpath_control/config/twist_mux.yaml; Sec. 3.3 has the four of its time)."""
+LOCK_TOPIC = "/platform/emergency_stop"
 """Topic on which True blocks every source until False comes (twist_mux.yaml: priority 255, no timeout)."""
 BASE_TIMEOUT = 0.25
 """Time without a command after which the wheel controller brakes [s] (husky_control/config/control.yaml,
@@ -53,11 +52,6 @@ def ros_name(robot: str) -> str:
     """Return a robot's name as names of ROS have it: letters, digits and underscores, a letter first."""
     name = "".join(c if c.isascii() and c.isalnum() else "_" for c in robot)
     return name if name[:1].isalpha() else f"robot_{name}"
-
-
-def robot_topic(topic: str, robot: str) -> str:
-    """Return the topic of a robot for that of the usual robot: its name stands in the place of the other's."""
-    return topic.replace(f"/{USUAL_ROBOT}_", f"/{ros_name(robot)}_").replace(f"/{USUAL_ROBOT}/", f"/{ros_name(robot)}/")
 
 
 class CommandGate:

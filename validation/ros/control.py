@@ -13,7 +13,7 @@ from validation.ros import messages as msg
 from validation.ros.commands import STAND_STILL, Twist
 from validation.ros.inbox import Received
 from validation.ros.messages import Seen
-from validation.ros.pilot import FRESH, MasterLostError, Phase, Pilot, StoppedError
+from validation.ros.pilot import FRESH, Phase, Pilot, StoppedError
 from validation.ros.port import Port
 
 _logger = logging.getLogger(__name__)
@@ -34,9 +34,9 @@ SLACK = 0.004
 class RobotTopics:
     """Topics of robot and tracking system."""
 
-    odometry: str = "/odometry/filtered"
+    odometry: str = "/platform/odom/filtered"
     """Topic of nav_msgs/Odometry: speeds, and the pose unless `law_by_pose`."""
-    pose: str = "/vrpn_client_node/husky/pose"
+    pose: str = "/vrpn_mocap/husky/pose"
     """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is there."""
     command: str = "/cmd_vel"
     """Topic of geometry_msgs/Twist, on which the robot listens."""
@@ -76,7 +76,6 @@ class ControlNode:
         """Wait for the robot, drive it, and stop it, however the drive ends.
 
         Raises:
-            MasterLostError: the master is gone; the robot was told to stand.
             StoppedError: no robot came, or it had to be stopped.
             KeyboardInterrupt: the user interrupted; the robot was told to stand before.
         """
@@ -140,8 +139,6 @@ class ControlNode:
             if left > 0.0:
                 self._take(self._port.receive(left))
                 continue
-            if self._port.master_gone.is_set():
-                raise MasterLostError(f"the ROS master at {self._port.master} is gone")
             self._send(self._pilot.command(self._clock(), self._refused()))
             self._tell()
             # a deadline that was slept through is not made up for

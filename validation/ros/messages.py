@@ -79,12 +79,8 @@ class Seen(NamedTuple):
 
 
 def set_stamp(stamp: Any, seconds: float) -> None:
-    """Write a time [s], not negative, into a message's stamp, to the nanosecond; ROS 2 has other names for its fields."""
-    whole, rest = divmod(round(seconds * 1e9), _NANO)
-    if hasattr(stamp, "nanosec"):
-        stamp.sec, stamp.nanosec = whole, rest
-    else:
-        stamp.secs, stamp.nsecs = whole, rest
+    """Write a time [s], not negative, into a message's stamp, to the nanosecond."""
+    stamp.sec, stamp.nanosec = divmod(round(seconds * 1e9), _NANO)
 
 
 def get_stamp(stamp: Any) -> float:
@@ -93,8 +89,9 @@ def get_stamp(stamp: Any) -> float:
     Raises:
         ValueError: it is negative, or later than a stamp of ROS can hold.
     """
-    names = ("sec", "nanosec") if hasattr(stamp, "nanosec") else ("secs", "nsecs")
-    seconds, nano = (plausible(f"header.stamp.{name}", getattr(stamp, name), _MOST_STAMP, 0.0) for name in names)
+    seconds, nano = (
+        plausible(f"header.stamp.{name}", getattr(stamp, name), _MOST_STAMP, 0.0) for name in ("sec", "nanosec")
+    )
     return seconds + 1e-9 * nano
 
 

@@ -52,10 +52,6 @@ class StoppedError(SsmrError):
     """The robot was stopped before the reference's end; the message says why."""
 
 
-class MasterLostError(StoppedError):
-    """The robot was stopped because the ROS master is gone."""
-
-
 class Phase(Enum):
     """State of a pilot."""
 

@@ -1,12 +1,10 @@
-"""A node's connection to a graph, whichever ROS that speaks: `ros1` and `ros2` are the two kinds of it."""
+"""What the nodes need of a connection to a graph; `ros2` has it over DDS, and tests have one without."""
 
 from __future__ import annotations
 
-import queue
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from validation.ros.graph import Graph
 from validation.ros.inbox import Inbox, Notices, Received
@@ -14,28 +12,15 @@ from validation.ros.inbox import Inbox, Notices, Received
 BREATH = 0.004
 """Time for which a thread rests after each message that it has received [s]. So one topic is heard 250 times a second: of a
 flood, all but the last messages are thrown away before they are decoded, and the node's own loop gets its share of time."""
-_CALLS = 10
-"""Service calls that wait for the loop."""
 
 
 class NoGraphError(ValueError):
-    """There is no graph to join: what speaks to it is not installed, or nobody answers."""
-
-
-class Call(NamedTuple):
-    """A service call that waits for its answer."""
-
-    request: Any
-    """What was read from the request."""
-    answer: Callable[[str], None]
-    """Function to be called once, with an empty text or with the fault."""
+    """There is no graph to join: cyclonedds is not installed, or the network interface is not there."""
 
 
 class Port(ABC):
-    """Topics and services of a node; incoming messages wait in one inbox. Types are named `package/Type`."""
+    """Topics of a node; incoming messages wait in one inbox. Types are named `package/Type`."""
 
-    master: str
-    """Who keeps the graph together, for messages."""
     graph = Graph()
     """What is joined, and the names there."""
 
@@ -46,14 +31,6 @@ class Port(ABC):
         """What the node has to say; its loop lets it be told."""
         self.inbox = Inbox(self.notices)
         """Incoming messages."""
-        self.master_gone = threading.Event()
-        """Set while the master does not answer, or after another one took its place; never in ROS 2, which has none."""
-        self.calls: queue.Queue[Call] = queue.Queue(_CALLS)
-        """Service calls."""
-
-    @abstractmethod
-    def simulate_time(self) -> None:
-        """Tell the other nodes that time is simulated, until the port closes, where the graph can tell them."""
 
     @abstractmethod
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
@@ -83,11 +60,7 @@ class Port(ABC):
         """
 
     @abstractmethod
-    def serve_set_pose(self, name: str, read: Callable[[Any], Any]) -> None:
-        """Offer the service set_pose, where there is one; its calls, as `read` returns their pose, wait in `calls`."""
-
-    @abstractmethod
-    def close(self, why: str) -> None:
+    def close(self) -> None:
         """Leave the graph."""
 
     def receive(self, timeout: float = 0.0) -> Received | None:
@@ -97,10 +70,3 @@ class Port(ABC):
     def drain(self) -> Iterator[Received]:
         """Yield all messages that have come so far."""
         return self.inbox.drain()
-
-    def call(self) -> Call | None:
-        """Return the next service call; None if there is none."""
-        try:
-            return self.calls.get_nowait()
-        except queue.Empty:
-            return None

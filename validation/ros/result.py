@@ -15,7 +15,6 @@ class DriveStatus(StrEnum):
 
     ARRIVED = "arrived"
     INTERRUPTED = "interrupted"
-    MASTER_LOST = "master lost"
     STOPPED = "stopped"
 
 

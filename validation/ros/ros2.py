@@ -88,7 +88,6 @@ class Ros2Port(Port):
         """
         self._dds = dds = load_dds()
         super().__init__(graph)
-        self.master = f"domain {graph.domain}"
         if graph.interface:
             os.environ["CYCLONEDDS_URI"] = configuration(graph.interface)
         where = os.environ.setdefault("CYCLONEDDS_URI", configuration(""))
@@ -103,7 +102,7 @@ class Ros2Port(Port):
         self._names: Any = None
         """Writer that tells ROS 2's tools the node's name; where ROS_DISTRO does not say in which of its two forms, there is
         none, because nodes of Humble can die of the other one."""
-        if os.environ.get("ROS_DISTRO") and os.environ.get("ROS_VERSION") != "1":
+        if os.environ.get("ROS_DISTRO"):
             topic = dds.topic.Topic(self._node, _NAMES_TOPIC, types.idl_class(types.NODES))
             quality = self._qos(types.NODES, 1, reliable=True, latch=True)
             self._names = dds.pub.DataWriter(self._node, topic, qos=quality)
@@ -113,9 +112,6 @@ class Ros2Port(Port):
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._receive, daemon=True)
         """Receives; it begins with the first reader, because a wait for nothing ends at once."""
-
-    def simulate_time(self) -> None:
-        """Do nothing: in ROS 2 each node has its own parameter use_sim_time."""
 
     def _qos(self, kind: str, depth: int | None, *, reliable: bool, latch: bool) -> Any:
         policy = self._dds.qos.Policy
@@ -220,10 +216,7 @@ class Ros2Port(Port):
                 self.inbox.put(topic, part(sample))
         return bool(came)
 
-    def serve_set_pose(self, name: str, read: Callable[[Any], Any]) -> None:
-        """Do nothing: middlewares of ROS 2 frame services each in a way of its own; the topic of that name is there."""
-
-    def close(self, why: str) -> None:
+    def close(self) -> None:
         """Leave the domain; what was sent last is still delivered."""
         self._closed.set()
         if self._thread.is_alive():

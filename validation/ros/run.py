@@ -1,4 +1,4 @@
-"""Join a graph of ROS 1 or ROS 2 as the simulated robot, or as the controller of a robot."""
+"""Join a graph of ROS 2 as the simulated robot, or as the controller of a robot."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from validation.plants.profile import Profile, make_plant
 from validation.ros.commands import STAND_STILL, CommandGate, ros_name
 from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
 from validation.ros.graph import Graph
-from validation.ros.pilot import MasterLostError, Pilot, StoppedError
+from validation.ros.pilot import Pilot, StoppedError
 from validation.ros.port import Port
 from validation.ros.result import DriveResult, DriveStatus
 from validation.ros.robot import SensorSettings, SimulatedRobot
-from validation.ros.ros1 import Ros1Port
 from validation.ros.ros2 import Ros2Port
 from validation.ros.sim import SimNode, SimReport, connect_simulation
 from validation.simulator.plant import MujocoPlant
@@ -31,9 +30,9 @@ def open_port(name: str, graph: Graph) -> Port:
     """Return a port of a new node on a graph.
 
     Raises:
-        NoGraphError: what speaks that ROS is not installed, or nobody answers.
+        NoGraphError: cyclonedds is missing, or the network interface is not there.
     """
-    return Ros1Port(name, graph) if graph.ros == 1 else Ros2Port(name, graph)
+    return Ros2Port(name, graph)
 
 
 def simulate_robot(
@@ -52,12 +51,11 @@ def simulate_robot(
         start: pose in the tracking system's frame; the origin if not given.
         duration: time after which to end [s].
         sensors: noise of the sensors, disturbance and seed.
-        wall_time: stamp with the wall's time and leave /use_sim_time alone; else time begins at 0 and /use_sim_time is set.
-        graph: what to join; ROS 1 if not given.
+        wall_time: stamp with the wall's time; else time begins at 0.
+        graph: what to join; domain 0 if not given.
 
     Raises:
-        NoGraphError: rospy or cyclonedds is missing, or no master answers.
-        MasterGoneError: the master went away; the robot stands.
+        NoGraphError: cyclonedds is missing, or the network interface is not there.
     """
     settings, state = sensors or SensorSettings(), start or State()
     port = open_port(f"{ros_name(profile.robot.name)}_simulation", graph or Graph())
@@ -67,8 +65,6 @@ def simulate_robot(
         compiled.advance(1, STAND_STILL)
         compiled.sense()
         robot = SimulatedRobot(plant, settings, state)
-        if not wall_time:
-            port.simulate_time()
         connect_simulation(port, profile.robot)
         node = SimNode(port, robot, CommandGate(port.graph.sources), stamp_offset=time.time() if wall_time else 0.0)
         said = "the robot of profile %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends"
@@ -80,7 +76,7 @@ def simulate_robot(
                 _logger.info(line)
         return node.report
     finally:
-        port.close("the simulation has ended")
+        port.close()
 
 
 def control_robot(
@@ -101,14 +97,14 @@ def control_robot(
         reference: name of the reference, for the result.
         topics: topics of the robot and of a tracking system.
         patience: time for which a robot is waited for [s].
-        graph: what to join; ROS 1 if not given.
+        graph: what to join; domain 0 if not given.
 
     Returns:
-        The drive as far as it came. `status` says how it ended: the robot arrived, the user interrupted, the master was
-        lost, or the robot had to be stopped.
+        The drive as far as it came. `status` says how it ended: the robot arrived, the user interrupted, or the robot
+        had to be stopped.
 
     Raises:
-        NoGraphError: rospy or cyclonedds is missing, or no master answers.
+        NoGraphError: cyclonedds is missing, or the network interface is not there.
         StoppedError: no robot came, or it had to be stopped before it had gone anywhere.
         KeyboardInterrupt: the user interrupted before the robot had gone anywhere.
     """
@@ -126,10 +122,9 @@ def control_robot(
         except StoppedError as error:
             if not pilot.has_run:
                 raise
-            status = DriveStatus.MASTER_LOST if isinstance(error, MasterLostError) else DriveStatus.STOPPED
-            why = str(error)
+            status, why = DriveStatus.STOPPED, str(error)
     finally:
-        port.close("the controller has ended")
+        port.close()
     run, waypoints, s = pilot.run(), pilot.waypoints, pilot.settings
     options = {
         "feedback": f"{'pose' if topics.law_by_pose else 'odometry'} by ROS",

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
 from validation.ros import messages as msg
 from validation.ros.commands import LOCK_TOPIC, STAND_STILL, CommandGate, Twist
@@ -25,11 +24,12 @@ from validation.simulator.urdf_writing import urdf_text
 
 _logger = logging.getLogger(__name__)
 
-FILTERED_TOPIC = "/odometry/filtered"
-WHEELS_TOPIC = "/husky_velocity_controller/odom"
-"""Topic of wheel odometry of the usual robot; `robot_topic` has those of others."""
-_IMU_TOPIC = "/imu/data"
-POSE_TOPIC = "/vrpn_client_node/husky/pose"
+FILTERED_TOPIC = "/platform/odom/filtered"
+WHEELS_TOPIC = "/platform/odom"
+"""Topic of wheel odometry."""
+_IMU_TOPIC = "/sensors/imu_0/data"
+POSE_TOPIC = "/vrpn_mocap/husky/pose"
+"""Topic of the tracking system for the usual robot; `Graph.topic` has those of others."""
 TF_TOPIC = "/tf"
 _TF_STATIC_TOPIC = "/tf_static"
 _CLOCK_TOPIC = "/clock"
@@ -37,7 +37,7 @@ SET_POSE_TOPIC = "/set_pose"
 PLACE_TOPIC = "/initialpose"
 """Topic of RViz' 2D Pose Estimate."""
 _DESCRIPTION_TOPIC = "/robot_description"
-_JOINT_TOPIC = "/joint_states"
+_JOINT_TOPIC = "/platform/joint_states"
 
 MESSAGE_TYPES = {
     FILTERED_TOPIC: "nav_msgs/Odometry",
@@ -48,27 +48,17 @@ MESSAGE_TYPES = {
     TF_TOPIC: "tf2_msgs/TFMessage",
     _CLOCK_TOPIC: "rosgraph_msgs/Clock",
 }
-"""Message type of each topic that is published at a rate. The names of topics here are those of a Husky of ROS 1; the port's
-graph has the names that they go by."""
+"""Message type of each topic that is published at a rate."""
 _SENSOR_TOPICS = (FILTERED_TOPIC, WHEELS_TOPIC, _IMU_TOPIC, _JOINT_TOPIC, TF_TOPIC)
 PUBLISH_RATES = {_CLOCK_TOPIC: 100.0, **dict.fromkeys(_SENSOR_TOPICS, SENSOR_RATE), POSE_TOPIC: 120.0}
 """Rate of each topic [Hz]: Tab. 3.5, Sec. 4.2; 120 Hz for the tracking system."""
 _BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
-_REST_PATIENCE = 5.0
-"""Time for which a robot may take to come to rest [s]."""
 _MOST_BEHIND = 2.0
 """Lateness that is caught up with [s], as after the stalls of a busy machine; a greater one is dropped. After a long time on
 too slow a machine, the simulation would otherwise run fast for as long, once the machine has time again."""
 _LOCKS_KEPT = 32
 """Messages of the lock that wait for the loop: none of them may be lost that locks. Of other topics the last one counts."""
-_LEAVE_AFTER = 2.0
-"""Time for which the master must have been gone before the node leaves [s]: a busy one may come back, and until then
-listeners see that the robot stands."""
-
-
-class MasterGoneError(SsmrError):
-    """The master does not answer any more, and the robot was stopped."""
 
 
 @dataclass
@@ -141,7 +131,6 @@ class SimNode:
         self._pacer = Pacer(clock, sleep, _MOST_BEHIND)
         self._told_late = False
         self._braking_since: float | None = None
-        self._gone_at: float | None = None
 
     @property
     def _stamp(self) -> float:
@@ -152,7 +141,6 @@ class SimNode:
         """Simulate for `duration` [s]; the report is complete however this ends.
 
         Raises:
-            MasterGoneError: the master is gone; the robot stands.
             DivergedError: the simulator gave up.
             KeyboardInterrupt: the user interrupted.
         """
@@ -175,7 +163,6 @@ class SimNode:
                     self.report.sent[self._names[topic]] += 1
                 self._tell_rest(command)
                 self._port.notices.tell(_logger, self._clock())
-                self._leave()
         finally:
             self._port.notices.tell(_logger, self._clock(), all_of_them=True)
             self.report.simulated = robot.time
@@ -197,9 +184,6 @@ class SimNode:
                 self._place(got.message[0])
             elif self._gate.offer(got.topic, got.message, got.arrival):
                 self.report.waits.append(now - got.arrival)
-        while (call := self._port.call()) is not None:
-            self._set_pose(*call.request)
-            call.answer("")
 
     def _set_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
         """Set the filter's (3,) pose [m, m, rad] with its (3, 3) covariance."""
@@ -235,26 +219,9 @@ class SimNode:
             self._say("stands", f"the robot stands, {now - self._braking_since:.2f} s after it was told to")
             self._braking_since = None
 
-    def _leave(self) -> None:
-        """Stop while the master is gone, and leave if it does not come back."""
-        now, master = self._robot.time, self._port.master
-        if not self._port.master_gone.is_set():
-            if self._gone_at is not None:
-                self._gate.lock(False, f"the ROS master at {master} is there again")
-                self._gone_at = None
-            return
-        if self._gone_at is None:
-            self._gone_at = now
-            self._gate.lock(True, f"the ROS master at {master} is gone")
-        stands = self._robot.resting
-        if now > self._gone_at + (_LEAVE_AFTER if stands else _REST_PATIENCE):
-            raise MasterGoneError(
-                f"the ROS master at {master} is gone; the robot {'stands' if stands else 'does NOT stand'}"
-            )
-
 
 def connect_simulation(port: Port, robot: Robot | None = None) -> None:
-    """Open a simulated robot's topics and service on a port; a Husky's, if it is not given."""
+    """Open a simulated robot's topics on a port; a Husky's, if it is not given."""
     simulated = robot or load_robot()
 
     def name(topic: str) -> str:
@@ -274,4 +241,3 @@ def connect_simulation(port: Port, robot: Robot | None = None) -> None:
     port.listen(name(LOCK_TOPIC), "std_msgs/Bool", msg.read_lock, _LOCKS_KEPT)
     port.listen(name(SET_POSE_TOPIC), "geometry_msgs/PoseWithCovarianceStamped", msg.read_set_pose, 1)
     port.listen(name(PLACE_TOPIC), "geometry_msgs/PoseWithCovarianceStamped", msg.read_set_pose, 1)
-    port.serve_set_pose(name(SET_POSE_TOPIC), msg.read_set_pose)

@@ -1,8 +1,8 @@
 """`jit`: numba compilation whose cache on disk can never be stale.
 
 numba notices edits to the file of the compiled function alone, not to what that function calls from other files. Here the
-cache folder is named after a digest of all of this package's sources, so any edit to any of them compiles afresh. The
-compiled functions keep their Python source, see `source`.
+cache folder is named after a digest of the sources that decide what is compiled, so that an edit to any of them compiles
+afresh. The compiled functions keep their Python source, see `source`.
 
 numba unpickles what lies in its cache, and who can write there can run code as this user. So the cache is a folder that
 belongs to this user and that nobody else can write: beside the sources, or in the user's own cache folder. Where there is
@@ -14,10 +14,12 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import re
 import shutil
 import stat
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,6 +33,8 @@ from ssmr.types import FloatArray
 config: Any = numba_config
 """Settings of numba, which it reads from the environment when it is imported; no stub declares them."""
 
+_SHARES = 4
+"""Shares of a thread: one that is done early takes another."""
 CACHE_LIFETIME = 7 * 24 * 3600.0
 """Time for which the cache of older sources is kept [s]."""
 
@@ -51,11 +55,19 @@ def _is_ours(folder: Path) -> bool:
     return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
+def _compiled_sources() -> list[bytes]:
+    """Return the sources that decide what is compiled: of modules that compile, and of those which they import."""
+    texts = {path.relative_to(_PACKAGE.parent).as_posix(): path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
+    kept = {path for path, text in texts.items() if b"ssmr._jit" in text}
+    imported = {name for path in kept for name in re.findall(rb"^from (ssmr[\w.]*) import", texts[path], re.MULTILINE)}
+    return [t for path, t in texts.items() if path in kept or path[:-3].replace("/", ".").encode() in imported]
+
+
 def _cache_folder() -> str:
     """Return the folder for compiled code, made if need be; an empty text where there is none that can be trusted."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(_PACKAGE.rglob("*.py")):
-        digest.update(source.read_bytes())
+    for text in _compiled_sources():
+        digest.update(text)
     chosen: tuple[Callable[[], Path], ...] = (lambda: _PACKAGE / "__pycache__", _user_cache)
     for place in (lambda: Path(config.CACHE_DIR),) if config.CACHE_DIR else chosen:
         try:
@@ -93,9 +105,22 @@ def jit_alone(function: F) -> F:
     return _compile(function)
 
 
-def jit_parallel(function: F) -> F:
-    """Compile like `jit`, and spread every `numba.prange` over the threads of `numba.set_num_threads`."""
-    return _compile(function, parallel=True)
+def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:
+    """Let `work(first, last)` do consecutive shares of `count` things on so many threads of Python's own.
+
+    Compiled functions hold no interpreter lock, so the shares run side by side. numba's own threads are not used: the layer
+    that it has where neither OpenMP nor TBB is installed ends the process when two threads call it at once.
+    """
+    shares = max(1, min(count, _SHARES * workers)) if workers > 1 else 1
+    if shares == 1:
+        work(0, count)
+        return
+    edges = [count * i // shares for i in range(shares + 1)]
+    pool = ThreadPoolExecutor(min(workers, shares))
+    try:
+        list(pool.map(work, edges[:-1], edges[1:]))
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def source(function: F) -> F:
@@ -117,7 +142,7 @@ def _compile(function: F, **options: Any) -> F:
 def named_like(template: T, row: FloatArray) -> T:
     """Return a named tuple of the template's kind with the numbers of `row`; for compiled functions only.
 
-    Loops over threads cannot pass tuples of tuples on to their body, so the numbers of a population travel as rows.
+    The numbers of a population travel as rows of one array.
     """
     raise NotImplementedError("named_like works in compiled functions only")
 

@@ -10,16 +10,14 @@ has no vector form, such as `math.exp`, runs lane after lane, with the same resu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numba.core import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from ssmr._jit import copy_numbers, jit, jit_alone, jit_parallel, prefer_wide_vectors, source
+from ssmr._jit import copy_numbers, jit, jit_alone, prefer_wide_vectors, share_among_threads, source
 from ssmr._trig import fused, sine_cosine
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import (
@@ -202,9 +200,14 @@ def _fill_held(values: FloatArray, drive: DriveNumbers, before: tuple[float, flo
 
 
 def run_population(
-    models: Sequence[PlanarModel], commands: Commands, starts: Sequence[State], sample_dt: float, dt: float = PLANAR_DT
+    models: Sequence[PlanarModel],
+    commands: Commands,
+    starts: Sequence[State],
+    sample_dt: float,
+    dt: float = PLANAR_DT,
+    workers: int = 1,
 ) -> FloatArray:
-    """Drive many candidates of one model with the same inputs, on the threads of `numba.set_num_threads`.
+    """Drive many candidates of one model with the same inputs.
 
     Args:
         models: S candidates of the same kind.
@@ -212,6 +215,7 @@ def run_population(
         starts: state from which each starts.
         sample_dt: time between samples [s].
         dt: physics step [s].
+        workers: threads; the result does not depend on it.
 
     Returns:
         (S, M, 3) poses, those of `PlanarPlant.run` to the bit; a candidate that diverges is NaN throughout, for the caller
@@ -232,13 +236,12 @@ def run_population(
     kind = robots[0], None if any(map(_is_special, drives, robots)) else True, True if wheels else None
     poses = np.empty((len(models), 1 + times.steps // stride, 3))
 
-    def run(first: int) -> None:
-        which = np.minimum(np.arange(first, first + LANES), len(models) - 1)  # the last candidate fills the last group up
-        _run_lanes(*kind, held, places[which].T.ravel(), rows[which].T.ravel(), times, poses[first : first + LANES])
+    def run(first_group: int, last_group: int) -> None:
+        for first in range(LANES * first_group, LANES * last_group, LANES):
+            which = np.minimum(np.arange(first, first + LANES), len(models) - 1)  # the last one fills the last group up
+            _run_lanes(*kind, held, places[which].T.ravel(), rows[which].T.ravel(), times, poses[first : first + LANES])
 
-    firsts = range(0, len(models), LANES)
-    with ThreadPoolExecutor(min(numba.get_num_threads(), len(firsts))) as pool:
-        list(pool.map(run, firsts))
+    share_among_threads(run, -(-len(models) // LANES), workers)
     return poses
 
 
@@ -292,13 +295,13 @@ def _shift(told: FloatArray, x: float, y: float) -> None:
         told[k, 1] += fused(s, x, c * y)
 
 
-@jit_parallel
+@jit_alone
 def _tell(poses: FloatArray, places: FloatArray, numbers: FloatArray, told: FloatArray) -> None:
     """Write (S, M, 3) poses of tracked frames at (M,) places among the samples of bodies; `told` may be `poses` itself.
 
     `numbers` holds a row for each: the tracked frame's x, y and yaw in the body, delays of positions and headings [samples].
     """
-    for i in numba.prange(len(poses)):
+    for i in range(len(poses)):
         x, y, yaw, late, yaw_late = numbers[i]
         pose, out = poses[i], told[i]
         for k in range(len(places)):
@@ -316,15 +319,16 @@ def _tell(poses: FloatArray, places: FloatArray, numbers: FloatArray, told: Floa
 
 
 def told_poses(
-    poses: FloatArray, localisers: Sequence[Localiser], sample_dt: float, t: FloatArray | None = None
+    poses: FloatArray, localisers: Sequence[Localiser], sample_dt: float, t: FloatArray | None = None, workers: int = 1
 ) -> FloatArray:
-    """Return poses of many bodies as their localisers tell them, on the threads of `numba.set_num_threads`.
+    """Return poses of many bodies as their localisers tell them.
 
     Args:
         poses: (S, N, 3) poses of the bodies, which may be overwritten.
         localisers: the localiser of each.
         sample_dt: time between samples of the poses [s].
         t: (M,) stamps of the log [s], the first of which is that of the first sample; None: the samples' own.
+        workers: threads; the result does not depend on it.
 
     Returns:
         (S, M, 3) poses of the tracked frames, linear between samples, held before the first and after the last.
@@ -332,9 +336,9 @@ def told_poses(
     late = [(one.position_late / sample_dt, one.yaw_late / sample_dt) for one in localisers]
     numbers = np.array([(*one.point, one.tracked_yaw, *delays) for one, delays in zip(localisers, late, strict=True)])
     if t is None and not numbers[:, 3:].any():
-        _tell(poses, np.empty(0), numbers, poses)
-        return poses
-    places = np.arange(poses.shape[1], dtype=np.float64) if t is None else (t - t[0]) / sample_dt
-    told = np.empty((len(poses), len(places), 3))
-    _tell(poses, places, numbers, told)
+        places, told = np.empty(0), poses
+    else:
+        places = np.arange(poses.shape[1], dtype=np.float64) if t is None else (t - t[0]) / sample_dt
+        told = np.empty((len(poses), len(places), 3))
+    share_among_threads(lambda i, k: _tell(poses[i:k], places, numbers[i:k], told[i:k]), len(poses), workers)
     return told

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr._jit import config
 from ssmr.control.laws import LAWS, PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings, LostError, closed_run, draw, make_clock, run_loop
 from ssmr.control.lqr import LqrGains
@@ -95,14 +92,6 @@ def exact_husky() -> MujocoPlant:
     return MujocoPlant(section.parameters, section.drive, settings=PhysicsSettings(solver="Newton"))
 
 
-@pytest.fixture
-def threads() -> Iterator[Callable[[int], None]]:
-    """Sets numba's threads, and leaves them as they were."""
-    before = numba.get_num_threads()
-    yield lambda n: numba.set_num_threads(min(n, config.NUMBA_NUM_THREADS))
-    numba.set_num_threads(before)
-
-
 def drive(
     robot: PlanarModel | MujocoPlant,
     law: Controller,
@@ -172,7 +161,7 @@ def test_and_from_a_rolling_start_that_faces_backwards(exact_husky: MujocoPlant)
 
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)
-def test_a_planar_population_is_its_members(feedback: str, threads: Callable[[int], None]) -> None:
+def test_a_planar_population_is_its_members(feedback: str) -> None:
     loops = [
         Loop(
             replace(model("improved"), drive=replace(Drive(), delay_v=0.2 + 0.01 * i)),
@@ -183,8 +172,7 @@ def test_a_planar_population_is_its_members(feedback: str, threads: Callable[[in
     ]
     alone = [run_loops([loop], BEND, [7 + i % 2])[0] for i, loop in enumerate(loops)]
     for n in (1, 2):
-        threads(n)
-        together = run_loops(loops, BEND, [7, 8])
+        together = run_loops(loops, BEND, [7, 8], workers=n)
         assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
     assert len({run.table[-1, 0] for run in alone}) == len(loops)
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit, jit_parallel, named_like
+from ssmr._jit import jit, jit_alone, named_like, share_among_threads
 from ssmr.control.law import EMPTY_MEMORY, Command
 from ssmr.control.laws import Controller
 from ssmr.control.loop import (
@@ -90,45 +89,49 @@ def run_planar_loop(
 
 
 class PlanarRows(NamedTuple):
-    """S planar robots of one kind, as arrays."""
+    """S planar robots of one kind as arrays, and what is random about their runs."""
 
     drives: FloatArray
     """(S, 13) `DriveNumbers`."""
     robots: FloatArray
     """(S, k) rows of `robot_row`."""
+    draws: FloatArray
+    """(D, ticks, 8) standard normal numbers, taken in turn."""
+    disturbances: FloatArray
+    """(D, n) or (D, 1) yaw accelerations [rad/s2], taken in turn."""
 
 
-@jit_parallel
+@jit_alone
 def run_planar_loops(
+    first: int,
+    last: int,
     trackers: Trackers,
     kind: Any,
     rows: PlanarRows,
     start: Truth,
-    draws: FloatArray,
-    disturbances: FloatArray,
     ticks: Any,
     logs: FloatArray,
 ) -> None:
-    """Run many planar loops at once, one a thread; `draws` and `disturbances` are taken in turn.
+    """Run planar loops one after another.
 
     Args:
+        first: first loop to run.
+        last: the loop after the last one to run.
         trackers: the robots' side.
         kind: template of the model's parameters.
-        rows: the drives and the robots.
+        rows: the drives, the robots, their noise and disturbances.
         start: the robots at the start.
-        draws: (D, ticks, 8) standard normal numbers.
-        disturbances: (D, n) or (D, 1) yaw accelerations [rad/s2].
         ticks: (S,) space for the number of ticks that each loop recorded.
         logs: (S, ticks, 25) space for what is recorded.
     """
-    for i in numba.prange(len(ticks)):
+    for i in range(first, last):
         ticks[i] = run_planar_loop(
             tracker_of(trackers, i),
             named_like(DRIVE_TEMPLATE, rows.drives[i]),
             robot_from_row(kind, rows.robots[i]),
             start,
-            draws[i % len(draws)],
-            disturbances[i % len(disturbances)],
+            rows.draws[i % len(rows.draws)],
+            rows.disturbances[i % len(rows.disturbances)],
             logs[i],
         )
 
@@ -267,9 +270,14 @@ class Loop:
 
 
 def run_loops(
-    loops: Sequence[Loop], waypoints: Waypoints, seeds: Sequence[int], dt: float = PLANAR_DT, start: State | None = None
+    loops: Sequence[Loop],
+    waypoints: Waypoints,
+    seeds: Sequence[int],
+    dt: float = PLANAR_DT,
+    start: State | None = None,
+    workers: int = 1,
 ) -> list[ClosedRun]:
-    """Run many closed loops of one kind of planar model along one reference, one a thread.
+    """Run many closed loops of one kind of planar model along one reference.
 
     Args:
         loops: S loops.
@@ -277,6 +285,7 @@ def run_loops(
         seeds: seeds of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
         dt: physics step [s].
         start: state to start in; at rest at the first waypoint if not given.
+        workers: threads; the result does not depend on it.
 
     Raises:
         ValueError: several kinds of model, of feedback or disturbance, or sets of periods; periods that are no whole number
@@ -297,17 +306,14 @@ def run_loops(
     rows = PlanarRows(
         np.array([drive_numbers(p.model.drive, settings.velocity_period, dt) for p in loops], dtype=np.float64),
         np.array([robot_row(r) for r in robots]),
+        *(np.array(column) for column in zip(*drawn, strict=True)),
     )
     ticks = np.zeros(len(loops), dtype=np.int64)
     logs = np.empty((len(loops), clock.ticks, len(LOG_COLUMNS)))
-    run_planar_loops(
-        make_trackers(controllers, around, waypoints, clock, state),
-        robots[0].parameters,
-        rows,
-        true_state(state),
-        np.array([d for d, _ in drawn]),
-        np.array([d for _, d in drawn]),
-        ticks,
-        logs,
-    )
+    trackers, at = make_trackers(controllers, around, waypoints, clock, state), true_state(state)
+
+    def run(first: int, last: int) -> None:
+        run_planar_loops(first, last, trackers, robots[0].parameters, rows, at, ticks, logs)
+
+    share_among_threads(run, len(loops), workers)
     return [closed_run(log[:n], clock) for log, n in zip(logs, ticks, strict=True)]

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit, jit_parallel, named_like
+from ssmr._jit import jit, jit_alone, named_like, share_among_threads
 from ssmr.errors import DivergedError
 from ssmr.models.four_wheel import (
     SAMPLE_COLUMNS,
@@ -172,10 +171,10 @@ class _Inputs(NamedTuple):
     stride: int  # steps between samples
 
 
-@jit_parallel
+@jit_alone
 def _run_population(inputs: _Inputs, drives: FloatArray, robots: FloatArray, rows: FloatArray, poses: FloatArray) -> None:
-    """Drive S robots at once, one a thread; write (S, M, 3) poses, NaN where a robot diverges."""
-    for i in numba.prange(len(robots)):
+    """Drive S robots one after another; write (S, M, 3) poses, NaN where a robot diverges."""
+    for i in range(len(robots)):
         robot, drive, body = named_like(TEMPLATE, robots[i]), named_like(DRIVE_TEMPLATE, drives[i]), body_of(rows[i])
         references = np.empty((len(inputs.values) * drive.period, 2))
         if inputs.given:
@@ -197,8 +196,9 @@ def run_four_wheels(
     starts: Sequence[State],
     sample_dt: float,
     dt: float = FOUR_WHEEL_DT,
+    workers: int = 1,
 ) -> FloatArray:
-    """Drive many robots with the same inputs, one a thread (`numba.set_num_threads`).
+    """Drive many robots with the same inputs.
 
     Args:
         models: S robots.
@@ -206,6 +206,7 @@ def run_four_wheels(
         starts: state from which each starts.
         sample_dt: time between samples [s].
         dt: physics step [s].
+        workers: threads; the result does not depend on it.
 
     Returns:
         (S, M, 3) poses; a robot that diverges is NaN throughout, for the caller to rate.
@@ -216,11 +217,13 @@ def run_four_wheels(
     stride, given = whole_steps(sample_dt, dt, "the sample period"), commands.kind == "wheels"
     robots = [four_wheels(model.parameters, model.drive, dt, given=given) for model in models]
     poses = np.empty((len(models), 1 + commands.n * whole_steps(commands.dt, dt, "the command period") // stride, 3))
-    _run_population(
-        _Inputs(commands.values, np.array(commands.before, dtype=np.float64), given, stride),
-        np.array([drive_numbers(model.drive, commands.dt, dt) for model in models], dtype=np.float64),
-        np.array(robots, dtype=np.float64),
-        np.array([_placed(state, robot) for state, robot in zip(starts, robots, strict=True)]),
-        poses,
-    )
+    inputs = _Inputs(commands.values, np.array(commands.before, dtype=np.float64), given, stride)
+    drives = np.array([drive_numbers(model.drive, commands.dt, dt) for model in models], dtype=np.float64)
+    packed = np.array(robots, dtype=np.float64)
+    rows = np.array([_placed(state, robot) for state, robot in zip(starts, robots, strict=True)])
+
+    def run(i: int, k: int) -> None:
+        _run_population(inputs, drives[i:k], packed[i:k], rows[i:k], poses[i:k])
+
+    share_among_threads(run, len(models), workers)
     return poses

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit_parallel
+from ssmr._jit import jit_alone, share_among_threads
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.paths import measured_length, one_sided_kernel
 from ssmr.metrics.poses import horizon_windows
@@ -85,14 +84,13 @@ class FitTarget:
     """The true motion, piece by piece."""
 
 
-@jit_parallel
-def path_costs(poses, truth, k_rms, k_haus, k_ratio):
-    """Return (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
-    out, length = np.empty(len(poses)), measured_length(truth)
-    for i in numba.prange(len(poses)):
+@jit_alone
+def path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
+    """Write (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
+    length = measured_length(truth)
+    for i in range(len(poses)):
         metrics = one_sided_kernel(poses[i], truth, length)
         out[i] = k_rms * metrics[0] + k_haus * metrics[1] + k_ratio * abs(1.0 - metrics[2])
-    return out
 
 
 class SyncRater:
@@ -113,13 +111,13 @@ class SyncRater:
         error = poses[:, ::every] - self._truth.pose[::every]
         return error[..., :2], wrap_angle(error[..., 2])
 
-    def cost(self, poses: FloatArray) -> FloatArray:
-        """Return the (S,) terms of the cost of (S, M, 3) poses; NaN where a pose is NaN."""
+    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+        """Return the (S,) terms of the cost of (S, M, 3) poses, rated on so many threads; NaN where a pose is NaN."""
         position, yaw = self._errors(poses)
         rms = np.sqrt((position**2).sum(axis=2).mean(axis=1)), np.sqrt((yaw**2).mean(axis=1))
         return self._weight * (self._cost.position_weight * rms[0] + self._cost.yaw_weight * rms[1])
 
-    def residuals(self, poses: FloatArray) -> FloatArray:
+    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return (S, K) weighted errors every tenth of a second; their squares add up to those of the cost's two terms."""
         weight = np.full(len(self._blocks), self._weight / len(self._blocks))
         return _weighted(*self._errors(poses, self._every), weight, self._cost)
@@ -137,14 +135,12 @@ def _weighted(position: FloatArray, yaw: FloatArray, weight: FloatArray, cost: F
     return np.concatenate([*columns, *([cost.yaw_weight * root * yaw] if cost.yaw_weight > 0.0 else [])], axis=1)
 
 
-@jit_parallel
-def path_offsets(poses, truth, every):
-    """Return (S, N, 2) vectors [m] from every `every`-th of (M, 3) true positions to the nearest of (S, L, 3) paths."""
-    count = (len(truth) + every - 1) // every
-    out = np.empty((len(poses), count, 2))
-    for i in numba.prange(len(poses)):
+@jit_alone
+def path_offsets(poses, truth, every, out):
+    """Write (S, N, 2) vectors [m] from every `every`-th of (M, 3) true positions to the nearest of (S, L, 3) paths."""
+    for i in range(len(poses)):
         path = poses[i]
-        for k in range(count):
+        for k in range(out.shape[1]):
             x, y = truth[k * every, 0], truth[k * every, 1]
             best = math.inf
             out[i, k] = math.nan
@@ -157,7 +153,6 @@ def path_offsets(poses, truth, every):
                 if dx * dx + dy * dy < best:
                     best = dx * dx + dy * dy
                     out[i, k, 0], out[i, k, 1] = dx, dy
-    return out
 
 
 class PathRater(SyncRater):
@@ -168,24 +163,35 @@ class PathRater(SyncRater):
         """(K,) number of the block of time that each residual belongs to; the error of the length has one of its own."""
         return np.concatenate([np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks])
 
-    def residuals(self, poses: FloatArray) -> FloatArray:
+    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return (S, K) errors: offsets from the true path to the candidate's, error of the length, and faint ones of time.
 
         The squares of the first two add up to (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no
         derivative. A path does not tell when the robot was where, so errors at equal times choose between equal paths.
         """
         s, root = self._cost, math.sqrt(self._weight)
-        offsets = path_offsets(np.ascontiguousarray(poses), self._truth.pose, self._every)
+        poses, offsets = np.ascontiguousarray(poses), np.empty((len(poses), -(-len(self._truth.pose) // self._every), 2))
+
+        def rate(i: int, k: int) -> None:
+            path_offsets(poses[i:k], self._truth.pose, self._every, offsets[i:k])
+
+        share_among_threads(rate, len(poses), workers)
         share = s.k_rms / math.sqrt(offsets.shape[1])
         lengths = [np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, self._truth.pose[None])]
         ratio = s.k_ratio * (1.0 - lengths[0] / lengths[1])
         timing = _FAINT * s.k_rms * super().residuals(poses)
         return np.concatenate([root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing], axis=1)
 
-    def cost(self, poses: FloatArray) -> FloatArray:
+    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| of each candidate."""
         s = self._cost
-        return self._weight * path_costs(np.ascontiguousarray(poses), self._truth.pose, s.k_rms, s.k_haus, s.k_ratio)
+        poses, costs, weights = np.ascontiguousarray(poses), np.empty(len(poses)), (s.k_rms, s.k_haus, s.k_ratio)
+
+        def rate(i: int, k: int) -> None:
+            path_costs(poses[i:k], self._truth.pose, *weights, costs[i:k])
+
+        share_among_threads(rate, len(poses), workers)
+        return self._weight * costs
 
 
 class HorizonRater:
@@ -211,14 +217,14 @@ class HorizonRater:
         error = relative(np.broadcast_to(self._wanted, moved.shape), moved)
         return error[..., :2], wrap_angle(error[..., 2])
 
-    def cost(self, poses: FloatArray) -> FloatArray:
+    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return the (S,) terms of the cost of (S, M, 3) poses."""
         position, yaw = self._errors(poses)
         far = np.hypot(position[..., 0], position[..., 1])
         size = self._cost.position_weight * far + self._cost.yaw_weight * np.abs(yaw)
         return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
 
-    def residuals(self, poses: FloatArray) -> FloatArray:
+    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return (S, K) weighted errors of the relative pose; by their size, they add up to the cost."""
         return _weighted(*self._errors(poses), self._weight, self._cost)
 

@@ -90,14 +90,17 @@ class FitProblem:
 
         def rate(which: Sequence[int]) -> FloatArray:
             population = plant_kind(self.model).population([candidates[i] for i in which], workers)
-            return self._costs_of(population, bounds[np.array(which)], lambda s: tell(s * len(which) / len(points)))
+            threads = workers if len(which) > 1 else 1  # each of single candidates has a thread already
+            return self._costs_of(population, bounds[np.array(which)], threads, lambda s: tell(s * len(which) / len(points)))
 
         costs = np.empty(len(points))
         for which, found in self._side_by_side(rate, len(points), workers):
             costs[which] = found
         return costs
 
-    def _costs_of(self, population: Population, limits: FloatArray, tell: Callable[[float], object]) -> FloatArray:
+    def _costs_of(
+        self, population: Population, limits: FloatArray, threads: int, tell: Callable[[float], object]
+    ) -> FloatArray:
         """Drive a population piece by piece and return its costs; `tell` gets the share of each piece when it is done."""
         costs = np.zeros(len(limits))
         total = sum(piece.commands.duration for target in self.targets for piece in target.source.pieces)
@@ -105,7 +108,7 @@ class FitProblem:
             for piece, rater in zip(target.source.pieces, raters, strict=True):
                 live = np.flatnonzero((costs == 0.0) | (np.isfinite(costs) & (costs <= limits)))
                 if len(live):
-                    terms = rater.cost(population.poses(list(live), piece, target.source.sample_dt))
+                    terms = rater.cost(population.poses(list(live), piece, target.source.sample_dt), threads)
                     costs[live] += np.where(np.isfinite(terms), terms, np.inf)
                 tell(piece.commands.duration / total)
         return costs
@@ -141,8 +144,9 @@ class FitProblem:
 
         def drive_all(which: Sequence[int]) -> FloatArray:
             population = plant_kind(self.model).population([candidates[i] for i in which], workers)
+            threads = workers if len(which) > 1 else 1
             found = [
-                rater.residuals(population.poses(range(len(which)), piece, target.source.sample_dt))
+                rater.residuals(population.poses(range(len(which)), piece, target.source.sample_dt), threads)
                 for target, raters in zip(self.targets, self._raters, strict=True)
                 for piece, rater in zip(target.source.pieces, raters, strict=True)
             ]

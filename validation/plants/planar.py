@@ -7,16 +7,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
 
-from ssmr._jit import config
 from ssmr.lanes import run_population, told_poses
 from ssmr.models.table import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
-from ssmr.types import Commands, FloatArray, State
+from ssmr.types import FloatArray
 from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
 from validation.simulator.description import Robot
 from validation.simulator.physics import PhysicsSettings
@@ -90,7 +88,7 @@ class PlanarPopulation:
         candidates: Sequence[PlantProfile | None],
         workers: int,
         make: Callable[[PlantProfile], Any] = model_of,
-        run: Callable[[Sequence[Any], Commands, Sequence[State], float], FloatArray] = run_population,
+        run: Callable[..., FloatArray] = run_population,
     ) -> None:
         """Keep the candidates; None stands for one that cannot be built.
 
@@ -108,9 +106,9 @@ class PlanarPopulation:
             return np.full((len(which), samples, 3), np.nan)
         localisers = [candidate.localiser for _, _, candidate in known]
         starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
-        numba.set_num_threads(min(self._workers, config.NUMBA_NUM_THREADS))
-        poses = self._run([m for _, m, _ in known], piece.commands, [starts[one] for one in localisers], sample_dt)
-        told = told_poses(poses, localisers, sample_dt, piece.t)
+        models, begins = [m for _, m, _ in known], [starts[one] for one in localisers]
+        poses = self._run(models, piece.commands, begins, sample_dt, workers=self._workers)
+        told = told_poses(poses, localisers, sample_dt, piece.t, self._workers)
         if len(known) == len(which):
             return told
         out = np.full((len(which), told.shape[1], 3), np.nan)

@@ -7,10 +7,8 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
-from ssmr._jit import config
 from ssmr.control.laws import Controller, design
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
@@ -136,13 +134,12 @@ def run_robots(
         raise ValueError("a population is one kind of plant")
     if huskies:
         return run_husky_loops(huskies, told, settings, waypoints, seeds, workers, start)
-    numba.set_num_threads(min(workers or os.cpu_count() or 1, config.NUMBA_NUM_THREADS))
     if tyred:
         return run_bodies(
             lambda state: FourWheelBodies(tyred, state),
             [model.drive for model in tyred], FOUR_WHEEL_DT, told, settings, waypoints, seeds, start,
         )  # fmt: skip
-    return run_loops(planar, waypoints, seeds, start=start)
+    return run_loops(planar, waypoints, seeds, start=start, workers=workers or os.cpu_count() or 1)
 
 
 def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metrics:

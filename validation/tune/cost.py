@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import numba
 import numpy as np
 
-from ssmr._jit import jit_parallel
+from ssmr._jit import jit_alone, share_among_threads
 from ssmr.control.loop import ClosedRun
 from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, measured_length, one_sided_kernel
 from ssmr.parameters import MOST_SEED, require_within
@@ -65,24 +64,27 @@ class TuneCost:
             require_within(self, ("seeds",), 0, MOST_SEED, whole=True)
 
 
-@jit_parallel
-def _path_measures(poses, truth):
-    """Return (S, 4) d_rms, d_haus, d_ratio and e_bend_ratio of (S, M, 3) poses against (N, 3)."""
-    out, length = np.empty((len(poses), 4)), measured_length(truth)
-    for i in numba.prange(len(poses)):
+@jit_alone
+def _path_measures(poses, truth, out):
+    """Write (S, 4) d_rms, d_haus, d_ratio and e_bend_ratio of (S, M, 3) poses against (N, 3)."""
+    length = measured_length(truth)
+    for i in range(len(poses)):
         out[i, 0], out[i, 1], out[i, 2] = one_sided_kernel(poses[i], truth, length)
         out[i, 3] = bend_ratio_kernel(poses[i], truth)
-    return out
 
 
-def costs_of(runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost) -> FloatArray:
-    """Return the (S,) costs of runs along one reference, whose speed has this RMS [m/s]; infinite where a robot was lost."""
+def costs_of(runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost, workers: int = 1) -> FloatArray:
+    """Return the (S,) costs of runs along one reference, whose speed has this RMS [m/s]; infinite where a robot was lost.
+
+    The runs are rated on `workers` threads; the costs do not depend on their number.
+    """
     out = np.full(len(runs), np.inf)
     kept = [i for i, run in enumerate(runs) if not run.lost]
     if not kept:
         return out
     poses = np.array([runs[i].table[:, :3] for i in kept])
-    measures = _path_measures(poses, target.pose)
+    measures = np.empty((len(poses), 4))
+    share_among_threads(lambda i, k: _path_measures(poses[i:k], target.pose, measures[i:k]), len(poses), workers)
     d_rms, d_haus = measures[:, 0], measures[:, 1]
     if cost.cost == "time":
         apart = np.hypot(*np.moveaxis(poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2], 2, 0))

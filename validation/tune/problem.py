@@ -224,7 +224,7 @@ class TuneProblem:
         case, found, n = self.cases[k], np.zeros(len(laws)), len(laws)
         for seed in self._seeds:
             runs = run_robots([robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
-            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost) / len(self._seeds)
+            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self._seeds)
         return found
 
     def costs_by_robot(self, gains: GainSet, workers: int, guarded: bool = False) -> FloatArray:

@@ -59,7 +59,7 @@ def local_socket(path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [pipe, link_to_zero, local_socket])
-@pytest.mark.parametrize("name", ["a.csv", "a.bag", "a.mcap", "folder", "a.xlsx"])
+@pytest.mark.parametrize("name", ["a.csv", "a.bag", "a.mcap", "folder", "way.csv"])
 def test_what_is_no_file_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Callable[[Path], None], name: str
 ) -> None:
@@ -72,7 +72,7 @@ def test_what_is_no_file_is_refused_at_once(
         kind(path)
     began = time.perf_counter()
     with pytest.raises((RecordingError, WaypointError), match=r"a (pipe|device|socket)|cannot be read \(No such device"):
-        read_waypoints(path, 0.25) if name == "a.xlsx" else read_log(path)
+        read_waypoints(path, 0.25) if name == "way.csv" else read_log(path)
     assert time.perf_counter() - began < 5.0
 
 

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
-import sys
-import zipfile
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,27 +15,13 @@ from validation import cli
 from validation.logs.limits import USUAL
 from validation.track.waypoint_files import REFERENCES, WaypointError, open_reference, read_waypoints
 
-openpyxl = pytest.importorskip("openpyxl", reason="spreadsheets need the extra `xlsx`")
 HEADER = "t,x,y\n"
-ROWS = [(0.0, 0.1, 0.2), (1.0, 1.1, 0.2), (2.5, 1.1, 1.0 / 3.0)]
-
-SHEET = 1e-15
-"""Relative: openpyxl writes 16 digits, where a double needs 17."""
 
 
 def on_file(folder: Path, text: str | bytes, name: str = "way.csv") -> Path:
     path = folder / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8"))
     return path
-
-
-def on_sheet(folder: Path, rows: Sequence[Sequence[object]], name: str = "way.xlsx") -> Path:
-    book = openpyxl.Workbook()
-    for row in rows:
-        book.active.append(list(row))
-    book.create_sheet("other").append(["not", "read"])
-    book.save(folder / name)
-    return folder / name
 
 
 def refused(path: Path, speed: float | None = None) -> str:
@@ -84,105 +66,24 @@ def test_what_has_no_waypoints_is_refused_in_one_line(case: str, tmp_path: Path)
     assert refused(on_file(tmp_path, text)).startswith(message)
 
 
-BAD_SHEETS: dict[str, tuple[Sequence[Sequence[object]], str]] = {
-    "empty": ((), ": the first sheet is empty; a file of waypoints begins with a header"),
-    "header alone": ((("t", "x", "y"),), ": there are no waypoints after the header"),
-    "one row": ((("t", "x", "y"), (0, 0, 0)), ": there is one waypoint after the header"),
-    "no header": (((0, 0.5, 0), (1, 1, 0)), ", row 1: there is no column x among '0', '0.5', '0'"),
-    "text": ((("t", "x", "y"), (0, 0, 0), (), (1, "abc", 0)), ", row 4, column x: there is 'abc', wanted a finite number"),
-    "truth": ((("t", "x", "y"), (0, 0, 0), (1, True, 0)), ", row 3, column x: there is 'True'"),
-    "date": ((("t", "x", "y"), (datetime.datetime(2020, 1, 31), 0, 0)), ", row 2, column t: there is '2020-01-31"),
-    "nothing": ((("t", "x", "y"), (0, 0), (1, 1, 1)), ", row 2, column y: there is nothing"),
-    "formula": ((("t", "x", "y"), (0, 0, 0), (1, "=1+1", 0)), ", row 3, column x: there is nothing"),
-    "one place": ((("t", "x", "y"), (0, 1, 2), (1, 1, 2)), ", row 3: no waypoint is away from the first"),
-    "time back": ((("t", "x", "y"), (1, 1, 2), (0, 2, 2)), ", row 3, column t: time must increase"),
-}
-
-
-@pytest.mark.parametrize("case", BAD_SHEETS)
-def test_a_sheet_without_waypoints_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
-    rows, message = BAD_SHEETS[case]
-    assert refused(on_sheet(tmp_path, rows)).startswith(message)
-
-
-@pytest.mark.parametrize("name", ["way.csv", "way.xlsx"])
-def test_a_file_that_is_not_there_or_a_folder_is_refused(name: str, tmp_path: Path) -> None:
-    path = tmp_path / name
-    assert refused(path) == ": there is no such file; wanted waypoints (.csv or .xlsx)"
+def test_a_file_that_is_not_there_or_a_folder_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "way.csv"
+    assert refused(path) == ": there is no such file; wanted waypoints (.csv)"
     path.mkdir()
-    assert refused(path) == ": this is a folder; wanted waypoints (.csv or .xlsx)"
+    assert refused(path) == ": this is a folder; wanted waypoints (.csv)"
 
 
-@pytest.mark.parametrize("name", ["way.txt", "way.xls", "way"])
+@pytest.mark.parametrize("name", ["way.txt", "way.xlsx", "way"])
 def test_other_endings_are_refused(name: str, tmp_path: Path) -> None:
     message = refused(on_file(tmp_path, HEADER + "0,0,0\n1,1,0\n", name))
-    assert message == f": files ending in '{Path(name).suffix}' are not read; wanted waypoints (.csv or .xlsx)"
+    assert message == f": files ending in '{Path(name).suffix}' are not read; wanted waypoints (.csv)"
 
 
-def test_rubbish_is_no_spreadsheet(tmp_path: Path) -> None:
-    for data in (b"", b"PK\x03\x04rubbish", HEADER.encode(), bytes(range(256)) * 9):
-        assert "this is no xlsx file, or a damaged one" in refused(on_file(tmp_path, data, "way.xlsx"))
-
-
-def test_a_damaged_spreadsheet_is_refused_or_read_as_it_was(tmp_path: Path) -> None:
-    """One byte changed, or the end cut off: 300 times, wherever."""
-    whole = on_sheet(tmp_path, [("t", "x", "y"), *ROWS]).read_bytes()
-    rng = np.random.default_rng(0)
-    refusals = []
-    for _ in range(150):
-        bad = bytearray(whole)
-        bad[int(rng.integers(len(bad)))] ^= int(rng.integers(1, 256))
-        for data in (bytes(bad), whole[: int(rng.integers(len(whole)))]):
-            path = on_file(tmp_path, data, "damaged.xlsx")
-            try:
-                waypoints = read_waypoints(path)
-            except WaypointError as error:
-                refusals.append(str(error))
-            else:
-                assert np.allclose(np.column_stack([waypoints.t, waypoints.xy]), ROWS, rtol=SHEET, atol=0.0)
-    assert len(refusals) > 100
-    assert not any("\n" in text for text in refusals)
-
-
-def in_sheet(xml: bytes) -> Callable[[bytes], bytes]:
-    return lambda text: text.replace(b"</sheetData>", xml + b"</sheetData>")
-
-
-HOSTILE_SHEETS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "far row": (in_sheet(b'<row r="90000000"><c r="A90000000"><v>1</v></c></row>'), "there is a row beyond 1048576"),
-    "bomb": (in_sheet(b" " * 70_000_000), "files once it is unpacked, but the limit sheet_size is 64 MB"),
-    "deep": (in_sheet(b"<row>" + b"<c>" * 200 + b"</c>" * 200 + b"</row>"), "elements of XML"),
-    "many": (in_sheet(b"<d/>" * 80_000), "70000 besides those of cells"),
-    "laughs": (
-        lambda text: b'<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]>' + text.partition(b"?>")[2],
-        "declares a type of document",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", HOSTILE_SHEETS)
-def test_a_hostile_spreadsheet_is_refused_before_it_takes_time_or_memory(case: str, tmp_path: Path) -> None:
-    change, message = HOSTILE_SHEETS[case]
-    whole, hostile = on_sheet(tmp_path, [("t", "x", "y"), *ROWS]), tmp_path / "hostile.xlsx"
-    with zipfile.ZipFile(whole) as source, zipfile.ZipFile(hostile, "w", zipfile.ZIP_DEFLATED) as target:
-        for name in source.namelist():
-            text = source.read(name)
-            target.writestr(name, change(text) if name.endswith("sheet1.xml") else text)
-    assert message in refused(hostile)
-
-
-def test_a_spreadsheet_beyond_limits_that_were_asked_for_is_refused(tmp_path: Path) -> None:
-    path = on_sheet(tmp_path, [("t", "x", "y"), *ROWS])
-    assert len(read_waypoints(path).t) == 3
-    for limits, message in (({"samples": 2}, "row 4: there are too many rows"), ({"columns": 2}, "there are 3 columns")):
+def test_a_file_beyond_limits_that_were_asked_for_is_refused(tmp_path: Path) -> None:
+    path = on_file(tmp_path, HEADER + "0,0,0\n1,1,0\n2,2,0\n")
+    for limits, message in (({"samples": 2}, "line 4: there are too many rows"), ({"columns": 2}, "there are 3 columns")):
         with pytest.raises(WaypointError, match=message):
             read_waypoints(path, limits=USUAL.changed(limits))
-
-
-def test_without_openpyxl_a_spreadsheet_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = on_sheet(tmp_path, [("t", "x", "y"), *ROWS])
-    monkeypatch.setitem(sys.modules, "openpyxl", None)
-    assert "pip install 'ssmr-testbed[xlsx]'" in refused(path)
 
 
 # ------------------------------------------------------------------------------------------------------- what is read
@@ -222,19 +123,16 @@ def test_places_that_repeat_without_times_are_refused(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.floats(-1e6, 1e6)), min_size=2, max_size=9))
-def test_both_kinds_of_file_give_the_waypoints_back(
+def test_a_file_gives_the_waypoints_back(
     tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[float, float, float]]
 ) -> None:
     table = np.cumsum(steps, axis=0)
     waypoints = Waypoints(table[:, 0], table[:, 1:])
-    folder = tmp_path_factory.mktemp("files")
     rows = [("t", "x", "y"), *table.tolist()]
     text = "\n".join(",".join(map(str, row)) for row in rows)
-    from_csv, from_sheet = read_waypoints(on_file(folder, text)), read_waypoints(on_sheet(folder, rows))
-    assert np.array_equal(from_csv.t, waypoints.t)
-    assert np.array_equal(from_csv.xy, waypoints.xy)
-    assert np.allclose(from_sheet.t, waypoints.t, rtol=SHEET, atol=0.0)
-    assert np.allclose(from_sheet.xy, waypoints.xy, rtol=SHEET, atol=0.0)
+    read = read_waypoints(on_file(tmp_path_factory.mktemp("files"), text))
+    assert np.array_equal(read.t, waypoints.t)
+    assert np.array_equal(read.xy, waypoints.xy)
 
 
 # -------------------------------------------------------------------------------------------------------------- by name

@@ -96,7 +96,6 @@ KINDS: Mapping[str, Kind] = {
     "ROS 2 folder, MCAP": Kind("ros2-mcap", 0.06, open_log, _LOG),
     "ROS 2 folder, sqlite": Kind("ros2-sqlite", 0.06, open_log, _LOG),
     "waypoints, CSV": Kind("way.csv", 0.10, read_way, _WAY, table=True),
-    "waypoints, xlsx": Kind("way.xlsx", 0.05, read_way, _WAY),
     "profile, thesis-lab": Kind("good.toml", 0.08, read_profile, _PROFILE),
     "profile, husky-tile": Kind("husky.toml", 0.06, read_profile, _PROFILE),
     "gains, pid": Kind("pid.toml", 0.04, partial(read_gains, "pid"), ("track pid line --speed 1 --gains FILE --no-rerun",)),

@@ -42,22 +42,12 @@ def make_all(folder: Path) -> None:
         bag_factory.write(folder, kind, lambda make: bag_factory.circle(make, 400), f"ros2-{kind.split()[0]}")
     rows = "x,y,t\n" + "".join(f"{0.1 * i},{0.004 * i * i},{0.4 * i}\n" for i in range(20))
     (folder / "way.csv").write_text(rows)
-    _write_sheet(folder / "way.xlsx")
     for name, source in (("good", "thesis-lab"), ("husky", "husky-tile")):
         shutil.copy(_ROOMS / "plants" / "profiles" / f"{source}.toml", folder / f"{name}.toml")
     for law in ("pid", "smc"):
         shutil.copy(_ROOMS / "track" / "gain_sets" / f"{law}-tuned.toml", folder / f"{law}.toml")
     search = small_search()
     search.save(folder / "checkpoint.npz")
-
-
-def _write_sheet(path: Path) -> None:
-    import openpyxl
-
-    book = openpyxl.Workbook()
-    for row in [("x", "y"), *((0.1 * i, 0.2 * i) for i in range(10))]:
-        book.active.append(row)
-    book.save(path)
 
 
 def small_search() -> Any:

@@ -1,4 +1,4 @@
-"""Tables of text cells, as CSV files and spreadsheets hold them, read into columns of numbers."""
+"""Tables of text cells, as CSV files hold them, read into columns of numbers."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class CellTable:
         )
 
 
-def make_table(
+def _make_table(
     path: Path, rows: Iterable[tuple[int, Sequence[str]]], error: type[TableError], limits: LogLimits
 ) -> CellTable | None:
     """Return a table of rows, of which the first is the header; None where there are no rows.
@@ -168,7 +168,7 @@ def read_csv_table(path: Path, error: type[TableError], limits: LogLimits = USUA
         TableError: an `error`, if the file is no CSV file, is empty, has rows that differ in length or is beyond the limits.
     """
     data = _checked_text(path, read_regular(path, error, limits), error)
-    table = make_table(path, _csv_rows(path, data, error, limits), error, limits)
+    table = _make_table(path, _csv_rows(path, data, error, limits), error, limits)
     if table is None:
         raise error(path, f"the file is empty; {error.header}")
     return table

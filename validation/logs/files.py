@@ -19,7 +19,7 @@ DAMAGE = (
     EOFError,
     struct.error,
     zlib.error,
-    SyntaxError,  # what Python's XML parser raises
+    SyntaxError,
     LookupError,
     ValueError,
     TypeError,
@@ -40,8 +40,6 @@ class TableError(ValueError):
     """The kind of file that was expected, with its ending."""
     header: ClassVar[str]
     """A sentence about what the first line should name."""
-    counted: ClassVar[str] = "line"
-    """Word for the lines of such a file in an editor."""
 
     def __init__(self, path: Path, what: str, line: int | None = None, column: str | None = None) -> None:
         """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""
@@ -49,7 +47,7 @@ class TableError(ValueError):
         self.path, self.what, self.line, self.column = path, what, line, column
 
     def __str__(self) -> str:
-        line = "" if self.line is None else f", {self.counted} {self.line}"
+        line = "" if self.line is None else f", line {self.line}"
         column = "" if self.column is None else f", column {self.column}"
         return one_line(f"{self.path}{line}{column}: {self.what}")
 

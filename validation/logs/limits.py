@@ -35,9 +35,7 @@ class LogLimits:
     """
 
     table_size: float = _limit(500.0, "MB")
-    """Size of a CSV or xlsx file, which is read whole."""
-    sheet_size: float = _limit(64.0, "MB")
-    """Size of an xlsx file once it is unpacked."""
+    """Size of a CSV file, which is read whole."""
     bag_size: float = _limit(100_000.0, "MB")
     """Size of a bag, all its files together; it is read message by message."""
     columns: float = _limit(1000.0, "1")

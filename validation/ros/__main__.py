@@ -131,7 +131,7 @@ class ControlOptions:
     """Controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding
     mode) go beyond it. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans ahead."""
     reference: Annotated[str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")] = None
-    """Reference: line, circle, sine, generic, or a file of waypoints (.csv, .xlsx: x, y[, t])."""
+    """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
     """Mean speed between waypoints; it replaces the times of a file."""
     robot: cli.RobotName = None

@@ -102,7 +102,7 @@ class TrackOptions:
     mpc plans ahead within the limits."""
     reference: Annotated[str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")] = None
     """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go, long-line, each also
-    with its speed, as eight@0.5; or a file of waypoints (.csv, .xlsx: x, y[, t]). Waypoints at one place are a wait."""
+    with its speed, as eight@0.5; or a file of waypoints (.csv: x, y[, t]). Waypoints at one place are a wait."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="the times of the file; 0.25 for a named reference")] = (
         None
     )

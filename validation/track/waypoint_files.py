@@ -1,7 +1,6 @@
-"""Waypoints from CSV and xlsx files, and by the name of a reference trajectory.
+"""Waypoints from CSV files, and by the name of a reference trajectory.
 
-A file has a header that names x and y [m] and, where it brings its times, t [s]; other columns are ignored. In an xlsx file
-that is the first sheet.
+A file has a header that names x and y [m] and, where it brings its times, t [s]; other columns are ignored.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from ssmr.types import FloatArray
 from validation.logs.csv_table import CellTable, read_csv_table
 from validation.logs.files import TableError, quoted
 from validation.logs.limits import USUAL, LogLimits
-from validation.track.sheets import read_sheet
 
 _UNITS = {"x": "m", "y": "m", "t": "s"}
 
@@ -30,24 +28,17 @@ DEFAULT_SPEED = 0.25
 class WaypointError(TableError):
     """A file has no waypoints that a robot could follow."""
 
-    wanted = "waypoints (.csv or .xlsx)"
+    wanted = "waypoints (.csv)"
     header = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
-
-
-class _SheetError(WaypointError):
-    """A spreadsheet has no waypoints that a robot could follow."""
-
-    counted = "row"
 
 
 def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimits = USUAL) -> Waypoints:
     """Read waypoints (Alg. 5, lines 1-7).
 
-    In a CSV file, a UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a column's
-    name mean the same.
+    A UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a column's name mean the same.
 
     Args:
-        path: a CSV or xlsx file.
+        path: a CSV file.
         speed: reference speed [m/s]: it gives the times, and replaces those of the file, except the lengths of its waits.
             None: the file's own.
         limits: greatest sizes of a file; the usual ones if not given.
@@ -57,11 +48,9 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
         ValueError: the speed is not positive and finite.
     """
     path = Path(path)
-    ending = path.suffix.lower()
-    error: type[WaypointError] = _SheetError if ending == ".xlsx" else WaypointError
-    if ending not in (".csv", ".xlsx") and not path.is_dir():
-        raise error(path, f"files ending in '{path.suffix}' are not read; wanted {error.wanted}")
-    table = (read_sheet if ending == ".xlsx" else read_csv_table)(path, error, limits)
+    if path.suffix.lower() != ".csv" and not path.is_dir():
+        raise WaypointError(path, f"files ending in '{path.suffix}' are not read; wanted {WaypointError.wanted}")
+    table = read_csv_table(path, WaypointError, limits)
     places = _places_of_columns(table, speed is None)
 
     def column(name: str) -> FloatArray:
@@ -73,13 +62,13 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
     xy = np.column_stack([column("x"), column("y")])
     if len(xy) < 2:
         some = "is one waypoint" if len(xy) else "are no waypoints"
-        raise error(path, f"there {some} after the header; a trajectory needs at least two")
+        raise WaypointError(path, f"there {some} after the header; a trajectory needs at least two")
     fault = find_fault(t, xy)
     if t is None and fault is not None and fault.column is None and "t" in places:  # it waits: the times say how long
         t = column("t")
         fault = find_fault(t, xy)
     if fault is not None:
-        raise error(path, fault.what, table.lines[fault.row], fault.column)
+        raise WaypointError(path, fault.what, table.lines[fault.row], fault.column)
     if speed is None:
         assert t is not None  # the file has times, or an error
         return Waypoints(t, xy)
@@ -134,7 +123,7 @@ def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, 
     """Return what to follow: a reference by name, or the waypoints of a file.
 
     Args:
-        name_or_path: a name of `REFERENCES`, or the path of a CSV or xlsx file; with a speed behind it, as `circle@0.5`.
+        name_or_path: a name of `REFERENCES`, or the path of a CSV file; with a speed behind it, as `circle@0.5`.
         speed: reference speed [m/s]; None for that behind the name, else the times of the file, or `DEFAULT_SPEED` for a
             reference that has a name.
 
@@ -153,7 +142,7 @@ def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, 
         return name, REFERENCES[name](DEFAULT_SPEED if speed is None else speed)
     path = Path(name)
     if not path.suffix and not path.exists():
-        raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}, and paths of .csv and .xlsx files")
+        raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}, and paths of .csv files")
     return path.stem, read_waypoints(path, speed)
 
 

@@ -48,7 +48,7 @@ class TransferOptions:
     references: tuple[str, ...] = ()
     """References by name or path; circle@0.4 has its own speed."""
     waypoints: tuple[str, ...] = ()
-    """Waypoint files of your own (.csv, .xlsx) beside the references. Their own times count, if they have any."""
+    """Waypoint files of your own (.csv) beside the references. Their own times count, if they have any."""
     speeds: tuple[float, ...] = ()
     """Speeds of references that bring none [m/s]. What the judge cannot drive is driven more slowly."""
     seeds: int = 1

@@ -24,7 +24,7 @@ from validation.plants.profile import load_profile, make_plant
 from validation.simulator.model import controls
 from validation.track.waypoint_files import open_reference
 
-PLAIN: dict[str, Any] = {"spread": 0.0, "noise": False, "physics": "profile"}
+PLAIN: dict[str, Any] = {"spread": 0.0, "noise": False, "timestep": 0.002}
 """The profile's own robot at the first waypoint, without noise, in the physics of all other programs."""
 SAME_ROBOT = 2e-5
 """Over a second of skidding [m]: the entity's free joint sits 13 cm lower, so the solver stops at other digits."""
@@ -92,11 +92,11 @@ def test_the_environment_is_the_plant(profile: str) -> None:
 
 
 @pytest.mark.parametrize("profile", ["thesis-lab", "husky-tile"])
-def test_fast_physics_is_the_same_robot(profile: str) -> None:
+def test_the_usual_step_is_the_same_robot(profile: str) -> None:
     """Over 5 s of bends open loop it stays within 5 cm and 3 degrees of the shipped physics: far less than robots differ."""
     ends = []
-    for physics in ("fast", "profile"):
-        batch = TrackBatch(TrackTask(profile, "long-line", 0.5, seconds=6.0, **{**PLAIN, "physics": physics}))
+    for timestep in (TrackTask.timestep, PLAIN["timestep"]):
+        batch = TrackBatch(TrackTask(profile, "long-line", 0.5, seconds=6.0, **{**PLAIN, "timestep": timestep}))
         batch.reset()
         for k in range(100):
             batch.step([[0.5, 0.4 * np.sin(0.08 * k)]])
@@ -175,7 +175,7 @@ def test_a_robot_that_flies_apart_is_lost_and_the_next_one_is_not() -> None:
         ({"spread": 1.5}, "spread"),
         ({"seconds": 0.0}, "seconds"),
         ({"speed": (0.5, 0.2)}, "speed"),
-        ({"physics": "quick"}, "unknown physics 'quick'"),
+        ({"timestep": 0.003}, "not a whole number of physics steps"),
         ({"profiles": ","}, "of one robot"),
         ({"profiles": "thesis-lab,warthog-grass"}, "of one robot, they are of husky, warthog"),
         ({"reference": "no-such"}, "no reference 'no-such'"),

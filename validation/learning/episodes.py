@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -25,16 +24,9 @@ from validation.learning.kernels import ERRORS
 from validation.plants.profile import PlantProfile, Profile, choose_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot
-from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.track.waypoint_files import open_reference
 
-Physics = Literal["fast", "profile"]
-FAST_STEP = 0.005
-"""Physics step of fast physics [s]: a tick is ten steps."""
-FAST = PhysicsSettings(solver="PGS", iterations=3)
-"""Solver of fast physics. Three sweeps of projected Gauss-Seidel take three quarters of the shipped solver's time, and end
-as near to the shipped physics as that solver does with the same step (docs/learning.md)."""
 AHEAD_TICKS = (0, 4, 8, 12)
 """Ticks from now to each target in an observation: up to 0.6 s ahead, three dead times of the thesis' robot."""
 LOST_TRACKS = 2.0
@@ -71,18 +63,16 @@ class TrackTask:
     the first waypoint."""
     noise: bool = True
     """Whether feedback is noisy (Tab. 3.4) and the yaw is pushed at random (Sec. 3.4.5)."""
-    physics: Physics = "fast"
-    """`fast` for training; `profile` for the step and the solver of all other programs."""
+    timestep: float = 0.005
+    """Physics step [s]: longer than that of the shipped profiles, 0.002, which is the physics of all other programs."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a number outside its range, or an unknown physics."""
+        """Raise a ValueError for a number outside its range."""
         require_in_range(self, "seconds", VELOCITY_PERIOD, 3600.0)
         require_in_range(self, "spread", 0.0, 1.0)
         low, high = self.speeds
         if not 0.0 < low <= high < math.inf:
             raise ValueError(f"speed {self.speed} must be a positive number, or two that do not fall [m/s]")
-        if self.physics not in ("fast", "profile"):
-            raise ValueError(f"unknown physics '{self.physics}'; there are: fast, profile")
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -123,18 +113,17 @@ class EpisodeSource:
 
         Raises:
             ValueError: profiles or waypoints that cannot be read, several robots or kinds of motor, or a physics step that
-                does not divide the profile's periods.
+                does not divide the period of commands.
         """
         self.task = task
         names = [None] if task.profiles is None else [name.strip() for name in task.profiles.split(",") if name.strip()]
         profiles = [choose_profile(name, task.robot, "thesis-lab") for name in names]
-        self.sections = [_with_step(p, task.physics) for p in profiles]
+        self.sections = [_with_step(p, task.timestep) for p in profiles]
         first = self.sections[0] if profiles else None
         if first is None or len({p.robot for p in profiles}) != 1:
             raise ValueError(f"the profiles must be of one robot, they are of {', '.join(p.robot.name for p in profiles)}")
-        kinds = {(s.parameters.wheel_shape, s.drive.integral_gain > 0.0, s.parameters.timestep) for s in self.sections}
-        if len(kinds) != 1:
-            raise ValueError("all profiles must have one shape of tyre, one time step, and the same kind of speed loop")
+        if len({(s.parameters.wheel_shape, s.drive.integral_gain > 0.0) for s in self.sections}) != 1:
+            raise ValueError("all profiles must have one shape of tyre and the same kind of speed loop")
         self.waypoints = None if task.reference is None else open_reference(task.reference, task.speeds[1])[1]
         self.steps = whole_steps(VELOCITY_PERIOD, first.parameters.timestep, "the period of commands")
         most = task.seconds if self.waypoints is None else min(task.seconds, self._at(task.speeds[0]).duration)
@@ -169,8 +158,7 @@ class EpisodeSource:
 
     def make_plant(self) -> MujocoPlant:
         """Return a robot of the first profile, which can become that of any episode (`MujocoPlant.renumber`)."""
-        section, settings = self.sections[0], FAST if self.task.physics == "fast" else SHIPPED
-        return MujocoPlant(section.parameters, section.drive, settings=settings)
+        return MujocoPlant(self.sections[0].parameters, self.sections[0].drive)
 
     def _at(self, speed: float) -> Waypoints:
         """Return the reference of the task at a speed [m/s]."""
@@ -231,7 +219,7 @@ class EpisodeSource:
         return state, (v, 0.0)
 
 
-def _with_step(profile: Profile, physics: Physics) -> PlantProfile:
-    """Return the numbers of a profile's MuJoCo robot with the step of the physics."""
+def _with_step(profile: Profile, timestep: float) -> PlantProfile:
+    """Return the numbers of a profile's MuJoCo robot with another physics step [s]."""
     section: PlantProfile = profile.plants["mujoco"]
-    return section if physics == "profile" else replace(section, parameters=replace(section.parameters, timestep=FAST_STEP))
+    return replace(section, parameters=replace(section.parameters, timestep=timestep))

@@ -1,125 +1,83 @@
-"""What closed loops cost: `python -m benchmarks.control [--out FILE.json]`.
-
-- Closed loops around the improved model, as a population, in multiples of real time on one core; and the slow loop beside.
-- A population of 64 closed loops on MuJoCo beside the same robots' open-loop rollouts of equal length.
-- The whole budget of Tab. 4.3 (100 candidates, 150 generations) on the generic reference, from a part of it.
-"""
+"""What closed loops and episodes for learning cost, on one thread: `python -m benchmarks.control [--out FILE.json]`."""
 
 from __future__ import annotations
 
-import os
-import time
 from functools import partial
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import mujoco
-import numba
 import numpy as np
 from mujoco import rollout
 
-from benchmarks.rows import Row, alternate, at_least, at_most, report
-from ssmr.control.laws import Controller
-from ssmr.control.loop import LoopSettings, run_loop
+from benchmarks.rows import Row, alternate, ratio, report
+from ssmr.control.loop import LoopSettings
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle
-from ssmr.simulation import PlanarModel, PlanarPlant
+from ssmr.simulation import PlanarModel
 from validation import cli
+from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
 from validation.simulator.loops import run_husky_loops
 from validation.simulator.model import controls
 from validation.simulator.plant import MujocoPlant
 from validation.track.gains import load_gains
 from validation.track.loops import make_controller, make_robot
-from validation.track.waypoint_files import open_reference
-from validation.tune.cost import TuneCost
-from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space
 
-POPULATION = 64
-BUDGET = 100 * 150
-"""Candidates that Tab. 4.3 rates."""
-ASKED_REAL_TIME = 2000.0
-ASKED_OVERHEAD = 1.3
+EPISODE_TICKS = 5200.0
+"""Ticks a second that 64 episodes at once must make on a core: eight times those of version 1.4 [1/s]."""
 
 
-def planar_rows(repeats: int, population: int) -> list[Row]:
-    """Time closed loops of the improved model on one core."""
+def loop_rows(repeats: int, robots: int) -> list[Row]:
+    """Time closed loops of pid on the improved model beside real time, and on MuJoCo beside rollouts of equal length."""
     profile = load_profile("thesis-lab")
-    robot = make_robot(profile, "improved")
-    assert isinstance(robot.body, PlanarModel)
-    waypoints, body = circle(0.5), robot.body
-    rows = list[Row]()
-    for controller, gains in (("pid", "published"), ("lqr", "published")):
-        law = make_controller(profile, load_gains(controller, gains))
-        loops = [Loop(body, law, LoopSettings())] * population
-        numba.set_num_threads(1)
-        (ours,) = alternate(partial(run_loops, loops, waypoints, range(4)), repeats=repeats)
-        simulated = population * waypoints.duration
-        rows.append(at_least(f"{controller}: times real time on one core", ours, simulated, ASKED_REAL_TIME))
-        if population < POPULATION:
-            continue  # the slow loop is left out of a quick run
-        began = time.perf_counter()
-        assert isinstance(law, Controller)  # none of those above is a Python object
-        run_loop(PlanarPlant(body), law, waypoints, LoopSettings(), 0)
-        slow = time.perf_counter() - began
-        rows.append(at_most(f"{controller}: fused loop over the slow one", ours / population, slow))
-    return rows
-
-
-def mujoco_rows(repeats: int, workers: int, population: int) -> list[Row]:
-    """A population of closed loops on MuJoCo beside open-loop rollouts of the same robots."""
-    profile = load_profile("thesis-lab")
-    robot = make_robot(profile, "mujoco")
-    plant = robot.body
+    law, settings = make_controller(profile, load_gains("pid", "published")), LoopSettings()
+    body, plant = (make_robot(profile, name).body for name in ("improved", "mujoco"))
+    assert isinstance(body, PlanarModel)
     assert isinstance(plant, MujocoPlant)
-    waypoints = circle(0.5, 1.5, 0.25)
-    law = make_controller(profile, load_gains("pid", "published"))
-    loops = [plant] * population, [law] * population, [LoopSettings()] * population
-    run = partial(run_husky_loops, *loops, waypoints, range(4), workers)
-    runs = run()
-    n = round(float(runs[0].t[-1]) / plant.dt)
-    references = np.repeat(runs[0].table[:-1, 6:8], n // (len(runs[0].t) - 1), axis=0)
-    control = np.repeat(controls(plant.model, references)[None], population, axis=0)
-    start = np.repeat(plant.placed(waypoints.start)[None], population, axis=0)
-    datas = [mujoco.MjData(plant.model) for _ in range(workers)]
-    closed, opened = alternate(
-        run,
-        lambda: rollout.rollout(plant.model, datas, start, control),
-        repeats=repeats,
+    way, short = circle(0.5), circle(0.5, 1.5, 0.25)
+    (planar,) = alternate(partial(run_loops, [Loop(body, law, settings)] * robots, way, range(4)), repeats=repeats)
+    close = partial(run_husky_loops, [plant] * robots, [law] * robots, [settings] * robots, short, range(4), 1)
+    run = close()[0]
+    ticks = round(float(run.t[-1]) / plant.dt) // (len(run.t) - 1)
+    control = np.repeat(controls(plant.model, np.repeat(run.table[:-1, 6:8], ticks, axis=0))[None], robots, axis=0)
+    start, data = np.repeat(plant.placed(short.start)[None], robots, axis=0), mujoco.MjData(plant.model)
+    closed, opened = alternate(close, lambda: rollout.rollout(plant.model, data, start, control), repeats=repeats)
+    return [
+        ratio(f"real time / {robots} closed loops, improved", robots * way.duration, planar, least=2000.0),
+        ratio(f"{robots} closed loops on MuJoCo / open-loop rollouts", closed, opened, most=1.3),
+    ]
+
+
+def follow_targets(batch: TrackBatch) -> None:
+    """Drive one episode in every row, from its beginning, towards where the target will be."""
+    seen = batch.reset()
+    for _ in range(batch.source.most_ticks):
+        commands = seen[:, [10, 11]] + 1.5 * seen[:, [2, 3]]  # the target's twist in 0.2 s, and two of its errors now
+        seen = batch.step(commands).observations
+
+
+def episode_row(repeats: int, robots: int, seconds: float) -> Row:
+    """Time episodes of many robots, their beginnings included."""
+    batch = TrackBatch(TrackTask(seconds=seconds), robots, 1)
+    for row in range(robots):
+        batch.seed(row, row)
+    (episodes,) = alternate(partial(follow_targets, batch), repeats=repeats)
+    ticks = robots * batch.source.most_ticks
+    return ratio(
+        f"{ticks} ticks of episodes at {EPISODE_TICKS:g} a second / ours", ticks / EPISODE_TICKS, episodes, least=1.0
     )
-    what = f"{population} closed loops on MuJoCo over open-loop rollouts"
-    return [at_most(what, closed, opened, ASKED_OVERHEAD)]
 
 
-def budget_rows(workers: int, candidates: int) -> list[Row]:
-    """Tab. 4.3's budget on the generic reference, extrapolated from two smaller generations."""
-    profile = load_profile("thesis-lab")
-    label, waypoints = open_reference("generic", 0.25)
-    case = TuneCase(label, label, waypoints, make_robot(profile, "improved"), LoopSettings())
-    space = make_tuning_space("pid", None, False, {})
-    problem = TuneProblem(profile, load_gains("pid", "published"), space, (case,), TuneCost(guard=0.0))
-    points = np.random.default_rng(0).random((candidates, len(space)))
-    (once,) = alternate(lambda: problem.costs(points, None, workers), repeats=2)
-    minutes = once * BUDGET / len(points) / 60.0
-    return [Row(f"Tab. 4.3: {BUDGET} evaluations, minutes on {workers} cores", minutes, "", once, once, True)]
-
-
-def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 7, workers: int = 0, quick: bool = False) -> None:
-    """Time closed loops beside real time and beside open-loop rollouts; print the ratios and write them as JSON.
+def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 5, quick: bool = False) -> None:
+    """Time closed loops and episodes; print the ratios and write them as JSON.
 
     Args:
         out: JSON file to write.
         repeats: Number of times that each is timed; the fastest counts.
-        workers: Threads; all cores if 0.
-        quick: Time small populations once and leave out the slow loop: a check that everything runs.
+        quick: Time small populations once: a check that everything runs.
     """
-    if repeats < 1 or workers < 0:
-        raise cli.UserError("--repeats must be positive, --workers must not be negative")
-    threads = workers or os.cpu_count() or 1
-    often, population, candidates = (1, 2, 4) if quick else (repeats, POPULATION, 100)
-    rows = [*planar_rows(often, population), *mujoco_rows(often, threads, population), *budget_rows(threads, candidates)]
-    report("benchmarks/control: fastest times, measured side by side", rows, out)
+    rows = [*loop_rows(1, 2), episode_row(1, 4, 1.0)] if quick else [*loop_rows(repeats, 64), episode_row(repeats, 64, 20.0)]
+    report("benchmarks/control: ratios of the fastest processor times", rows, out)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,10 @@
-"""What the benchmarks share: a measured ratio, timing side by side, the table and the file."""
+"""What the benchmarks share: timing side by side, rows of a table, and the file."""
 
 from __future__ import annotations
 
 import os
-import platform
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,49 +14,8 @@ from rich.table import Table
 from validation import cli, store
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measured ratio."""
-
-    what: str
-    """What is compared with what."""
-    ratio: float
-    """Ours over the peer's time, or a speed."""
-    bound: str
-    """What was asked for; empty where it is only for the record."""
-    ours_s: float
-    """Fastest time of ours [s]."""
-    peer_s: float
-    """Fastest time of the peer [s]."""
-    ok: bool
-    """Whether the bound is kept."""
-
-
-def at_most(what: str, ours_s: float, peer_s: float, limit: float | None = None) -> Row:
-    """Return our time over the peer's, which must not pass a limit; without one it is only for the record."""
-    ratio = ours_s / peer_s
-    return Row(what, ratio, "" if limit is None else f"<= {limit:g}", ours_s, peer_s, limit is None or ratio <= limit)
-
-
-def at_least(what: str, ours_s: float, peer_s: float, limit: float | None = None) -> Row:
-    """Return the peer's time over ours, which must reach a limit; without one it is only for the record."""
-    ratio = peer_s / ours_s
-    return Row(what, ratio, "" if limit is None else f">= {limit:g}", ours_s, peer_s, limit is None or ratio >= limit)
-
-
-def alternate(*calls: Callable[[], object], repeats: int, clock: Callable[[], float] = time.perf_counter) -> list[float]:
-    """Fastest time of each call [s] by a clock, all called in turn so that a busy machine hurts them alike."""
-    for call in calls:
-        call()
-    times = np.empty((repeats, len(calls)))
-    for i in range(repeats):
-        for j, call in enumerate(calls):
-            began = clock()
-            call()
-            times[i, j] = clock() - began
-    return [float(t) for t in times.min(axis=0)]
+Row = Mapping[str, Any]
+"""Numbers and texts by the name of their column, whose ending is the unit."""
 
 
 class MissingError(cli.UserError):
@@ -66,11 +23,7 @@ class MissingError(cli.UserError):
 
 
 def optional(quick: bool, measure: Callable[[], T]) -> T | None:
-    """Return what `measure` returns, or None after one line that says what a quick run has to leave out.
-
-    Raises:
-        MissingError: something is not installed, and the run is not a quick one.
-    """
+    """Return what `measure` returns; a quick run leaves out what is not installed, with one line, others raise the error."""
     try:
         return measure()
     except MissingError as error:
@@ -80,27 +33,30 @@ def optional(quick: bool, measure: Callable[[], T]) -> T | None:
         return None
 
 
-def as_table(title: str, rows: Sequence[Row]) -> Table:
-    """The rows for the terminal."""
-    table = Table(title=title)
-    for column in ("what", "ratio", "asked", "ours [ms]", "peer [ms]", ""):
-        table.add_column(column, justify="left" if column in ("what", "") else "right")
+def alternate(*calls: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time) -> list[float]:
+    """Return the fastest time of each call [s], all called in turn so that a busy machine hurts them alike."""
+    times = np.empty((repeats + 1, len(calls)))
+    for i in range(repeats + 1):  # the first round compiles
+        for j, call in enumerate(calls):
+            began = clock()
+            call()
+            times[i, j] = clock() - began
+    return [float(t) for t in times[1:].min(axis=0)]
+
+
+def ratio(what: str, above_s: float, below_s: float, most: float = np.inf, least: float = 0.0) -> Row:
+    """Return the row of one time over another, which must lie within two bounds."""
+    found, asked = above_s / below_s, f"<= {most:g}" if most < np.inf else f">= {least:g}"
+    kept = "yes" if least <= found <= most else "FALLS SHORT"
+    return {"what": what, "above_ms": 1e3 * above_s, "below_ms": 1e3 * below_s, "ratio": found, "asked": asked, "kept": kept}
+
+
+def report(title: str, rows: Sequence[Row], out: Path) -> None:
+    """Print the rows, whose columns are those of the first, and write them as JSON."""
+    table = Table(*(rows[0] if rows else ()), title=title)
     for row in rows:
-        verdict = "" if not row.bound else "ok" if row.ok else "FALLS SHORT"
-        table.add_row(row.what, f"{row.ratio:.3g}", row.bound, f"{1e3 * row.ours_s:.3f}", f"{1e3 * row.peer_s:.3f}", verdict)
-    return table
-
-
-def report(title: str, rows: Sequence[Row], out: Path, **more: Any) -> None:
-    """Print the rows and write them, with what else is to be recorded, as JSON."""
-    cli.report_console().print(as_table(title, rows))
-    machine = {"machine": platform.machine(), "cores": os.cpu_count(), "load": os.getloadavg()[0]}
-    document: dict[str, Any] = {
-        "schema": "ssmr.benchmark/1",
-        "versions": store.versions(),
-        **machine,
-        "rows": [vars(r) for r in rows],
-        **more,
-    }
+        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
+    cli.report_console().print(table)
     cli.output_folder(out.parent)
-    store.write_json(out, document)
+    document = {"schema": "ssmr.benchmark/1", "versions": store.versions(), "cores": os.cpu_count(), "rows": [*rows]}
+    store.write_json(out, store.plain(document))

@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import re
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from typing import Any
@@ -15,7 +14,6 @@ from ssmr.types import FloatArray
 
 CONNECT_TIMEOUT = 5.0  # time within which a scheduler must answer [s]
 _MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")  # packages whose versions decide the numbers
-_one_at_a_time = threading.Lock()  # compiled loops may not run beside each other in one process
 Rate = Callable[..., FloatArray]
 
 
@@ -24,17 +22,12 @@ def costs_by(executor: Executor, shares: int, rate: Rate, points: FloatArray, li
     costs = np.empty(len(points))
     parts = [slice(first, None, shares) for first in range(min(shares, len(points)))]
     try:
-        found = executor.map(_rate_alone, [rate] * len(parts), [points[p] for p in parts], [limits[p] for p in parts])
+        found = executor.map(rate, [points[p] for p in parts], [limits[p] for p in parts], [1] * len(parts))
         for part, share in zip(parts, found, strict=True):
             costs[part] = share
     except Exception as error:  # executors have no common class of errors
         raise SsmrError(f"the executor that rates candidates failed: {type(error).__name__}: {error}") from error
     return costs
-
-
-def _rate_alone(rate: Rate, points: FloatArray, limits: FloatArray) -> FloatArray:
-    with _one_at_a_time:
-        return rate(points, limits, 1)
 
 
 @contextlib.contextmanager

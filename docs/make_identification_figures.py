@@ -21,7 +21,7 @@ from ssmr.metrics.poses import horizon_windows
 from ssmr.types import FloatArray, IndexArray
 from validation.logs.recording_csv import read_csv
 from validation.plants.profile import PLANTS, load_profile
-from validation.show.palette import colour
+from validation.report.palette import colour
 
 SPLIT = 500.0
 """End of the part of the recording that the fit used [s]."""

@@ -19,7 +19,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import load_profile, make_plant
-from validation.show.palette import colour
+from validation.report.palette import colour
 from validation.simulator.model import GRAVITY
 from validation.simulator.plant import MujocoPlant
 from validation.thesis import published

@@ -130,7 +130,7 @@ def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Pla
 def exit_status(program: Any, *arguments: str) -> int:
     """The exit status of a program that runs in this process: starting another one takes longer than what it does."""
     try:
-        cli.run(program, "program", arguments)
+        cli.run(program.command() if isinstance(program, cli.Program) else program, "program", arguments)
     except SystemExit as left:
         return int(left.code or 0)
     return 0

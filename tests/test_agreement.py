@@ -14,7 +14,7 @@ import pytest
 from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import data_folder
 from tests.robots import HUSKY
-from validation.compare import CompareSettings, PlantResult, compare
+from validation.compare import compare
 from validation.fit.objective import FitCost
 from validation.fit.problem import FitProblem
 from validation.fit.search import Search
@@ -23,6 +23,7 @@ from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import make_space, with_values
 from validation.plants.table import plant_kind
+from validation.report.motions import PlantResult
 from validation.thesis import published
 
 TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")
@@ -93,7 +94,7 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
     profile = load_profile("husky-tile")
     kinds = {"wheels": "wheels", "commands": "twist"}
     return {
-        name: compare(open_source(str(TILE), kind, HELD_OUT_FROM), profile, settings=CompareSettings(horizons=(6.0,))).plants  # type: ignore[arg-type]
+        name: compare(open_source(str(TILE), kind, HELD_OUT_FROM), profile, horizons=(6.0,)).plants  # type: ignore[arg-type]
         for name, kind in kinds.items()
     }
 

@@ -16,7 +16,6 @@ import tomli_w
 from tests.conftest import EXACT, exit_status
 from tests.ros_fakes import FakeClock, FakePort
 from validation import load_profile, load_robot
-from validation.compare import __main__ as compare_program
 from validation.compare import compare
 from validation.fit import __main__ as fit_program
 from validation.fit import fit
@@ -80,7 +79,7 @@ def document(path: Path) -> dict[str, Any]:
 
 def test_compare(robot: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert exit_status(compare_program.main, "traj4", "--robot", robot, "--out", str(out)) == 0
+    assert exit_status(compare, "traj4", "--robot", robot, "--out", str(out)) == 0
     found = document(out / "compare.json")
     assert found["robot"] == load_robot(robot).name
     for name, plant in found["plants"].items():
@@ -146,7 +145,7 @@ def test_recordings(robot: str, tmp_path: Path) -> None:
     assert exit_status(commands, "convert", "traj4@mujoco", "--robot", robot, "--out", str(log), "--rate", "50") == 0
     assert exit_status(commands, "info", "traj4@mujoco", "--robot", robot, "--json", str(tmp_path / "info.json")) == 0
     out = tmp_path / "out"
-    assert exit_status(compare_program.main, str(log), "--robot", robot, "--no-rerun", "--out", str(out)) == 0
+    assert exit_status(compare, str(log), "--robot", robot, "--no-rerun", "--out", str(out)) == 0
     found = document(out / "compare.json")
     assert found["robot"] == load_robot(robot).name
     errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in found["plants"].items()}

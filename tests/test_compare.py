@@ -18,7 +18,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import data_folder, metrics_of
 from validation import cli
-from validation.compare import CompareSettings, compare
+from validation.compare import Compare, compare
 from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import open_source
@@ -84,9 +84,9 @@ def test_the_lab_husky_is_near_the_published_model_on_trajectory_4(lab: Profile)
     assert found.plants["mujoco"].metrics["d_rms_m"] <= 0.03
 
 
-@pytest.mark.parametrize("settings", [CompareSettings(), CompareSettings(noise=True, disturbance=True, seed=5)])
-def test_equal_seed_equal_result_whatever_the_workers(lab: Profile, settings: CompareSettings) -> None:
-    one, many = (compare("traj2", lab, settings=settings, workers=w) for w in (1, 4))
+@pytest.mark.parametrize("settings", [{}, {"noise": True, "disturbance": True, "seed": 5}])
+def test_equal_seed_equal_result_whatever_the_workers(lab: Profile, settings: dict[str, Any]) -> None:
+    one, many = (compare("traj2", lab, workers=w, **settings) for w in (1, 4))
     for name, result in one.plants.items():
         assert result.metrics == many.plants[name].metrics
         assert np.array_equal(result.pieces[0].pose, many.plants[name].pieces[0].pose)
@@ -94,13 +94,14 @@ def test_equal_seed_equal_result_whatever_the_workers(lab: Profile, settings: Co
 
 def test_noise_and_disturbance_change_the_result_and_so_does_the_seed(lab: Profile) -> None:
     kinds = [
-        CompareSettings(),
-        CompareSettings(noise=True),
-        CompareSettings(disturbance=True),
-        CompareSettings(disturbance=True, seed=1),
+        {},
+        {"noise": True},
+        {"disturbance": True},
+        {"disturbance": True, "seed": 1},
     ]
     found = {
-        compare("traj2", lab, ("improved", "coulomb"), "improved", s).plants["coulomb"].metrics["sync_rms_m"] for s in kinds
+        compare("traj2", lab, ("improved", "coulomb"), "improved", **s).plants["coulomb"].metrics["sync_rms_m"]
+        for s in kinds
     }
     assert len(found) == len(kinds)
 
@@ -109,7 +110,7 @@ def test_noise_and_disturbance_change_the_result_and_so_does_the_seed(lab: Profi
 def test_a_plant_is_found_again_in_its_own_recording(lab: Profile, plant: str, tmp_path: Path) -> None:
     """Through CSV and back: what is left is the estimated speed of the start, and interpolation."""
     source = open_source(str(recorded(lab, plant, tmp_path)))
-    found = compare(source, lab, (plant,), settings=CompareSettings(horizons=(2.0, 6.0)))
+    found = compare(source, lab, (plant,), horizons=(2.0, 6.0))
     assert found.plants[plant].metrics["sync_rms_m"] < 0.01
     assert found.plants[plant].horizons[6.0].position_median_m < 0.01
     assert found.plants[plant].horizons[2.0].n == 8
@@ -130,7 +131,7 @@ def test_wheel_rates_leave_less_to_guess_than_commands(lab: Profile, tmp_path: P
 def test_gaps_are_not_bridged(lab: Profile, tmp_path: Path) -> None:
     source = open_source(str(recorded(lab, "improved", tmp_path, gap=True)))
     assert len(source.pieces) == 2
-    found = compare(source, lab, ("improved",), settings=CompareSettings(horizons=(2.0, 6.0, 7.5, 60.0)))
+    found = compare(source, lab, ("improved",), horizons=(2.0, 6.0, 7.5, 60.0))
     windows = found.plants["improved"].horizons
     assert windows[2.0].n == 3 + 3
     assert windows[6.0].n == 2
@@ -202,7 +203,7 @@ def test_a_comparison_prints_draws_and_saves_itself(tmp_path: Path) -> None:
     [
         ({"plants": ("gazebo",)}, "unknown plant 'gazebo'; there are: mujoco"),
         ({"profile": "nosuch"}, "no profile 'nosuch'"),
-        ({"settings": CompareSettings(start=3.0)}, "is a scenario"),
+        ({"start": 3.0}, "is a scenario"),
     ],
 )
 def test_a_mistake_is_a_value_error(asked: dict[str, Any], said: str) -> None:
@@ -212,9 +213,9 @@ def test_a_mistake_is_a_value_error(asked: dict[str, Any], said: str) -> None:
 
 def test_settings_are_checked() -> None:
     with pytest.raises(ValueError, match="seed -1 must not be negative"):
-        CompareSettings(seed=-1)
+        Compare("traj1", seed=-1)
     with pytest.raises(ValueError, match="must be positive numbers that increase"):
-        CompareSettings(horizons=(6.0, 2.0))
+        Compare("traj1", horizons=(6.0, 2.0))
 
 
 # ------------------------------------------------------------------------------- as a program
@@ -270,7 +271,7 @@ def test_a_failed_run_exits_1_and_an_interrupt_130(
 def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> None:
     """The last 150 s, which no parameter has seen: median error after 6 s [m]."""
     source = open_source(str(TILE), kind, 500.0)  # type: ignore[arg-type]
-    found = compare(source, load_profile("husky-tile"), ("mujoco", "kinematic"), settings=CompareSettings(horizons=(6.0,)))
+    found = compare(source, load_profile("husky-tile"), ("mujoco", "kinematic"), horizons=(6.0,))
     assert found.plants["mujoco"].horizons[6.0].position_median_m <= position
     assert found.plants["mujoco"].horizons[6.0].n >= 20
 
@@ -278,9 +279,9 @@ def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> N
 @pytest.mark.skipif(sys.platform == "win32", reason="interrupts are sent otherwise there")
 def test_an_interrupt_in_mid_run_leaves_nothing(lab: Profile, tmp_path: Path) -> None:
     recorded(lab, "improved", tmp_path)
-    program = "import os, signal; from validation import cli; from validation.compare import run, __main__ as program; "
-    program += "real = run.drive; run.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; "
-    program += "cli.run(program.main, 'compare', ['drive.csv', '--out', 'out'])"
+    program = "import os, signal; from validation import cli; import validation.compare as program; real = program.drive; "
+    program += "program.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; "
+    program += "cli.run(program.compare.command(), 'compare', ['drive.csv', '--out', 'out'])"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)

@@ -23,7 +23,7 @@ from validation.drive.run import TICK, HandDrive, drive_by_hand, prepare_drive
 from validation.drive.window import DriveWindow, NoWindowError
 from validation.logs.formats import read_recording
 from validation.plants.profile import Profile
-from validation.show.stage import Stage
+from validation.report.stage import Stage
 from validation.simulator.terrain import Terrain
 
 SCRIPT = ["0.5 up up up", "1 left", "# straight on", "1.5 enter", "", "2 space"]

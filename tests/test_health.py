@@ -15,7 +15,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from tests.conftest import ROUNDOFF
 from tests.robots import husky
-from validation.compare import CompareSettings, compare
+from validation.compare import compare
 from validation.plants.profile import Profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.contact_law import ContactLaw, contact_law
@@ -267,7 +267,7 @@ def test_a_gate_of_loads_alone_says_nothing_of_what_it_does_not_know() -> None:
 
 # ------------------------------------------------------------------------------- in a comparison
 def test_compare_tells_inertia_torque_and_trembling(lab: Profile) -> None:
-    found = compare("traj4", lab, ("mujoco", "improved"), settings=CompareSettings(noise=True))
+    found = compare("traj4", lab, ("mujoco", "improved"), noise=True)
     health = found.as_dict()["plants"]["mujoco"]["health"]
     section = lab.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)

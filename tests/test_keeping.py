@@ -15,7 +15,7 @@ from validation.replicate import Replication, ReplicationSettings, keeping
 from validation.replicate.evidence import FIGURE_FOLDER, SECTION_FOLDER, Answer, Context, Findings, Picture, Section, Table
 from validation.replicate.keeping import keep, kept, picture_bytes
 from validation.replicate.report import document_markdown, document_of
-from validation.show.tables import Cell, Grid
+from validation.report.tables import Cell, Grid
 from validation.thesis.verdicts import Pair
 
 SETTINGS, DIGEST = ReplicationSettings(), "0" * 64

@@ -15,8 +15,7 @@ from ssmr.metrics.poses import horizon_windows
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
-from validation.compare import CompareSettings, compare
-from validation.compare.table import comparison_markdown
+from validation.compare import compare
 from validation.fit import fit
 from validation.fit.objective import windows
 from validation.logs.groups import groups_of
@@ -186,11 +185,11 @@ def test_windows_span_no_jump(cut: WindowCut) -> None:
 
 def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     errors, costs = [], []
-    settings = CompareSettings(input="wheels", horizons=(6.0,))
+    settings = {"input": "wheels", "horizons": (6.0,)}
     for name, jumps in (("sound", {}), ("jumped", {10.0: 5.0, 45.0: -3.0})):
         path = tmp_path / f"{name}.csv"
         write_csv(with_jumps(drive(), jumps), path)
-        compared = compare(str(path), plants=("kinematic",), settings=settings, workers=1)
+        compared = compare(str(path), plants=("kinematic",), workers=1, **settings)
         fitted = fit("kinematic", path, input="wheels", free=("wheel_radius",), population=5, generations=1, workers=1)
         said = (caplog.messages, compared.notes(), compared.as_dict()["notes"], fitted.as_dict()["notes"])
         warned = [any("jumps 2 times" in sentence for sentence in sentences) for sentences in said]
@@ -213,8 +212,8 @@ def test_parts_of_a_log_are_told_apart(tmp_path: Path) -> None:
 def test_windows_of_the_picture_span_no_jump_either(tmp_path: Path) -> None:
     at = [float(a) for a in np.arange(4.0, 60.0, 8.0)]
     write_csv(with_jumps(drive(), dict.fromkeys(at, 2.0)), tmp_path / "log.csv")
-    settings = CompareSettings(input="wheels", horizons=(6.0,))
-    found = compare(str(tmp_path / "log.csv"), plants=("kinematic",), settings=settings, workers=1)
+    settings = {"input": "wheels", "horizons": (6.0,)}
+    found = compare(str(tmp_path / "log.csv"), plants=("kinematic",), workers=1, **settings)
     titles = [ax.get_title(loc="left") for ax in found.figure().axes if ax.get_xlabel() == "ahead [m]"]
     assert titles
     for title in titles:
@@ -245,8 +244,8 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
 
 def test_plants_that_a_recording_cannot_tell_apart_are_said_and_written(tmp_path: Path) -> None:
     write_csv(drive(), tmp_path / "log.csv")
-    settings = CompareSettings(input="wheels", horizons=(2.0, 6.0))
-    found = compare(str(tmp_path / "log.csv"), plants=("improved", "coulomb", "linear"), settings=settings, workers=1)
+    settings = {"input": "wheels", "horizons": (2.0, 6.0)}
+    found = compare(str(tmp_path / "log.csv"), plants=("improved", "coulomb", "linear"), workers=1, **settings)
     rng = np.random.default_rng(1)
 
     def errors(yaw: float) -> dict[float, WindowErrors]:
@@ -263,7 +262,7 @@ def test_plants_that_a_recording_cannot_tell_apart_are_said_and_written(tmp_path
         "After 6 s the recording cannot tell apart in yaw: improved and coulomb.",
     ]
     assert made.as_dict()["notes"] == list(made.notes())
-    assert all(note in comparison_markdown(made) for note in made.notes()[-2:])
+    assert all(note in made.markdown() for note in made.notes()[-2:])
     assert compare("traj1", plants=("improved",), reference="improved").as_dict()["alike"] is None
 
 

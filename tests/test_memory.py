@@ -37,7 +37,7 @@ import numpy as np
 from validation.plants.profile import load_profile, make_plant
 from validation.simulator.health import examine
 from validation.simulator.wheel_loads import load_model, resting_loads
-from validation.show.robot_mesh import robot_mesh
+from validation.report.robot_mesh import robot_mesh
 lab = load_profile("thesis-lab")
 plant = make_plant(lab, "mujoco")
 kept = [plant, load_model(plant), resting_loads(plant), robot_mesh(lab.robot)]

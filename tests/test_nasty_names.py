@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 
 from tests.urdf_factory import UrdfRobot
 from validation import cli
-from validation.compare.__main__ import main as compare
+from validation.compare import compare
 from validation.fit.__main__ import main as fit
 from validation.plants.profile import load_profile
 from validation.recordings.__main__ import PROGRAM as LOG_COMMANDS

@@ -21,14 +21,14 @@ BARE = """
 import sys
 sys.modules.update(dict.fromkeys(("dm_control", "labmaze", "rerun", "rerun_cli", "pyarrow")))
 from validation import cli, learning, load_profile
-from validation.compare.__main__ import main
-cli.run(main, "compare", ["traj2", "--plants", "mujoco,improved", "--no-rerun"])
+from validation.compare import compare
+cli.run(compare.command(), "compare", ["traj2", "--plants", "mujoco,improved", "--no-rerun"])
 learning.TrackBatch(learning.TrackTask(), 2).reset()
 try:
     learning.RobotEntity
 except ImportError as error:
     print("entity:", error)
-cli.run(main, "compare", ["traj2"])
+cli.run(compare.command(), "compare", ["traj2"])
 """
 pytest.importorskip("hatchling", reason="building a wheel needs the extra `test`")
 
@@ -57,8 +57,8 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     (entries,) = site.glob("*.dist-info/entry_points.txt")
     assert "ssmr = validation.cli.__main__:main" in entries.read_text()
     program = f"import sys; sys.path.insert(0, {str(site)!r}); import validation; print(validation.__file__)"
-    program += "; from validation import cli; from validation.compare.__main__ import main"
-    program += "; cli.run(main, 'compare', ['traj2', '--plants', 'mujoco,improved', '--no-rerun'])"
+    program += "; from validation import cli; from validation.compare import compare"
+    program += "; cli.run(compare.command(), 'compare', ['traj2', '--plants', 'mujoco,improved', '--no-rerun'])"
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=300

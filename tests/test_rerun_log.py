@@ -22,17 +22,18 @@ import mujoco
 import numpy as np
 import pytest
 import rerun as rr
+from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import ROUNDOFF, Launch, metrics_of
-from validation.compare import Comparison, PlantResult
-from validation.compare.rerun import write_recording
-from validation.show import thinning
-from validation.show.robot_mesh import body_mesh
-from validation.show.thinning import POSE_PERIOD, outline_of
-from validation.show.viewer import open_viewer
+from validation.report import thinning
+from validation.report.motions import Comparison, PlantResult
+from validation.report.robot_mesh import body_mesh
+from validation.report.scene import write_recording
+from validation.report.thinning import POSE_PERIOD, outline_of
+from validation.report.viewer import open_viewer
 from validation.simulator.description import WHEELS
 
 SINGLE = 2.0**-22
@@ -84,7 +85,14 @@ def comparison(times: Sequence[FloatArray], plants: Sequence[str] = PLANTS, spee
     commands = tuple(Commands(0.05, np.tile([speed, 0.8], (max(1, round((t[-1] - t[0]) / 0.05)), 1))) for t in times)
     results = {name: PlantResult(name, p, UNRATED, {}, 0.1, 20.0) for name, p in pieces.items()}
     options = {"input": "commands", "noise": False, "horizons": 6.0}
-    return Comparison("traj4", "thesis-lab", plants[0], pieces[plants[0]], commands, results, 3, options, {"mujoco": "3.17"})
+    return compared("traj4", pieces[plants[0]], commands, results, seed=3, options=options, versions={"mujoco": "3.17"})
+
+
+def compared(source: str, reference: Any, commands: Any, plants: Mapping[str, PlantResult], **more: Any) -> Comparison:
+    """A comparison of plants with the first of them, of which only the motions matter."""
+    about = {"program": "compare", "title": source, "tables": (), "document": {}, "draw": Figure, "profile": "thesis-lab"}
+    motions = {"source": source, "reference": reference, "commands": commands, "plants": plants}
+    return Comparison(**{**about, **motions, "reference_name": next(iter(plants)), "seed": 0, **more})
 
 
 def against_a_recording(made: Comparison) -> Comparison:
@@ -258,9 +266,7 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
     still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
     result = PlantResult("kinematic", (still,), UNRATED, {}, 0.1, 20.0)
     commands = (Commands(0.008, np.zeros((max(1, len(t) - 1), 2))),)
-    write_recording(
-        Comparison("a", "b", "kinematic", (still,), commands, {"kinematic": result}, 0, {}, {}), tmp_path / "a.rrd", REPORT
-    )
+    write_recording(compared("a", (still,), commands, {"kinematic": result}), tmp_path / "a.rrd", REPORT)
     assert len(Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[0]) >= 1
 
 

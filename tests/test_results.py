@@ -26,8 +26,8 @@ from validation.fit import fit
 from validation.logs.recording_csv import write_csv
 from validation.plants.profile import Profile
 from validation.progress import Progress
+from validation.report.drawing import save_figure
 from validation.robots import check_robot
-from validation.show.drawing import save_figure
 from validation.track import track
 from validation.tune import tune
 

@@ -17,7 +17,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from tests.conftest import EXACT, exit_status
 from tests.robots import TRACK, WHEELBASE, husky
-from validation.compare import __main__ as compare
+from validation.compare import compare
 from validation.plants.profile import Profile, make_plant
 from validation.simulator.model import robot_model
 from validation.simulator.physics import PhysicsSettings
@@ -172,7 +172,7 @@ def test_halving_the_step_on_terrain_moves_the_end_by_little(lab: Profile, spec:
 
 def test_programs_drive_on_it(tmp_path: Path) -> None:
     asked = ("traj4", "--plants", "improved", "--terrain", "ramp:3", "--out", str(tmp_path / "c"))
-    assert exit_status(compare.main, *asked) == 0
+    assert exit_status(compare, *asked) == 0
     document = json.loads((tmp_path / "c" / "compare.json").read_text())
     assert document["options"]["terrain"] == "ramp:slope_deg=3,toward_deg=0"
     loads = document["plants"]["mujoco"]["wheel_loads"]

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from ssmr.types import Commands, State
-from validation.compare.result import Comparison
-from validation.compare.run import prepare
+from validation.compare import compare
 from validation.motion.sources import Piece, Source
 from validation.plants.profile import Profile
 from validation.progress import Progress
-from validation.show import video
-from validation.show.graphics import NoGraphicsError, open_graphics
-from validation.show.stage import Stage, ink
+from validation.report import video
+from validation.report.graphics import NoGraphicsError, open_graphics
+from validation.report.motions import Comparison
+from validation.report.stage import Stage, ink
 from validation.simulator.description import load_robot
 from validation.simulator.terrain import parse_terrain
 
@@ -37,7 +37,7 @@ SMALL = {".mp4": video._Format(320, 192, 25.0, 0.2), ".gif": video._Format(320, 
 def comparison(lab: Profile) -> Comparison:
     commands = Commands(0.1, np.tile([0.8, 0.6], (20, 1)))
     source = Source("a curve", (Piece(commands, State(), None, None),), "mujoco", 0.02)
-    return prepare(source, lab, ("mujoco", "kinematic")).run()
+    return compare(source, lab, ("mujoco", "kinematic"))
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_rough_ground_is_where_the_terrain_is() -> None:
 
 
 def test_a_film_shows_every_instant_and_hurries_when_it_is_long(comparison: Comparison) -> None:
-    from validation.compare.rerun import compared_tracks
+    from validation.report.scene import compared_tracks
 
     film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, 10.0), "a curve")
     assert film.t == pytest.approx(np.arange(0.0, 2.01, 0.1))
@@ -87,7 +87,7 @@ def test_a_film_shows_every_instant_and_hurries_when_it_is_long(comparison: Comp
 
 @pytest.mark.parametrize("longest", [10.0, 0.4])
 def test_the_eye_does_not_lose_the_robot_however_fast_it_is_shown(comparison: Comparison, longest: float) -> None:
-    from validation.compare.rerun import compared_tracks
+    from validation.report.scene import compared_tracks
 
     film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, longest), "a curve")
     away = np.linalg.norm(film._look_at[:, :2] - film._poses[0][:, :2], axis=1)

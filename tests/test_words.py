@@ -21,8 +21,8 @@ from rich.console import Console
 
 from validation import cli, words
 from validation.cli import process, running
-from validation.show import drawing
-from validation.show.tables import Cell, Grid, markdown_table, rich_table, text_tables
+from validation.report import drawing
+from validation.report.tables import Cell, Grid, markdown_table, rich_table, text_tables
 
 NASTY = (
     "\x1b[31mred\x1b[0m",

@@ -8,7 +8,7 @@ byte of a file name that is no text as `\xff`.
 - markdown: `markdown` for prose, `markdown_cell` for tables, `code_span` for names;
 - names of files that are made from foreign text: `file_name`;
 - a line on standard error, which may quote what was given: `abridged`;
-- pictures: `shortened`, and `validation.show.drawing.drawable` for glyphs that the font lacks;
+- pictures: `shortened`, and `validation.report.drawing.drawable` for glyphs that the font lacks;
 - a terminal that knows only ASCII: `ascii_text`, which the command lines put behind their streams.
 """
 

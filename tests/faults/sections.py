@@ -34,7 +34,7 @@ def _found(context: Any) -> Any:
     from matplotlib.figure import Figure
 
     from validation.replicate.evidence import Findings, Table
-    from validation.show.tables import Cell, Grid
+    from validation.report.tables import Cell, Grid
     from validation.thesis.verdicts import Pair
 
     figure = Figure(figsize=(1, 1))

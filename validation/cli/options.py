@@ -21,7 +21,10 @@ from tyro.constructors import PrimitiveConstructorSpec
 from ssmr.parameters import MOST_SEED
 from validation.cli.reporting import report_console, shown
 from validation.logs.limits import USUAL, LogLimits
+from validation.plants.profile import Profile
 from validation.progress import Report
+from validation.simulator.description import Robot
+from validation.simulator.terrain import Terrain, parse_terrain
 from validation.store import make_folder
 from validation.words import shortened, visible
 
@@ -244,6 +247,27 @@ RobotName = Annotated[
 """The robot, by name or path; None for that of the profile."""
 
 
+def text_of(metavar: str) -> object:
+    """Return what to annotate an option with that is a text on the command line and may be an object in Python."""
+    return parsed(str, metavar, lambda value: "" if value is None else str(value))
+
+
+AnyRobot = Annotated[
+    Robot | str | Path | None,
+    text_of("ROBOT"),
+    option(default="the profile's", help="Name of a shipped robot, or path of a robot's file (.toml)."),
+]
+"""The robot: itself, its name or its path; None for that of the profile."""
+AnyProfile = Annotated[Profile | str | Path | None, text_of("PROFILE")]
+"""The plants' parameters: themselves, their name or their path; with a `profile_option` beside it."""
+Ground = Annotated[
+    Terrain,
+    parsed(parse_terrain, "GROUND", lambda terrain: terrain.spec),
+    option(help="Ground under the MuJoCo robot: flat, ramp:DEG, rough:MM or split:RATIO; docs/terrain.md has more keys."),
+]
+"""Ground of the MuJoCo robot."""
+
+
 def profile_option(default: str) -> object:
     """Return the annotation of `--profile`; `default` says in words which profile is taken without it and `--robot`."""
     hint = f"{default}; for another --robot the numbers of its file"
@@ -263,7 +287,7 @@ class Run:
     workers: Workers = None
 
 
-class Filmed(Protocol):
+class FilmedResult(Protocol):
     """A result that can be seen in motion."""
 
     def write_video(self, path: Path, progress: Report) -> None:
@@ -299,12 +323,12 @@ class Output:
             require_rerun("the recording", "install it, or add --no-rerun")
         if self.video is not None:
             require_rerun("a video")
-            from validation.show.video import check_video
+            from validation.report.video import check_video
 
             check_video(self.video)
             make_folder(self.video.parent)
 
-    def draw(self, result: Filmed) -> None:
+    def draw(self, result: FilmedResult) -> None:
         """Write the video if it is asked for, and print its path."""
         if self.video is not None:
             with shown("drawing") as progress:
@@ -314,10 +338,10 @@ class Output:
     def show(self, recording: Path) -> None:
         """Open the recording in the viewer if that is asked for."""
         if self.view:
-            from validation.show.viewer import open_viewer
+            from validation.report.viewer import open_viewer
 
             open_viewer(recording)
         elif self.view_web:
-            from validation.show.viewer import serve_viewer
+            from validation.report.viewer import serve_viewer
 
             serve_viewer(recording)

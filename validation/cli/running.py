@@ -10,6 +10,7 @@ import inspect
 import io
 import itertools
 import logging
+import os
 import re
 import signal
 import sys
@@ -27,7 +28,7 @@ from rich.console import Console
 
 from ssmr.errors import SsmrError
 from validation import store
-from validation.cli import process
+from validation.cli import early, process
 from validation.cli.early import EXIT_FAILED_RUN, EXIT_FAULT, is_short_of_memory
 from validation.cli.options import NUMBERS, UserError
 from validation.cli.reporting import say, warn
@@ -75,6 +76,17 @@ def output_folder(path: Path) -> Path:
         raise UserError(f"--out {error}") from error
 
 
+def require_writable(folder: Path) -> None:
+    """Refuse a folder that could not be made or written, before hours of work.
+
+    Raises:
+        UserError: the nearest folder that exists cannot be written.
+    """
+    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        raise UserError(f"--out {folder}: {nearest} is no folder that can be written; name another")
+
+
 @contextlib.contextmanager
 def writes(option: str, path: Path) -> Iterator[None]:
     """Within, a file that cannot be written is the user's mistake, who named it by this option."""
@@ -108,6 +120,8 @@ def run(
         program: how usage texts call the program, such as `python -m validation.compare`.
         arguments: the command line; by default that of this process.
     """
+    sys.excepthook = early.answer
+    early.require_resources()
     process.prepare_streams()
     _prepare_log()
     _prepare_warnings()

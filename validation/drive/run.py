@@ -16,8 +16,7 @@ import numpy as np
 from ssmr.errors import SsmrError
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, Plant, State
-from validation.compare.result import Comparison
-from validation.compare.run import CompareSettings, PreparedComparison, prepare
+from validation.compare import Compare, PreparedComparison, prepare
 from validation.drive.hands import Hands, Press, script_line
 from validation.drive.window import DriveWindow
 from validation.logs.formats import write_log
@@ -27,8 +26,9 @@ from validation.plants.profile import Profile
 from validation.plants.table import STANDARD, USUAL_PLANTS
 from validation.progress import Report, silent
 from validation.recordings.simulated_log import log_of_drive
+from validation.report.motions import Comparison
+from validation.report.stage import Stage
 from validation.ros.pacing import Pacer
-from validation.show.stage import Stage
 from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.store import make_folder
@@ -72,14 +72,15 @@ class HandDrive:
             OSError: it cannot be written.
         """
         make_folder(folder)
-        path, settings = unused(folder, "drive.csv"), self.prepared.settings
+        path, options = unused(folder, "drive.csv"), self.prepared.options
         commands, profile = self.prepared.source.pieces[0].commands, self.prepared.profile
-        write_log(Log(path, log_of_drive(commands, STANDARD, profile, settings.seed, terrain=settings.terrain)), path)
+        write_log(Log(path, log_of_drive(commands, STANDARD, profile, options.seed, terrain=options.terrain)), path)
         return path
 
     def compare(self, workers: int | None = None, progress: Report = silent) -> Comparison:
         """Return the comparison of all plants with MuJoCo's robot over this drive."""
-        return self.prepared.run(workers, progress)
+        options = replace(self.prepared.options, workers=workers, progress=progress)
+        return replace(self.prepared, options=options).run()
 
 
 def unused(folder: Path, name: str) -> Path:
@@ -102,9 +103,7 @@ def prepare_drive(
     Raises:
         ValueError: a name that there is not, or a negative seed.
     """
-    return prepare(
-        _source(np.zeros((1, 2))), profile, plants, STANDARD, CompareSettings(seed=seed, terrain=terrain), robot=robot
-    )
+    return prepare(Compare(_source(np.zeros((1, 2))), profile, tuple(plants), STANDARD, robot, seed=seed, terrain=terrain))
 
 
 def drive_by_hand(
@@ -143,14 +142,14 @@ def drive_by_hand(
         plant.reset(start)
     drive = prepared.profile.robot.drive
     greatest = (limit if math.isfinite(limit) else _USUAL_LIMIT for limit in (drive.v_max, drive.w_max))
-    about = f"{prepared.profile.name}, {prepared.profile.robot.name}, {prepared.settings.terrain.spec}"
+    about = f"{prepared.profile.name}, {prepared.profile.robot.name}, {prepared.options.terrain.spec}"
     hands, given = Hands(*greatest), _Given(journal, about)
     interrupted, failure, pacer, window = False, "", Pacer(clock, sleep, _MOST_BEHIND), None
     if script is not None:
         until = min(until, (script[-1][0] if script else 0.0) + _AFTER_KEYS)
     try:
         if script is None:
-            window = DriveWindow(Stage(prepared.profile.robot, names, prepared.settings.terrain))
+            window = DriveWindow(Stage(prepared.profile.robot, names, prepared.options.terrain))
             pacer = Pacer(clock, sleep, _MOST_BEHIND)
         _loop(plants, hands, given, until, script or (), window, pacer)
     except KeyboardInterrupt:

@@ -16,7 +16,7 @@ import numpy as np
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
 from validation.drive.hands import KEYS
-from validation.show.stage import Stage, ink
+from validation.report.stage import Stage, ink
 from validation.words import ascii_text, one_line
 
 _HELP = "arrows: faster, slower, left, right\nenter: straight on, space: stop\nclose the window to end"

@@ -14,7 +14,7 @@ from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import WindowErrors
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
-from validation.show.tables import with_robot
+from validation.report.tables import with_robot
 from validation.simulator.description import USUAL_ROBOT
 
 

@@ -23,13 +23,13 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.metrics.poses import HorizonErrors, horizon_windows, relative_pose_error
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors
 from ssmr.types import FloatArray, Trajectory
-from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import FitData, Scored
 from validation.fit.search_figure import SearchLooks, draw_title, search_page, title_path
 from validation.fit.table import fit_notes, source_text
-from validation.show import drawing
-from validation.show.drawing import BESIDE_INK, BROAD, DASHED, NARROW, Dashes, HorizonMarks, Ink, Interval, Panel, Row
-from validation.show.tables import length_unit, shortened
+from validation.report import drawing
+from validation.report.drawing import BESIDE_INK, BROAD, DASHED, NARROW, Dashes, HorizonMarks, Ink, Interval, Panel, Row
+from validation.report.motions import HEADLINE_HORIZON
+from validation.report.tables import length_unit, shortened
 
 _LONGEST_STRETCH = 30.0
 """Longer motions, and ones in pieces, are shown over a stretch of this length [s]."""

@@ -12,12 +12,13 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Trajectory
-from validation.compare.data import ComparisonData, PlantResult
-from validation.compare.rerun import History, write_recording
 from validation.fit.data import FitData, FittedParameter
 from validation.fit.table import fit_markdown
-from validation.show.palette import colour
-from validation.show.tables import option_text
+from validation.report.motion_panels import comparison_figure
+from validation.report.motions import Comparison, PlantResult
+from validation.report.palette import colour
+from validation.report.scene import History, write_recording
+from validation.report.tables import option_text
 
 
 def write_fit_recording(result: FitData, path: Path) -> None:
@@ -35,7 +36,7 @@ def write_fit_recording(result: FitData, path: Path) -> None:
     write_recording(as_comparison(result), path, fit_markdown(result), [history])
 
 
-def as_comparison(result: FitData) -> ComparisonData:
+def as_comparison(result: FitData) -> Comparison:
     """Return the first source that was fitted to as a comparison whose reference is the true motion, without commands.
 
     Bodies are drawn by the tracked frame where that was fitted, else as if it were the plants' own.
@@ -55,15 +56,20 @@ def as_comparison(result: FitData) -> ComparisonData:
         plants.append(plant("before", first.before, tracked(lambda p: p.before)))
     if reference != "recording":
         plants.append(plant(reference, first.truth, Localiser()))
-    return ComparisonData(
-        first.label,
-        result.begun_with,
-        reference,
-        first.truth,
-        (),
-        {p.name: p for p in plants},
-        result.seed,
-        {k: option_text(v) for k, v in result.options.items() if v is not None},
-        result.versions,
+    return Comparison(
+        program="fit",
+        title=f"{first.label}, profile {result.begun_with}",
+        tables=(),
+        document={},
+        draw=comparison_figure,
+        source=first.label,
+        profile=result.begun_with,
+        reference_name=reference,
+        reference=first.truth,
+        commands=(),
+        plants={p.name: p for p in plants},
+        seed=result.seed,
+        options={k: option_text(v) for k, v in result.options.items() if v is not None},
+        versions=result.versions,
         robot=result.profile.robot,
     )

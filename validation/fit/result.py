@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from validation.fit.data import FitData
 from validation.fit.table import fit_grids, fit_notes
-from validation.show.result import Result
-from validation.show.tables import Grid
+from validation.report.result import Result
+from validation.report.tables import Grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

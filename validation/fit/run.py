@@ -17,7 +17,6 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
-from validation.compare.table import HEADLINE_HORIZON
 from validation.fit.data import Scored
 from validation.fit.executors import dask_executor
 from validation.fit.objective import FitCost, FitTarget
@@ -33,6 +32,7 @@ from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress, Report, silent
+from validation.report.motions import HEADLINE_HORIZON
 from validation.simulator.description import Robot
 
 Method = Literal["jde", "hybrid", "lsq"]

@@ -16,9 +16,9 @@ from matplotlib.ticker import MaxNLocator
 from ssmr.types import FloatArray
 from validation.fit.data import FittedParameter, SearchData
 from validation.fit.table import STOPPED, effort, ending, flags, unit_text, value_text
-from validation.show import drawing
-from validation.show.drawing import ALARM, BESIDE_INK, DASHED, QUIET, Ink, Panel, Row
-from validation.show.tables import option_text, shortened
+from validation.report import drawing
+from validation.report.drawing import ALARM, BESIDE_INK, DASHED, QUIET, Ink, Panel, Row
+from validation.report.tables import option_text, shortened
 
 _BESIDE = 6
 """Up to this many parameters, the correlations stand beside them, row by row; else below the convergence."""

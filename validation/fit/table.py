@@ -10,8 +10,8 @@ from pathlib import Path
 from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.metrics.poses import HorizonErrors
 from validation.fit.data import FitData, FittedParameter, Scored, SearchData
-from validation.show import tables
-from validation.show.tables import NOTHING, Cell, Grid, one_line
+from validation.report import tables
+from validation.report.tables import NOTHING, Cell, Grid, one_line
 
 _VAGUE_SHARE = 0.5  # a parameter with a wider interval, as a share of the space between its bounds, is marked as uncertain
 _KNOWN_DIGITS = 4  # significant digits of a number whose error is not known

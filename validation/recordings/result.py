@@ -16,7 +16,7 @@ from validation.logs.offsets import Offset
 from validation.logs.recording import Recording
 from validation.logs.rest import Rest
 from validation.recordings.table import group_grid, health_grid, log_notes, offset_grid, reckoning_grid, topic_grid
-from validation.show.tables import Grid, text_tables
+from validation.report.tables import Grid, text_tables
 from validation.store import versions, write_json, write_text
 
 

@@ -15,7 +15,7 @@ from validation.logs.health import LogHealth
 from validation.logs.log import Log, Topic
 from validation.logs.offsets import Offset
 from validation.logs.rest import REST_LEAST, Rest
-from validation.show.tables import DEGREES, NOTHING, Cell, Grid, Unit
+from validation.report.tables import DEGREES, NOTHING, Cell, Grid, Unit
 
 _RATE, _SECONDS = Unit("Hz", 1.0, 2), Unit("s", 1.0, 2)
 _SAMPLING = (("samples", "1"), ("rate", "Hz"), ("from", "s"), ("to", "s"))

@@ -25,7 +25,7 @@ from ssmr.scenarios import SineScenario
 from ssmr.simulation import PLANAR_DT, PlanarModel
 from ssmr.types import FloatArray
 from validation.plants.profile import load_profile
-from validation.show.tables import Cell, Grid
+from validation.report.tables import Cell, Grid
 
 PROFILE = "thesis-printed"
 """The printed parameters, with nothing fitted."""

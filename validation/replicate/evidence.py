@@ -27,8 +27,8 @@ from validation.fit.checkpoint import CheckpointError
 from validation.fit.data import SearchData
 from validation.fit.targets import MOST_TIME
 from validation.progress import Report, silent
-from validation.show.drawing import save_figure
-from validation.show.tables import Grid
+from validation.report.drawing import save_figure
+from validation.report.tables import Grid
 from validation.simulator.description import models_folder
 from validation.thesis.verdicts import Pair
 

@@ -15,7 +15,7 @@ from ssmr.types import Trajectory
 from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile
 from validation.replicate.evidence import Context, Findings, Section, Table
-from validation.show.tables import Cell, Grid
+from validation.report.tables import Cell, Grid
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
 from validation.track.gains import load_gains

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ssmr.types import FloatArray, Trajectory
 from validation.replicate.tracked import TableEntry
-from validation.show.drawing import (
+from validation.report.drawing import (
     QUIET,
     Panel,
     Row,
@@ -28,7 +28,7 @@ from validation.show.drawing import (
     side_by_side,
     text_row,
 )
-from validation.show.palette import VERDICT_INKS
+from validation.report.palette import VERDICT_INKS
 
 _SHOWN = 0.5
 """Duration of the part of the trajectory that is drawn, around a reversal of the turn [s]."""

@@ -16,7 +16,7 @@ from ssmr.parameters import packed
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.simulation import PLANAR_DT, PlanarModel
 from validation.replicate.evidence import Context, Findings, Section, Table
-from validation.show.drawing import Ink, Panel, draw_footer, ink_of, put_together, side_by_side, text_row
+from validation.report.drawing import Ink, Panel, draw_footer, ink_of, put_together, side_by_side, text_row
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
 

@@ -26,8 +26,8 @@ from validation.motion.sources import open_source
 from validation.plants.profile import load_profile, make_plant
 from validation.progress import Progress
 from validation.replicate.evidence import Context, Findings, Section, Table
-from validation.show.drawing import QUIET, draw_section, inset, put_together, side_by_side, text_row
-from validation.show.tables import Cell, Grid
+from validation.report.drawing import QUIET, draw_section, inset, put_together, side_by_side, text_row
+from validation.report.tables import Cell, Grid
 from validation.simulator.turning import STRAIGHT_SPEED
 from validation.study.engines.variants import GAZEBO, MAKERS_HUSKY, EngineVariant
 from validation.thesis import published

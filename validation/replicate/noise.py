@@ -21,7 +21,7 @@ from validation.logs.groups import Group
 from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate.evidence import Context, Findings, Section, Table
-from validation.show.drawing import (
+from validation.report.drawing import (
     DASHED,
     QUIET,
     Panel,
@@ -33,7 +33,7 @@ from validation.show.drawing import (
     side_by_side,
     text_row,
 )
-from validation.show.tables import Cell, Grid
+from validation.report.tables import Cell, Grid
 from validation.study.noise import NoiseOptions, NoiseStudy
 from validation.study.noise.run import noise_of
 from validation.thesis import published

@@ -20,7 +20,7 @@ from ssmr.robot.sensors import SensorNoise
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import Trajectory
-from validation.compare.run import CompareSettings, compare
+from validation.compare import compare
 from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
 from validation.logs.formats import read_recording
@@ -34,7 +34,7 @@ from validation.plants.table import plant_kind
 from validation.progress import Progress
 from validation.replicate.evidence import Context, Findings, Section, Table
 from validation.replicate.figures import draw_causes
-from validation.show.tables import Cell, Grid
+from validation.report.tables import Cell, Grid
 from validation.simulator.description import load_robot
 from validation.thesis import published
 from validation.thesis.verdicts import RULE_OF, Pair
@@ -217,7 +217,7 @@ def _recorded_grid(path: str) -> Grid:
         if len(part.segments()) != 1 or float(part.t[-1] - part.t[0]) < 0.9 * _STRETCH:
             continue
         source = source_of(part, "recording", "twist")
-        result = compare(source, profile, plants, None, CompareSettings(input="commands", horizons=(6.0,)))
+        result = compare(source, profile, plants, input="commands", horizons=(6.0,))
         for plant, driven in result.plants.items():
             found.setdefault(("fitted to" if start + _STRETCH <= until else "held out", plant), []).append(driven.metrics)
     header = (("part", ""), ("plant", ""), ("stretches", "1"), ("d_rms", "mm"), ("d_haus", "mm"), ("d_ratio", ""))

@@ -12,9 +12,7 @@ from ssmr.metrics.paths import path_length
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.types import CommandKind, FloatArray
 from validation import store
-from validation.compare.figure import comparison_figure
-from validation.compare.result import Comparison
-from validation.compare.run import CompareSettings, compare
+from validation.compare import compare
 from validation.logs.formats import read_recording
 from validation.logs.recording import Recording
 from validation.motion.sources import Source, source_of
@@ -22,7 +20,8 @@ from validation.plants.profile import Profile, load_profile
 from validation.plants.table import USUAL_PLANTS
 from validation.replicate.evidence import Context, Findings, Section
 from validation.replicate.figures import BinnedErrors, draw_residuals
-from validation.show.tables import Cell, Grid
+from validation.report.motions import Comparison
+from validation.report.tables import Cell, Grid
 
 _PROFILE = "husky-tile"
 _DRIVEN_BY: tuple[tuple[Literal["wheels", "commands"], CommandKind, str], ...] = (
@@ -63,11 +62,12 @@ def _real(context: Context) -> Findings:
     for input_, kind, words in inputs:
         sources = {part: source_of(piece, "recording", kind) for part, piece in parts.items()}
         for part, source in sources.items():
-            how = CompareSettings(input=input_, horizons=_HORIZONS)
-            found[input_, part] = compare(source, profile, USUAL_PLANTS, None, how, context.workers)
+            found[input_, part] = compare(
+                source, profile, USUAL_PLANTS, input=input_, horizons=_HORIZONS, workers=context.workers
+            )
         last = list(parts)[-1]
         caption = f"The plants driven by {words}, {last}: paths over windows, errors by horizon, yaw rate and speed."
-        pictures.append(context.picture(f"paths-{input_}", comparison_figure(found[input_, last]), caption))
+        pictures.append(context.picture(f"paths-{input_}", found[input_, last].figure(), caption))
         residuals = _binned([(found[input_, part], source) for part, source in sources.items()])
         caption = (
             f"Errors by motion, plants driven by {words}: median over windows of {_WINDOW:g} s, by recorded speed and yaw "

@@ -18,7 +18,7 @@ from validation import store
 from validation.replicate.evidence import Answer, Findings, Picture, ReplicationSettings, Section
 from validation.replicate.keeping import picture_bytes
 from validation.replicate.tables import Part, is_printed, parts_of
-from validation.show.tables import Cell, Grid, markdown_table
+from validation.report.tables import Cell, Grid, markdown_table
 from validation.thesis.verdicts import STATUSES, UNEXPLAINED, judge_rows, row_verdict, rules_in_words, short
 from validation.words import markdown, one_line
 

@@ -19,10 +19,10 @@ from validation.plants.profile import PLANTS
 from validation.replicate.evidence import FIGURE_FOLDER, Answer, ReplicationSettings
 from validation.replicate.keeping import picture_bytes
 from validation.replicate.report import Document, document_html, document_markdown, document_of, tally
-from validation.show.drawing import draw_section, inset, put_together, side_by_side, text_row
-from validation.show.palette import VERDICT_INKS
-from validation.show.result import Result
-from validation.show.tables import Grid
+from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
+from validation.report.palette import VERDICT_INKS
+from validation.report.result import Result
+from validation.report.tables import Grid
 from validation.thesis.verdicts import RULES, STATUSES, Pair, RowVerdict, Verdict, judge_rows, row_verdict
 
 _SCHEMA = "ssmr.replicate/1"

@@ -16,7 +16,7 @@ from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.vehicle import Drive, Vehicle
 from validation.replicate.control import GAIN_NAMES
 from validation.replicate.evidence import Context, Findings, Section, Table
-from validation.show.drawing import ALARM, QUIET, draw_footer, ink_of, put_together, side_by_side, text_row
+from validation.report.drawing import ALARM, QUIET, draw_footer, ink_of, put_together, side_by_side, text_row
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from validation.fit.table import number_text, unit_text
 from validation.replicate.evidence import Findings, Section, Table
-from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid, Unit
+from validation.report.tables import MILLIMETRES, NOTHING, Cell, Grid, Unit
 from validation.thesis.verdicts import Pair, RowVerdict, Verdict, is_told, judge, judge_rows, row_verdict, short
 
 _RATIO = Unit("", 1.0, 4)

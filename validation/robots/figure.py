@@ -10,10 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from ssmr.robot.skid_turn import FRONT, LEFT
-from validation.robots.data import CheckedRobot
-from validation.robots.mechanics import robot_outline, tyre_hull_overlap, whole_com
-from validation.robots.table import check_grid
-from validation.show.drawing import (
+from validation.report.drawing import (
     ALARM,
     EDGE_IN,
     MARGINS_IN,
@@ -25,6 +22,9 @@ from validation.show.drawing import (
     put_together,
     text_row,
 )
+from validation.robots.data import CheckedRobot
+from validation.robots.mechanics import robot_outline, tyre_hull_overlap, whole_com
+from validation.robots.table import check_grid
 from validation.simulator.description import WHEELS
 from validation.words import abridged
 

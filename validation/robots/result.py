@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation import store
+from validation.report.result import Result
+from validation.report.tables import Grid, text_tables
 from validation.robots.data import CheckedRobot
 from validation.robots.numbers import robot_numbers
 from validation.robots.table import check_grid, known_grid, number_grid
-from validation.show.result import Result
-from validation.show.tables import Grid, text_tables
 from validation.simulator.description import Robot
 
 if TYPE_CHECKING:

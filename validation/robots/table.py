@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from validation.report.tables import NOTHING, Cell, Grid, one_line
 from validation.robots.data import CheckedRobot
 from validation.robots.numbers import robot_numbers
-from validation.show.tables import NOTHING, Cell, Grid, one_line
 from validation.simulator.description import WHEELS, Robot
 
 

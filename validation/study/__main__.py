@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import field, fields, is_dataclass, make_dataclass
 from pathlib import Path
@@ -72,17 +71,6 @@ def _readable(study: str, name: str, kind: Any) -> Any:
     return Annotated[kind, cli.option()]
 
 
-def _require_writable(folder: Path) -> None:
-    """Refuse a folder that could not be made or written, before hours of work.
-
-    Raises:
-        UserError: the nearest folder that exists cannot be written.
-    """
-    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
-        raise cli.UserError(f"--out {folder}: {nearest} is no folder that can be written; name another")
-
-
 def _command(study: Study) -> Callable[[Any], None]:
     """Return the function behind a study's command, which takes the study's options and those that every study has."""
     folder = Path("runs/study") / study.name
@@ -100,7 +88,7 @@ def _command(study: Study) -> Callable[[Any], None]:
 
     def main(options: Any) -> None:
         with cli.mistakes_are_users(), cli.shown(study.name) as progress:
-            _require_writable(options.out)
+            cli.require_writable(options.out)
             asked = study.options(**{name: getattr(options, name) for name in names})
             result = study.run(asked, workers=options.workers, progress=progress)
         cli.report_result(result, result.save(cli.output_folder(options.out)))

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, ClassVar
 
 from ssmr.errors import SsmrError
-from validation.show.tables import NOTHING, Cell, Grid, Unit
+from validation.report.tables import NOTHING, Cell, Grid, Unit
 from validation.study.result import StudyResult
 
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ssmr.parameters import MOST_SEED, require_within
 from validation import store
 from validation.plants.profile import Profile, choose_profile
-from validation.show.result import Result
-from validation.show.tables import Grid, markdown, markdown_table, with_robot
+from validation.report.result import Result
+from validation.report.tables import Grid, markdown, markdown_table, with_robot
 from validation.simulator.description import USUAL_ROBOT, Robot
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
 from ssmr.metrics.tracking import command_measures, cross_track_max
 from ssmr.types import Trajectory
 from validation.plants.filters import StateFilter
-from validation.show.tables import with_robot
+from validation.report.tables import with_robot
 from validation.simulator.description import Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ssmr.control.waypoints import ALPHA_SWITCH
-from validation.show.drawing import (
+from validation.report.drawing import (
     ALARM,
     NARROW,
     QUIET,
@@ -40,7 +40,7 @@ from validation.show.drawing import (
     stacked,
     text_row,
 )
-from validation.show.tables import DEGREES, Unit, length_unit, shortened, units_of
+from validation.report.tables import DEGREES, Unit, length_unit, shortened, units_of
 from validation.simulator.terrain import FLAT
 from validation.track.data import TrackedRobot
 from validation.track.table import SHOWN_METRICS, gains_text, headline, lost_text, require_comparable

@@ -18,10 +18,19 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
-from validation.show.palette import Rgb, mix
-from validation.show.rerun_file import TIMELINE, encode, rr, write_about
-from validation.show.rerun_layout import Series, blueprint, follower, overviews, plot_view, rrb, thinning_note, write_series
-from validation.show.rerun_robots import (
+from validation.report.palette import Rgb, mix
+from validation.report.rerun_file import TIMELINE, encode, rr, write_about
+from validation.report.rerun_layout import (
+    Series,
+    blueprint,
+    follower,
+    overviews,
+    plot_view,
+    rrb,
+    thinning_note,
+    write_series,
+)
+from validation.report.rerun_robots import (
     BLACK,
     WHITE,
     Extent,
@@ -37,7 +46,7 @@ from validation.show.rerun_robots import (
     write_robot,
     write_signpost,
 )
-from validation.show.robot_mesh import robot_mesh
+from validation.report.robot_mesh import robot_mesh
 from validation.simulator.terrain import FLAT
 from validation.store import write_atomic
 from validation.track.data import TrackedRobot

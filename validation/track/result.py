@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ssmr.metrics.declared import Metrics
 from validation import store
 from validation.progress import Report, silent
-from validation.show.result import Result
-from validation.show.tables import Grid
+from validation.report.result import Result
+from validation.report.tables import Grid
 from validation.track.data import TrackedRobot
 from validation.track.table import headline, require_comparable, track_grids, track_notes
 
@@ -93,8 +93,8 @@ class TrackResult(Result):
         return [*own, *super().save(folder, recording=recording)]
 
     def write_video(self, path: Path, progress: Report = silent) -> None:
-        """Write the robots and the target in motion as a video; see `validation.show.video.write_video`."""
-        from validation.show.video import write_video
+        """Write the robots and the target in motion as a video; see `validation.report.video.write_video`."""
+        from validation.report.video import write_video
         from validation.track.rerun import followed_tracks
 
         write_video(followed_tracks(self.robots), path, headline(self.robots[0]), progress)

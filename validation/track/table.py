@@ -10,8 +10,8 @@ import numpy as np
 
 from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH
-from validation.compare.table import REAL_TIME
-from validation.show.tables import (
+from validation.report.columns import REAL_TIME
+from validation.report.tables import (
     Cell,
     Grid,
     meanings,

@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 
 from ssmr.control.loop import ClosedRun
 from validation.fit.search_figure import SearchLooks, draw_title, search_page, title_path
-from validation.show import drawing
-from validation.show.drawing import ALARM, BESIDE_INK, NARROW, REFERENCE_DASHES, REFERENCE_INK, Ink, Panel, Row
-from validation.show.tables import length_unit, shortened
+from validation.report import drawing
+from validation.report.drawing import ALARM, BESIDE_INK, NARROW, REFERENCE_DASHES, REFERENCE_INK, Ink, Panel, Row
+from validation.report.tables import length_unit, shortened
 from validation.track.table import gains_text
 from validation.tune.data import TuneData, TunedRun
 from validation.tune.table import against, cost_text, run_text, tune_notes

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from validation.fit.table import effort, ending, parameter_grid
-from validation.show.tables import NOTHING, Cell, Grid, judged_cells, one_line, shortened, units_of
+from validation.report.tables import NOTHING, Cell, Grid, judged_cells, one_line, shortened, units_of
 from validation.track.data import TRACK_METRICS
 from validation.track.mismatch import WORST, spread
 from validation.track.table import gains_text, lost_text

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from validation.show.drawing import ALARM, QUIET, Row, draw_footer, note_rows, put_together, text_row
-from validation.show.palette import Rgb, mix
+from validation.report.drawing import ALARM, QUIET, Row, draw_footer, note_rows, put_together, text_row
+from validation.report.palette import Rgb, mix
 from validation.study.contact.result import ContactStudy
 from validation.study.contact.variants import BASELINE
 from validation.study.measured import MeasureColumn, Tried

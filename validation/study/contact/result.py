@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from validation.show.tables import DEGREES, MILLIMETRES, NOTHING, Grid, Unit
+from validation.report.tables import DEGREES, MILLIMETRES, NOTHING, Grid, Unit
 from validation.study.contact.bench import PUBLISHED_MODELS, SCENARIOS
 from validation.study.contact.variants import BASELINE
 from validation.study.measured import MeasureColumn, MeasuredStudy, Tried

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.robot.slip import grip
-from validation.show.drawing import (
+from validation.report.drawing import (
     DASHED,
     Ink,
     Panel,

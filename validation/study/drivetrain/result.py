@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from ssmr.parameters import MOST_SEED, require_within
 from validation.logs.recording import Recording
 from validation.plants.profile import Profile
-from validation.show.tables import Cell, Grid
+from validation.report.tables import Cell, Grid
 from validation.simulator.description import Robot
 from validation.study.drivetrain.evidence import RateEvidence
 from validation.study.drivetrain.friction import CurrentKind

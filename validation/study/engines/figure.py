@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from validation.show.drawing import (
+from validation.report.drawing import (
     Ink,
     Row,
     draw_footer,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from validation.show.tables import DEGREES, MILLIMETRES, NEWTONS, PERCENT, Unit
+from validation.report.tables import DEGREES, MILLIMETRES, NEWTONS, PERCENT, Unit
 from validation.study.contact.bench import SCENARIOS
 from validation.study.engines.bench import TriedEngine
 from validation.study.measured import MeasureColumn, MeasuredStudy, Tried

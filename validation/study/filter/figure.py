@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.types import FloatArray
-from validation.show.drawing import (
+from validation.report.drawing import (
     Dashes,
     Ink,
     Panel,
@@ -25,7 +25,7 @@ from validation.show.drawing import (
     side_by_side,
     text_row,
 )
-from validation.show.palette import Rgb, mix
+from validation.report.palette import Rgb, mix
 from validation.study.filter.findings import CURVE, DRIFT_STRETCH, GroundDrive, filter_variants
 from validation.study.filter.result import FilterStudy
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ssmr.types import FloatArray
-from validation.show.tables import NOTHING, Cell, Grid
+from validation.report.tables import NOTHING, Cell, Grid
 from validation.study.filter.doubt import Doubt
 from validation.study.filter.findings import (
     DRIFT_STRETCH,

@@ -7,7 +7,7 @@ from functools import partial
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from validation.show.drawing import (
+from validation.report.drawing import (
     DASHED,
     QUIET,
     Row,

@@ -10,7 +10,7 @@ from typing import Any
 from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray
 from validation.plants.profile import Profile
-from validation.show.tables import NOTHING, Cell, Grid
+from validation.report.tables import NOTHING, Cell, Grid
 from validation.simulator.description import Robot
 from validation.study.noise.filtering import ATTENUATION, PASSBAND, HighPass, NoiseEstimate
 from validation.study.result import StudyResult

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from validation.show.drawing import (
+from validation.report.drawing import (
     ALARM,
     QUIET,
     Panel,

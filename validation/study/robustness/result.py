@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from validation.show.tables import MILLIMETRES, Cell, Grid, judged_cells
+from validation.report.tables import MILLIMETRES, Cell, Grid, judged_cells
 from validation.study.result import StudyResult
 from validation.study.robustness.cases import CaseKind, RobustnessCase, RobustnessOptions
 from validation.study.robustness.outcomes import ControllerRuns, RunErrors

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssmr.types import FloatArray
-from validation.show.tables import NOTHING, Cell, Grid
+from validation.report.tables import NOTHING, Cell, Grid
 from validation.study.result import StudyResult
 from validation.study.terrain.findings import (
     AXES,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.show.tables import with_robot
+from validation.report.tables import with_robot
 from validation.study.scores import FollowedScore
 from validation.study.transfer.comparison import (
     RESAMPLES,

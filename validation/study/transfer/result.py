@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from validation.show.tables import MILLIMETRES, NOTHING, Cell, Grid
+from validation.report.tables import MILLIMETRES, NOTHING, Cell, Grid
 from validation.study.result import StudyResult
 from validation.study.transfer.comparison import RESAMPLES, mean_costs
 from validation.study.transfer.contenders import PRACTICABLE, TransferOptions

@@ -14,6 +14,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from validation.report.columns import DEGREES as DEGREES
+from validation.report.columns import METRES as METRES
+from validation.report.columns import MILLIMETRES as MILLIMETRES
+from validation.report.columns import NEWTONS as NEWTONS
+from validation.report.columns import NOTHING as NOTHING
+from validation.report.columns import PERCENT as PERCENT
+from validation.report.columns import Unit as Unit
+from validation.report.columns import length_unit as length_unit
+from validation.report.columns import unit_by_kind
 from validation.simulator.description import USUAL_ROBOT
 from validation.words import code_span as code_span
 from validation.words import each_line as each_line
@@ -23,47 +32,16 @@ from validation.words import one_line as one_line
 from validation.words import shortened as shortened
 
 if TYPE_CHECKING:
-    from ssmr.metrics.declared import Metric, MetricUnit
+    from ssmr.metrics.declared import Metric
     from ssmr.metrics.windows import OverlappingErrors
 
-NOTHING = "–"
-"""Text for a number that is not finite."""
 BEST_STYLE = "bold green"
 """Style of the best value in a terminal."""
-
-
-@dataclass(frozen=True)
-class Unit:
-    """Unit and digits of the numbers of one quantity in one table."""
-
-    symbol: str
-    """Symbol of the unit, which stands in brackets."""
-    scale: float
-    """Number of these units in one SI unit."""
-    decimals: int
-    """Digits after the point."""
-    significant: int = 0
-    """Significant digits to round to first; 0 for no such rounding."""
-
-    def text(self, value: float) -> str:
-        """A number in SI as it is written, without its unit."""
-        if not math.isfinite(value):
-            return NOTHING
-        scaled = value * self.scale
-        if self.significant > 0:
-            scaled = float(f"{scaled:.{self.significant}g}")
-        text = f"{scaled:.{self.decimals}f}"
-        return text.removeprefix("-") if float(text) == 0.0 else text
 
 
 def with_robot(profile: str, robot: str) -> str:
     """Return the name of a profile, followed by that of its robot where the first does not tell the second."""
     return profile if robot == USUAL_ROBOT or robot in profile else f"{profile} of {robot}"
-
-
-METRES = Unit("m", 1.0, 3)
-MILLIMETRES = Unit("mm", 1e3, 1)
-DEGREES = Unit("deg", 180.0 / math.pi, 2)
 
 
 @dataclass(frozen=True)
@@ -128,35 +106,11 @@ def interval_grid(who: str, found: Sequence[tuple[str, Mapping[float, Overlappin
     return Grid(header, tuple(groups), 2, title, _INTERVAL_CAPTION) if groups else None
 
 
-def length_unit(values: Iterable[float]) -> Unit:
-    """Millimetres for lengths [m] that all stay below a metre, else metres."""
-    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
-    if largest >= 1.0:
-        return METRES
-    return Unit("mm", 1e3, 3 if 1e-6 <= largest < 0.01 else 1)
-
-
-def unit_of(unit: MetricUnit, values: Sequence[float]) -> Unit:
-    """Return how to write all values that have this unit in one table."""
-    if unit == "m":
-        return length_unit(values)
-    if unit == "rad":
-        return DEGREES
-    if unit == "share":
-        return PERCENT
-    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
-    if unit == "1":
-        return Unit("1", 1.0, 4 if largest < 100.0 else 2)
-    if unit == "1/s²":
-        return Unit("1/s²", 1.0, 1)
-    return Unit("×", 1.0, 0 if largest >= 100.0 else 2, significant=3)
-
-
 def units_of(metrics: Iterable[Metric], rows: Sequence[Mapping[str, float]]) -> list[Unit]:
     """Return how to write each metric in a table of these rows; all lengths alike."""
     listed = list(metrics)
     lengths = [row[m.name] for m in listed if m.unit == "m" for row in rows]
-    return [unit_of(m.unit, lengths if m.unit == "m" else [row[m.name] for row in rows]) for m in listed]
+    return [unit_by_kind(m.unit, [row[m.name] for row in rows], lengths) for m in listed]
 
 
 def meanings(metrics: Iterable[Metric]) -> list[str]:
@@ -177,10 +131,6 @@ def judged_cells(
     finite = {name: badness(value) for name, value in values.items() if math.isfinite(value)}
     best = texts[min(finite, key=lambda name: finite[name])] if len(finite) > 1 else None
     return {name: Cell(text, name in finite and text == best) for name, text in texts.items()}
-
-
-NEWTONS = Unit("N", 1.0, 0)
-PERCENT = Unit("%", 100.0, 1)
 
 
 def text_tables(grids: Iterable[Grid], notes: Iterable[str] = (), width: int = 110) -> str:

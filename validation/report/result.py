@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation import store
-from validation.show.tables import Grid, each_line, markdown, markdown_table, text_tables
+from validation.report.tables import Grid, each_line, markdown, markdown_table, text_tables
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ class Result(ABC):
         Raises:
             OSError: the folder cannot be made or written.
         """
-        from validation.show.drawing import save_figure
+        from validation.report.drawing import save_figure
 
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)

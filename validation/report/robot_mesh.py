@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssmr.types import FloatArray
-from validation.show.palette import Rgb
+from validation.report.palette import Rgb
 from validation.simulator.composing import VISUAL_GROUP, compose_robot
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.failures import mujoco_failures

@@ -11,9 +11,9 @@ import numpy as np
 
 from ssmr.geometry import roll_pitch_yaw_to_quat_wxyz
 from ssmr.types import FloatArray
-from validation.show.palette import Rgb, colour, mix
-from validation.show.rerun_robots import GROUND, OTHER_GROUND, WHITE
-from validation.show.robot_mesh import robot_mesh, tinted
+from validation.report.palette import Rgb, colour, mix
+from validation.report.rerun_robots import GROUND, OTHER_GROUND, WHITE
+from validation.report.robot_mesh import robot_mesh, tinted
 from validation.simulator.composing import VISUAL_GROUP, compose_robot
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.failures import mujoco_failures

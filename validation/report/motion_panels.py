@@ -23,20 +23,7 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
-from validation.compare.data import ComparisonData
-from validation.compare.table import HEADLINE_HORIZON, comparison_notes, headline_error
-from validation.compare.time_panels import (
-    COMMAND_INK,
-    draw_acceleration,
-    draw_loads,
-    draw_velocity,
-    drawn_motions,
-    has_channel,
-    has_speed_commands,
-    is_impulsive,
-    whole_span,
-)
-from validation.show.drawing import (
+from validation.report.drawing import (
     WIDTH_IN,
     HorizonMarks,
     Interval,
@@ -63,7 +50,19 @@ from validation.show.drawing import (
     yaw_degrees,
     yaw_interval,
 )
-from validation.show.tables import length_unit, shortened
+from validation.report.motions import HEADLINE_HORIZON, Comparison, headline_error
+from validation.report.tables import length_unit, shortened
+from validation.report.time_panels import (
+    COMMAND_INK,
+    draw_acceleration,
+    draw_loads,
+    draw_velocity,
+    drawn_motions,
+    has_channel,
+    has_speed_commands,
+    is_impulsive,
+    whole_span,
+)
 from validation.simulator.terrain import FLAT
 
 LONGEST_PATH = 30.0
@@ -83,7 +82,7 @@ _MARKERS = {
 }  # fmt: skip
 
 
-def _draw_paths(comparison: ComparisonData, ax: Axes) -> None:
+def _draw_paths(comparison: Comparison, ax: Axes) -> None:
     """Draw the paths as they were driven."""
     for motion in drawn_motions(comparison):
         motion.draw(ax, *joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]))
@@ -99,7 +98,7 @@ _Zoom = tuple[int, int, float, float, float]
 """Piece, sample, middle of all positions then (x, y), and their extent [m]."""
 
 
-def _find_zoom(comparison: ComparisonData) -> _Zoom | None:
+def _find_zoom(comparison: Comparison) -> _Zoom | None:
     """Return where a plant is farthest from the reference; None if that shows no more than the whole picture does."""
     worst, i, k = 0.0, 0, 0
     reference, *others = drawn_motions(comparison)
@@ -117,7 +116,7 @@ def _find_zoom(comparison: ComparisonData) -> _Zoom | None:
     return i, k, x, y, size
 
 
-def _draw_zoom(comparison: ComparisonData, zoom: _Zoom, ax: Axes) -> None:
+def _draw_zoom(comparison: Comparison, zoom: _Zoom, ax: Axes) -> None:
     """Draw the paths around one instant, and every robot's pose then."""
     i, k, x, y, size = zoom
     for motion in drawn_motions(comparison):
@@ -131,7 +130,7 @@ def _draw_zoom(comparison: ComparisonData, zoom: _Zoom, ax: Axes) -> None:
     ax.set_title(f"Farthest apart, at t = {comparison.reference[i].t[k]:.2f} s [m]")
 
 
-def _windows(comparison: ComparisonData) -> tuple[str, list[tuple[int, int, int]]]:
+def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
     """Which windows to show: what they are, in words, and (piece, first, last sample) of each, in the order of their errors.
 
     All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in the order of the plants' mean
@@ -163,7 +162,7 @@ def _moves(pose: FloatArray) -> bool:
     return bool(np.ptp(pose, axis=0).max() > _LEAST_MOTION)
 
 
-def _draw_window(comparison: ComparisonData, window: tuple[int, int, int], ax: Axes) -> None:
+def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes) -> None:
     """The paths over one window, each seen from its own pose at the window's start."""
     i, a, b = window
     for motion in drawn_motions(comparison):
@@ -178,7 +177,7 @@ def _draw_window(comparison: ComparisonData, window: tuple[int, int, int], ax: A
     ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
 
 
-def _draw_position_error(comparison: ComparisonData, ax: Axes) -> None:
+def _draw_position_error(comparison: Comparison, ax: Axes) -> None:
     reference, *others = drawn_motions(comparison)
     errors = [
         joined([(r.t, np.hypot(*(p.xy - r.xy).T)) for p, r in zip(motion.pieces, reference.pieces, strict=True)])
@@ -191,7 +190,7 @@ def _draw_position_error(comparison: ComparisonData, ax: Axes) -> None:
     ax.set_ylim(0.0, max(ax.get_ylim()[1], 1e-3 * unit.scale))
 
 
-def _draw_yaw_error(comparison: ComparisonData, ax: Axes) -> None:
+def _draw_yaw_error(comparison: Comparison, ax: Axes) -> None:
     reference, *others = drawn_motions(comparison)
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=1.5)
     for motion in others:
@@ -203,7 +202,7 @@ def _draw_yaw_error(comparison: ComparisonData, ax: Axes) -> None:
     at_least(ax, 0.5)
 
 
-def _panels(comparison: ComparisonData) -> list[list[Panel]]:
+def _panels(comparison: Comparison) -> list[list[Panel]]:
     """Return the panels below the paths, row by row; those without data are left out."""
     motions = drawn_motions(comparison)
     smooth = [m for m in motions if not is_impulsive(comparison, m.name) and has_channel(m, "yaw_acceleration_rad_s2")]
@@ -235,7 +234,7 @@ def _panels(comparison: ComparisonData) -> list[list[Panel]]:
     return [row for row in (errors, turn, ride) if row]
 
 
-def _draw_header(comparison: ComparisonData, ax: Axes) -> None:
+def _draw_header(comparison: Comparison, ax: Axes) -> None:
     """Title, and the only legend of plants."""
     ax.set_axis_off()
     kind = "commands" if has_speed_commands(comparison) else "measured wheel rates"
@@ -247,14 +246,16 @@ def _draw_header(comparison: ComparisonData, ax: Axes) -> None:
     for motion in drawn_motions(comparison):
         marker = _MARKERS.get(motion.name, "o") if marked and not motion.is_reference else ""
         handles.append(Line2D([], [], marker=marker, **motion.look))
-        labels.append(f"{motion.name}\n{'reference' if motion.is_reference else headline_error(comparison, motion.name)}")
+        labels.append(
+            f"{motion.name}\n{'reference' if motion.is_reference else headline_error(comparison.plants[motion.name])}"
+        )
     if has_speed_commands(comparison):
         handles.append(Line2D([], [], color=COMMAND_INK, linewidth=1.0))
         labels.append("command\nas given")
     line_legend(ax, handles, labels)
 
 
-def _footer(comparison: ComparisonData) -> str:
+def _footer(comparison: Comparison) -> str:
     """Return in one line how the picture was made."""
     parts = [
         f"source {shortened(Path(comparison.source).name, 32)}",
@@ -268,7 +269,7 @@ def _footer(comparison: ComparisonData) -> str:
     return " · ".join(parts)
 
 
-def _paths_size(comparison: ComparisonData) -> Span:
+def _paths_size(comparison: Comparison) -> Span:
     """Width [in] and height [in] of the panel of paths, near their own proportions."""
     width, height = np.ptp(np.concatenate([piece.xy for piece in comparison.reference]), axis=0) + 0.5
     wide = WIDTH_IN - _ZOOM_IN
@@ -276,7 +277,7 @@ def _paths_size(comparison: ComparisonData) -> Span:
     return min(wide, max(tall * float(width / height), 0.5 * WIDTH_IN)), tall
 
 
-def _rows(comparison: ComparisonData) -> list[Row]:
+def _rows(comparison: Comparison) -> list[Row]:
     """Everything, from top to bottom."""
     rows = [text_row(_HEADER_IN, partial(_draw_header, comparison))]
     zoom, (start, stop) = _find_zoom(comparison), whole_span(comparison)
@@ -292,12 +293,12 @@ def _rows(comparison: ComparisonData) -> list[Row]:
         paths, closer = partial(_draw_paths, comparison), partial(_draw_zoom, comparison, zoom)
         rows.append(Row(tall, ((wide / WIDTH_IN, paths), (1.0 - wide / WIDTH_IN, closer))))
     rows += [side_by_side(_ROW_IN, panels) for panels in _panels(comparison)]
-    rows += note_rows(comparison_notes(comparison))
+    rows += note_rows(comparison.notes())
     rows.append(text_row(_FOOTER_IN, partial(draw_footer, _footer(comparison))))
     return rows
 
 
-def comparison_figure(comparison: ComparisonData) -> Figure:
+def comparison_figure(comparison: Comparison) -> Figure:
     """Everything about a comparison that can be seen in one look, 1600 px wide.
 
     Args:

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ssmr.types import FloatArray, Trajectory
-from validation.compare.data import ComparisonData
-from validation.show.drawing import ALARM, BROAD, NARROW, QUIET, Dashes, Span, at_least, corner_note, ink_of, joined
+from validation.report.drawing import ALARM, BROAD, NARROW, QUIET, Dashes, Span, at_least, corner_note, ink_of, joined
+from validation.report.motions import Comparison
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 
@@ -72,7 +72,7 @@ class DrawnMotion:
         ax.plot(x, y, zorder=2.0 if self.is_reference else 2.5, gid=self.name, **self.look)
 
 
-def drawn_motions(comparison: ComparisonData) -> list[DrawnMotion]:
+def drawn_motions(comparison: Comparison) -> list[DrawnMotion]:
     """Return the reference, then the other plants in their order."""
     others = [DrawnMotion(n, r.pieces, False) for n, r in comparison.plants.items() if n != comparison.reference_name]
     return [DrawnMotion(comparison.reference_name, comparison.reference, True), *others]
@@ -94,12 +94,12 @@ def has_channel(motion: DrawnMotion, channel: str) -> bool:
     return all(channel in piece.channels for piece in motion.pieces)
 
 
-def whole_span(comparison: ComparisonData) -> Span:
+def whole_span(comparison: Comparison) -> Span:
     """Return the first and the last stamp [s]."""
     return float(comparison.reference[0].t[0]), float(comparison.reference[-1].t[-1])
 
 
-def shown_span(comparison: ComparisonData) -> Span:
+def shown_span(comparison: Comparison) -> Span:
     """Return the span that velocities are shown over [s].
 
     It is a whole run; of a long one the part of its longest piece in which a plant moves most of the time, the nearest to
@@ -121,7 +121,7 @@ def shown_span(comparison: ComparisonData) -> Span:
     return begin, begin + _STRETCH
 
 
-def time_axis(comparison: ComparisonData, ax: Axes, remark: str = "") -> None:
+def time_axis(comparison: Comparison, ax: Axes, remark: str = "") -> None:
     """Give a panel the span of time that all share; its label says where that is not the whole run."""
     span, (start, stop) = shown_span(comparison), whole_span(comparison)
     ax.set_xlim(*span)
@@ -129,7 +129,7 @@ def time_axis(comparison: ComparisonData, ax: Axes, remark: str = "") -> None:
     ax.set_xlabel(f"time [s]{part}{remark}")
 
 
-def draw_velocity(comparison: ComparisonData, title: str, column: int, command: int, ax: Axes) -> None:
+def draw_velocity(comparison: Comparison, title: str, column: int, command: int, ax: Axes) -> None:
     """Draw one component of every robot's velocity, and of the command if it is a velocity."""
     span = shown_span(comparison)
     for motion in drawn_motions(comparison):
@@ -149,17 +149,17 @@ def draw_velocity(comparison: ComparisonData, title: str, column: int, command: 
     time_axis(comparison, ax)
 
 
-def has_speed_commands(comparison: ComparisonData) -> bool:
+def has_speed_commands(comparison: Comparison) -> bool:
     """Return whether the plants were driven by speed and yaw rate, not by wheel rates."""
     return all(commands.kind == "twist" for commands in comparison.commands)
 
 
-def is_impulsive(comparison: ComparisonData, name: str) -> bool:
+def is_impulsive(comparison: Comparison, name: str) -> bool:
     """Return whether a plant's yaw rate jumps: it has no inertia, or wheel rates drive a planar model."""
     return name in _IMPULSIVE or (not has_speed_commands(comparison) and name not in ("mujoco", comparison.reference_name))
 
 
-def draw_acceleration(comparison: ComparisonData, motions: Sequence[DrawnMotion], ax: Axes) -> None:
+def draw_acceleration(comparison: Comparison, motions: Sequence[DrawnMotion], ax: Axes) -> None:
     """Yaw accelerations around the swiftest reversal of the turn, where friction changes its sign."""
     leader = next((motion for motion in motions if motion.name == _CHATTERING), motions[0])
     reverses, i, t = _swiftest_turn(leader)
@@ -233,7 +233,7 @@ def _running_mean(t: FloatArray, values: FloatArray) -> FloatArray:
     return (total[high] - total[low]) / (high - low)[:, None]
 
 
-def draw_loads(comparison: ComparisonData, motion: DrawnMotion, ax: Axes) -> None:
+def draw_loads(comparison: Comparison, motion: DrawnMotion, ax: Axes) -> None:
     """Draw the loads of the four wheels, and the verdict on the contact."""
     span = shown_span(comparison)
     t, loads = over_time(motion.pieces, lambda piece: piece.channels["wheel_load_N"], span)

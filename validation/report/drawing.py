@@ -32,7 +32,7 @@ from ssmr.geometry import travelled
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
-from validation.show.palette import colour, controller_colour, mix
+from validation.report.palette import colour, controller_colour, mix
 from validation.store import write_atomic
 from validation.words import each_line
 

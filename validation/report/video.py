@@ -16,9 +16,9 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation.plants.table import STANDARD
 from validation.progress import Progress, Report, silent
-from validation.show.graphics import open_graphics
-from validation.show.rerun_robots import Extent, Track
-from validation.show.stage import Stage, draw_trail, ink, new_scene
+from validation.report.graphics import open_graphics
+from validation.report.rerun_robots import Extent, Track
+from validation.report.stage import Stage, draw_trail, ink, new_scene
 from validation.store import write_atomic
 from validation.words import one_line
 

@@ -23,11 +23,10 @@ import numpy as np
 
 from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
-from validation.compare.data import ComparisonData
-from validation.compare.table import comparison_facts
-from validation.show.palette import Rgb, colour, mix
-from validation.show.rerun_file import encode, rr, write_about
-from validation.show.rerun_layout import (
+from validation.report.motions import Comparison
+from validation.report.palette import Rgb, colour, mix
+from validation.report.rerun_file import encode, rr, write_about
+from validation.report.rerun_layout import (
     Series,
     blueprint,
     eye,
@@ -39,7 +38,7 @@ from validation.show.rerun_layout import (
     view,
     write_series,
 )
-from validation.show.rerun_robots import (
+from validation.report.rerun_robots import (
     BLACK,
     SOLID,
     WHITE,
@@ -57,7 +56,7 @@ from validation.show.rerun_robots import (
     write_robot,
     write_signpost,
 )
-from validation.show.robot_mesh import RobotMesh, robot_mesh
+from validation.report.robot_mesh import RobotMesh, robot_mesh
 from validation.simulator.description import WHEELS
 from validation.simulator.terrain import FLAT
 from validation.simulator.wheel_loads import QUASI_STATIC
@@ -89,7 +88,7 @@ class History:
     """(G, k), of the steps 0 to G - 1; where one is not finite, the line is interrupted."""
 
 
-def write_recording(comparison: ComparisonData, path: Path, report_markdown: str, histories: Sequence[History] = ()) -> None:
+def write_recording(comparison: Comparison, path: Path, text: str | None = None, histories: Sequence[History] = ()) -> None:
     """Write a comparison, its report and histories as a rerun recording, whole or not at all.
 
     The recording's id is a digest of what was asked for and of the motions that came out: a run that is repeated compares
@@ -100,6 +99,7 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
     c, tracks = comparison, compared_tracks(comparison)
+    text = comparison.markdown() if text is None else text
 
     def fill(recording: rr.RecordingStream) -> None:
         plots = _command_plots(comparison)
@@ -108,9 +108,9 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
         gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)])
         recording.send_blueprint(_layout(tracks, plots, histories))
         options = {name: str(value) for name, value in c.options.items()}
-        about, versions = comparison_facts(c), c.versions
+        about, versions = c.facts, c.versions
         properties: dict[str, Mapping[str, object]] = {"comparison": about, "options": options, "versions": versions}
-        report = report_markdown + thinning_note(tracks, plots)
+        report = text + thinning_note(tracks, plots)
         write_about(recording, f"{c.source}, profile {c.profile_label}", properties, report)
         _write_scene(recording, tracks)
         for entity, series in plots.items():
@@ -123,7 +123,7 @@ def write_recording(comparison: ComparisonData, path: Path, report_markdown: str
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
-def compared_tracks(comparison: ComparisonData) -> list[Track]:
+def compared_tracks(comparison: Comparison) -> list[Track]:
     """Return all robots, the reference first."""
     plants = comparison.plants
     known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say
@@ -216,7 +216,7 @@ def _plots_of(track: Track) -> dict[str, Series]:
     return plots
 
 
-def _command_plots(comparison: ComparisonData) -> dict[str, Series]:
+def _command_plots(comparison: Comparison) -> dict[str, Series]:
     """Return the commands by entity: each at its instant, and the last once more at its end; empty without commands."""
     if not comparison.commands:
         return {}

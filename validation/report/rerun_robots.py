@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from ssmr.geometry import integral, quat_wxyz_to_xyzw, relative, roll_pitch_yaw_to_quat_wxyz, rotate_body_to_world
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.show.palette import Rgb, colour, mix
-from validation.show.rerun_file import TIMELINE, rr
-from validation.show.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz
-from validation.show.thinning import POSE_PERIOD, pose_period
+from validation.report.palette import Rgb, colour, mix
+from validation.report.rerun_file import TIMELINE, rr
+from validation.report.robot_mesh import RobotMesh, robot_mesh, tinted, wheel_quat_wxyz
+from validation.report.thinning import POSE_PERIOD, pose_period
 from validation.simulator.description import WHEELS, Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line

@@ -11,11 +11,11 @@ import rerun.blueprint as rrb  # after rerun_file, which switches its analytics 
 
 from ssmr.geometry import shift_reference
 from ssmr.types import FloatArray
-from validation.show.palette import Rgb
-from validation.show.rerun_file import TIMELINE, rr
-from validation.show.rerun_robots import GRID, Extent, Track
-from validation.show.robot_mesh import robot_mesh
-from validation.show.thinning import note, outline_of
+from validation.report.palette import Rgb
+from validation.report.rerun_file import TIMELINE, rr
+from validation.report.rerun_robots import GRID, Extent, Track
+from validation.report.robot_mesh import robot_mesh
+from validation.report.thinning import note, outline_of
 from validation.words import one_line
 
 _LEGEND_SHARE = 0.4

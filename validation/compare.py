@@ -1,0 +1,280 @@
+"""Drive every plant with the same commands and compare each with one reference: `python -m validation.compare SOURCE`."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from ssmr.metrics.declared import compare_pieces
+from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
+from ssmr.types import Commands, Plant, State, Trajectory
+from validation import cli
+from validation.logs.limits import USUAL
+from validation.motion.driving import drive, horizons_of, scoring_windows, standing_sentences, window_errors_of
+from validation.motion.sources import RECORDING, Source, open_source
+from validation.plants.profile import Profile, choose_profile, make_plant
+from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
+from validation.progress import Progress, Report
+from validation.report.motion_panels import comparison_figure
+from validation.report.motions import (
+    Comparison,
+    PlantResult,
+    ailing,
+    alike_plants,
+    alike_sentences,
+    comparison_tables,
+    headline_horizon,
+)
+from validation.report.scene import compared_tracks, write_recording
+from validation.report.tables import with_robot
+from validation.simulator.health import Health, examine, run_health
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT
+from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
+from validation.words import file_name, one_line
+
+WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
+"""Commands driven once before the clock runs, so that wall times do not hold compilation."""
+
+
+@dataclass(frozen=True)
+class Compare(cli.Filmed):
+    """Options of `compare`."""
+
+    source: Annotated[str | Path | Source, cli.text_of("SOURCE"), tyro.conf.Positional]
+    """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, or the path of a recording."""
+    profile: Annotated[
+        cli.AnyProfile,
+        cli.profile_option("thesis-lab for scenarios, husky-tile for recordings"),
+    ] = None
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="mujoco and the planar models")] = USUAL_PLANTS
+    """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong name lists all names."""
+    reference: Annotated[
+        str | None, cli.option(metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording")
+    ] = None
+    """Plant to compare the others with."""
+    robot: cli.AnyRobot = None
+    input: Annotated[Literal["commands", "wheels"], cli.option()] = "commands"
+    """Signal of the recording that drives the plants: its commands, or its measured wheel rates."""
+    horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0, 30.0, 60.0)
+    """Times after which the poses of plant and recording are compared [s]."""
+    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    """Leave out what was recorded before this time [s]."""
+    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
+    """Leave out what was recorded after this time [s]."""
+    limits: cli.Limits = USUAL
+    noise: cli.Flag = False
+    """See the plants through the lab's state filter: at 50 Hz, with its noise."""
+    disturbance: cli.Flag = False
+    """Push all plants with the same random yaw acceleration."""
+    terrain: cli.Ground = FLAT
+
+    def __post_init__(self) -> None:
+        """Check the horizons and the seed.
+
+        Raises:
+            ValueError: a negative seed, or horizons that are not positive and increasing.
+        """
+        h = self.horizons
+        if any(not 0.0 < s < np.inf for s in h) or any(b <= a for a, b in pairwise(h)):
+            raise ValueError(f"horizons {h} must be positive numbers that increase, such as (2, 6, 30, 60)")
+        if self.seed < 0:
+            raise ValueError(f"seed {self.seed} must not be negative")
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        ground = "" if self.terrain == FLAT else "-" + self.terrain.spec.replace(":", "-")
+        return Path("runs") / "compare" / file_name(Path(str(self.source)).stem + ground)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the options as compare.json has them; the seed stands beside them."""
+        span = {"from": self.start, "until": self.until}
+        options = {name: getattr(self, name) for name in ("input", "horizons", "noise", "disturbance")}
+        return {**options, "terrain": self.terrain.spec, **{k: v for k, v in span.items() if v is not None}}
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedComparison:
+    """A comparison that is checked and has its plants, but has not been run."""
+
+    source: Source
+    profile: Profile
+    reference: str
+    plants: Mapping[str, Plant]
+    options: Compare
+
+    def run(self) -> Comparison:
+        """Drive the plants and compare them.
+
+        Raises:
+            SsmrError: a plant diverged.
+        """
+        source, o = self.source, self.options
+        motions, wall = self._drive_all(self.options.workers, self.options.progress)
+        health = {name: self._health(name, driven) for name, driven in motions.items()}  # of the motion, not of its noise
+        if o.noise:
+            for index, name in enumerate(self.plants):
+                if name != self.reference:
+                    rng = np.random.default_rng([o.seed, index])
+                    motions[name] = [measure(m, SensorNoise(), rng) for m in motions[name]]
+        recorded = self.reference == RECORDING
+        against = [piece.reference for piece in source.pieces] if recorded else motions[self.reference]
+        truth = tuple(m for m in against if m is not None)
+        simulated = sum(piece.commands.duration for piece in source.pieces)
+        every = self.profile.as_dict(self.plants)
+        results = {}
+        for name in self.plants:
+            plant, driven = self.plants[name], motions[name]
+            horizons = horizons_of([(source, driven)], o.horizons) if recorded else {}
+            loads = summarise(tuple(driven), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None
+            results[name] = PlantResult(
+                name, tuple(driven), compare_pieces(driven, truth), horizons, wall[name], simulated / wall[name],
+                health[name], self.profile.section(name).localiser, loads, every[name],
+                window_errors_of([(source, driven)], o.horizons) if recorded else {},
+            )  # fmt: skip
+        commands = tuple(piece.commands for piece in source.pieces)
+        scoring = {horizon: scoring_windows(source, horizon) for horizon in o.horizons} if recorded else {}
+        return self._report(truth, commands, results, scoring)
+
+    def _report(
+        self,
+        truth: tuple[Trajectory, ...],
+        commands: tuple[Commands, ...],
+        results: Mapping[str, PlantResult],
+        scoring: Mapping[float, Any],
+    ) -> Comparison:
+        """Return the report of what was found."""
+        source, profile, o = self.source, self.profile, self.options
+        headline = headline_horizon(scoring)
+        standing = standing_sentences(source, headline) if headline else []
+        alike, unwell = alike_plants(results), ailing(results)
+        robot = profile.robot
+        label = with_robot(profile.name, robot.name)
+        title = f"{one_line(source.name)} · profile {one_line(label)}"
+        if o.terrain != FLAT:
+            title += f" · mujoco on {o.terrain.words}"
+        caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · emphasised: the best", *unwell])
+        facts = {"profile": profile.name, "robot": robot.name, "reference": self.reference, "seed": o.seed}
+        return Comparison(
+            program="compare",
+            title=f"{one_line(source.name)}, {label}",
+            tables=comparison_tables(results, self.reference, title, caption),
+            sentences=(*source.warnings, *standing, *alike_sentences(results, alike)),
+            alarms=unwell,
+            options=o.as_dict(),
+            document={
+                "schema": "ssmr.compare/1",
+                "source": source.name,
+                **facts,
+                "alike": alike,
+                "plants": {name: result.as_dict() for name, result in results.items()},
+                "parameters": {name: dict(result.parameters) for name, result in results.items()},
+            },
+            draw=comparison_figure,
+            record=write_recording,
+            tracks=compared_tracks,
+            source=source.name,
+            profile=profile.name,
+            reference_name=self.reference,
+            reference=truth,
+            commands=commands,
+            plants=results,
+            seed=o.seed,
+            terrain=o.terrain,
+            scoring=scoring,
+            robot=robot,
+        )
+
+    def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:
+        """Return the verdict on a plant's run; None for a plant without wheel loads, and on ground that is not even."""
+        plant, localiser = self.plants[name], self.profile.section(name).localiser
+        if not isinstance(plant, MujocoPlant) or not self.options.terrain.even:
+            return None
+        bodies = [replace(motion, twist=localiser.body_twist(motion.twist)) for motion in motions]
+        given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
+        return run_health(examine(plant.model, plant.calibration), bodies, given_rates=given)
+
+    def _drive_all(self, workers: int | None, progress: Report) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
+        """Return all motions and each plant's wall time; plants run side by side, the pieces of one after another."""
+        stop, told = threading.Event(), threading.Lock()
+        done, total = 0, len(self.plants) * len(self.source.pieces)
+
+        def one_plant(name: str) -> tuple[list[Trajectory], float]:
+            nonlocal done
+            plant, localiser = self.plants[name], self.profile.section(name).localiser
+            plant.run(WARM_UP, State(), 0.05)
+            began = time.perf_counter()
+            motions = []
+            for piece in self.source.pieces:
+                if not stop.is_set():
+                    push = None
+                    if self.options.disturbance:
+                        rng = np.random.default_rng(self.options.seed)
+                        push = yaw_disturbance(piece.commands.duration, plant.dt, rng)
+                    motions.append(drive(plant, piece, localiser, self.source.sample_dt, push))
+                    with told:
+                        done += 1
+                        progress(Progress(done, total, f"{name} has driven"))
+            wall = time.perf_counter() - began
+            if isinstance(plant, MujocoPlant):
+                motions = [with_quasi_static(motion, plant, localiser) for motion in motions]
+            return motions, wall
+
+        with ThreadPoolExecutor(workers) as pool:
+            try:
+                driven = dict(zip(self.plants, pool.map(one_plant, self.plants), strict=True))
+            except BaseException:
+                stop.set()  # an interrupt or a failed plant ends the others at their next piece
+                raise
+        return {name: d[0] for name, d in driven.items()}, {name: d[1] for name, d in driven.items()}
+
+
+@cli.program(Compare)
+def compare(o: Compare) -> Comparison:
+    """Drive every plant with the same commands and compare each with the reference.
+
+    Prints tables and writes compare.json, compare.png and compare.rrd.
+
+    Raises:
+        SsmrError: a plant diverged.
+        ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
+    """
+    return prepare(o).run()
+
+
+def prepare(o: Compare) -> PreparedComparison:
+    """Check everything that a comparison is asked for, and build its plants.
+
+    Raises:
+        ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
+    """
+    source = o.source
+    if not isinstance(source, Source):
+        kind: Literal["twist", "wheels"] = "wheels" if o.input == "wheels" else "twist"
+        source = open_source(str(source), kind, o.start, o.until, o.limits)
+    elif o.start is not None or o.until is not None:
+        raise ValueError("start and until cut a recording that is given by its path; cut yours before")
+    reference = o.reference or source.reference
+    profile = choose_profile(o.profile, o.robot, "husky-tile" if source.reference == RECORDING else "thesis-lab")
+    plants = PLANTS if tuple(o.plants) == ("all",) else o.plants or USUAL_PLANTS
+    wanted = {*plants, reference} - ({RECORDING} if source.reference == RECORDING else set())
+    if unknown := sorted(wanted - set(ALL_PLANTS)):
+        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(ALL_PLANTS)}")
+    if not wanted:
+        raise ValueError(f"plants is empty; there are: {', '.join(ALL_PLANTS)}")
+    made = {name: make_plant(profile, name, o.terrain) for name in ALL_PLANTS if name in wanted}
+    return PreparedComparison(source, profile, reference, made, o)
+
+
+if __name__ == "__main__":
+    cli.leave_out("pandas")
+    compare.main()

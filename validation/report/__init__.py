@@ -1,0 +1,1 @@
+"""What every program gives: tables of rows, notes, pictures and recordings, put together in one `Report`."""

@@ -1,0 +1,297 @@
+"""Motions of plants against one reference: what a comparison holds, and the tables and sentences that are made of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+from ssmr.metrics.declared import Metric, Metrics
+from ssmr.metrics.poses import HorizonErrors
+from ssmr.metrics.windows import OverlappingErrors, WindowErrors
+from ssmr.robot.localiser import Localiser
+from ssmr.types import Commands, IndexArray, Trajectory
+from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
+from validation.report.report import Report
+from validation.report.table import Row, Table
+from validation.report.tables import with_robot
+from validation.simulator.description import WHEELS, Robot, load_robot
+from validation.simulator.health import Health
+from validation.simulator.terrain import FLAT, Terrain
+from validation.simulator.wheel_loads import WheelLoads
+from validation.words import one_line
+
+HEADLINE_HORIZON = 6.0
+"""The horizon whose errors stand for a plant where only one has room [s]; else the one closest to it."""
+_WINDOWS = (
+    "after this time, of the relative pose: the plant's motion over a window is compared with the reference's, both seen "
+    "from the pose at the window's start. Windows follow one another and span no gap"
+)
+declare(
+    Metric("position_median_m", "position median", "m", "low", f"median error of the position {_WINDOWS}"),
+    Metric("position_p95_m", "position p95", "m", "low", "95th percentile of these errors"),
+    Metric("yaw_median_rad", "yaw median", "rad", "low", "median error of the heading over the same windows"),
+    Metric("yaw_p95_rad", "yaw p95", "rad", "low", "95th percentile of these errors"),
+)
+_INTERVALS = (
+    "in brackets: an interval that holds the median with 90 %; in logs of less than four horizons, the range of the errors"
+)
+_HEALTH = (
+    "apparent mass: push force divided by acceleration",
+    "peak torque: the greatest of a side",
+    "load sum rms: deviation of the four loads' sum from the weight",
+    "slip limit: slip at which the soft contact would lift a tyre",
+    "rise: height that the body gains at the greatest slip",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PlantResult:
+    """One plant's answer to the commands."""
+
+    name: str
+    """Name of the plant, such as `improved`."""
+    pieces: tuple[Trajectory, ...]
+    """The plant's motion: one piece for each gap-free stretch of the source, at the stamps of the reference's piece."""
+    metrics: Metrics
+    """Distances from the reference, over all pieces."""
+    horizons: Mapping[float, HorizonErrors]
+    """Errors of the relative pose, by horizon [s]; empty where the reference is a plant."""
+    wall_s: float
+    """Time that simulating took [s]."""
+    real_time_factor: float
+    """Simulated over wall time [1]."""
+    health: Health | None = None
+    """The verdict on the wheel loads; only a MuJoCo robot has one, and only on even ground."""
+    localiser: Localiser = Localiser()
+    """The frame in the plant's body whose motion `pieces` is."""
+    loads: WheelLoads | None = None
+    """The loads that its wheels carried; only a MuJoCo robot knows them."""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """All numbers that define the plant, as plain values."""
+    windows: Mapping[float, WindowErrors] = field(default_factory=dict)
+    """Errors over windows that begin every second, by horizon [s]; empty where the reference is a plant."""
+
+    @cached_property
+    def overlapping(self) -> Mapping[float, OverlappingErrors]:
+        """Medians over `windows` with their intervals, by horizon [s]."""
+        return {horizon: errors.summary() for horizon, errors in self.windows.items()}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what compare.json holds of the plant."""
+        entry: dict[str, Any] = {**self.metrics, "wall_s": self.wall_s, "real_time_factor": self.real_time_factor}
+        if self.horizons:
+            entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
+            for horizon, overlapping in self.overlapping.items():
+                entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(overlapping)
+        if self.health is not None:
+            entry["health"] = self.health.as_dict()
+        if self.loads is not None:
+            entry["wheel_loads"] = {"wheels": WHEELS, **asdict(self.loads)}
+        return entry
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Comparison(Report):
+    """Every plant against the reference on one source."""
+
+    source: str
+    """The source as the user named it: `traj4`, or the file of a recording."""
+    profile: str
+    """Name of the profile that gave the parameters."""
+    reference_name: str
+    """Name of the reference plant, or `recording`."""
+    reference: tuple[Trajectory, ...]
+    """The reference's motion, piece by piece."""
+    commands: tuple[Commands, ...]
+    """The commands that drove the plants, piece by piece; each begins at the first stamp of its piece."""
+    plants: Mapping[str, PlantResult]
+    """Results by plant, in the order of all tables; the reference plant is among them."""
+    seed: int
+    """Seed of noise and disturbance."""
+    terrain: Terrain = FLAT
+    """The ground that the MuJoCo robot stood on."""
+    scoring: Mapping[float, tuple[tuple[IndexArray, IndexArray], ...]] = field(default_factory=dict)
+    """Starts and ends of the scoring windows that follow one another, by horizon [s] and piece; none spans a jump of the
+    localiser. Empty where the reference is a plant."""
+    robot: Robot = field(default_factory=load_robot)
+    """The robot that the profile is of."""
+
+    @property
+    def profile_label(self) -> str:
+        """Name of the profile, and of the robot where the first does not tell the second."""
+        return with_robot(self.profile, self.robot.name)
+
+    @property
+    def facts(self) -> dict[str, str | int]:
+        """What was compared, by name."""
+        return {
+            "source": self.source,
+            "profile": self.profile,
+            "robot": self.robot.name,
+            "reference": self.reference_name,
+            "seed": self.seed,
+        }
+
+
+def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: str, caption: str) -> list[Table]:
+    """Return the tables of motions, the most telling one first; those without rows are left out.
+
+    Against a recording the errors of the relative pose by horizon and plant come first, then their medians over windows that
+    begin every second, with intervals. Then the metrics of paths, and for MuJoCo's robot loads and health.
+    """
+    horizons = sorted({h for result in plants.values() for h in result.horizons})
+    errors = [(h, n, r.horizons[h]) for h in horizons for n, r in plants.items() if h in r.horizons]
+    overlapping = [(h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping]
+    names = {n: f"{n} (ref)" if n == reference else n for n in plants}
+    metrics = [{"plant": names[n], **r.metrics, REAL_TIME.name: r.real_time_factor} for n, r in plants.items()]
+    tables = [
+        Table(
+            "Error of the relative pose after a horizon",
+            [{"horizon_s": h, "plant": n, "windows": e.n, **_without_n(e)} for h, n, e in errors],
+            f"compared with {reference} · emphasised: the best",
+            "horizon_s",
+            best=True,
+            units=_POSES,
+        ),
+        interval_table(overlapping),
+        Table(title, metrics, caption, best=True, reference=f"{reference} (ref)"),
+        _load_table(plants),
+        _health_table(plants),
+    ]
+    return [table for table in tables if table.rows]
+
+
+_POSES = {
+    "horizon_s": Unit("s", 1.0, 0, significant=3),
+    "position_median_m": METRES,
+    "position_p95_m": METRES,
+    "yaw_median_rad": DEGREES,
+}
+
+
+def _without_n(errors: HorizonErrors) -> dict[str, float]:
+    return {name: value for name, value in asdict(errors).items() if name != "n"}
+
+
+def interval_table(overlapping: Iterable[tuple[float, str, OverlappingErrors]], who: str = "plant") -> Table:
+    """Return medians over overlapping windows with their intervals, by horizon [s] and name."""
+    rows = [
+        {
+            "horizon_s": h,
+            who: name,
+            "windows": e.n,
+            "position_median_m": (e.position_median_m, e.position_low_m, e.position_high_m),
+            "yaw_median_rad": (e.yaw_median_rad, e.yaw_low_rad, e.yaw_high_rad),
+        }
+        for h, name, e in overlapping
+    ]
+    title = "The same over windows that begin every second, and how sure that is"
+    return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
+
+
+def _load_table(plants: Mapping[str, PlantResult]) -> Table:
+    """Return the wheel loads of the plants that know them."""
+    rows: list[Row] = []
+    captions = []
+    for name, result in plants.items():
+        if (loads := result.loads) is not None:
+            values = loads.static_N, loads.mean_N, loads.lowest_N, loads.highest_N, loads.off_ground_share
+            for wheel, rest, mean, least, greatest, off in zip(WHEELS, *values, strict=True):
+                forces = {"at_rest_N": rest, "mean_N": mean, "least_N": least, "greatest_N": greatest}
+                rows.append({"plant": name, "wheel": wheel.replace("_", " "), **forces, "off_ground_share": off})
+            captions.append(
+                f"{name}: rms {loads.static_rms_N:.1f} N from the loads at rest, "
+                f"{loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
+            )
+    return Table("Wheel loads", rows, "\n".join(captions), "plant")
+
+
+def _health_table(plants: Mapping[str, PlantResult]) -> Table:
+    """Return inertia, torque and slip of the plants that know them."""
+    rows = [
+        {
+            "plant": name,
+            "apparent_mass_kg": h.apparent_mass_kg,
+            "peak_torque_N_m": h.peak_torque_N_m,
+            "load_sum_rms_N": h.load_sum_rms_N,
+            "slip_m_s": h.slip_speed_m_s,
+            "slip_limit_m_s": h.slip_limit_m_s,
+            "rise_m": h.ride_rise_m,
+            "verdict": h.verdict,
+        }
+        for name, result in plants.items()
+        if (h := result.health) is not None and h.apparent_mass_kg is not None
+    ]
+    return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
+
+
+def headline_horizon(horizons: Iterable[float]) -> float | None:
+    """Return the horizon closest to `HEADLINE_HORIZON` [s]; None of none."""
+    return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
+
+
+def alike_plants(plants: Mapping[str, PlantResult]) -> dict[str, Any] | None:
+    """Return the pairs of plants that a recording cannot tell apart, as compare.json has them; None without windows.
+
+    Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`: `{"horizon_s",
+    "position": [[name, name], ...], "yaw": [...]}`.
+    """
+    horizon = headline_horizon({h for result in plants.values() for h in result.windows})
+    if horizon is None:
+        return None
+    able = {name: r.windows[horizon] for name, r in plants.items() if horizon in r.windows}
+    alike: dict[str, list[list[str]]] = {"position": [], "yaw": []}
+    for a, b in combinations(able, 2):
+        for what, differs in zip(alike, able[a].differs_from(able[b]), strict=True):
+            if not differs:
+                alike[what].append([a, b])
+    return {"horizon_s": horizon, **alike}
+
+
+def alike_sentences(plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None) -> list[str]:
+    """Return sentences on the plants that a recording cannot tell apart, see `alike_plants`."""
+    if alike is None:
+        return []
+    sentences, horizon = [], alike["horizon_s"]
+    n = sum(horizon in result.windows for result in plants.values())
+    for what in ("position", "yaw"):
+        pairs = [" and ".join(pair) for pair in alike[what]]
+        if len(pairs) == n * (n - 1) // 2 > 1:
+            sentences.append(f"After {horizon:g} s the recording cannot tell any two of these plants apart in {what}.")
+        elif pairs:
+            sentences.append(f"After {horizon:g} s the recording cannot tell apart in {what}: {', '.join(pairs)}.")
+    return sentences
+
+
+def ailing(plants: Mapping[str, PlantResult]) -> list[str]:
+    """Return a sentence for each plant with whose physics something is wrong."""
+    return [
+        f"{name}{'' if health.ok else ' is unhealthy'}: {one_line(health.advice)}."
+        for name, result in plants.items()
+        if (health := result.health) is not None and health.advice
+    ]
+
+
+def headline_error(result: PlantResult) -> str:
+    """Return the one number, with its unit, by which a plant is known where there is no room for more.
+
+    Where there are horizons, it is the median errors after the horizon closest to `HEADLINE_HORIZON`; else d_rms.
+    """
+    if (horizon := headline_horizon(result.horizons)) is not None:
+        errors = result.horizons[horizon]
+        length = length_unit([errors.position_median_m])
+        coarse = replace(length, decimals=0) if length.symbol == "mm" else replace(length, decimals=2)
+        yaw = replace(DEGREES, decimals=1, significant=2).text(errors.yaw_median_rad).removesuffix(".0")
+        return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
+    d_rms = result.metrics["d_rms_m"]
+    length = length_unit([d_rms])
+    return f"d_rms {length.text(d_rms)} {length.symbol}"
+
+
+def seconds_of(pieces: Sequence[Trajectory]) -> float:
+    """Return the time that pieces of a motion take together [s]."""
+    return math.fsum(float(piece.t[-1] - piece.t[0]) for piece in pieces)

@@ -202,7 +202,7 @@ PRICES = {
     "validation/robots": (2_600, "a robot's file: check, draft, import, export"),
     "validation/ros": (3_000, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_400, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (7_300, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),
+    "validation/study": (7_370, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),
     "validation/thesis": (360, "the thesis' numbers"),
     "validation/track": (2_600, "a controller follows a path"),
     "validation/tune": (1_350, "gains are searched for"),
@@ -211,7 +211,7 @@ PRICES = {
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 52_000, 345, 28_500
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 52_000, 346, 28_500
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 95_000, 2_900
 
 

@@ -37,7 +37,8 @@ def _version(package: str) -> str:
 def temporary_beside(path: Path) -> Path:
     """Return the path of a file or folder in which `path` is made before it is put in its place; nothing is there yet.
 
-    Its name says which process makes it, so that `sweep` can tell what a killed process left from what is in the making.
+    Its name says which process makes it, so that `remove_leftovers` can tell what a killed process left from what is still
+    in the making.
     """
     return path.with_name(f"{_mine(os.getpid())}{secrets.token_hex(4)}.part{path.suffix}")
 
@@ -47,7 +48,7 @@ def _mine(process: int | str) -> str:
     return f".ssmr-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-{process}-"
 
 
-def sweep(folder: Path) -> None:
+def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files and folders that processes of this computer left behind when they were killed."""
     for left in folder.glob(f"{_mine('*')}*.part*"):
         process = left.name.removeprefix(_mine("")[:-1]).partition("-")[0]
@@ -82,7 +83,7 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    sweep(path.parent)
+    remove_leftovers(path.parent)
     temporary = temporary_beside(path)
     try:
         write(temporary)

@@ -73,6 +73,8 @@ def _readable(study: str, name: str, kind: Any) -> Any:
 
 def _command(study: Study) -> Callable[[Any], None]:
     """Return the function behind a study's command, which takes the study's options and those that every study has."""
+    if isinstance(study.run, cli.Program):
+        return study.run.command()
     folder = Path("runs/study") / study.name
     hints = get_type_hints(study.options)
     names = [f.name for f in fields(study.options)]

@@ -1,7 +1,7 @@
 """The table of studies: each is declared once, and the command line, the documentation and the tests read it here.
 
-A study NAME is the package `validation.study.NAME`. That package exports the function `study_NAME(options, *, workers,
-progress)`, which returns a `StudyResult`; the fields of its options are the options of the command line.
+A study NAME is the module `validation.study.NAME`, which has the program `study_NAME`; or still a package of that name,
+which exports a function `study_NAME(options, *, workers, progress)` that returns a `StudyResult`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,84 @@
+"""One loop for all studies: it measures every variant, side by side, and keeps what was finished."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from ssmr.errors import SsmrError
+from validation.progress import Progress
+from validation.progress import Report as Progressing
+from validation.report.report import FINISHED, INTERRUPTED
+from validation.words import one_line
+
+Variant = TypeVar("Variant")
+Measure = Callable[[Variant], Mapping[str, Any]]
+"""A drive or calculation that gives the columns of one variant, as keys and values."""
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep found."""
+
+    rows: Sequence[dict[str, Any]]
+    """A row for each variant that was measured, in the order of the variants, its name in the column `variant`."""
+    notes: Sequence[str] = field(default_factory=tuple)
+    """A sentence for each measure that failed."""
+    status: str = FINISHED
+    """`finished`, or `interrupted` by Ctrl-C."""
+
+
+def sweep(
+    variants: Mapping[str, Variant],
+    measures: Mapping[str, Measure[Variant]],
+    *,
+    workers: int | None,
+    progress: Progressing,
+) -> Swept:
+    """Take every measure of every variant.
+
+    Args:
+        variants: what is varied, by the name that its row gets.
+        measures: drives by name, each of which gives some columns. A drive that fails leaves its columns empty and a note.
+        workers: threads, None for all processors; the result does not depend on it.
+        progress: called after each variant.
+
+    Returns:
+        The rows; after Ctrl-C those of the variants that were finished.
+
+    Raises:
+        SsmrError: every measure of every variant failed.
+        ValueError: the same, for values that do not go together.
+        KeyboardInterrupt: it was pressed before the first variant was finished.
+    """
+    failures: dict[str, Exception] = {}
+
+    def row_of(name: str, variant: Variant) -> dict[str, Any]:
+        row: dict[str, Any] = {"variant": name}
+        for drive, measure in measures.items():
+            try:
+                row.update(measure(variant))
+            except (SsmrError, ValueError) as error:
+                failures[f"{name}: {drive} failed"] = error
+        return row
+
+    rows: dict[str, dict[str, Any]] = {}
+    status, pool = FINISHED, ThreadPoolExecutor(workers or os.cpu_count())
+    try:
+        futures = {pool.submit(row_of, name, variant): name for name, variant in variants.items()}
+        for future in as_completed(futures):
+            rows[futures[future]] = future.result()
+            progress(Progress(len(rows), len(variants), futures[future]))
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+        status = INTERRUPTED
+    finally:
+        pool.shutdown(cancel_futures=True)
+    if failures and all(len(row) == 1 for row in rows.values()):
+        raise next(iter(failures.values()))
+    notes = [f"{what}: {one_line(why)}." for what, why in sorted(failures.items())]
+    return Swept([rows[name] for name in variants if name in rows], notes, status)

@@ -23,7 +23,6 @@ PARTS = (
     "usual",
     "arguments",
     "files",
-    "sections",
     "numbers",
     "disks",
     "kills",

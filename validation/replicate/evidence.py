@@ -2,7 +2,7 @@
 
 A section runs by itself and answers for some tables of the thesis. Its findings are kept as `sections/KEY.json` and its
 pictures in `figures/`, each written whole or not at all, the JSON file last. They are used again as long as settings,
-inputs, code and versions are the same, and nobody changed them; see `keeping`.
+inputs, code and versions are the same, see `keeping`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -67,20 +66,6 @@ class Picture:
     """Name of the file in `figures/`."""
     caption: str
     """Description of what it shows."""
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError for what is no plain name of a picture."""
-        require_picture_name(self.file)
-
-
-def require_picture_name(file: str) -> None:
-    """Refuse what is no plain name of a picture: a report embeds the file, which must lie where sections put it.
-
-    Raises:
-        ValueError: it has folders, or another ending than .png.
-    """
-    if not re.fullmatch(r"\w[\w.-]*\.png", file, flags=re.ASCII):
-        raise ValueError(f"{file!a} is no name of a picture, which has no folders and ends in .png")
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ class Replication(Result):
 
         Raises:
             OSError: the folder cannot be made or written.
-            SsmrError: a picture is missing, or lies elsewhere.
+            SsmrError: a picture is missing.
         """
         place, figures = Path(folder), self.folder / FIGURE_FOLDER
         if realpath(place) != realpath(self.folder):
@@ -113,7 +113,7 @@ class Replication(Result):
 
         Raises:
             OSError: the folder cannot be made or written.
-            SsmrError: a picture is missing, or lies elsewhere.
+            SsmrError: a picture is missing.
             ValueError: `path` does not end in .md.
         """
         require_markdown(path)

@@ -198,7 +198,7 @@ PRICES = {
     "validation/plants": (980, "every plant declared once, and profiles"),
     "validation/recordings": (810, "say what a log contains, clean and convert it"),
     "validation/replicate": (3_750, "the thesis beside us, row by row"),
-    "validation/report": (4_050, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/report": (3_550, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/robots": (2_600, "a robot's file: check, draft, import, export"),
     "validation/ros": (3_000, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_400, "a robot's description becomes a MuJoCo model that moves"),

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 import rerun as rr
@@ -27,14 +26,14 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
-from tests.conftest import ROUNDOFF, Launch, metrics_of
-from validation.report import thinning
+from tests.conftest import Launch, metrics_of
+from validation.report import scene, tracks
+from validation.report.looks import looks_of
+from validation.report.motion_scene import write_comparison as write_recording
 from validation.report.motions import Comparison, PlantResult
-from validation.report.robot_mesh import body_mesh
-from validation.report.scene import write_recording
-from validation.report.thinning import POSE_PERIOD, outline_of
+from validation.report.tracks import POSE_PERIOD, outline_of
 from validation.report.viewer import open_viewer
-from validation.simulator.description import WHEELS
+from validation.simulator.description import WHEELS, load_robot
 
 SINGLE = 2.0**-22
 """Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""
@@ -195,9 +194,9 @@ def test_an_outline_keeps_the_extremes_of_every_stretch(k: int) -> None:
 
 
 def test_a_long_recording_is_thinned_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(thinning, "MOST_POSES", 50)
-    monkeypatch.setattr(thinning, "MOST_SAMPLES", 60)
-    monkeypatch.setattr(thinning.outline_of, "__defaults__", (60,))
+    monkeypatch.setattr(tracks, "MOST_POSES", 50)
+    monkeypatch.setattr(scene, "MOST_SAMPLES", 60)
+    monkeypatch.setattr(tracks.outline_of, "__defaults__", (60,))
     made, path = comparison([TWO_SECONDS], PLANTS[:2]), tmp_path / "long.rrd"
     write_recording(made, path, REPORT)
     read, motion = Read.file(path), made.plants["improved"].pieces[0]
@@ -387,40 +386,15 @@ def answers(port: int) -> bool:
 # --- the robot's looks ---
 
 
-def volume(triangles: FloatArray) -> float:
-    """Of the solid that (T, 3, 3) triangles enclose; negative where they face inwards [m3]."""
-    return float(np.einsum("ti,ti->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0)
-
-
-def one_geom(geom: str) -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><worldbody><body name="b"><geom group="2" {geom}/></body></worldbody></mujoco>'
-    )
-
-
-FACETS = 0.03
-"""What 36 faces around and 12 from pole to pole cut off a round solid's volume, at most."""
-
-
-@pytest.mark.parametrize(
-    ("geom", "wanted"),
-    [
-        ('type="box" size="0.1 0.2 0.3"', 0.048),
-        ('type="cylinder" size="0.1 0.2"', math.pi * 0.01 * 0.4),
-        ('type="capsule" size="0.1 0.2"', math.pi * 0.01 * 0.4 + 4.0 / 3.0 * math.pi * 0.001),
-        ('type="ellipsoid" size="0.1 0.2 0.3"', 4.0 / 3.0 * math.pi * 0.006),
-    ],
-)
-def test_solids_are_closed_and_face_outwards(geom: str, wanted: float) -> None:
-    mesh = body_mesh(one_geom(geom + ' pos="1 2 3" euler="20 30 40" rgba="1 0.5 0 1"'), "b")
-    triangles = mesh.vertices.reshape(-1, 3, 3)
-    assert (1.0 - FACETS) * wanted < volume(triangles - [1.0, 2.0, 3.0]) <= wanted * (1.0 + ROUNDOFF)
-    edges = {}
-    for triangle in np.round(triangles, 9):
-        for k in range(3):
-            edge = (tuple(triangle[k]), tuple(triangle[(k + 1) % 3]))
-            edges[edge] = edges.get(edge, 0) + 1
-    assert all(edges.get((b, a)) == count for (a, b), count in edges.items())
-    assert np.abs(np.linalg.norm(mesh.normals, axis=1) - 1.0).max() <= ROUNDOFF
-    assert np.all(np.einsum("vi,vi->v", mesh.normals, mesh.vertices - [1.0, 2.0, 3.0]) > 0.0)
-    assert np.unique(mesh.colours, axis=0).tolist() == [[255, 128, 0, 255]]
+def test_a_robot_looks_as_large_as_it_is() -> None:
+    husky = load_robot()
+    looks = looks_of(husky)
+    radius, track = husky.geometry.wheel_radius, husky.geometry.track
+    assert looks.box[0, 2] == pytest.approx(0.0, abs=3e-3)  # a shaped tyre is drawn a little larger
+    for wheel in WHEELS:
+        x, y, z = looks.places[wheel]
+        assert z == pytest.approx(radius)
+        assert abs(y) == pytest.approx(0.5 * track)
+        assert (x > 0.0) == wheel.startswith("front")
+        assert (y > 0.0) == wheel.endswith("left")
+        assert max(solid.size[0] for solid in looks.solids[wheel]) == pytest.approx(radius, rel=0.02)

@@ -76,7 +76,7 @@ def test_rough_ground_is_where_the_terrain_is() -> None:
 
 
 def test_a_film_shows_every_instant_and_hurries_when_it_is_long(comparison: Comparison) -> None:
-    from validation.report.scene import compared_tracks
+    from validation.report.motion_scene import compared_tracks
 
     film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, 10.0), "a curve")
     assert film.t == pytest.approx(np.arange(0.0, 2.01, 0.1))
@@ -87,7 +87,7 @@ def test_a_film_shows_every_instant_and_hurries_when_it_is_long(comparison: Comp
 
 @pytest.mark.parametrize("longest", [10.0, 0.4])
 def test_the_eye_does_not_lose_the_robot_however_fast_it_is_shown(comparison: Comparison, longest: float) -> None:
-    from validation.report.scene import compared_tracks
+    from validation.report.motion_scene import compared_tracks
 
     film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, longest), "a curve")
     away = np.linalg.norm(film._look_at[:, :2] - film._poses[0][:, :2], axis=1)

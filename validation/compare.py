@@ -25,6 +25,7 @@ from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
 from validation.progress import Progress, Report
 from validation.report.motion_panels import comparison_figure
+from validation.report.motion_scene import compared_tracks, write_comparison
 from validation.report.motions import (
     Comparison,
     PlantResult,
@@ -34,7 +35,6 @@ from validation.report.motions import (
     comparison_tables,
     headline_horizon,
 )
-from validation.report.scene import compared_tracks, write_recording
 from validation.report.tables import with_robot
 from validation.simulator.health import Health, examine, run_health
 from validation.simulator.plant import MujocoPlant
@@ -180,7 +180,7 @@ class PreparedComparison:
                 "parameters": {name: dict(result.parameters) for name, result in results.items()},
             },
             draw=comparison_figure,
-            record=write_recording,
+            record=write_comparison,
             tracks=compared_tracks,
             source=source.name,
             profile=profile.name,

@@ -47,7 +47,7 @@ class DriveWindow:
             )
         except (RuntimeError, mujoco.FatalError) as error:  # on macOS it says that mjpython must run the program
             raise NoWindowError(f"MuJoCo's viewer cannot be opened ({one_line(error)}); {instead}") from error
-        scale = float(stage.mesh.scale.max())
+        scale = float(stage.looks.scale.max())
         with self._viewer.lock():
             camera = self._viewer.cam
             camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, stage.model.body("0").id
@@ -87,10 +87,10 @@ class DriveWindow:
                 stage.place(rank, pose, turns[rank], (0.0, 0.0, 0.0) if rank else tuple(stage.lie(pose)))
             stage.settle()
             scene, scene.ngeom = viewer.user_scn, 0
-            above = 1.4 * stage.mesh.box[1, 2]
+            above = 1.4 * stage.looks.box[1, 2]
             for rank, name in enumerate(stage.names[1:], start=1):
                 geom, rgba = scene.geoms[scene.ngeom], np.array([*ink(name), 255], dtype=np.float32) / 255.0
-                place = np.array([*poses[rank][:2], above + 0.12 * stage.mesh.scale[2] * rank])
+                place = np.array([*poses[rank][:2], above + 0.12 * stage.looks.scale[2] * rank])
                 mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_LABEL, np.full(3, 0.1), place, np.eye(3).ravel(), rgba)
                 geom.label = ascii_text(name)[:90]
                 scene.ngeom += 1

@@ -15,10 +15,11 @@ from ssmr.types import Trajectory
 from validation.fit.data import FitData, FittedParameter
 from validation.fit.table import fit_markdown
 from validation.report.motion_panels import comparison_figure
+from validation.report.motion_scene import write_comparison
 from validation.report.motions import Comparison, PlantResult
 from validation.report.palette import colour
-from validation.report.scene import History, write_recording
 from validation.report.tables import option_text
+from validation.report.tracks import History
 
 
 def write_fit_recording(result: FitData, path: Path) -> None:
@@ -32,8 +33,8 @@ def write_fit_recording(result: FitData, path: Path) -> None:
     """
     costs = np.column_stack([result.trace.best_cost, result.trace.median_cost])
     names = (f"best {result.cost_name} cost", "median of the population")
-    history = History("cost", "Cost", "generation", names, (colour(result.model), colour("")), costs)
-    write_recording(as_comparison(result), path, fit_markdown(result), [history])
+    history = History("Cost", "generation", names, (colour(result.model), colour("")), costs)
+    write_comparison(as_comparison(result), path, fit_markdown(result), [history])
 
 
 def as_comparison(result: FitData) -> Comparison:

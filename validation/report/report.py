@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from validation.report.rerun_robots import Track
+    from validation.report.tracks import Track
 
 FINISHED, INTERRUPTED = "finished", "interrupted"
 """How a program can end."""

@@ -11,10 +11,9 @@ import numpy as np
 
 from ssmr.geometry import roll_pitch_yaw_to_quat_wxyz
 from ssmr.types import FloatArray
+from validation.report.looks import looks_of, tinted
 from validation.report.palette import Rgb, colour, mix
-from validation.report.rerun_robots import GROUND, OTHER_GROUND, WHITE
-from validation.report.robot_mesh import robot_mesh, tinted
-from validation.simulator.composing import VISUAL_GROUP, compose_robot
+from validation.report.tracks import GROUND, OTHER_GROUND, WHITE
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.terrain import FLAT, Terrain
@@ -54,14 +53,14 @@ class Stage:
         Raises:
             ValueError: the robot's hand-made MJCF cannot be read, or has looks that are not drawn.
         """
-        self.mesh, self.names, self.terrain, self._frame = robot_mesh(robot), tuple(names), terrain, robot.geometry
-        spec, looks = mujoco.MjSpec(), compose_robot(robot).compile()
-        scale = float(self.mesh.scale.max())
+        self.looks, self.names, self.terrain, self._frame = looks_of(robot), tuple(names), terrain, robot.geometry
+        spec = mujoco.MjSpec()
+        scale = float(self.looks.scale.max())
         spec.stat.extent, spec.visual.global_.offwidth, spec.visual.global_.offheight = 4.0 * scale, 1920, 1080
         spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.25] * 3
         _lay_ground(spec, terrain, np.array([[-20.0, -20.0], [20.0, 20.0]]) if corners is None else corners)
         for rank, name in enumerate(names):
-            self._add_robot(spec, looks, rank, name)
+            self._add_robot(spec, rank, name)
         sun = spec.body("0").add_light(pos=[0.0, 0.0, 6.0 * scale], dir=[0.3, 0.25, -1.0], diffuse=[0.5] * 3)
         sun.castshadow = False  # coarse, and a third of the time
         sun.type, sun.mode = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, mujoco.mjtCamLight.mjCAMLIGHT_TRACK
@@ -69,23 +68,21 @@ class Stage:
         self.data = mujoco.MjData(self.model)
         self.settle()
 
-    def _add_robot(self, spec: mujoco.MjSpec, looks: mujoco.MjModel, rank: int, name: str) -> None:
-        places = self.mesh.places
+    def _add_robot(self, spec: mujoco.MjSpec, rank: int, name: str) -> None:
+        places = self.looks.places
         base = spec.worldbody.add_body(name=str(rank), mocap=True)
         for part in ("base", *WHEELS):
             body, offset = base, places["base"]
             if part != "base":
                 body, offset = base.add_body(name=f"{rank}_{part}", pos=places[part]), np.zeros(3)
                 body.add_joint(name=f"{rank}_{part}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
-            first, count = int(looks.body(part).geomadr[0]), int(looks.body(part).geomnum[0])
-            for g in (g for g in range(first, first + count) if looks.geom_group[g] == VISUAL_GROUP):
-                rgba, size = looks.geom_rgba[g].astype(np.float64), 1.0
+            for solid in self.looks.solids[part]:
+                rgba, size = solid.rgba, 1.0
                 if rank:
-                    shade = tinted(np.round(255.0 * rgba[None]).astype(np.uint8), ink(name), 0.5)[0] / 255.0
-                    rgba, size = np.append(shade[:3], _GHOST_OPACITY), _GHOST_SIZE
+                    rgba, size = np.append(tinted(rgba, ink(name), 0.5)[:3], _GHOST_OPACITY), _GHOST_SIZE
                 body.add_geom(
-                    type=mujoco.mjtGeom(int(looks.geom_type[g])), size=size * looks.geom_size[g], rgba=rgba,
-                    pos=offset + size * looks.geom_pos[g], quat=looks.geom_quat[g], contype=0, conaffinity=0,
+                    type=getattr(mujoco.mjtGeom, f"mjGEOM_{solid.kind}"), size=size * solid.size, rgba=rgba,
+                    pos=offset + size * solid.position, quat=solid.quat_wxyz, contype=0, conaffinity=0,
                 )  # fmt: skip
 
     def place(self, rank: int, pose: FloatArray, turns: FloatArray, raised: Sequence[float] = (0.0, 0.0, 0.0)) -> None:

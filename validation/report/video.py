@@ -17,8 +17,8 @@ from ssmr.types import FloatArray
 from validation.plants.table import STANDARD
 from validation.progress import Progress, Report, silent
 from validation.report.graphics import open_graphics
-from validation.report.rerun_robots import Extent, Track
 from validation.report.stage import Stage, draw_trail, ink, new_scene
+from validation.report.tracks import Extent, Track
 from validation.store import write_atomic
 from validation.words import one_line
 

@@ -354,7 +354,8 @@ def _layout(scene: Scene) -> rrb.Blueprint:
     above = middle + np.array([0.0, 0.0, 1.1 * extent.distance])
     scale = extent.scale
     behind = np.append(shift_reference(first.pose[0], (-1.5 * scale, -1.2 * scale))[:2], 1.15 * scale)
-    near = _eye(behind, np.append(first.pose[0][:2], 0.2 * scale), follow=f"/world/{first.name}/robot/base")
+    hull = looks_of(first.robot).solids["base"][0].kind.lower()
+    near = _eye(behind, np.append(first.pose[0][:2], 0.2 * scale), follow=f"/world/{first.name}/robot/base/{hull}")
     looks = [
         _view("Scene (grid 1 m)", _eye(aside, middle)),
         _view("From above", _eye(above, middle, up=np.append(extent.across, 0.0)), names),

@@ -15,13 +15,13 @@ from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel
 from validation import cli
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
 from validation.simulator.loops import run_husky_loops
 from validation.simulator.model import controls
 from validation.simulator.plant import MujocoPlant
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller, make_robot
 
 EPISODE_TICKS = 5200.0
 """Ticks a second that 64 episodes at once must make on a core: eight times those of version 1.4 [1/s]."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from validation.track.waypoint_files import REFERENCES, SAMPLES
+from validation.bench.waypoint_files import REFERENCES, SAMPLES
 
 OUT = Path(__file__).parent / "img" / "references.png"
 NAMES = [name for name in REFERENCES if name not in SAMPLES and name != "long-line"]

@@ -16,6 +16,7 @@ import tomli_w
 from tests.conftest import EXACT, exit_status
 from tests.ros_fakes import FakeClock, FakePort
 from validation import load_profile, load_robot
+from validation.bench.mismatch import single_mismatches
 from validation.compare import compare
 from validation.fit import __main__ as fit_program
 from validation.fit import fit
@@ -35,9 +36,7 @@ from validation.simulator.plant import MujocoPlant
 from validation.study import __main__ as study_program
 from validation.study.terrain import TerrainOptions, study_terrain
 from validation.study.terrain.findings import TerrainAxes
-from validation.track import __main__ as track_program
 from validation.track import track
-from validation.track.mismatch import single_mismatches
 from validation.tune import __main__ as tune_program
 from validation.tune import tune
 
@@ -95,7 +94,7 @@ def test_track(robot: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = ["--robot", robot, "--plant", "improved,mujoco", "--out", str(out)]
     for controller in ("pid", "smc"):
-        assert exit_status(track_program.main, controller, "circle", *arguments) == 0
+        assert exit_status(track, controller, "circle", *arguments) == 0
         found = document(out / "track.json")
         assert found["robot"] == load_robot(robot).name
         for metrics in (found["metrics"], found["beside"]["mujoco"]):

@@ -22,6 +22,7 @@ ROOMS = (
     {"validation.logs", "validation.simulator"},
     {"validation.engines"},
     {"validation.plants"},
+    {"validation.bench"},
     {"validation.motion", "validation.report"},
     {"validation.cli"},
     {"validation.compare", "validation.recordings", "validation.robots"},
@@ -75,6 +76,14 @@ def room_of(module: str) -> str:
 
 def floor_of(module: str) -> int:
     return next(i for i, rooms in enumerate(ROOMS) if room_of(module) in rooms)
+
+
+def room_imports() -> dict[str, set[str]]:
+    """Every room with the rooms that its modules import, for the picture of the architecture."""
+    drawn: dict[str, set[str]] = {room_of(name): set() for name in modules()}
+    for name in modules():
+        drawn[room_of(name)] |= {room_of(other) for other in imports(name) & set(modules())} - {room_of(name)}
+    return drawn
 
 
 def test_every_module_has_its_room() -> None:
@@ -198,13 +207,13 @@ PRICES = {
     "validation/plants": (980, "every plant declared once, and profiles"),
     "validation/recordings": (810, "say what a log contains, clean and convert it"),
     "validation/replicate": (3_750, "the thesis beside us, row by row"),
-    "validation/report": (3_550, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/report": (4_110, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/robots": (2_600, "a robot's file: check, draft, import, export"),
     "validation/ros": (3_000, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_400, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (7_370, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),
     "validation/thesis": (360, "the thesis' numbers"),
-    "validation/track": (2_600, "a controller follows a path"),
+    "validation/bench": (1_280, "references, gains and controllers around any robot"),
     "validation/tune": (1_350, "gains are searched for"),
     "validation/.": (1_100, "comparison, safe reading and whole writing"),
     "benchmarks": (2_250, "speed beside other libraries"),

@@ -33,12 +33,12 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
+from validation.bench.gains import load_gains
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.simulator.loops import run_husky_loops
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.thesis import published
-from validation.track.gains import load_gains
 
 FRAME = 1e-11
 """Coordinates of some metres round to 1e-15, times the loops' gains of about ten, through hundreds of damped ticks."""

@@ -26,7 +26,7 @@ from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
 from tests.robots import HUSKY
-from tests.test_architecture import room_imports
+from tests.test_architecture import modules, room_of
 from validation.recordings.simulated_log import LogSettings
 from validation.robots.numbers import unit_of_key
 from validation.simulator.calibration import Calibration
@@ -228,7 +228,7 @@ def test_the_picture_of_the_rooms_is_what_the_imports_say() -> None:
 def test_every_room_has_a_paragraph() -> None:
     text = (DOCS / "architecture.md").read_text(encoding="utf-8")
     named = set(re.findall(r"\w+", " ".join(re.findall(r"\*\*([\w, ]+?)\.?\*\*", text))))
-    assert {room.partition(".")[2] for room in room_imports()} <= named
+    assert {room_of(name).partition(".")[2] for name in modules()} <= named
 
 
 def test_every_erratum_is_numbered_and_shown_by_a_test_that_exists_or_by_the_text() -> None:

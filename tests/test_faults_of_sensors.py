@@ -68,7 +68,9 @@ def test_a_simulated_log_has_the_faults_and_otherwise_stays_as_it_was() -> None:
 
 def test_a_robot_with_damaged_encoders_drives_farther_than_it_believes(tmp_path: Path) -> None:
     """Both sides miss a twentieth: the filter's speed is a twentieth too small, and so is the way that it believes in."""
-    result = track("pid", circle(speed=0.5), gains="published", feedback="ekf", disturbance=False, missed_ticks=(0.05, 0.05))
+    result = track(
+        "pid", circle(speed=0.5), gains="published", feedback="ekf", no_disturbance=True, missed_ticks=(0.05, 0.05)
+    )
     run = result.robots[0].run
     late = run.t > 5.0
     assert np.mean(run.column("seen_v")[late] / run.column("v_x")[late]) == pytest.approx(0.95, abs=0.005)

@@ -16,6 +16,7 @@ from ssmr.estimation.sensing import SensorModel
 from ssmr.estimation.settings import BIAS, EkfSettings
 from tests.conftest import data_folder
 from validation import cli
+from validation.bench.commissioning import chosen_filter
 from validation.plants.filters import load_filter
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.recordings.__main__ import PROGRAM
@@ -23,7 +24,6 @@ from validation.recordings.run import ConvertSettings, commission_log, convert, 
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 from validation.track import track
-from validation.track.commissioning import chosen_filter
 
 STOCK = EkfSettings()
 TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"

@@ -7,11 +7,11 @@ import pytest
 
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.references import eight
+from validation.bench.commissioning import TRACKER
+from validation.bench.gains import DEFAULT, load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.plants.profile import load_profile
 from validation.study.filter.doubt import chi_squared_band, doubt_of
-from validation.track.commissioning import TRACKER
-from validation.track.gains import DEFAULT, load_gains
-from validation.track.loops import make_controller, make_robot, run_robots
 
 LEAST_INSIDE = 8 / 9
 """Share of the nine instants whose mean must be inside the band: one in twenty is outside by chance."""

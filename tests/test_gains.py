@@ -17,10 +17,7 @@ from ssmr.control.loop import LoopSettings
 from ssmr.control.references import circle
 from tests.test_docs import tables
 from validation import cli
-from validation.plants.filters import odometry_of
-from validation.plants.profile import load_profile, shipped
-from validation.thesis import published
-from validation.track.gains import (
+from validation.bench.gains import (
     FIELDS,
     SCHEMA,
     GainsError,
@@ -31,7 +28,10 @@ from validation.track.gains import (
     origin_sentence,
     profile_sets,
 )
-from validation.track.loops import make_controller, make_robot, run_robots
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.plants.filters import odometry_of
+from validation.plants.profile import load_profile, shipped
+from validation.thesis import published
 from validation.tune.cost import TuneCost, costs_of
 
 PRINTED = {

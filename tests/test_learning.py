@@ -18,11 +18,11 @@ from dm_env import test_utils
 from ssmr.control.references import winding
 from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF, SYMMETRY
+from validation.bench.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask, tracking
 from validation.learning.episodes import DELAY, FRICTION, EpisodeSource
 from validation.plants.profile import load_profile, make_plant
 from validation.simulator.model import controls
-from validation.track.waypoint_files import open_reference
 
 PLAIN: dict[str, Any] = {"spread": 0.0, "noise": False, "timestep": 0.002}
 """The profile's own robot at the first waypoint, without noise, in the physics of all other programs."""

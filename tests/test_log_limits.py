@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from ssmr.parameters import described
 from tests.bag_factory import poses_at, write
 from validation import cli
+from validation.bench.waypoint_files import WaypointError, read_waypoints
 from validation.logs.csv_table import read_csv_table
 from validation.logs.formats import read_log, read_recording
 from validation.logs.groups import Group
@@ -30,7 +31,6 @@ from validation.logs.recording_csv import read_csv
 from validation.motion.sources import open_source
 from validation.recordings import ConvertSettings, convert, info
 from validation.recordings.__main__ import PROGRAM
-from validation.track.waypoint_files import WaypointError, read_waypoints
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "logs.md"
 

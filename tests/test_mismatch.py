@@ -13,11 +13,9 @@ from hypothesis import strategies as st
 
 from ssmr.parameters import described
 from tests.conftest import ROUNDOFF
-from validation.plants.profile import Profile, load_profile
-from validation.simulator.plant import MujocoPlant
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller, make_robot, run_robots
-from validation.track.mismatch import (
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.mismatch import (
     NOMINAL,
     SCORING,
     STUDYING,
@@ -29,7 +27,9 @@ from validation.track.mismatch import (
     spread,
     worst_mean,
 )
-from validation.track.waypoint_files import open_reference
+from validation.bench.waypoint_files import open_reference
+from validation.plants.profile import Profile, load_profile
+from validation.simulator.plant import MujocoPlant
 from validation.tune import tune
 
 FEW = {"plants": ("linear",), "free": ("q_x", "r_v"), "population": 6, "generations": 2, "held_out": ("line@0.5",)}

@@ -21,7 +21,7 @@ from validation.plants.profile import load_profile
 from validation.recordings.__main__ import PROGRAM as LOG_COMMANDS
 from validation.robots.__main__ import PROGRAM as ROBOT_COMMANDS
 from validation.study.__main__ import PROGRAM as STUDY_COMMANDS
-from validation.track.__main__ import main as track
+from validation.track import track
 from validation.tune.__main__ import main as tune
 
 NAME = "n\x1b[31m$a_{\udcff\u202e[red]<b>`|(y)"
@@ -45,7 +45,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     rows = [",".join(columns), *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns.values(), strict=True))]
     Path(f"{NAME}.csv").write_text("\n".join(rows), encoding="utf-8")
     Path(f"w{NAME}.csv").write_text("x,y\n" + "".join(f"{0.1 * i},{0.02 * i}\n" for i in range(12)), encoding="utf-8")
-    for kind, path in (("p", "plants/profiles/thesis-lab.toml"), ("g", "track/gain_sets/pid-tuned.toml")):
+    for kind, path in (("p", "plants/profiles/thesis-lab.toml"), ("g", "bench/gain_sets/pid-tuned.toml")):
         text = (SHIPPED / path).read_text(encoding="utf-8")
         renamed = re.sub(r"^(name|description) = .*$", lambda m: f'{m[1]} = "{ENTRY}"', text, flags=re.MULTILINE)
         Path(f"{kind}{NAME}.toml").write_text(renamed, encoding="utf-8")

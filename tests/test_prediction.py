@@ -26,9 +26,9 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot, rate, run_robots
 from validation.plants.profile import load_profile
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller, make_robot, rate, run_robots
 from validation.tune.problem import delayed
 
 TRUTH = LoopSettings("truth", disturbance=False)

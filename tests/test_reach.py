@@ -10,11 +10,10 @@ import pytest
 from ssmr.control.references import circle, eight, line
 from tests.conftest import ROUNDOFF
 from validation import load_profile
+from validation.bench.gains import GainSet, dump_gains, load_gains, origin_sentence
+from validation.bench.loops import demand_of, make_robot, settled_motion
 from validation.plants.profile import Profile, make_plant
-from validation.track.gains import GainSet, dump_gains, load_gains, origin_sentence
-from validation.track.loops import demand_of, make_robot
-from validation.track.reach import settled_motion
-from validation.track.run import prepare_tracking, track
+from validation.track import TrackOptions, prepare_tracking, track
 
 
 def test_a_settled_motion_of_a_robot_without_slip_is_the_command(lab: Profile) -> None:
@@ -58,12 +57,12 @@ def test_what_a_robot_can_do_is_not_worth_a_sentence(lab: Profile) -> None:
 
 
 def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:
-    asked = prepare_tracking("lqr", "eight@0.5", "improved", "husky-tile", "tuned")
+    asked = prepare_tracking(TrackOptions("lqr", "eight@0.5", "improved", "husky-tile", "tuned"))
     origin, demand = asked.remarks
     assert origin.startswith("The gains lqr-tuned were found on the profile thesis-lab, not on husky-tile")
     assert demand.startswith("eight at 0.5 m/s asks improved of husky-tile")
     found = track("lqr", "circle@0.5", "improved", "husky-tile", "tuned")
-    assert found.remarks == (origin,)
+    assert found.alarms == (origin,)
     assert origin in found.as_dict()["notes"]
     assert origin in " ".join(found.table().split())
 
@@ -72,7 +71,7 @@ def test_gains_that_do_not_say_where_they_are_from_are_taken_as_they_are(lab: Pr
     own = GainSet("lqr", "own", load_gains("lqr", "tuned").values)
     path = tmp_path / "own.toml"
     path.write_text(dump_gains(own))
-    assert prepare_tracking("lqr", "line", "linear", lab, str(path)).remarks == ()
+    assert prepare_tracking(TrackOptions("lqr", "line", "linear", lab, str(path))).remarks == ()
     for name in ("published", "tuned", "manual"):
         assert origin_sentence(load_gains("lqr", name), "thesis-lab") is None
 

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from validation import reading
+from validation.bench.gains import load_gains
 from validation.plants.profile import load_profile
-from validation.track.gains import load_gains
 
 LOADERS: dict[str, Callable[[Path], object]] = {
     "text": reading.read_text,

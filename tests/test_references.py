@@ -17,8 +17,8 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
 from tests.test_docs import tables
+from validation.bench.waypoint_files import REFERENCES
 from validation.thesis import published
-from validation.track.waypoint_files import REFERENCES
 
 PRINTED = 1e-6
 """generic.csv is written to the micrometre: half of that at both ends of a segment, and of the table's pieces [m]."""

@@ -506,7 +506,7 @@ def test_editing_any_file_that_decides_numbers_changes_the_digest(tmp_path: Path
         ("ssmr/models/linear.py", True),
         ("validation/study/robustness/cases.py", True),
         ("validation/plants/profiles/thesis-lab.toml", True),
-        ("validation/track/references/generic.csv", True),
+        ("validation/bench/references/generic.csv", True),
         ("validation/replicate/models.py", True),
         ("validation/thesis/published.toml", True),
         ("validation/thesis/verdicts.py", False),

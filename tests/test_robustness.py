@@ -14,6 +14,9 @@ from ssmr.control.loop import ClosedRun
 from ssmr.control.references import circle, line
 from ssmr.control.tick import LOG_COLUMNS, LOST
 from tests.conftest import ROUNDOFF, exit_status
+from validation.bench.gains import FIELDS, GainsError, GainSet, load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.mismatch import NOMINAL, single_mismatches
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 from validation.study.__main__ import PROGRAM
@@ -22,9 +25,6 @@ from validation.study.result import StudyResult
 from validation.study.robustness import Robustness, RobustnessOptions, study_robustness
 from validation.study.robustness.cases import draw_cases
 from validation.study.robustness.outcomes import RunErrors, driven_again, errors_of, health_of
-from validation.track.gains import FIELDS, GainsError, GainSet, load_gains
-from validation.track.loops import make_controller, make_robot, run_robots
-from validation.track.mismatch import NOMINAL, single_mismatches
 
 MISSION = line(0.75, length=3.6)
 """So long that a robot that stands still is lost."""

@@ -12,11 +12,11 @@ from ssmr.control.laws import Controller
 from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.waypoints import Waypoints
 from ssmr.types import State
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller
 from validation.plants.profile import Profile, make_plant
 from validation.ros.messages import Seen
 from validation.ros.pilot import FRESH, Phase, Pilot, PilotSettings, StoppedError
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller
 
 BEND = Waypoints(np.arange(13.0) * 0.5, 1.2 * np.column_stack([np.sin(np.arange(13) / 10), 1 - np.cos(np.arange(13) / 10)]))
 """A left bend of 1.2 m radius at 0.24 m/s, 6 s long."""

@@ -23,7 +23,7 @@ from validation.simulator.model import robot_model
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain, parse_terrain
-from validation.track import __main__ as track
+from validation.track import track
 
 SAMPLED = 0.06
 """Relative: statistics of 16 000 correlation areas, of which slopes are rarer than heights."""
@@ -179,5 +179,5 @@ def test_programs_drive_on_it(tmp_path: Path) -> None:
     assert loads["mean_N"][2] > loads["mean_N"][0]  # uphill the rear carries more
     assert "health" not in document["plants"]["mujoco"]
     asked = ("lqr", "line", "--plant", "mujoco", "--terrain", "rough:2", "--out", str(tmp_path / "t"))
-    assert exit_status(track.main, *asked) == 0
+    assert exit_status(track, *asked) == 0
     assert json.loads((tmp_path / "t" / "track.json").read_text())["options"]["terrain"].startswith("rough:height_mm=2")

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from ssmr.types import Trajectory
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller
 from validation.plants.profile import Profile
 from validation.replicate.tracked import (
     ALL_LOST,
@@ -22,8 +24,6 @@ from validation.replicate.tracked import (
     tracked_tables,
 )
 from validation.thesis.verdicts import FACTOR, RATIO_REACH
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller
 
 
 @pytest.fixture(scope="module")

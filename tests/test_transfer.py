@@ -17,13 +17,13 @@ from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
 from tests.test_robustness import hopeless, run_program
 from tests.test_user_law import GOOD
+from validation.bench.gains import dump_gains, load_gains, names
+from validation.bench.loops import make_robot, within_reach
+from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.study.transfer import TransferOptions, TransferStudy, study_transfer
 from validation.study.transfer.comparison import agreement, choice, mean_costs, places, rank_correlation, regret
 from validation.study.transfer.contenders import PRACTICABLE, contenders_of, missions_of
-from validation.track.gains import dump_gains, load_gains, names
-from validation.track.loops import make_robot, within_reach
-from validation.track.waypoint_files import open_reference
 
 WAY = "x,y,t\n0,0,0\n0.6,0,2\n1,0.2,3\n1.4,0.6,4.5\n1.4,0.6,5\n1.4,1.2,7\n"
 """A short way with times of its own, and a wait."""

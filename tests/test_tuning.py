@@ -18,14 +18,13 @@ from ssmr.control.references import circle, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
 from tests.conftest import EXACT, ROUNDOFF, Launch, exit_status
+from validation.bench.gains import GainSet, dump_gains, load_gains
+from validation.bench.loops import make_controller, make_robot, rate, require_practicable, run_robots
 from validation.plants.profile import Profile, ProfileError
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import parse_terrain
-from validation.track import __main__ as track
-from validation.track.gains import GainSet, dump_gains, load_gains
-from validation.track.loops import make_controller, make_robot, rate, require_practicable, run_robots
-from validation.track.run import track as track_robots
+from validation.track import track
 from validation.tune import __main__ as tune
 from validation.tune.cost import TuneCost, costs_of
 from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space, widened_sentences
@@ -263,7 +262,7 @@ def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path, launch: Launc
 
 @pytest.mark.parametrize("controller", ["pid", "lqr", "lqr-scheduled", "smc"])
 def test_track_writes_what_the_contract_says(controller: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(track.main, controller, "line", "--speed", "0.5", "--plant", "linear", "--out", str(tmp_path)) == 0
+    assert call(track, controller, "line", "--speed", "0.5", "--plant", "linear", "--out", str(tmp_path)) == 0
     found = json.loads((tmp_path / "track.json").read_text())
     assert found["schema"] == "ssmr.track/1"
     assert (found["controller"], found["reference"], found["plant"], found["seed"]) == (controller, "line", "linear", 0)
@@ -281,7 +280,7 @@ def test_a_lost_loop_says_when_and_where_and_leaves_its_files(tmp_path: Path, ca
     lazy = {**load_gains("pid", "published").values, "k_p_rho": 0.0, "k_i_rho": 0.0}
     gains, out = tmp_path / "lazy.toml", tmp_path / "out"
     gains.write_text(dump_gains(GainSet("pid", "lazy", lazy)))
-    assert call(track.main, "pid", "line", "--gains", str(gains), "--out", str(out), "--plant", "improved") == 1
+    assert call(track, "pid", "line", "--gains", str(gains), "--out", str(out), "--plant", "improved") == 1
     told = capsys.readouterr()
     assert told.err.startswith("run failed: pid on line with the plant improved left its bounds at t = 12.0")
     assert "\n" not in told.err.strip()
@@ -296,7 +295,7 @@ def test_a_lost_loop_says_when_and_where_and_leaves_its_files(tmp_path: Path, ca
 
 def test_a_robot_that_starts_beside_its_reference_comes_back_to_it(tmp_path: Path) -> None:
     args = ["smc", "line", "--speed", "0.5", "--plant", "linear", "--no-noise", "--no-rerun", "--start", "-0.1,0.3,0.5"]
-    assert call(track.main, *args, "--out", str(tmp_path)) == 0
+    assert call(track, *args, "--out", str(tmp_path)) == 0
     found = json.loads((tmp_path / "track.json").read_text())
     assert found["options"]["start"] == [-0.1, 0.3, 0.5]
     assert found["metrics"]["cross_track_max_m"] >= 0.3
@@ -308,7 +307,7 @@ def test_a_robot_that_starts_beside_its_reference_comes_back_to_it(tmp_path: Pat
 def test_a_start_is_seen_from_that_of_the_reference(lab: Profile, plant: str) -> None:
     """A quarter turn to the left of the reference's own heading, 1 m ahead of it and 0.5 m to its left."""
     up = Waypoints.from_path([[2.0, 3.0], [2.0, 4.0]], 0.5)
-    robot = track_robots("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[0]
+    robot = track("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[0]
     assert np.allclose(robot.run.table[0, :3], (1.5, 4.0, math.pi), atol=1e-9)
 
 
@@ -320,7 +319,7 @@ def test_a_reference_that_no_wheel_can_follow_is_refused_with_its_place(lab: Pro
 
 
 def test_a_plant_of_another_kind_is_not_taken_for_a_planar_model(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("validation.track.loops.make_plant", lambda *_: object())
+    monkeypatch.setattr("validation.bench.loops.make_plant", lambda *_: object())
     profile = replace(lab, plants={**lab.plants, "other": lab.plants["improved"]})
     with pytest.raises(ProfileError, match="plant 'other' has no closed loops in populations"):
         make_robot(profile, "other")

@@ -12,11 +12,12 @@ import pytest
 from ssmr.control.references import line
 from ssmr.errors import ControllerError
 from tests.conftest import EXACT
+from validation.bench.loops import chosen_controller
+from validation.bench.user_law import load_user_law
 from validation.plants.profile import load_profile
 from validation.ros.messages import Seen
 from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
-from validation.track import chosen_controller, track
-from validation.track.user_law import load_user_law
+from validation.track import track
 
 GOOD = '''"""A controller."""
 
@@ -50,12 +51,12 @@ def written(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize("plant", ["improved", "mujoco"])
 def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str, plant: str) -> None:
     path = written(tmp_path, GOOD)
-    tracked = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", disturbance=False)
+    tracked = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", no_disturbance=True)
     assert not tracked.robots[0].run.lost
     assert 0.0 < tracked.metrics["d_rms_m"] < 0.1
     assert tracked.as_dict()["controller"] == name
     assert tracked.as_dict()["gains"] == {}
-    again = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", disturbance=False)
+    again = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", no_disturbance=True)
     assert np.abs(tracked.robots[0].run.table - again.robots[0].run.table).max() == EXACT
 
 

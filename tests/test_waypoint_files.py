@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from ssmr.control.waypoints import Waypoints
 from tests.conftest import ROUNDOFF
 from validation import cli
+from validation.bench.waypoint_files import REFERENCES, WaypointError, open_reference, read_waypoints
 from validation.logs.limits import USUAL
-from validation.track.waypoint_files import REFERENCES, WaypointError, open_reference, read_waypoints
 
 HEADER = "t,x,y\n"
 

@@ -23,12 +23,13 @@ from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings
 from ssmr.control.mission import Mission, Moment, PythonController
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target
 from ssmr.types import FloatArray
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.bench.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask
 from validation.learning.episodes import AHEAD_TICKS
 from validation.learning.kernels import write_view
 from validation.plants.profile import load_profile
-from validation.track import load_gains, make_controller, make_robot, open_reference, run_robots
-from validation.track.loops import rate
 
 ROBOTS = 64
 """Episodes of a generation: 32 pairs of opposite changes of the weights."""

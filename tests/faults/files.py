@@ -31,7 +31,7 @@ def open_log(path: Path) -> Any:
 
 def read_way(path: Path) -> Any:
     """Read waypoints."""
-    from validation.track import waypoint_files
+    from validation.bench import waypoint_files
 
     return waypoint_files.read_waypoints(path, 0.25)
 
@@ -45,7 +45,7 @@ def read_profile(path: Path) -> Any:
 
 def read_gains(law: str, path: Path) -> Any:
     """Read gains."""
-    from validation.track import gains
+    from validation.bench import gains
 
     return gains.load_gains(law, str(path))
 

@@ -20,12 +20,12 @@ from ssmr.robot.drive import wheel_rates, whole_steps
 from ssmr.robot.sensors import yaw_disturbance
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
+from validation.bench.waypoint_files import open_reference
 from validation.learning.kernels import ERRORS
 from validation.plants.profile import PlantProfile, Profile, choose_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
-from validation.track.waypoint_files import open_reference
 
 AHEAD_TICKS = (0, 4, 8, 12)
 """Ticks from now to each target in an observation: up to 0.6 s ahead, three dead times of the thesis' robot."""

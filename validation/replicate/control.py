@@ -9,6 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from ssmr.control.loop import LoopSettings
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.tracked import saturated
+from validation.bench.waypoint_files import open_reference
 from validation.fit.search import SearchOptions
 from validation.plants.profile import load_profile
 from validation.progress import Progress
@@ -17,10 +21,6 @@ from validation.replicate.figures import draw_tracked
 from validation.replicate.tracked import ALL_LOST, CONTROL_TABLES, TABLE_METRICS, TableEntry, tracked_tables
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
-from validation.track.data import saturated
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller, make_robot, run_robots
-from validation.track.waypoint_files import open_reference
 from validation.tune.result import TuneResult
 from validation.tune.run import tune
 

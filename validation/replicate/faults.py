@@ -12,15 +12,15 @@ from ssmr.estimation.sensing import SensorModel
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import tracker_swing
 from ssmr.types import Trajectory
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.waypoint_files import open_reference
 from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile
 from validation.replicate.evidence import Context, Findings, Section, Table
 from validation.report.tables import Cell, Grid
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
-from validation.track.gains import load_gains
-from validation.track.loops import make_controller, make_robot, run_robots
-from validation.track.waypoint_files import open_reference
 
 _PROFILE, _PLANT, _SPEED = "thesis-lab", "mujoco", 0.5
 _MISSED = (0.0, 0.02, 0.05)

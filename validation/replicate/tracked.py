@@ -19,13 +19,13 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.types import FloatArray, Trajectory
+from validation.bench.gains import GainSet, load_gains
+from validation.bench.loops import ClosedLoopRobot, make_controller, make_robot, rate, run_robots
+from validation.bench.tracked import reference_of
+from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile
 from validation.thesis import published
 from validation.thesis.verdicts import RULE_OF, Pair, RowVerdict, Supposed, judge_rows, row_verdict
-from validation.track.data import reference_of
-from validation.track.gains import GainSet, load_gains
-from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, rate, run_robots
-from validation.track.waypoint_files import open_reference
 
 CONTROL_TABLES = tuple(f"4.{i}" for i in (*range(5, 20), *range(22, 37)))
 """Numbers of the tables of single references; 4.37 and 4.38 repeat them."""

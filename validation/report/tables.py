@@ -23,7 +23,7 @@ from validation.report.columns import PERCENT as PERCENT
 from validation.report.columns import Unit as Unit
 from validation.report.columns import length_unit as length_unit
 from validation.report.columns import unit_by_kind
-from validation.simulator.description import USUAL_ROBOT
+from validation.simulator.description import with_robot as with_robot
 from validation.words import code_span as code_span
 from validation.words import each_line as each_line
 from validation.words import markdown as markdown
@@ -37,11 +37,6 @@ if TYPE_CHECKING:
 
 BEST_STYLE = "bold green"
 """Style of the best value in a terminal."""
-
-
-def with_robot(profile: str, robot: str) -> str:
-    """Return the name of a profile, followed by that of its robot where the first does not tell the second."""
-    return profile if robot == USUAL_ROBOT or robot in profile else f"{profile} of {robot}"
 
 
 @dataclass(frozen=True)

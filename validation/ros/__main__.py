@@ -18,6 +18,9 @@ import tyro
 from ssmr.estimation.sensing import SensorModel
 from ssmr.types import State
 from validation import cli
+from validation.bench.commissioning import chosen_filter
+from validation.bench.loops import chosen_controller
+from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import choose_profile
 from validation.ros.control import START_PATIENCE, RobotTopics
 from validation.ros.graph import Graph
@@ -26,8 +29,6 @@ from validation.ros.port import NoGraphError
 from validation.ros.result import DriveStatus
 from validation.ros.robot import SensorSettings
 from validation.ros.run import control_robot, simulate_robot
-from validation.track import chosen_controller, open_reference
-from validation.track.commissioning import chosen_filter
 from validation.words import file_name, shortened
 
 _STOPPING = 60.0
@@ -208,10 +209,10 @@ def control(options: ControlOptions) -> None:
         result = control_robot(pilot, wanted, chosen, label, topics, drive.patience, graph)
         interrupt.wait_a_while()
     cli.report_result(result, result.save(folder, recording=False))
-    if result.status is DriveStatus.INTERRUPTED:
+    if result.status == DriveStatus.INTERRUPTED:
         raise KeyboardInterrupt
-    if result.status is not DriveStatus.ARRIVED:
-        raise StoppedError(result.why)
+    if result.status != DriveStatus.ARRIVED:
+        raise StoppedError(str(result.document["stopped_because"]))
 
 
 class _Interrupt:

@@ -34,9 +34,9 @@ from ssmr.errors import ControllerError, SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
 from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
+from validation.bench.loops import AnyController
 from validation.ros.commands import STAND_STILL, Twist
 from validation.ros.messages import Seen
-from validation.track.loops import AnyController
 
 FRESH = 0.5
 """Age from which feedback is too old to drive by [s]."""

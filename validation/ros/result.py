@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from enum import StrEnum
-from typing import Any
 
-from validation.track.result import TrackResult
+from validation.bench.tracked import TrackedRobot
+from validation.report.tracking import Tracked, tracking_report
 
 
 class DriveStatus(StrEnum):
@@ -18,25 +17,20 @@ class DriveStatus(StrEnum):
     STOPPED = "stopped"
 
 
-@dataclass(frozen=True, eq=False)
-class DriveResult(TrackResult):
-    """A robot that was driven through ROS, as far as it came."""
+def drive_report(robot: TrackedRobot, status: DriveStatus, why: str = "") -> Tracked:
+    """Return the report on a robot that was driven through ROS, as far as it came: that of tracking, and how it ended.
 
-    status: DriveStatus = DriveStatus.ARRIVED
-    """How the drive ended."""
-    why: str = ""
-    """Reason why the robot was stopped; empty if it arrived or the user interrupted."""
-
-    def notes(self) -> Sequence[str]:
-        """Return the sentences of tracking, and first how a drive ended that did not arrive."""
-        if self.status is DriveStatus.ARRIVED:
-            return super().notes()
-        end = (
-            f"The drive ended before the reference did ({self.status}): its path is compared with the whole reference, and "
-            "the errors to the moving target cover the time until then."
+    Args:
+        robot: the robot.
+        status: how the drive ended.
+        why: reason why the robot was stopped; empty if it arrived or the user interrupted.
+    """
+    report = tracking_report([robot], status=str(status))
+    sentences = list(report.sentences)
+    if status is not DriveStatus.ARRIVED:
+        sentences.insert(
+            0,
+            f"The drive ended before the reference did ({status}): its path is compared with the whole reference, and "
+            "the errors to the moving target cover the time until then.",
         )
-        return [end, *super().notes()]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what track.json holds, with `status` and, in `stopped_because`, the reason."""
-        return {**super().as_dict(), "status": str(self.status), "stopped_because": self.why}
+    return replace(report, sentences=sentences, document={**report.document, "stopped_because": why})

@@ -9,19 +9,20 @@ from typing import cast
 
 from ssmr.types import State
 from validation import store
+from validation.bench.gains import GainSet
+from validation.bench.tracked import TrackedRobot, reference_of, track_metrics
 from validation.plants.profile import Profile, make_plant
+from validation.report.tracking import Tracked
 from validation.ros.commands import STAND_STILL, CommandGate, ros_name
 from validation.ros.control import START_PATIENCE, ControlNode, RobotTopics, connect_control
 from validation.ros.graph import Graph
 from validation.ros.pilot import Pilot, StoppedError
 from validation.ros.port import Port
-from validation.ros.result import DriveResult, DriveStatus
+from validation.ros.result import DriveStatus, drive_report
 from validation.ros.robot import SensorSettings, SimulatedRobot
 from validation.ros.ros2 import Ros2Port
 from validation.ros.sim import SimNode, SimReport, connect_simulation
 from validation.simulator.plant import MujocoPlant
-from validation.track.data import TrackedRobot, reference_of, track_metrics
-from validation.track.gains import GainSet
 
 _logger = logging.getLogger(__name__)
 
@@ -87,7 +88,7 @@ def control_robot(
     topics: RobotTopics,
     patience: float = START_PATIENCE,
     graph: Graph | None = None,
-) -> DriveResult:
+) -> Tracked:
     """Drive a robot on the graph along the pilot's reference, and stop it at the end, in doubt, and on any error.
 
     Args:
@@ -140,4 +141,4 @@ def control_robot(
         reference_of(run, waypoints), track_metrics(run, waypoints, options), node.drove, options,
         store.versions(), body=profile.robot,
     )  # fmt: skip
-    return DriveResult((robot,), status, why)
+    return drive_report(robot, status, why)

@@ -440,3 +440,8 @@ def _sources(section: Any) -> tuple[tuple[str, str], ...]:
             raise ValueError(f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', with GRADE of {grades}")
         found.append((key, one_line(value)))
     return tuple(found)
+
+
+def with_robot(profile: str, robot: str) -> str:
+    """Return the name of a profile, followed by that of its robot where the first does not tell the second."""
+    return profile if robot == USUAL_ROBOT or robot in profile else f"{profile} of {robot}"

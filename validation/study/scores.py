@@ -10,7 +10,7 @@ import numpy as np
 from ssmr.control.laws import Controller
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
-from validation.track.loops import AnyController, ClosedLoopRobot, rate, run_robots
+from validation.bench.loops import AnyController, ClosedLoopRobot, rate, run_robots
 from validation.tune.cost import TuneCost, costs_of
 
 SAME_COST = TuneCost(guard=0.0)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 from ssmr.control.loop import ClosedRun
 from ssmr.metrics.declared import Metrics
 from ssmr.types import Trajectory
+from validation.bench.gains import GainSet
+from validation.bench.mismatch import Mismatch
 from validation.fit.data import SearchData
-from validation.track.gains import GainSet
-from validation.track.mismatch import Mismatch
 
 
 class Followed(NamedTuple):

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.control.loop import ClosedRun
+from validation.bench.tracked import gains_text
 from validation.fit.search_figure import SearchLooks, draw_title, search_page, title_path
 from validation.report import drawing
 from validation.report.drawing import ALARM, BESIDE_INK, NARROW, REFERENCE_DASHES, REFERENCE_INK, Ink, Panel, Row
 from validation.report.tables import length_unit, shortened
-from validation.track.table import gains_text
 from validation.tune.data import TuneData, TunedRun
 from validation.tune.table import against, cost_text, run_text, tune_notes
 

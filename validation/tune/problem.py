@@ -14,11 +14,11 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import described
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
+from validation.bench.gains import GainSet
+from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
+from validation.bench.mismatch import Mismatch, mismatched, worst_mean
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
-from validation.track.gains import GainSet
-from validation.track.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
-from validation.track.mismatch import Mismatch, mismatched, worst_mean
 from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
 from validation.tune.data import Followed, TunedRun
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from validation import store
+from validation.bench.gains import dump_gains
 from validation.report.result import Result
 from validation.report.tables import Grid
-from validation.track.gains import dump_gains
 from validation.tune.data import TuneData
 from validation.tune.table import robots_dict, runs_dict, tune_grids, tune_notes
 

@@ -15,16 +15,16 @@ import numpy as np
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
 from ssmr.types import FloatArray
+from validation.bench.gains import DEFAULT, GainSet, load_gains, names, origin_sentence, shipped_gains
+from validation.bench.loops import ClosedLoopRobot, demand_of, make_controller, make_robot, require_practicable
+from validation.bench.mismatch import SCORING, TUNING, Mismatch, draw_mismatches
+from validation.bench.waypoint_files import open_reference, split_speed
 from validation.fit.search import Search, SearchOptions, put_options, search_for
 from validation.fit.uncertainty import bound_sentences, found_parameters
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
 from validation.progress import Progress, Report, silent
-from validation.track.gains import DEFAULT, GainSet, load_gains, names, origin_sentence, shipped_gains
-from validation.track.loops import ClosedLoopRobot, demand_of, make_controller, make_robot, require_practicable
-from validation.track.mismatch import SCORING, TUNING, Mismatch, draw_mismatches
-from validation.track.waypoint_files import open_reference, split_speed
 from validation.tune.cost import TuneCost
 from validation.tune.options import TuneParameters, TuneTask
 from validation.tune.problem import TuneCase, TuneProblem, make_tuning_space, widened_sentences

@@ -8,11 +8,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from validation.bench.mismatch import WORST, spread
+from validation.bench.tracked import TRACK_METRICS, gains_text, lost_text
 from validation.fit.table import effort, ending, parameter_grid
 from validation.report.tables import NOTHING, Cell, Grid, judged_cells, one_line, shortened, units_of
-from validation.track.data import TRACK_METRICS
-from validation.track.mismatch import WORST, spread
-from validation.track.table import gains_text, lost_text
 from validation.tune.data import TuneData, TunedRun
 
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m")

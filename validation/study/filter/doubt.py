@@ -14,11 +14,11 @@ from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.sensing import SensorModel, gyro_at_rest, simulate_sensors
 from ssmr.estimation.settings import EkfSettings
 from ssmr.types import FloatArray, State, Trajectory
+from validation.bench.commissioning import TRACKER, commissioned
+from validation.bench.gains import DEFAULT, load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile
-from validation.track.commissioning import TRACKER, commissioned
-from validation.track.gains import DEFAULT, load_gains
-from validation.track.loops import make_controller, make_robot, run_robots
 
 _SPEED, _EVERY, _RATE = 0.25, 4.0, 125.0
 

@@ -19,13 +19,13 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import relative, travelled, wrap_angle
 from ssmr.parameters import require_in_range, require_within
 from ssmr.types import FloatArray, Trajectory
+from validation.bench.loops import ClosedLoopRobot
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile
 from validation.plants.table import PLANTS
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 from validation.study.result import require_seeds
-from validation.track.loops import ClosedLoopRobot
 
 DRIFT_STRETCH = 3.0
 """Length of a stretch over which relative errors are taken [m]: 12 s at 0.25 m/s."""

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ssmr.types import FloatArray
+from validation.bench.commissioning import TRACKER
 from validation.report.tables import NOTHING, Cell, Grid
 from validation.study.filter.doubt import Doubt
 from validation.study.filter.findings import (
@@ -19,7 +20,6 @@ from validation.study.filter.findings import (
     filter_variants,
 )
 from validation.study.result import StudyResult
-from validation.track.commissioning import TRACKER
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,10 @@ from ssmr.estimation.sensing import SensorModel, gyro_at_rest, simulate_sensors
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import travelled
 from ssmr.types import State, Trajectory
+from validation.bench.commissioning import TRACKER, commissioned
+from validation.bench.gains import DEFAULT, load_gains
+from validation.bench.loops import make_controller, require_practicable, run_robots
+from validation.bench.waypoint_files import open_reference
 from validation.progress import Progress, Report, silent
 from validation.study.filter.doubt import Doubt, doubt_of
 from validation.study.filter.findings import (
@@ -37,10 +41,6 @@ from validation.study.filter.findings import (
 )
 from validation.study.filter.result import FilterStudy
 from validation.study.result import keeping, profile_of
-from validation.track.commissioning import TRACKER, commissioned
-from validation.track.gains import DEFAULT, load_gains
-from validation.track.loops import make_controller, require_practicable, run_robots
-from validation.track.waypoint_files import open_reference
 
 USUAL_PROFILES = ("thesis-lab", "husky-tile")
 """Profiles whose grounds are driven if none is named."""

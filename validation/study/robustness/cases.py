@@ -1,6 +1,6 @@
 """The robots that a controller is tested on: mismatches, one at a time and together, and the options of the study.
 
-`validation.track.mismatch` says by how much a robot may differ from its profile. Every set of gains drives the same robots
+`validation.bench.mismatch` says by how much a robot may differ from its profile. Every set of gains drives the same robots
 with the same noise: first each mismatch alone, under several seeds, which shows what the controller is sensitive to; then
 robots that are drawn at random, which shows how its errors spread.
 """
@@ -18,12 +18,12 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import require_in_range, require_within
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.robot.vehicle import Drive
+from validation.bench.gains import GainSet
+from validation.bench.mismatch import STUDYING, Mismatch, draw_mismatches, single_mismatches
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot, load_robot
 from validation.study.result import MOST_RUNS, require_seeds
-from validation.track.gains import GainSet
-from validation.track.mismatch import STUDYING, Mismatch, draw_mismatches, single_mismatches
 
 _COARSE_PERIOD = 0.01
 """Period of the position loop where the physics step does not divide the usual one [s]."""

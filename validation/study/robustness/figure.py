@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from validation.bench.mismatch import NOMINAL, WORST, worst_mean
 from validation.report.drawing import (
     ALARM,
     QUIET,
@@ -30,7 +31,6 @@ from validation.report.drawing import (
 )
 from validation.study.robustness.outcomes import RunErrors
 from validation.study.robustness.result import Robustness
-from validation.track.mismatch import NOMINAL, WORST, worst_mean
 
 _HEADER_IN, _LEGEND_IN, _SECTION_IN, _SPREAD_IN, _FOOTER_IN, _LABELS_IN = 0.56, 0.24, 0.3, 3.2, 0.26, 1.2
 _ALONE_IN, _LINE_IN = 0.95, 0.19  # a row of single mismatches: what it needs besides them, and for each

@@ -13,10 +13,10 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.robot.drive import WHOLE_STEPS
 from ssmr.types import Commands, Trajectory
+from validation.bench.gains import GainSet
+from validation.bench.loops import ClosedLoopRobot, rate
 from validation.simulator.health import Health, check_health
 from validation.simulator.plant import MujocoPlant
-from validation.track.gains import GainSet
-from validation.track.loops import ClosedLoopRobot, rate
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from validation.bench.mismatch import NOMINAL, WORST, Mismatch, spread
 from validation.report.tables import MILLIMETRES, Cell, Grid, judged_cells
 from validation.study.result import StudyResult
 from validation.study.robustness.cases import CaseKind, RobustnessCase, RobustnessOptions
 from validation.study.robustness.outcomes import ControllerRuns, RunErrors
-from validation.track.mismatch import NOMINAL, WORST, Mismatch, spread
 
 
 @dataclass(frozen=True, eq=False)

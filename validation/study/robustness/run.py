@@ -7,15 +7,15 @@ from types import MappingProxyType
 
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import make_clock
+from validation.bench.gains import DEFAULT, GainSet, load_gains, sets_of
+from validation.bench.loops import make_controller, require_practicable, run_robots
+from validation.bench.mismatch import mismatched
+from validation.bench.waypoint_files import open_reference
 from validation.progress import Progress, Report, silent
 from validation.study.result import keeping, profile_of
 from validation.study.robustness.cases import RobustnessOptions, draw_cases
 from validation.study.robustness.outcomes import ControllerRuns, RunErrors, errors_of, health_of
 from validation.study.robustness.result import Robustness
-from validation.track.gains import DEFAULT, GainSet, load_gains, sets_of
-from validation.track.loops import make_controller, require_practicable, run_robots
-from validation.track.mismatch import mismatched
-from validation.track.waypoint_files import open_reference
 
 _BATCH = 64
 """Greatest number of robots that are driven at once."""

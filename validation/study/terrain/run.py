@@ -24,6 +24,9 @@ from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State, Trajectory
+from validation.bench.gains import load_gains
+from validation.bench.loops import ClosedLoopRobot, make_controller, make_robot, rate, run_robots
+from validation.bench.waypoint_files import open_reference
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, make_plant
 from validation.progress import Progress, Report, silent
@@ -43,9 +46,6 @@ from validation.study.terrain.findings import (
     TrackerErrors,
 )
 from validation.study.terrain.result import TerrainStudy
-from validation.track.gains import load_gains
-from validation.track.loops import ClosedLoopRobot, make_controller, make_robot, rate, run_robots
-from validation.track.waypoint_files import open_reference
 
 
 def study_terrain(

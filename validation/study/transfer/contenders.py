@@ -9,14 +9,13 @@ from pathlib import Path
 from ssmr.control.laws import CONTROLLERS, LAWS, PREDICTOR
 from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import require_within
+from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
+from validation.bench.loops import AnyController, ClosedLoopRobot, chosen_controller, within_reach
+from validation.bench.user_law import is_user_law
+from validation.bench.waypoint_files import REFERENCES, WaypointError, open_reference, split_speed
 from validation.plants.profile import PLANTS, Profile
 from validation.simulator.description import Robot
 from validation.study.result import require_seeds
-from validation.track.gains import DEFAULT, GainSet, load_gains, names, profile_sets
-from validation.track.loops import AnyController, ClosedLoopRobot, within_reach
-from validation.track.run import chosen_controller
-from validation.track.user_law import is_user_law
-from validation.track.waypoint_files import REFERENCES, WaypointError, open_reference, split_speed
 
 TRANSFER_PROFILES = ("thesis-lab", "husky-tile")
 """Profiles of the usual study; the quick one has the first."""

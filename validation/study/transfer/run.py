@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from validation.bench.loops import make_robot
 from validation.progress import Progress, Report, silent
 from validation.study.result import keeping, profile_of
 from validation.study.scores import score_all
@@ -16,7 +17,6 @@ from validation.study.transfer.contenders import (
 )
 from validation.study.transfer.field import TransferDrive, TransferField
 from validation.study.transfer.result import TransferStudy
-from validation.track.loops import make_robot
 
 
 def study_transfer(

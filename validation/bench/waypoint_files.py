@@ -83,7 +83,7 @@ def generic(speed: float) -> Waypoints:
     Raises:
         ValueError: the speed is not positive and finite.
     """
-    with resources.as_file(resources.files("validation.track").joinpath("references", "generic.csv")) as path:
+    with resources.as_file(resources.files("validation.bench").joinpath("references", "generic.csv")) as path:
         return read_waypoints(path, speed)
 
 

@@ -69,14 +69,14 @@ class GainSet:
 
 def names(controller: str | None = None) -> list[str]:
     """Return the names of the shipped sets, CONTROLLER-NAME each; only those of `controller`, if given."""
-    folder = resources.files("validation.track").joinpath("gain_sets")
+    folder = resources.files("validation.bench").joinpath("gain_sets")
     found = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
     return found if controller is None else [name for name in found if name.rpartition("-")[0] == controller]
 
 
 def profile_sets(controller: str) -> list[str]:
     """Return the names of the profiles that a set of gains is shipped for: `gain_sets/PROFILE/CONTROLLER.toml`."""
-    folder = resources.files("validation.track").joinpath("gain_sets")
+    folder = resources.files("validation.bench").joinpath("gain_sets")
     return sorted(p.name for p in folder.iterdir() if p.is_dir() and p.joinpath(f"{controller}.toml").is_file())
 
 
@@ -129,7 +129,7 @@ def load_gains(controller: str, name_or_path: str | None = None, profile: str | 
     shipped = f"{name_or_path}/{controller}" if shipped is None and name_or_path in own else shipped
     try:
         if shipped is not None:
-            file = resources.files("validation.track").joinpath("gain_sets", f"{shipped}.toml")
+            file = resources.files("validation.bench").joinpath("gain_sets", f"{shipped}.toml")
             document = reading.parse_toml(file.read_text(encoding="utf-8"), shipped)
         elif os.path.exists(name_or_path):
             document = reading.read_toml(name_or_path)

@@ -8,10 +8,10 @@ from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.references import eight
 from ssmr.estimation.commission import commission
 from ssmr.estimation.settings import EkfSettings
+from validation.bench.gains import DEFAULT, load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.plants.filters import StateFilter, load_filter, odometry_of
 from validation.plants.profile import Profile
-from validation.track.gains import DEFAULT, load_gains
-from validation.track.loops import make_controller, make_robot, run_robots
 
 COMMISSIONED = "commissioned"
 """Name of a filter that gets the robot's constants from simulated drives."""

@@ -15,6 +15,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ssmr.control.waypoints import ALPHA_SWITCH
+from validation.bench.tracked import (
+    OF_THE_LOOP,
+    OF_THE_PATH,
+    TRACK_METRICS,
+    TrackedRobot,
+    gains_text,
+    headline,
+    lost_text,
+    require_comparable,
+)
 from validation.report.drawing import (
     ALARM,
     NARROW,
@@ -42,9 +52,8 @@ from validation.report.drawing import (
 )
 from validation.report.tables import DEGREES, Unit, length_unit, shortened, units_of
 from validation.simulator.terrain import FLAT
-from validation.track.data import TrackedRobot
-from validation.track.table import SHOWN_METRICS, gains_text, headline, lost_text, require_comparable
 
+_SHOWN = [TRACK_METRICS[name] for name in (*OF_THE_PATH, *OF_THE_LOOP)]
 _WIDE = 2.6  # a reference wider than so many times its height has a row of its own
 _TITLE_IN, _TABLE_LINE_IN, _GAINS_LINE_IN, _LEGEND_IN, _FOOTER_IN = 0.34, 0.2, 0.17, 0.26, 0.22
 _WIDE_IN, _TALL_IN, _ERRORS_IN, _SPEEDS_IN = (1.5, 2.25), 4.0, 2.0, 2.0
@@ -92,9 +101,9 @@ def _draw_measures(results: Sequence[TrackedRobot], ax: Axes) -> None:
     """Draw a row of measures for each robot; it is the legend of the plants too."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(len(results) + 0.5, -1.5))
-    units = units_of(SHOWN_METRICS, [r.metrics for r in results])
-    step = (1.0 - _NAMES_SHARE) / len(SHOWN_METRICS)
-    for k, (measure, unit) in enumerate(zip(SHOWN_METRICS, units, strict=True)):
+    units = units_of(_SHOWN, [r.metrics for r in results])
+    step = (1.0 - _NAMES_SHARE) / len(_SHOWN)
+    for k, (measure, unit) in enumerate(zip(_SHOWN, units, strict=True)):
         right = _NAMES_SHARE + (k + 1) * step
         words = "\n".join(filter(None, measure.label.rpartition(" ")[::2]))
         symbol = "" if unit.symbol == "1" else f"{' ' if ' ' in measure.label else chr(10)}[{unit.symbol}]"

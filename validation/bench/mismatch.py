@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 from ssmr.parameters import Declaration, described, parameter
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray
+from validation.bench.loops import ClosedLoopRobot, make_robot
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot
-from validation.track.loops import ClosedLoopRobot, make_robot
 
 WORST = 0.2
 """Share of the robots that count as the worst: the conditional value at risk (CVaR) is the mean over them."""

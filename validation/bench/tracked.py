@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -15,13 +16,14 @@ from ssmr.control.loop import VELOCITY_PERIOD, ClosedRun
 from ssmr.control.lqr import V_LIMIT, W_LIMIT
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
+from ssmr.errors import SsmrError
 from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
 from ssmr.metrics.tracking import command_measures, cross_track_max
 from ssmr.types import Trajectory
 from validation.plants.filters import StateFilter
-from validation.report.tables import with_robot
-from validation.simulator.description import Robot, load_robot
+from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.terrain import FLAT, Terrain
+from validation.words import one_line
 
 AT_LIMIT = 0.999
 """From this share of a limit on, a torque or a command counts as saturated."""
@@ -66,6 +68,16 @@ TRACK_METRICS: Mapping[str, Metric] = {
     )},
 }  # fmt: skip
 """Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
+
+
+_MOST = 5  # robots that can be told apart in one picture or recording
+OF_THE_PATH = ("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad", "cross_track_max_m")
+"""Metrics of each robot that compare its motion with the reference."""
+OF_THE_LOOP = (
+    *("e_rho_rms_m", "e_y_rms_m", "e_alpha_rms_rad", "u_rms_ratio", "saturated_fraction"),
+    *("command_effort", "command_jerk"),
+)
+"""Metrics of each robot that the controller's errors and commands give."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +134,14 @@ class TrackedRobot:
     def saturated(self) -> NDArray[np.bool_]:
         """(M,) whether a torque or a command was at its limit at each tick."""
         return saturated(self.run, self.options)
+
+    def failure(self) -> SsmrError | None:
+        """Return the error that says when and where the robot was lost; None for one that came to the end."""
+        try:
+            self.run.require_kept(f"{self.controller} on {self.reference} with the plant {self.plant}")
+        except SsmrError as error:
+            return error
+        return None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the metrics, whether the robot was lost, and how long simulating took."""
@@ -191,3 +211,37 @@ def _command_metrics(run: ClosedRun, limits: Mapping[str, object]) -> dict[str, 
     largest = np.array([number("v_max_m_s", V_LIMIT), number("w_max_rad_s", W_LIMIT)])
     effort, jerk = command_measures(run.columns("v_cmd", "w_cmd")[rows] / largest, period)
     return {"command_effort": effort, "command_jerk": jerk}
+
+
+def require_comparable(robots: Sequence[TrackedRobot]) -> None:
+    """Refuse robots that cannot be shown beside one another.
+
+    Raises:
+        ValueError: none of them or too many, different references or speeds, or one plant twice.
+    """
+    if not 1 <= len(robots) <= _MOST:
+        raise ValueError(f"1 to {_MOST} robots can be shown beside one another, got {len(robots)}")
+    references = sorted({f"{r.reference} at {r.speed:.6g} m/s" for r in robots})
+    if len(references) > 1:
+        raise ValueError(f"robots beside one another follow one reference, got {', '.join(references)}")
+    plants = [r.plant for r in robots]
+    if len(set(plants)) < len(plants):
+        raise ValueError(f"robots beside one another are different plants, got {', '.join(plants)}")
+
+
+def headline(robot: TrackedRobot) -> str:
+    """Return a title: the controller, the reference and its speed."""
+    return f"{robot.controller} follows {Path(one_line(robot.reference)).name} at {robot.speed:.3g} m/s"
+
+
+def gains_text(gains: Mapping[str, float]) -> str:
+    """Return all gains in one line."""
+    return " · ".join(f"{name} {value:.4g}" for name, value in gains.items())
+
+
+def lost_text(run: ClosedRun) -> str:
+    """Return when and where a robot was lost; empty for one that was not."""
+    if not run.lost or not len(run.t):
+        return "lost at once" if run.lost else ""
+    away = math.hypot(*(run.columns("target_x", "target_y")[-1] - run.columns("x", "y")[-1]))
+    return f"lost at t = {run.t[-1]:.2f} s, {away:.2f} m from its target"

@@ -1,0 +1,260 @@
+"""The report on robots that followed a reference: tables, sentences, JSON and recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ssmr.control.waypoints import ALPHA_SWITCH
+from ssmr.metrics.declared import Metrics
+from validation import store
+from validation.bench.tracked import (
+    OF_THE_LOOP,
+    OF_THE_PATH,
+    TRACK_METRICS,
+    TrackedRobot,
+    headline,
+    lost_text,
+    require_comparable,
+)
+from validation.report.columns import REAL_TIME, declare
+from validation.report.palette import mix
+from validation.report.report import Report
+from validation.report.table import Table
+from validation.report.track_panels import draw_track
+from validation.report.tracks import BLACK, WHITE, Series, Track
+from validation.simulator.terrain import FLAT
+from validation.words import one_line
+
+SCHEMA = "ssmr.track/1"
+_MUCH_SATURATED = 0.05  # a robot at its limits for a greater share of time follows them rather than its controller
+_UNSETTLED = 0.5  # a speed whose root mean square differs from the reference's by a greater share is pointed out
+_QUANTITIES = (("speed", "m/s", "v_x", "u_ref", "v_cmd", 0), ("yaw_rate", "rad/s", "yaw_rate", "w_ref", "w_cmd", 2))
+_ERRORS = (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad"))
+_VIEWS = (
+    {"speed": "Speed, wanted and commanded [m/s]"},
+    {"yaw_rate": "Yaw rate, wanted and commanded [rad/s]"},
+    {
+        "e_rho": "e_rho: distance to the target [m]",
+        "e_y": "e_y: its offset to the left [m]",
+        "e_alpha": "e_alpha: error of heading [rad]",
+    },
+    {"torque": "Torques of the sides [N m]"},
+)
+declare(*TRACK_METRICS.values())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tracked(Report):
+    """One robot or several that followed one reference under one controller; the first one is the report's own."""
+
+    robots: tuple[TrackedRobot, ...]
+    """The robots, each another plant."""
+
+    @property
+    def metrics(self) -> Metrics:
+        """Metrics of the first robot by name, such as `metrics["d_rms_m"]`."""
+        return self.robots[0].metrics
+
+    def robot(self, plant: str) -> TrackedRobot:
+        """Return the robot that was this plant.
+
+        Raises:
+            ValueError: there is none; the message lists the plants.
+        """
+        for robot in self.robots:
+            if robot.plant == plant:
+                return robot
+        raise ValueError(f"no robot was the plant '{plant}'; there are: {', '.join(r.plant for r in self.robots)}")
+
+    def require_kept(self) -> None:
+        """Do nothing if every robot came to the end of its reference.
+
+        Raises:
+            LostError: one was lost; the message says which, when and where.
+        """
+        if self.failure is not None:
+            raise self.failure
+
+    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
+        """Write its files as every report, and filter.toml if the first robot had a filter that learns; return their paths.
+
+        Raises:
+            OSError: the folder cannot be made or written.
+        """
+        used, place = self.robots[0].filter, store.make_folder(Path(folder))
+        own = [used.save(place / "filter.toml")] if used is not None and used.settings.learns else []
+        return [*own, *super().save(folder, recording=recording)]
+
+
+def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (), **more: Any) -> Tracked:
+    """Return the report on robots that followed one reference.
+
+    Args:
+        robots: one robot or several, each another plant, on the same reference.
+        remarks: sentences on what was known before the run.
+        more: other fields of the report.
+
+    Raises:
+        ValueError: none or too many robots, different references or speeds, or one plant twice.
+    """
+    require_comparable(robots)
+    first = robots[0]
+    caption = f"gains {one_line(first.gains_name)} · seed {first.seed}"
+    if (feedback := first.options.get("feedback")) is not None:
+        caption += f" · feedback {one_line(feedback)}"
+    if first.filter is not None:
+        caption += f" · filter {one_line(first.filter.name)}"
+    labels = [f"{r.plant} (lost)" if r.run.lost else r.plant for r in robots]
+    path = [{"plant": n, **_some(r.metrics, OF_THE_PATH)} for n, r in zip(labels, robots, strict=True)]
+    loop = [
+        {"plant": n, **_some(r.metrics, OF_THE_LOOP), REAL_TIME.name: r.real_time_factor}
+        for n, r in zip(labels, robots, strict=True)
+    ]
+    lost = next((r for r in robots if r.run.lost), None)
+    title = headline(first)
+    about: dict[str, Any] = {
+        "program": "track",
+        "title": title,
+        "tables": [
+            Table(f"{title} · profile {one_line(first.profile_label)}", path),
+            Table("Errors to the moving target", loop, caption),
+        ],
+        "document": _document(robots),
+        "sentences": [*remarks, *track_notes(robots)],
+        "options": first.options,
+        "versions": first.versions,
+        "draw": lambda report: draw_track(report.robots),
+        "record": lambda report, path: write_track_recording(report, path),
+        "tracks": lambda report: followed_tracks(report.robots),
+        "failure": None if lost is None else lost.failure(),
+        "robots": tuple(robots),
+    }
+    return Tracked(**{**about, **more})
+
+
+def _some(metrics: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    return {name: metrics[name] for name in names}
+
+
+def _document(robots: Sequence[TrackedRobot]) -> dict[str, Any]:
+    """Return what track.json holds: the first robot, and the others under `beside`, by plant."""
+    first, *others = robots
+    own = first.as_dict()
+    document = {
+        "schema": SCHEMA,
+        "controller": first.controller,
+        "reference": first.reference,
+        "speed_m_s": first.speed,
+        "plant": first.plant,
+        "profile": first.profile,
+        "robot": first.body.name,
+        "gains_name": first.gains_name,
+        "gains": dict(first.gains),
+        "seed": first.seed,
+        "metrics": {**{name: own.pop(name) for name in first.metrics}, "lost": first.run.lost},
+        **own,
+    }
+    if first.filter is not None:
+        document["filter"] = first.filter.as_dict()
+    if others:
+        document["beside"] = {r.plant: r.as_dict() for r in others}
+    return document
+
+
+def track_notes(robots: Sequence[TrackedRobot]) -> list[str]:
+    """Return sentences on what the tables do not say, or what should not be overlooked in them."""
+    notes = []
+    for r in robots:
+        m = r.metrics
+        if r.run.lost:
+            notes.append(f"{r.plant} was {lost_text(r.run)}: its numbers cover only the time before that.")
+        if m["saturated_fraction"] > _MUCH_SATURATED:
+            notes.append(f"{r.plant}: a torque or the command was at its limit {m['saturated_fraction']:.0%} of the time.")
+        if not r.run.lost and abs(m["u_rms_ratio"] - 1.0) > _UNSETTLED:
+            notes.append(
+                f"{r.plant}: its speed was {m['u_rms_ratio']:.2f} times that of the reference, by root mean square."
+            )
+        beyond = float(np.mean(np.abs(r.run.column("e_rho")) > ALPHA_SWITCH)) if len(r.run.t) else 0.0
+        if beyond > 0.0:
+            notes.append(
+                f"{r.plant}: the target was farther than {ALPHA_SWITCH:g} m for {max(beyond, 0.001):.1%} of the time, "
+                "where errors of heading count as zero."
+            )
+    notes += [f"{r.plant}: {r.filter.sentence()}" for r in robots if r.filter and r.filter.settings.learns]
+    begin = robots[0].options.get("start")
+    if isinstance(begin, list) and any(begin):
+        x, y, yaw = begin
+        apart = f"{math.hypot(x, y):.3g} m from the start of the reference and turned by {math.degrees(yaw):.3g} degrees"
+        notes.append(f"The robot begins {apart}.")
+    lookahead = robots[0].options.get("lookahead_m")
+    if isinstance(lookahead, float) and lookahead > 0.0:
+        notes.append(f"The robot keeps {lookahead:g} m behind its target by intention: e_rho should become that, not zero.")
+    return notes
+
+
+def followed_tracks(robots: Sequence[TrackedRobot]) -> list[Track]:
+    """Return the robots and, last, the target that they follow."""
+    ground = next((r.terrain for r in robots if r.terrain != FLAT), FLAT)  # planar models stand on none
+    longest = max(robots, key=lambda r: len(r.target)).target
+    motions = [*((r.plant, r.run.motion) for r in robots), ("reference", longest)]
+    return [Track(name, (motion,), None, terrain=ground, robot=robots[0].body) for name, motion in motions]
+
+
+def write_track_recording(report: Tracked, path: Path) -> None:
+    """Write the robots, the moving target and what is drawn over time as a rerun recording, whole or not at all.
+
+    Raises:
+        OSError: the file cannot be written.
+        RuntimeError: rerun is switched off by `RERUN=off`.
+    """
+    from validation.report.scene import Scene, write_scene
+
+    first = report.robots[0]
+    *robots, target = followed_tracks(report.robots)
+    asked = ("controller", "reference", "speed_m_s", "profile", "robot", "gains_name", "seed")
+    scene = Scene(
+        program="track",
+        title=f"{report.title}, profile {first.profile_label}",
+        tracks=robots,
+        plots=_plots(report.robots, target),
+        views=_VIEWS,
+        report=report.markdown(),
+        about={
+            "tracking": {name: report.document[name] for name in asked},
+            "gains": dict(first.gains),
+            "options": {name: str(value) for name, value in first.options.items()},
+            "versions": first.versions,
+        },
+        target=target,
+    )
+    write_scene(scene, path)
+
+
+def _plots(robots: Sequence[TrackedRobot], target: Track) -> dict[str, Series]:
+    """Return all series by entity below `plots`."""
+    plots = dict[str, Series]()
+    grey = mix(BLACK, WHITE, 0.6)
+    (motion,) = target.pieces
+    for quantity, unit, *_, column in _QUANTITIES:
+        plots[f"{quantity}/reference"] = Series([f"reference [{unit}]"], [grey], motion.t[:-1], motion.twist[:-1, column])
+    for r in robots:
+        name, run = r.plant, r.run
+        ink = Track(name, ()).bright
+        pale, dark = mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)
+        for quantity, unit, done, wanted, commanded, _ in _QUANTITIES:
+            plots[f"{quantity}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(done))
+            plots[f"{quantity}/{name}_wanted"] = Series([f"{name} wanted [{unit}]"], [pale], run.t, run.column(wanted))
+            command = Series([f"{name} command [{unit}]"], [dark], run.t, run.column(commanded), held=True)
+            plots[f"{quantity}/{name}_command"] = command
+        for error, unit in _ERRORS:
+            plots[f"{error}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(error))
+        names = [f"{name} {side} [N m]" for side in ("left", "right")]
+        shades = [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
+        plots[f"torque/{name}"] = Series(names, shades, run.t, run.columns("torque_left", "torque_right"))
+    return plots

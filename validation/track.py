@@ -1,0 +1,297 @@
+"""Let robots follow a reference under a controller: `python -m validation.track CONTROLLER REFERENCE`."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.tick import LOST
+from ssmr.control.waypoints import Waypoints
+from ssmr.estimation.commission import stood
+from ssmr.estimation.sensing import SensorModel, gyro_at_rest
+from ssmr.geometry import rotate_body_to_world
+from ssmr.types import State
+from validation import cli, store
+from validation.bench.commissioning import COMMISSIONED, chosen_filter
+from validation.bench.gains import GainSet, origin_sentence
+from validation.bench.loops import (
+    AnyController,
+    ClosedLoopRobot,
+    chosen_controller,
+    demand_of,
+    make_robot,
+    rate,
+    require_practicable,
+    run_robots,
+)
+from validation.bench.tracked import TrackedRobot, reference_of
+from validation.bench.waypoint_files import open_reference
+from validation.plants.filters import THESIS
+from validation.plants.profile import Profile, choose_profile
+from validation.progress import Progress
+from validation.report.tracking import Tracked, tracking_report
+from validation.simulator.terrain import FLAT
+from validation.words import file_name
+
+
+def _read_start(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, yaw = map(float, text.split(","))
+    except ValueError as error:
+        raise cli.UserError(f"'{text}' is no pose X,Y,YAW [m, m, rad] such as 0,0.5,0.52") from error
+    return x, y, yaw
+
+
+def _read_shares(text: str) -> tuple[float, float]:
+    try:
+        left, right = map(float, text.split(","))
+    except ValueError as error:
+        raise cli.UserError(f"'{text}' is no pair of shares LEFT,RIGHT such as 0.02,0") from error
+    return left, right
+
+
+@dataclass(frozen=True)
+class TrackOptions(cli.Filmed):
+    """Options of `track`."""
+
+    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
+    """Controller: pid and lqr are those of the thesis; lqr-scheduled (linearised about the operating speed) and smc (sliding
+    mode) go beyond it. With +predictor behind its name, such as lqr+predictor, a law acts on the state one dead time ahead;
+    mpc plans ahead within the limits. FILE.py:NAME is a class of your own, which is run."""
+    reference: Annotated[
+        Waypoints | str | Path | None, cli.text_of("REFERENCE"), tyro.conf.Positional, cli.option(default="none")
+    ] = None
+    """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go, long-line, each also
+    with its speed, as eight@0.5; or a file of waypoints (.csv: x, y[, t]). Waypoints at one place are a wait."""
+    plant: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = ("improved",)
+    """Plant that is the robot. Several, separated by commas, are driven one beside the other; the first one is the one that
+    track.json reports."""
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+    gains: Annotated[
+        GainSet | str | Path | None,
+        cli.text_of("GAINS"),
+        cli.option(default="the profile's own if shipped, else published if the thesis has any, else tuned"),
+    ] = None
+    """Gains of the controller: published, manual (lqr only), tuned, default (the law's own), those of a profile by its name
+    (husky-tile, warthog-grass), or the path of a TOML file."""
+    speed: Annotated[cli.Number, cli.option(metavar="M/S", default="the times of the file; 0.25 for a named reference")] = (
+        None
+    )
+    """Mean speed between waypoints [m/s]. It replaces the times of a file."""
+    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
+    """A controller of your own, in the place of CONTROLLER: a class in a Python file, which is run."""
+    robot: cli.AnyRobot = None
+    feedback: Annotated[Feedback, cli.option()] = "noisy"
+    """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the estimate of a state
+    filter (EKF) on noisy encoders and gyro."""
+    filter: Annotated[str | Path, cli.text_of("thesis|commissioned|learning|FILE.toml"), cli.option()] = "thesis"
+    """State filter of --feedback ekf: the thesis'; one that is commissioned by simulated drives, knows the robot's constants
+    and learns how they change; one that is learning on a robot that nobody has commissioned; or that of a TOML file, such as
+    filter.toml beside the results of such a run."""
+    lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
+    """Distance at which the robot keeps behind its target (Sec. 4.5)."""
+    start: Annotated[tuple[float, float, float], cli.parsed(_read_start, "X,Y,YAW"), cli.option(default="0,0,0")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad], such as
+    0,0.5,0.52."""
+    no_noise: cli.Flag = False
+    """Switch noise and disturbance off: the controller sees the truth."""
+    no_disturbance: cli.Flag = False
+    """Do not push the robot's yaw at random (Sec. 3.4.5)."""
+    gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
+    """Reading of the gyro at rest, of which no filter is told; one that learns listens for 5 s before the robot drives. It
+    needs --feedback ekf."""
+    missed_ticks: Annotated[
+        tuple[float, float], cli.parsed(_read_shares, "LEFT,RIGHT"), cli.option(default="0,0, sound encoders")
+    ] = (0.0, 0.0)
+    """Damaged encoders: the share of their ticks that those of the left and of the right side miss (Sec. 4.5), such as
+    0.02,0. It needs --feedback ekf, which alone reads the encoders."""
+    terrain: cli.Ground = FLAT
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a negative seed, or for a feedback, a look-ahead, a start or encoders that cannot be."""
+        if self.seed < 0:
+            raise ValueError(f"seed {self.seed} must not be negative")
+        x, y, yaw = self.start
+        if not math.hypot(x, y) < LOST:
+            raise ValueError(
+                f"start is {math.hypot(x, y):.3g} m from the reference's; beyond {LOST:g} m the robot is lost at once"
+            )
+        if not abs(yaw) <= math.pi:
+            raise ValueError(f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)")
+        LoopSettings(self.seen, sensors=self.sensors, lookahead=self.lookahead)
+        needs = {"missed_ticks": any(self.missed_ticks), "gyro_bias": self.gyro_bias, "filter": str(self.filter) != THESIS}
+        if self.seen != "ekf" and (named := [name for name, differs in needs.items() if differs]):
+            raise ValueError(f"{named[0]} needs the feedback ekf; nobody reads the sensors under {self.seen}")
+
+    @property
+    def seen(self) -> Feedback:
+        """Signal that the controller sees."""
+        return "truth" if self.no_noise else self.feedback
+
+    @property
+    def sensors(self) -> SensorModel:
+        """Encoders and gyro of the state filter."""
+        left, right = self.missed_ticks
+        return SensorModel(gyro_bias=self.gyro_bias, missed_left=left, missed_right=right)
+
+    @property
+    def plants(self) -> tuple[str, ...]:
+        """Names of the plants."""
+        return (self.plant,) if isinstance(self.plant, str) else tuple(self.plant)
+
+    def names(self) -> tuple[str, Waypoints | str | Path]:
+        """Return controller and reference; `--controller FILE.py:NAME` leaves the first place to the reference.
+
+        Raises:
+            ValueError: one of the two is missing, or there are two controllers.
+        """
+        if isinstance(self.reference, Waypoints):
+            return self.own or self.controller, self.reference
+        place = None if self.reference is None else str(self.reference)
+        return cli.controller_and_reference(self.controller, place, self.own)
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        controller, reference = self.names()
+        name = controller.rpartition(":")[2]
+        label = "waypoints" if isinstance(reference, Waypoints) else Path(str(reference)).stem.partition("@")[0]
+        return Path("runs") / "track" / file_name(f"{name}-{label}")
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedTracking:
+    """A tracking run that is checked and has its robots, but has not been driven."""
+
+    options: TrackOptions
+    controller: AnyController
+    gains: GainSet | None
+    label: str
+    waypoints: Waypoints
+    profile: Profile
+    robots: tuple[ClosedLoopRobot, ...]
+    remarks: tuple[str, ...] = ()
+    """Sentences that should be known before it is driven: gains of another profile, a reference that asks for too much."""
+
+    def run(self) -> Tracked:
+        """Drive every robot along the reference.
+
+        A robot that is lost on the way is part of the result, as far as it came; see `Tracked.require_kept`.
+
+        Raises:
+            LostError: a robot was lost before its first tick.
+        """
+        driven = []
+        for k, robot in enumerate(self.robots):
+            self.options.progress(Progress(k, len(self.robots), f"{robot.name} drives"))
+            driven.append(self._drive(robot))
+        return tracking_report(driven, self.remarks, alarms=self.remarks)
+
+    def _start(self) -> State:
+        """Return the state at which the robot starts, at rest."""
+        (x, y, yaw), at = self.options.start, self.waypoints.start
+        dx, dy = rotate_body_to_world(np.array([x, y]), at.yaw)
+        return State(at.x + float(dx), at.y + float(dy), at.yaw + yaw)
+
+    def _drive(self, robot: ClosedLoopRobot) -> TrackedRobot:
+        o = self.options
+        used = chosen_filter(o.filter, self.profile, robot.name)
+        at_rest = gyro_at_rest(o.sensors.packed(), np.random.default_rng([o.seed, 2]))  # 0 and 1 draw the loop's noise
+        settled, pushed = stood(used.settings, at_rest), not (o.no_noise or o.no_disturbance)
+        around = LoopSettings(o.seen, sensors=o.sensors, filter=settled, disturbance=pushed, lookahead=o.lookahead)
+        began = time.perf_counter()
+        (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [o.seed], o.workers, self._start())
+        wall = time.perf_counter() - began
+        if not len(run.t):
+            run.require_kept(f"{self.controller.name} on {self.label} with the plant {robot.name}")
+        options = {
+            "feedback": around.feedback,
+            "disturbance": around.disturbance,
+            "lookahead_m": around.lookahead,
+            "gyro_bias_rad_s": o.gyro_bias,
+            "missed_ticks": list(o.missed_ticks),
+            "start": list(o.start),
+            **robot.limits,
+            "position_period_s": around.position_period,
+            "velocity_period_s": around.velocity_period,
+            "terrain": robot.terrain.spec,
+        }
+        return TrackedRobot(
+            self.controller.name,
+            self.gains.name if self.gains else "none",
+            dict(self.gains.values) if self.gains else {},
+            self.label,
+            self.waypoints.speed,
+            robot.name,
+            self.profile.name,
+            o.seed,
+            run,
+            reference_of(run, self.waypoints),
+            rate(run, self.waypoints, robot),
+            wall,
+            options,
+            store.versions(),
+            robot.terrain,
+            self.profile.robot,
+            used if around.feedback == "ekf" else None,
+        )
+
+
+@cli.program(TrackOptions)
+def track(o: TrackOptions) -> Tracked:
+    """Let a robot follow a reference under a controller.
+
+    Prints tables and writes track.json, track.png and track.rrd, also for a robot that was lost; then the exit status is 1.
+
+    Raises:
+        LostError: a robot was lost before its first tick.
+        ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
+            that do not go together.
+    """
+    return prepare_tracking(o).run()
+
+
+def prepare_tracking(o: TrackOptions) -> PreparedTracking:
+    """Check everything that tracking is asked for, and build its robots.
+
+    Raises:
+        ValueError: as `track`.
+    """
+    plants = o.plants
+    if not plants or len(set(plants)) < len(plants):
+        raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
+    controller, reference = o.names()
+    chosen = choose_profile(o.profile, o.robot, "thesis-lab")
+    law, gains = chosen_controller(controller, chosen, o.gains)
+    if isinstance(reference, Waypoints):
+        label, waypoints = "waypoints", reference
+        if o.speed is not None:
+            waypoints = Waypoints.from_path(reference.xy, o.speed)
+    else:
+        label, waypoints = open_reference(str(reference), o.speed)
+    if o.terrain != FLAT and "mujoco" not in plants:
+        raise ValueError(f"terrain {o.terrain.spec} needs the plant mujoco: the planar models know only level ground")
+    robots = tuple(make_robot(chosen, name, o.terrain) for name in plants)
+    for made in robots:
+        if str(o.filter) != COMMISSIONED:  # that one has to be driven, the others are there or not
+            chosen_filter(o.filter, chosen, made.name)
+        require_practicable(waypoints, made.drive, label)
+    sentences = [demand_of(waypoints, made, chosen.name, label) for made in robots]
+    if gains is not None:
+        sentences.insert(0, origin_sentence(gains, chosen.name))
+    remarks = tuple(sentence for sentence in sentences if sentence is not None)
+    return PreparedTracking(o, law, gains, label, waypoints, chosen, robots, remarks)
+
+
+if __name__ == "__main__":
+    track.main()

@@ -1,153 +1,224 @@
-"""A small share of the fault campaign with each run of the suite; `python -m tests.faults` is the whole."""
+"""What users really meet, tried on every program: a clear line, the right status, and what is on disk is whole.
+
+Mistyped options, files that are missing, empty, damaged or of another kind, folders and disks that take nothing, and an end
+in mid-run.
+"""
 
 from __future__ import annotations
 
+import itertools
 import json
-import math
 import random
-import threading
+import resource
+import runpy
+import shutil
+import signal
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from tests.faults import arguments, doors, files, judge, kills, pool, programs, report
-from tests.faults.judge import Outcome
-from tests.faults.pool import Case
+from tests.drive_train_logs import in_the_air, on_grass
+from validation.logs.recording_csv import write_csv
+from validation.plants.profile import load_profile
 
-SHARE = {"files": 200, "numbers": 300, "arguments": 100}
-"""Inputs of each part that are tried here."""
-SLOW = ("study contact", "study filter", "study robustness", "replicate", "fit recording")
-"""Commands of which one run takes seconds."""
-SEED = 7
-pytestmark = pytest.mark.filterwarnings("ignore")  # of libraries, on damaged files; programs are judged by their own
+pytestmark = pytest.mark.filterwarnings("ignore")  # of libraries, on damaged files
 
-
-@pytest.fixture(autouse=True)
-def strict_arithmetic() -> Iterator[None]:
-    """Arithmetic is as a user has it."""
-    with np.errstate(divide="warn", invalid="warn", over="warn", under="ignore"):
-        yield
-
-
-@pytest.mark.parametrize("part", SHARE)
-def test_no_input_gets_more_than_a_clear_line(part: str) -> None:
-    plan = pool.part_of(part).plan(SHARE[part], 0)
-    cases = [Case(part, kind, k) for kind, n in plan.items() for k in range(n) if kind not in SLOW]
-    verdicts = dict(pool.run_cases(cases, SEED, workers=0))
-    assert len(verdicts) >= 5
-    assert [f"{case}: {v.what}: {v.faults}" for case, v in verdicts.items() if v.faults] == []
-
-
-def test_a_program_that_is_killed_ends_like_one_that_was_not() -> None:
-    assert pool.run_case(Case("kills", "recordings convert", 0), SEED).faults == ()
+SMALL = "--population 8 --generations 1"
+COMMANDS: dict[str, tuple[str, str]] = {
+    "compare": ("compare FILE --plants kinematic --horizons 1,2 --no-rerun", "log.csv"),
+    "compare with a profile": (
+        "compare traj4 --plants linear --reference linear --no-rerun --profile FILE",
+        "lab.toml",
+    ),
+    "fit": (f"fit kinematic --to FILE --horizons 1,2 {SMALL}", "log.csv"),
+    "track": ("track pid FILE --speed 0.5 --plant kinematic --no-rerun", "way.csv"),
+    "track with gains": ("track pid line --speed 0.5 --plant kinematic --no-rerun --gains FILE", "pid.toml"),
+    "tune": (f"tune pid --reference FILE --speed 0.5 --plant kinematic --held-out line@0.5 {SMALL}", "way.csv"),
+    "recordings info": ("recordings info FILE", "log.csv"),
+    "recordings convert": ("recordings convert FILE", "log.csv"),
+    "robots check": ("robots check FILE", "robot.toml"),
+    "study noise": ("study noise FILE", "log.csv"),
+    "study drivetrain": ("study drivetrain --recording FILE --ground grass.csv --resamples 2", "up.csv"),
+}
+"""Commands of a second, and the file that each reads."""
 
 
-def test_every_option_of_every_program_is_tried() -> None:
-    rng, given = random.Random(0), dict[str, set[str]]()
-    for name in programs.USUAL:
-        wanted = {o for a in programs.declared(name) for o in a.option_strings if o.startswith("--")} - {
-            "--help",
-            *programs.NOT_TRIED,
-        }
-        given[name] = {word for _ in range(800) for word in arguments.argv_of(name, rng)}
-        assert wanted <= given[name]
+def with_nan(text: bytes) -> bytes:
+    """Put a NaN in the place of one number of a table or a TOML file."""
+    lines = text.split(b"\n")
+    if b"," in lines[0]:
+        lines[2] = lines[2].rpartition(b",")[0] + b",nan"
+    else:
+        k = next(k for k, line in enumerate(lines) if b" = " in line and line[-1:].isdigit())
+        lines[k] = lines[k].partition(b" = ")[0] + b" = nan"
+    return b"\n".join(lines)
 
 
-def test_every_file_of_a_usual_command_is_there(tmp_path: Path) -> None:
-    """Without it, a command is refused for that alone, and nothing else of it is tried."""
-    files.lay_out(tmp_path / "work")
-    named = [word for usual in programs.USUAL.values() for word in usual.argv() if word.endswith(".csv")]
-    assert "good.csv" in named
-    assert [name for name in named if not (tmp_path / "work" / name).is_file()] == []
+FILES: dict[str, Callable[[bytes], bytes] | None] = {
+    "missing": None,
+    "empty": lambda text: b"",
+    "rubbish": lambda text: bytes(range(256)) * 20,
+    "another kind of file": lambda text: b'{"a": [1, 2, 3]}\n',
+    "a heading alone": lambda text: text[: text.index(b"\n") + 1],
+    "cut off": lambda text: text[: len(text) // 2],
+    "NaN": with_nan,
+    "windows": lambda text: b"\xef\xbb\xbf" + text.replace(b"\n", b"\r\n"),
+}
+"""What became of the file; None for no file at all."""
+MAY_BE_READ = {"a heading alone", "cut off", "NaN", "windows"}
+"""Files that may still hold all that a program needs."""
+OPTIONS: dict[str, str] = {
+    "unknown": "--nosuch 3",
+    "mistyped": "--oute out",
+    "without its value": "--out",
+    "text for a number": "--seed many",
+    "negative": "--seed -1",
+    "no workers": "--workers 0",
+    "a file for a folder": "--out way.csv/out",
+    "a folder that cannot be": "--out /proc/nowhere",
+    "a second argument": "log.csv log.csv log.csv",
+}
 
 
-def test_a_case_is_decided_by_its_name_and_the_seed() -> None:
-    case = Case("numbers", "plant linear", 3)
-    assert pool.run_case(case, 5) == pool.run_case(case, 5)
-    cases = [Case("numbers", "terrain", k) for k in range(3)]
-    assert dict(pool.run_cases(cases, 5, workers=0)) == dict(reversed(list(pool.run_cases(cases[::-1], 5, workers=0))))
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a good file of each kind."""
+    folder = tmp_path_factory.mktemp("good")
+    t = np.arange(0.0, 12.0, 0.05)
+    yaw = 0.3 * t
+    columns = {
+        "t": t, "cmd_v": 0 * t + 0.5, "cmd_w": 0 * t + 0.3, "enc_left": 0 * t + 3.0, "enc_right": 0 * t + 3.5,
+        "gyro_z": 0 * t + 0.3, "x": np.sin(yaw) / 0.6, "y": (1.0 - np.cos(yaw)) / 0.6, "yaw": yaw,
+    }  # fmt: skip
+    rows = [",".join(columns), *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns.values(), strict=True))]
+    (folder / "log.csv").write_text("\n".join(rows) + "\n")
+    (folder / "way.csv").write_text("x,y\n" + "".join(f"{0.1 * i},{0.004 * i * i}\n" for i in range(20)))
+    load_profile("thesis-lab").save(folder / "lab.toml")
+    source = Path(__file__).resolve().parents[1]
+    shutil.copy(source / "validation" / "track" / "gain_sets" / "pid-tuned.toml", folder / "pid.toml")
+    shutil.copy(source / "models" / "husky.toml", folder / "robot.toml")
+    for log, name in ((in_the_air(commands=18), "up.csv"), (on_grass(commands=24), "grass.csv")):
+        write_csv(log, folder / name)
+    return folder
 
 
-def faults_of(outcome: Outcome, allowed: tuple[int, ...] = judge.USUAL) -> set[str]:
-    return {kind for kind, _ in judge.judge(outcome, allowed).faults}
+def problems(status: int, error: str, before: set[Path], folder: Path) -> list[str]:
+    """Return what is wrong with the end of a program that began with these files in its folder."""
+    found = [f"status {status}"] if status not in (0, 1, 2, *STOPPED) else []
+    lines = [line for line in error.splitlines() if line.startswith(("error: ", "run failed: "))]
+    if "Traceback" in error or (status in (1, 2) and (len(lines) != 1 or not error.rstrip().endswith(lines[0]))):
+        found.append(f"no clear line: {error[-300:]}")
+    written = {path for path in folder.rglob("*") if path.is_file()} - before
+    if status == 2 and written:
+        found.append(f"wrote {sorted(map(str, written))} on a mistake")
+    return found + [f"{path.name}: {why}" for path in written if (why := damage(path))]
 
 
-def test_calls_are_judged() -> None:
-    def raise_long() -> None:
-        raise ValueError("x" * 2000)
-
-    assert faults_of(doors.call("a fault", lambda: math.nan)) == {"non-finite"}
-    assert faults_of(doors.call("a fault", lambda: 1 // 0)) == {"traceback"}
-    assert faults_of(doors.call("a fault", raise_long)) == {"unclear line"}
-    assert faults_of(doors.call("no fault", lambda: float("x"))) == set()
-
-
-def test_what_computes_or_waits_too_long_hangs_and_compiling_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doors, "_TICK", 0.02)
-    monkeypatch.setattr(doors, "_LONGEST_IDLE", 0.5)
-    code = "import time\ndef work(until):\n    while time.process_time() < until:\n        pass"
-    spaces: list[dict[str, Any]] = [{"__name__": "numba.core"}, {"__name__": "elsewhere"}]
-    for space in spaces:
-        exec(code, space)
-    compiling, computing = (
-        doors.call("work", lambda work=space["work"]: work(time.process_time() + 1.0), 0.3) for space in spaces
-    )
-    assert (compiling.hung, computing.hung) == (False, True)
-    assert doors.call("waiting", threading.Event().wait, 0.3).hung
+def damage(path: Path) -> str:
+    """Return what is wrong with a file that was written; nothing for a whole one."""
+    if ".part" in path.name:
+        return "left over"
+    try:
+        if path.suffix == ".json":
+            json.loads(path.read_text(), parse_constant=lambda text: int(text))  # NaN and Infinity are no integers
+        elif path.suffix == ".toml":
+            tomllib.loads(path.read_text())
+        elif path.suffix == ".png":
+            with Image.open(path) as image:
+                image.verify()
+        elif path.suffix == ".npz":
+            with np.load(path) as file:
+                dict(file)
+        return "" if path.stat().st_size else "empty"
+    except (ValueError, OSError) as error:
+        return str(error)
 
 
-@pytest.mark.parametrize(
-    ("outcome", "fault"),
-    [
-        (Outcome("", 1, "", "Traceback (most recent call last):\n  x\nKeyError: 1\n"), "traceback"),
-        (Outcome("", 70, "", "it has a fault"), "traceback"),
-        (Outcome("", None, hung=True), "hang"),
-        (Outcome("", -9), "died"),
-        (Outcome("", 3, "", "error: x"), "false status"),
-        (Outcome("", 0, "", "error: x"), "false status"),
-        (Outcome("", 2, "", "error: x\x1b[31m"), "escape"),
-        (Outcome("", 2, "", "oh dear"), "unclear line"),
-        (Outcome("", 2, "", "what is this\nerror: x"), "unclear line"),
-        (Outcome("", 0, "", "a.py:1: RuntimeWarning: overflow"), "stray warning"),
-        (Outcome("", 0, "a | nan | 1"), "non-finite"),
-    ],
-)
-def test_what_must_not_be_is_seen(outcome: Outcome, fault: str) -> None:
-    assert faults_of(outcome) == {fault}
+def call(words: list[str], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
+    """Run a program in this process, as `python -m` does; return its status and standard error."""
+    monkeypatch.setattr(sys, "argv", [words[0], *words[1:]])
+    capfd.readouterr()
+    status = 0
+    with np.errstate(all="warn"):
+        try:
+            runpy.run_module(f"validation.{words[0]}", run_name="__main__", alter_sys=True)
+        except SystemExit as left:
+            status = left.code if isinstance(left.code, int) else 0
+    return status, capfd.readouterr().err
 
 
-def test_files_are_judged(tmp_path: Path) -> None:
-    for name, text in (
-        ("a.json", '{"x": NaN}'),
-        ("b.json", '{"x": '),
-        (".x.part.json", "{}"),
-        ("c.png", "PNG"),
-        ("d.toml", "x ="),
-    ):
-        (tmp_path / name).write_text(text)
-    found = judge.judge(Outcome("", 0, folder=tmp_path)).faults
-    assert sorted(kind for kind, _ in found) == ["damaged file", "damaged file", "damaged file", "left over", "non-finite"]
-    assert faults_of(Outcome("", 2, "", "error: x", tmp_path)) == {"left over", "wrote on a mistake"}
-    assert "false claim" in faults_of(Outcome("", 0, "written: nothing.png", folder=tmp_path))
+def test_what_users_meet(
+    good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Every program, with every mishap of its file and every mistake in its options."""
+    cases = [*itertools.product(COMMANDS, ["well", *FILES], [""]), *itertools.product(COMMANDS, ["well"], OPTIONS)]
+    bad = []
+    for k, (name, file, option) in enumerate(cases):
+        folder = tmp_path / str(k)
+        shutil.copytree(good, folder)
+        monkeypatch.chdir(folder)
+        command, read = COMMANDS[name]
+        if file in FILES:
+            change, path = FILES[file], folder / read
+            path.write_bytes(change(path.read_bytes())) if change else path.unlink()
+        before = {path for path in folder.rglob("*") if path.is_file()}
+        words = [*command.replace("FILE", read).split(), *OPTIONS.get(option, "").split()]
+        status, error = call(words, capfd, monkeypatch)
+        wanted = {0} if file == "well" and not option else {0, 2} if file in MAY_BE_READ else {2}
+        found = problems(status, error, before, folder) + ([f"status {status}"] if status not in wanted else [])
+        bad += [f"{name}, {file} {option}: {'; '.join(found)}"] * bool(found)
+        shutil.rmtree(folder)
+    assert bad == [], "\n".join(bad)
 
 
-def test_results_are_compared_but_for_the_clock(tmp_path: Path) -> None:
-    for name, cost, wall in (("one", 1.0, 2.0), ("other", 1.0, 3.0), ("third", 1.1, 3.0)):
-        (tmp_path / name).mkdir()
-        document = {"cost": cost, "wall_s": wall, "deep": [{"versions": {"x": wall}}]}
-        (tmp_path / name / "a.json").write_text(json.dumps(document))
-    one, other, third = (kills.result_of(tmp_path / name) for name in ("one", "other", "third"))
-    assert one == other != third
+ENDS: dict[str, signal.Signals | None] = {
+    "killed": signal.SIGKILL, "Ctrl-C": signal.SIGINT, "ended": signal.SIGTERM, "full disk": None,
+}  # fmt: skip
+STOPPED = (130, 143, -signal.SIGINT, -signal.SIGTERM)
+"""Statuses of programs that a signal ends: 128 and its number, and the signal itself while they are being loaded."""
+LONG = {
+    "fit": "fit improved --to traj4@linear --population 30 --generations 60 --patience 99 --search jde --out out",
+    "recordings": "recordings convert log.csv --out out/made.csv",
+    "replicate": "replicate --quick --only 3.12,accelerations --out out",
+}
+"""Commands of some seconds."""
 
 
-def test_faults_are_counted_by_class() -> None:
-    tally = report.Tally()
-    tally.add(Case("a", "b", 0), judge.Verdict("what", False, 2, (("hang", "x"), ("hang", "y"), ("escape", "z"))))
-    tally.add(Case("a", "b", 1), judge.Verdict("what", True, 1, ()))
-    assert tally.as_dict()["faults"] == {"hang": 1, "escape": 1}
-    assert (tally.inputs, tally.accepted) == (3, 1)
-    assert "1 hang, 1 escape" in report.table({("a", "b"): tally})
+@pytest.mark.parametrize("name", LONG)
+def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
+    """Whatever ends a program, each file is whole or not there; then the same command comes to its end."""
+    program, *words = LONG[name].split()
+    rng, bad, took = random.Random(name), list[str](), 0.0
+    for end in ("undisturbed", *ENDS, "again"):
+        again = ["--resume"] if name == "fit" and end not in ("undisturbed", "full disk") else []
+        folder = tmp_path / ("undisturbed" if end == "undisturbed" else "rough")
+        if not folder.exists():
+            shutil.copytree(good, folder)
+            (folder / "out").mkdir()
+        before, began = {path for path in folder.rglob("*") if path.is_file()}, time.monotonic()
+        limit = (lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))) if end == "full disk" else None
+        child = subprocess.Popen(
+            [sys.executable, "-m", f"validation.{program}", *words, *again], cwd=folder, text=True, preexec_fn=limit,
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        if (how := ENDS.get(end)) is not None:
+            time.sleep(rng.uniform(0.5, 1.0) * took)
+            child.send_signal(how)
+        _, error = child.communicate(timeout=300)
+        took = took or time.monotonic() - began
+        left = [] if end == "killed" and child.returncode == -9 else problems(child.returncode, error, before, folder)
+        if end in ("undisturbed", "again") and child.returncode:
+            left.append(f"status {child.returncode}: {error}")
+        bad += [f"{end}: {what}" for what in left]
+    results = [
+        sorted(p.name for p in (tmp_path / way / "out").rglob("*") if p.suffix != ".npz") for way in ("undisturbed", "rough")
+    ]
+    assert bad == [], "\n".join(bad)
+    assert results[0] == results[1]

@@ -1,4 +1,4 @@
-"""`jit`: numba compilation whose cache on disk can never be stale.
+"""numba's compilation with a cache on disk that can never be stale, threads, and functions that numba does not have.
 
 numba notices edits to the file of the compiled function alone, not to what that function calls from other files. Here the
 cache folder is named after a digest of the sources that decide what is compiled, so that an edit to any of them compiles
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import os
 import re
 import shutil
@@ -24,20 +25,31 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core import config as numba_config
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 
 from ssmr.types import FloatArray
 
 config: Any = numba_config
 """Settings of numba, which it reads from the environment when it is imported; no stub declares them."""
+_njit: Any = numba.njit
+_item_pointer: Any = cgutils.get_item_pointer
 
 _SHARES = 4
 """Shares of a thread: one that is done early takes another."""
 CACHE_LIFETIME = 7 * 24 * 3600.0
 """Time for which the cache of older sources is kept [s]."""
 
+_PER_QUARTER = 0.6366197723675814  # 2 / pi
+_QUARTER = 0.5 * math.pi
+_SHIFT = 1.5 * 2.0**52  # a number plus this has its nearest whole number in its last bits
+_SINE: tuple[float, ...] = (-1.66666666666666307295e-1, 8.33333333332211858878e-3, -1.98412698295895385996e-4)
+_SINE += (2.75573136213857245213e-6, -2.50507477628578072866e-8, 1.58962301576546568060e-10)
+_COSINE: tuple[float, ...] = (4.16666666666665929218e-2, -1.38888888888730564116e-3, 2.48015872888517045348e-5)
+_COSINE += (-2.75573141792967388112e-7, 2.08757008419747316778e-9, -1.13585365213876817300e-11)
+"""Polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi/4 and pi/4."""
 _PACKAGE = Path(__file__).resolve().parent
 _log = logging.getLogger(__name__)
 
@@ -93,16 +105,24 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 
 def jit(function: F) -> F:
-    """Compile a numeric function without the interpreter lock, cached on disk; IEEE arithmetic is kept (no fast-math).
+    """Compile a numeric function that compiled functions call, without the interpreter lock and in IEEE arithmetic.
 
-    The function is inlined where it is called: the laws are a few lines each, and a call costs as much as they do.
+    It is inlined wherever it is called, because the laws are a few lines each and a call costs as much as they do. So it
+    is not kept on disk: what calls it is. Called from Python, it is compiled anew in every process; see `jit_alone`.
     """
-    return _compile(function, forceinline=True)
+    compiled: F = _njit(nogil=True, error_model="numpy", forceinline=True)(function)
+    return compiled
 
 
 def jit_alone(function: F) -> F:
-    """Compile like `jit`, but not inlined: a long loop, which is compiled once and not again wherever it is called."""
-    return _compile(function)
+    """Compile like `jit` a function that Python calls, or a long loop: it is not inlined, and is kept on disk."""
+    before = config.CACHE_DIR
+    try:
+        config.CACHE_DIR = _FOLDER
+        compiled: F = _njit(cache=bool(_FOLDER), nogil=True, error_model="numpy")(function)
+        return compiled
+    finally:
+        config.CACHE_DIR = before
 
 
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:
@@ -129,72 +149,77 @@ def source(function: F) -> F:
     return python
 
 
-def _compile(function: F, **options: Any) -> F:
-    before = config.CACHE_DIR
-    try:
-        config.CACHE_DIR = _FOLDER
-        compiled: F = numba.njit(cache=bool(_FOLDER), nogil=True, error_model="numpy", **options)(function)
-        return compiled
-    finally:
-        config.CACHE_DIR = before
-
-
-def named_like(template: T, row: FloatArray) -> T:
-    """Return a named tuple of the template's kind with the numbers of `row`; for compiled functions only.
-
-    The numbers of a population travel as rows of one array.
-    """
-    raise NotImplementedError("named_like works in compiled functions only")
-
-
 def built_in(function: Any) -> Any:
     """Return a function that writes LLVM instructions into the compiled functions which call it, see numba's `intrinsic`."""
     return intrinsic(prefer_literal=True)(function)
 
 
-@overload(named_like, strict=False)
-def _named_like(template: Any, row: Any) -> Any:
-    kind = template.instance_class
-    convert: dict[type, str] = {types.Integer: "int(row[{}])", types.Boolean: "row[{}] != 0.0"}
-    numbers = [convert.get(type(t), "row[{}]").format(i) for i, t in enumerate(template.types)]
-    names: dict[str, Any] = {"kind": kind}
-    source = f"def read(template, row):\n    return kind({', '.join(numbers)})"  # numba types no loop over mixed fields
-    exec(source, names)  # nosec B102 # the source is made of numbers alone
-    return names["read"]
-
-
 @built_in
-def prefer_wide_vectors(typing: Any) -> Any:
-    """Let the compiled function that calls this use the widest vectors of the processor; for compiled functions only.
+def numbers_as(typing: Any, template: Any, numbers: Any, first: Any, step: Any) -> Any:
+    """Return a named tuple of the template's kind from every `step`-th number of an array, beginning with number `first`.
 
-    LLVM otherwise prefers half the width on many processors, lest they lower their clock for code that gains little by it.
+    Numbers become whole numbers and truth values where the template has such: numba types no loop over mixed fields.
     """
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        attributes = builder.function.attributes
-        if isinstance(attributes, set):  # llvmlite's own `add` knows no attributes with values
-            set.add(attributes, '"prefer-vector-width"="512"')
-        return context.get_dummy_value()
+        array, at, values = context.make_array(numbers)(context, builder, arguments[1]), arguments[2], []
+        for kind in template.types:
+            pointer = _item_pointer(context, builder, numbers, array, [at])
+            values.append(context.cast(builder, builder.load(pointer), types.float64, kind))
+            at = builder.add(at, arguments[3])
+        return context.make_tuple(builder, template, values)
 
-    return types.void(), build
+    return template(template, numbers, types.intp, types.intp), build
+
+
+@jit
+def named_like(template: T, row: FloatArray) -> T:
+    """Return a named tuple of the template's kind with the numbers of `row`: those of a population are rows of one array."""
+    return numbers_as(template, row, 0, 1)  # type: ignore[no-any-return]  # numba knows what it returns
 
 
 @built_in
-def copy_numbers(typing: Any, target: Any, at: Any, origin: Any, first: Any, count: Any) -> Any:
-    """Copy `count` numbers, a constant, of one contiguous array from index `first` on into another from `at` on.
-
-    A loop would not do: where the compiler cannot tell that the arrays are different ones, it copies number by number, and a
-    processor that then reads several of them as one vector waits until all have left its store buffer.
-    """
-    if not isinstance(count, types.IntegerLiteral):
-        return None
+def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c, rounded once where the processor can (which all of its loops then do alike), else twice."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        to, start, of, begin, _ = arguments
-        here = builder.gep(context.make_array(signature.args[0])(context, builder, to).data, [start])
-        there = builder.gep(context.make_array(signature.args[2])(context, builder, of).data, [begin])
-        copy: Any = cgutils.raw_memcpy
-        copy(builder, here, there, context.get_constant(types.intp, count.literal_value), 8)
-        return context.get_dummy_value()
+        double = ir.DoubleType()
+        function = builder.module.declare_intrinsic("llvm.fmuladd", [double], ir.FunctionType(double, [double] * 3))
+        return builder.call(function, arguments)
 
-    return types.void(target, at, origin, first, count), build
+    return types.float64(types.float64, types.float64, types.float64), build
+
+
+@built_in
+def _bits(typing: Any, x: Any) -> Any:
+    """Return the 64 bits of a number as a whole number."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], ir.IntType(64))
+
+    return types.int64(types.float64), build
+
+
+@jit
+def sine_cosine(angle: float) -> tuple[float, float]:
+    """Return sine and cosine of an angle [rad] by arithmetic alone, so that a loop over angles becomes vector instructions.
+
+    The angle less the nearest multiple of pi/2 goes into two polynomials. That pi/2 is a rounded number moves the angle by
+    4e-17 of itself, less than its own rounding. Each is within 2e-16 of that of an angle that lies less than one rounding
+    away from the one given. Beyond 1e15 rad, where a rounding is as large as the angle's direction, they mean nothing.
+    """
+    shifted = fused(angle, _PER_QUARTER, _SHIFT)
+    n = shifted - _SHIFT
+    r = fused(-n, _QUARTER, angle)
+    z = r * r
+    s, c = _SINE[5], _COSINE[5]
+    s, c = fused(s, z, _SINE[4]), fused(c, z, _COSINE[4])
+    s, c = fused(s, z, _SINE[3]), fused(c, z, _COSINE[3])
+    s, c = fused(s, z, _SINE[2]), fused(c, z, _COSINE[2])
+    s, c = fused(s, z, _SINE[1]), fused(c, z, _COSINE[1])
+    s, c = fused(s, z, _SINE[0]), fused(c, z, _COSINE[0])
+    s, c = fused(r * z, s, r), fused(z * z, c, fused(-0.5, z, 1.0))
+    quadrant = _bits(shifted)
+    odd = (quadrant & 1) != 0
+    sine, cosine = c if odd else s, s if odd else c
+    return -sine if (quadrant & 2) != 0 else sine, -cosine if ((quadrant + 1) & 2) != 0 else cosine

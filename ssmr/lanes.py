@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core import types
-from numba.extending import overload
+from numba.core import cgutils, types
 from numpy.typing import NDArray
 
-from ssmr._jit import copy_numbers, jit, jit_alone, prefer_wide_vectors, share_among_threads, source
-from ssmr._trig import fused, sine_cosine
+from ssmr._jit import T, built_in, fused, jit, jit_alone, numbers_as, share_among_threads, sine_cosine, source
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
@@ -76,21 +74,47 @@ class _Times(NamedTuple):
     stride: int  # steps between samples
 
 
-def lane(template: Any, rows: FloatArray, first: int, i: int) -> Any:
-    """Return a named tuple of the template's kind from lane i of the rows from `first` on; for compiled functions only.
+@built_in
+def _prefer_wide_vectors(typing: Any) -> Any:
+    """Let the compiled function that calls this use the widest vectors of the processor; for compiled functions only.
 
-    Whole numbers, which are no part of a step, are 0.
+    LLVM otherwise prefers half the width on many processors, lest they lower their clock for code that gains little by it.
     """
-    raise NotImplementedError("lane works in compiled functions only")
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        attributes = builder.function.attributes
+        if isinstance(attributes, set):  # llvmlite's own `add` knows no attributes with values
+            set.add(attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.void(), build
 
 
-@overload(lane, strict=False)
-def _lane(template: Any, rows: Any, first: Any, i: Any) -> Any:
-    names: dict[str, Any] = {"kind": template.instance_class}
-    whole = [isinstance(t, types.Integer) for t in template.types]
-    numbers = ", ".join("0" if whole[k] else f"rows[i + (first + {k}) * {LANES}]" for k in range(len(whole)))
-    exec(f"def read(template, rows, first, i):\n    return kind({numbers})", names)  # nosec B102 # made of numbers alone
-    return names["read"]
+@built_in
+def _copy_numbers(typing: Any, target: Any, at: Any, origin: Any, first: Any, count: Any) -> Any:
+    """Copy `count` numbers, a constant, of one contiguous array from index `first` on into another from `at` on.
+
+    A loop would not do: where the compiler cannot tell that the arrays are different ones, it copies number by number, and a
+    processor that then reads several of them as one vector waits until all have left its store buffer.
+    """
+    if not isinstance(count, types.IntegerLiteral):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        to, start, of, begin, _ = arguments
+        here = builder.gep(context.make_array(signature.args[0])(context, builder, to).data, [start])
+        there = builder.gep(context.make_array(signature.args[2])(context, builder, of).data, [begin])
+        copy: Any = cgutils.raw_memcpy
+        copy(builder, here, there, context.get_constant(types.intp, count.literal_value), 8)
+        return context.get_dummy_value()
+
+    return types.void(target, at, origin, first, count), build
+
+
+@jit
+def _lane(template: T, rows: FloatArray, first: int, i: int) -> T:
+    """Return a named tuple of the template's kind from lane i of the rows from `first` on."""
+    return numbers_as(template, rows, i + first * LANES, LANES)  # type: ignore[no-any-return]  # numba knows what it returns
 
 
 @jit
@@ -104,25 +128,25 @@ def _keep(state: _State, rows: FloatArray, i: int) -> None:
 def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRobot:
     """Return the robot of lane i; `kind` is any robot of the same model."""
     at = _ROBOT + len(kind.vehicle)
-    parameters = lane(kind.parameters, rows, at, i)
+    parameters = _lane(kind.parameters, rows, at, i)
     at += len(kind.parameters)
-    motor = lane(kind.motor, rows, at, i)
+    motor = _lane(kind.motor, rows, at, i)
     at += len(kind.motor)
     if plain is not None:
         motor = Motor(motor.limit, 0.0, 0.0, 0.0, 0.0, 0.0)
     obeys = rows[i + (at + 1) * LANES] != 0.0
-    vehicle, constants = lane(kind.vehicle, rows, _ROBOT, i), lane(kind.constants, rows, at + 2, i)
+    vehicle, constants = _lane(kind.vehicle, rows, _ROBOT, i), _lane(kind.constants, rows, at + 2, i)
     return PlanarRobot(vehicle, parameters, motor, rows[i + at * LANES], obeys, constants)
 
 
 @jit
 def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float) -> None:
     """Advance lane i by one physics step."""
-    now = lane(_STATE, rows, 0, i)
+    now = _lane(_STATE, rows, 0, i)
     v, w = rows[i + _HELD * LANES], rows[i + (_HELD + 1) * LANES]
     asked = Driven(now.asked_v, now.asked_w, v, w)
     if prescribed is None:
-        drive = lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
+        drive = _lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
         asked = drive_on(
             v,
             w,
@@ -169,7 +193,7 @@ def _run_lanes(
         times: step and length of the run.
         poses: (s, M, 3) space for the poses of the first s lanes; NaN where one diverges.
     """
-    prefer_wide_vectors()
+    _prefer_wide_vectors()
     ahead = np.empty(2 * _CHUNK * _PAIR)
     due, sample = 0, 0
     for k in range(-_CHUNK, times.steps + 1):
@@ -183,7 +207,7 @@ def _run_lanes(
             sample, due = sample + 1, due + times.stride
         if k == times.steps:
             break
-        copy_numbers(rows, _HELD * LANES, ahead, k % (2 * _CHUNK) * _PAIR, _PAIR)
+        _copy_numbers(rows, _HELD * LANES, ahead, k % (2 * _CHUNK) * _PAIR, _PAIR)
         for i in range(LANES):
             _step(kind, plain, prescribed, rows, i, times.dt)
     for i in range(len(poses)):
@@ -191,7 +215,7 @@ def _run_lanes(
             poses[i] = np.nan
 
 
-@jit
+@jit_alone
 def _fill_held(values: FloatArray, drive: DriveNumbers, before: tuple[float, float], longest: int, out: FloatArray) -> None:
     """Write the (2, n) twists that a driver holds from `longest` steps before the first command on."""
     for column in range(2):

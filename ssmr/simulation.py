@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, named_like
-from ssmr._trig import fused, sine_cosine
+from ssmr._jit import fused, jit, jit_alone, named_like, sine_cosine
 from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PlanarRobot, advance, constants_like, law_of
@@ -78,7 +77,7 @@ def turning_wheels(now: PlanarMotion, wheels: Sides, robot: PlanarRobot) -> Side
     return side_rates(now.v, now.w, robot.vehicle)
 
 
-@jit
+@jit_alone
 def run_planar(
     references: FloatArray,
     disturbance: FloatArray,

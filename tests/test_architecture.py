@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (
     {"ssmr.errors", "ssmr.types", "ssmr.parameters"},
     {"ssmr._jit", "ssmr.geometry", "ssmr.scenarios"},
-    {"ssmr._trig", "ssmr.robot", "ssmr.search", "ssmr.metrics"},
+    {"ssmr.robot", "ssmr.search", "ssmr.metrics"},
     {"ssmr.models", "ssmr.estimation"},
     {"ssmr.simulation"},
     {"ssmr.control", "ssmr.lanes"},

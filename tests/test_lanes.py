@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr import lanes
-from ssmr._jit import jit
-from ssmr._trig import sine_cosine
+from ssmr._jit import jit, sine_cosine
 from ssmr.lanes import LANES, run_population
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.models.table import PLANAR_MODELS, planar_law

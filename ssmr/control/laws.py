@@ -5,13 +5,12 @@ To add a controller, write a file with its gains and kernels that ends in a `Law
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
 
-import numba
 import numpy as np
 
 from ssmr._jit import jit
@@ -123,22 +122,24 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
     return kind(**values)
 
 
-def _choice(steps: list[Callable[..., Any]], arguments: str) -> Any:
+def _choice(steps: Sequence[tuple[Callable[..., Any], Callable[..., Any]]]) -> Callable[..., Any]:
     """Return a compiled `(law, row, *arguments)` that unpacks the row and calls the step of law number `law`.
 
-    numba cannot index a tuple of functions, so the chain of comparisons is written out here and compiled.
+    numba cannot index a tuple of functions: each law compares its number, and hands what is not its own to the laws before.
     """
-    calls = [f"step_{k}(unpack_{k}(row), {arguments})" for k in range(len(steps))]
-    lines = [f"    if law == {k}:\n        return {call}" for k, call in enumerate(calls[:-1])]
-    source = "\n".join([f"def choose(law, row, {arguments}):", *lines, f"    return {calls[-1]}"])
-    scope: dict[str, Any] = {f"step_{k}": step for k, step in enumerate(steps)}
-    scope.update({f"unpack_{k}": law.unpack for k, law in enumerate(_PLAIN.values())})
-    exec(source, scope)  # nosec B102 # the source is made of numbers and of the names that this module passes
-    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(scope["choose"])
+    (unpack, step), number, others = steps[-1], len(steps) - 1, _choice(steps[:-1]) if len(steps) > 1 else None
+
+    @jit
+    def choose(law: int, row: FloatArray, *arguments: Any) -> Any:
+        if others is None or law == number:
+            return step(unpack(row), *arguments)
+        return others(law, row, *arguments)
+
+    return choose
 
 
-_POSITION = _choice([law.position_step for law in _PLAIN.values() if law.position_step], "memory, errors, target, seen, dt")
-_VELOCITY = _choice([law.velocity_step for law in _PLAIN.values()], "memory, seen, dt")
+_POSITION = _choice([(law.unpack, law.position_step) for law in _PLAIN.values() if law.unpack and law.position_step])
+_VELOCITY = _choice([(law.unpack, law.velocity_step) for law in _PLAIN.values() if law.unpack])
 
 
 @jit

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, named_like
+from ssmr._jit import jit_alone, named_like
 from ssmr.control.laws import Controller
 from ssmr.control.mission import PythonController
 from ssmr.control.predictor import NO_FORESIGHT, commands_under_way, new_pipe
@@ -172,7 +172,7 @@ class Trackers(NamedTuple):
     dt: float
 
 
-@jit
+@jit_alone
 def tracker_of(trackers: Trackers, i: int) -> Tracker:
     """Return the `Tracker` of loop `i`."""
     return Tracker(

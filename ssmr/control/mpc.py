@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone
 from ssmr.control.law import Gains, Law
 from ssmr.control.mission import Mission, Moment
 from ssmr.control.predictor import Foresight
@@ -98,7 +98,7 @@ class PlannedBody(NamedTuple):
     slip: float
 
 
-@jit
+@jit_alone
 def step_body(now: PlannedBody, v: float, w: float, along: Channel, turn: Channel) -> PlannedBody:
     """Return the robot after one step under the commands `v` [m/s] and `w` [rad/s]."""
     way = along.s_v * now.v + now.gain_v * (along.s_l * now.lagged_v + along.s_u * v)
@@ -175,7 +175,7 @@ def _add_errors(h: FloatArray, f: FloatArray, rows: FloatArray, errors: FloatArr
                 h[i, j] += weighted * rows[r, j]
 
 
-@jit
+@jit_alone
 def condense(
     start: PlannedBody, plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatArray, model: Any, gains: Any
 ) -> tuple[FloatArray, FloatArray]:

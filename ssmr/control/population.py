@@ -136,7 +136,7 @@ def run_planar_loops(
         )
 
 
-@jit
+@jit_alone
 def plan_period(
     trackers: Trackers, k: int, n: int, drives: FloatArray, states: FloatArray, draws: FloatArray, batch: Batch
 ) -> None:

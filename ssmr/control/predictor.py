@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ssmr._jit import jit, named_like
+from ssmr._jit import jit, jit_alone, named_like
 from ssmr.control.law import Observation
 from ssmr.robot.drive import body_rates, ramp, saturate
 from ssmr.robot.vehicle import Drive
@@ -202,7 +202,7 @@ def learnt(p: Pipe) -> Asked:
     )  # fmt: skip
 
 
-@jit
+@jit_alone
 def carry_ahead(
     past: FloatArray, pipe: FloatArray, seen: Observation, t: float, end: float, numbers: Foresight
 ) -> tuple[Observation, Asked]:
@@ -246,7 +246,7 @@ def carry_ahead(
     return Observation(x, y, yaw, v, w), asked
 
 
-@jit
+@jit_alone
 def remember(past: FloatArray, pipe: FloatArray, v: float, w: float, t: float) -> None:
     """Append the command that is sent at time `t` [s] to a predictor's memory, in place; the oldest one drops out."""
     for k in range(len(past) - 1):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit_alone
 from ssmr.control.law import EMPTY_MEMORY, Command, Observation
 from ssmr.control.loop import Batch, Clock, LoopSettings, Trackers, tracker_of
 from ssmr.control.mission import Mission, Moment, PythonController
@@ -139,7 +139,7 @@ class SteeredPopulation:
             batch.asked[i] = continue_references(batch.commands[i], drive, (0.0, 0.0), asked, k, batch.references[i, :n])
 
 
-@jit
+@jit_alone
 def roll_on(row: FloatArray, references: FloatArray, pushes: FloatArray, dt: float, robot: PlanarRobot) -> None:
     """Advance a planar robot in place, a (9,) row of `PlanarMotion`, by (n, 2) references and (n,) yaw accelerations."""
     now = PlanarMotion(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
@@ -149,7 +149,7 @@ def roll_on(row: FloatArray, references: FloatArray, pushes: FloatArray, dt: flo
         row[j] = number
 
 
-@jit
+@jit_alone
 def truth_of(row: FloatArray, asked: FloatArray, robot: PlanarRobot) -> Truth:
     """Return the motion of a planar robot, a (9,) row of `PlanarMotion`; its driver asks for (2,) wheel rates [rad/s]."""
     now = PlanarMotion(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit, named_like
+from ssmr._jit import jit, jit_alone, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.predictor import Foresight, carry_ahead, remember
@@ -174,21 +174,21 @@ def observe(tracker: Tracker, truth: Truth, draws: Draws, elapsed: float) -> Obs
     )
 
 
-@jit
+@jit_alone
 def look(tracker: Tracker, mind: Mind, seen: Observation, t: float) -> Mind:
     """Return the mind with an observation of mission time `t` [s], the target and the errors then; no law runs."""
     aim = target(tracker.course, t, mind.target.segment)
     return Mind(mind.memory, aim, position_errors(seen, aim, ALPHA_SWITCH), seen, seen, mind.command)
 
 
-@jit
+@jit_alone
 def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Observation:
     """Return what the controller sees at physics step `k`, a tick of the position loop."""
     drawn = named_like(NO_DRAWS, draws[k // tracker.position_steps])
     return observe(tracker, truth, drawn, tracker.position_steps * tracker.dt if k else 0.0)
 
 
-@jit
+@jit_alone
 def position_tick(tracker: Tracker, mind: Mind, seen: Observation, t: float, dt: float) -> Mind:
     """Return the mind after one step of the position loop at mission time `t` [s], `dt` [s] after the last.
 
@@ -207,7 +207,7 @@ def position_tick(tracker: Tracker, mind: Mind, seen: Observation, t: float, dt:
     return Mind(memory, now.target, now.errors, seen, ahead, mind.command)
 
 
-@jit
+@jit_alone
 def velocity_tick(tracker: Tracker, mind: Mind, t: float, dt: float) -> Mind:
     """Return the mind after one step of the velocity loop at mission time `t` [s], `dt` [s] after the last.
 
@@ -219,7 +219,7 @@ def velocity_tick(tracker: Tracker, mind: Mind, t: float, dt: float) -> Mind:
     return Mind(memory, mind.target, mind.errors, mind.seen, mind.ahead, command)
 
 
-@jit
+@jit_alone
 def record(row: FloatArray, truth: Truth, mind: Mind) -> None:
     """Write a tick into `row`, in the order of `LOG_COLUMNS`."""
     aim, errors, memory, command, seen = mind.target, mind.errors, mind.memory, mind.command, mind.seen
@@ -232,13 +232,13 @@ def record(row: FloatArray, truth: Truth, mind: Mind) -> None:
         row[i] = number
 
 
-@jit
+@jit_alone
 def is_lost(x: float, y: float, yaw_rate: float, target_x: float, target_y: float) -> bool:
     """Return whether a run left its bounds; a number that is not finite counts as lost."""
     return not (math.hypot(x - target_x, y - target_y) < LOST and abs(yaw_rate) < SPINNING)
 
 
-@jit
+@jit_alone
 def tick(tracker: Tracker, mind: Mind, k: int, truth: Truth, draws: FloatArray, log: FloatArray) -> tuple[Mind, bool]:
     """Return the mind after physics step `k`, and whether the robot is lost.
 

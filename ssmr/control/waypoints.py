@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
 
 ALPHA_SWITCH = 0.4
@@ -269,7 +269,7 @@ def _lengths(xy: FloatArray) -> FloatArray:
     return np.hypot(steps[:, 0], steps[:, 1])
 
 
-@jit
+@jit_alone
 def target(course: Any, t: float, segment: int) -> Target:
     """Return the `Target` at a mission time (Alg. 5, lines 11-21); its place and twist are linear in time.
 
@@ -293,7 +293,7 @@ def target(course: Any, t: float, segment: int) -> Target:
     return Target(a.x + f * (b.x - a.x), a.y + f * (b.y - a.y), a.heading, a.v, a.w + f * (b.w - a.w), k)
 
 
-@jit
+@jit_alone
 def targets_at(course: Any, t: FloatArray) -> FloatArray:
     """Return (M, 5) x, y, phi, v_ref, w_ref of the target at (M,) mission times that increase [s]."""
     rows = np.empty((len(t), 5))
@@ -311,7 +311,7 @@ def _wrapped(angle: float) -> float:
     return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
 
-@jit
+@jit_alone
 def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
     """Return the three errors of a robot to its target (Eq. 4.1, 4.2).
 

@@ -216,7 +216,7 @@ def update_row(belief: Belief, row: FloatArray, residual: float, variance: float
     return step * residual
 
 
-@jit
+@jit_alone
 def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: FilterNumbers) -> tuple[float, float, float]:
     """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
 
@@ -247,7 +247,7 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Filter
     return first, update_row(belief, row, w - shown, variance_w, gate), third
 
 
-@jit
+@jit_alone
 def speed(m: FloatArray, numbers: FilterNumbers) -> float:
     """Return the forward speed of the reference point [m/s] that a filter believes in."""
     if len(m) <= BIAS:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone
 from ssmr.metrics.nearest import nearest_squared
 from ssmr.metrics.poses import sync_rms_kernel
 from ssmr.types import FloatArray, frozen_array
@@ -37,7 +37,7 @@ LARGEST = 1e75
 """Coordinates beyond this count as not finite [m]: their fourth powers would overflow."""
 
 
-@jit
+@jit_alone
 def _steps(xy: FloatArray) -> tuple[float, float]:
     """Return the sum of the steps between samples [m], and the sum of their squares [m^2]."""
     total, squares = 0.0, 0.0
@@ -61,7 +61,7 @@ def measured_length(xy: FloatArray) -> float:
     return _steps(xy)[0] if len(xy) > 0 else math.nan
 
 
-@jit
+@jit_alone
 def _bending(xy: FloatArray, spacing: float) -> float:
     """`bending_energy` without its checks."""
     total, squares = _steps(xy)
@@ -157,7 +157,7 @@ class PathMeasures(NamedTuple):
     """Root mean square of the wrapped heading difference at equal times [rad]."""
 
 
-@jit
+@jit_alone
 def measure_paths(
     candidate_t: FloatArray, candidate_pose: FloatArray, reference_t: FloatArray, reference_pose: FloatArray
 ) -> PathMeasures:

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit_alone
 from ssmr.types import FloatArray
 
 
-@jit
+@jit_alone
 def cross_track_max(xy: FloatArray, path: FloatArray, along: FloatArray, aims: FloatArray, reach: float) -> float:
     """Return the greatest distance of a robot from the path beside its target [m]; zero where there are no samples.
 

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone
 from ssmr.models.friction import improved_friction, sign, stop_at_zero_crossing
 from ssmr.models.tyre import AlongAcross, Tyre, bend, felt_slip, steady_bend, tyre_force
 from ssmr.parameters import check_parameters, parameter, require_in_range
@@ -194,7 +194,7 @@ STATE_NUMBERS = 41
 """Length of the row of numbers that a `Body` shows."""
 
 
-@jit
+@jit_alone
 def body_of(row: FloatArray) -> Body:
     """Return the views of a row of `STATE_NUMBERS` numbers."""
     return Body(
@@ -217,7 +217,7 @@ def sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWhee
     return AlongAcross(motion[3] - motion[5] * y - rolling, motion[4] + motion[5] * x)
 
 
-@jit
+@jit_alone
 def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
     """Put the robot into a state, (8,) as `ssmr.State` has it, with loads as at rest and tyres bent as in steady rolling."""
     tyre, (w, w_l, w_r) = tyre_of(robot), (start[5], start[6], start[7])
@@ -352,7 +352,7 @@ SAMPLE_COLUMNS = 25
 acceleration, its least and greatest value since the last sample, loads, forces along and across the four wheels."""
 
 
-@jit
+@jit_alone
 def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
     """Write the state into a row of `SAMPLE_COLUMNS` numbers, but for the range of the yaw acceleration."""
     motion, w = body.motion, body.motion[5]
@@ -363,7 +363,7 @@ def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
     row[13:17], row[17:21], row[21:25] = body.load, body.force_x, body.force_y
 
 
-@jit
+@jit_alone
 def run_wheels(
     references: FloatArray, disturbance: FloatArray, stride: int, robot: FourWheels, body: Body, out: FloatArray
 ) -> int:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit, jit_alone, named_like, share_among_threads
+from ssmr._jit import jit_alone, named_like, share_among_threads
 from ssmr.errors import DivergedError
 from ssmr.models.four_wheel import (
     SAMPLE_COLUMNS,
@@ -123,7 +123,7 @@ def _placed(state: State, robot: FourWheels) -> FloatArray:
     return row
 
 
-@jit
+@jit_alone
 def _advance_all(
     references: FloatArray, pushes: FloatArray, robots: FloatArray, rows: FloatArray, now: FloatArray, failed: Any
 ) -> None:

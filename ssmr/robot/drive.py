@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone
 from ssmr.parameters import packed
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
@@ -145,7 +145,7 @@ def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: Driven
     return Driven(v, w, left, right)
 
 
-@jit
+@jit_alone
 def rolling(wheels: Sides, drive: DriveNumbers) -> Driven:
     """Return the references before the driver's first step, when the wheels turn at `wheels` [rad/s]."""
     v, w = body_rates(wheels.left, wheels.right, drive.half_track, drive.radius)
@@ -160,7 +160,7 @@ def fill_references(
     continue_references(values, drive, before, rolling(wheels, drive), 0, out)
 
 
-@jit
+@jit_alone
 def continue_references(
     values: FloatArray, drive: DriveNumbers, before: tuple[float, float], last: Driven, first: int, out: FloatArray
 ) -> Driven:

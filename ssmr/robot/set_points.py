@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit_alone
 from ssmr.robot.drive import ramp, saturate
 from ssmr.types import FloatArray
 
@@ -53,7 +53,7 @@ def rim_speeds(commands: FloatArray, dt: float, law: SetPointLaw, speed_limit: f
     return out
 
 
-@jit
+@jit_alone
 def _fill(commands: FloatArray, dt: float, law: SetPointLaw, speed_limit: float, out: FloatArray) -> None:
     v, w, left, right = 0.0, 0.0, 0.0, 0.0
     share = 1.0 - math.exp(-dt / law.lag) if law.lag > 0.0 else 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone
 from ssmr.types import FloatArray, frozen_array
 
 TOUCH_ITERATIONS = 3
@@ -92,13 +92,13 @@ def _surface(c: FloatArray, cell: float, origin: float, x: float, y: float) -> t
     return height, along_x / cell, along_y / cell
 
 
-@jit
+@jit_alone
 def _sample(c: FloatArray, cell: float, origin: float, points: FloatArray, out: FloatArray) -> None:
     for k in range(len(points)):
         out[k, 0], out[k, 1], out[k, 2] = _surface(c, cell, origin, points[k, 0], points[k, 1])
 
 
-@jit
+@jit_alone
 def _tangent_planes(
     c: FloatArray, cell: float, origin: float, poses: FloatArray, wheels: FloatArray, radius: float,
     places: FloatArray, turns: FloatArray,

@@ -102,7 +102,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "way.csv").write_text("x,y\n" + "".join(f"{0.1 * i},{0.004 * i * i}\n" for i in range(20)))
     load_profile("thesis-lab").save(folder / "lab.toml")
     source = Path(__file__).resolve().parents[1]
-    shutil.copy(source / "validation" / "track" / "gain_sets" / "pid-tuned.toml", folder / "pid.toml")
+    shutil.copy(source / "validation" / "bench" / "gain_sets" / "pid-tuned.toml", folder / "pid.toml")
     shutil.copy(source / "models" / "husky.toml", folder / "robot.toml")
     for log, name in ((in_the_air(commands=18), "up.csv"), (on_grass(commands=24), "grass.csv")):
         write_csv(log, folder / name)

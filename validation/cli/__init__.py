@@ -3,8 +3,6 @@
 A program declares its options as a frozen dataclass, and hands the function that takes them to `run`.
 """
 
-from validation.cli.early import EXIT_FAILED_RUN as EXIT_FAILED_RUN
-from validation.cli.early import EXIT_FAULT as EXIT_FAULT
 from validation.cli.options import NUMBERS as NUMBERS
 from validation.cli.options import AnyProfile as AnyProfile
 from validation.cli.options import AnyRobot as AnyRobot
@@ -41,6 +39,8 @@ from validation.cli.reporting import report_console as report_console
 from validation.cli.reporting import report_result as report_result
 from validation.cli.reporting import shown as shown
 from validation.cli.reporting import warn as warn
+from validation.cli.running import EXIT_FAILED_RUN as EXIT_FAILED_RUN
+from validation.cli.running import EXIT_FAULT as EXIT_FAULT
 from validation.cli.running import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.running import EXIT_USER_ERROR as EXIT_USER_ERROR
 from validation.cli.running import leave_out as leave_out

@@ -28,13 +28,16 @@ from rich.console import Console
 
 from ssmr.errors import SsmrError
 from validation import store
-from validation.cli import early, process
-from validation.cli.early import EXIT_FAILED_RUN, EXIT_FAULT, is_short_of_memory
+from validation.cli import process
 from validation.cli.options import NUMBERS, UserError
 from validation.cli.reporting import say, warn
 from validation.words import each_line, one_line, shortened
 
+EXIT_FAILED_RUN = 1
+"""The work was begun, and cannot be ended."""
 EXIT_USER_ERROR = 2
+EXIT_FAULT = 70
+"""The program itself is at fault; BSD calls it EX_SOFTWARE."""
 EXIT_INTERRUPTED = 130
 MOVED = {"gains": "transfer"}
 """Subcommands that are no more, and what took their place."""
@@ -120,8 +123,6 @@ def run(
         program: how usage texts call the program, such as `python -m validation.compare`.
         arguments: the command line; by default that of this process.
     """
-    sys.excepthook = early.answer
-    early.require_resources()
     process.prepare_streams()
     _prepare_log()
     _prepare_warnings()
@@ -154,10 +155,8 @@ def run(
 
 def _last_resort(error: Exception, program: str, signals: Sequence[int]) -> tuple[str, int]:
     """Return what to say of an error that nobody foresaw, and the exit status."""
-    if is_short_of_memory(error):
+    if isinstance(error, MemoryError):
         return "run failed: there is not enough memory", EXIT_FAILED_RUN
-    if str(error) == "can't start new thread":  # Python has no type for this
-        return "run failed: no more threads can be started; ask for fewer workers", EXIT_FAILED_RUN
     if signals and (isinstance(error, ImportError | SystemError) or not _is_ours(error)):  # so a library says that it came
         return _ended_by(signals)
     return f"{program} has a fault ({type(error).__name__}: {error}); {process.write_report(error)}", EXIT_FAULT
@@ -189,11 +188,7 @@ def _prepare_log() -> None:
 
 
 def _prepare_warnings() -> None:
-    """Let each warning of a library be one harmless line on standard error; numba colours its own with escape sequences.
-
-    That numba gets no lock against a fork of this process, where shared memory is full or closed, concerns nobody: no
-    program forks after it has loaded compiled code.
-    """
+    """Let each warning of a library be one harmless line on standard error; numba colours its own with escape sequences."""
 
     def show(
         message: Warning | str, category: type[Warning], filename: str, lineno: int, file: object = None, line: object = None
@@ -201,7 +196,6 @@ def _prepare_warnings() -> None:
         warn(f"{category.__name__}: {_COLOUR.sub('', str(message))} ({Path(filename).name}, line {lineno})")
 
     warnings.showwarning = show
-    warnings.filterwarnings("ignore", r"\W*(\d+m)?Could not obtain multiprocessing lock")
 
 
 def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:

@@ -14,7 +14,6 @@ from ssmr.types import FloatArray
 from validation.report.palette import Rgb
 from validation.simulator.composing import VISUAL_GROUP, compose_robot
 from validation.simulator.description import WHEELS, Robot
-from validation.simulator.failures import mujoco_failures
 
 _USUAL_SIZE = (0.984, 0.689, 0.363)  # length, width and height of the robot for which distances in scenes are given [m]
 _DRAWN = ("BOX", "CYLINDER", "CAPSULE", "ELLIPSOID")
@@ -54,12 +53,10 @@ class Looks:
 
 
 @lru_cache(maxsize=8)
-@mujoco_failures()
 def looks_of(robot: Robot) -> Looks:
     """Return the looks of a robot.
 
     Raises:
-        MemoryError: there is not enough memory for its model.
         ValueError: its hand-made MJCF cannot be read, or has looks that are not drawn here.
     """
     model = compose_robot(robot).compile()

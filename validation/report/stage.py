@@ -15,7 +15,6 @@ from validation.report.looks import looks_of, tinted
 from validation.report.palette import Rgb, colour, mix
 from validation.report.tracks import GROUND, OTHER_GROUND, WHITE
 from validation.simulator.description import WHEELS, Robot
-from validation.simulator.failures import mujoco_failures
 from validation.simulator.terrain import FLAT, Terrain
 
 _GHOST_OPACITY = 0.45
@@ -37,7 +36,6 @@ def ink(name: str) -> Rgb:
 class Stage:
     """Robots of one kind: the first one solid in its own colours, the others translucent in those of their plants."""
 
-    @mujoco_failures()
     def __init__(
         self, robot: Robot, names: Sequence[str], terrain: Terrain = FLAT, corners: FloatArray | None = None
     ) -> None:

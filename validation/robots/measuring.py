@@ -52,7 +52,6 @@ def measure_robot(robot: Robot) -> Measured:
     Raises:
         ValueError: no model can be built of the robot's numbers; the message says why.
         DivergedError: the simulator gave up.
-        MemoryError: the simulator does not fit into memory.
     """
     calibration = Calibration.of(robot)
     own = MujocoPlant(calibration, robot.drive)

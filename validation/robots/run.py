@@ -60,7 +60,6 @@ def check_robot(robot: str | Path | Robot) -> RobotCheck:
 
     Raises:
         RobotError: there is no such robot, or its file cannot be read. What can be read and cannot be is advice.
-        MemoryError: the simulator does not fit into memory.
     """
     chosen = robot if isinstance(robot, Robot) else load_robot(robot)
     spot = spot_turn(chosen)

@@ -18,7 +18,6 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation import reading
 from validation.simulator.description import RobotError
-from validation.simulator.failures import mujoco_failures
 from validation.words import one_line
 
 MOST_BYTES = 1 << 22
@@ -349,7 +348,6 @@ def _joint_facts(joint: ElementTree.Element, copy: ElementTree.Element) -> _Join
     return _Joint(joint.get("name", ""), joint.get("type", ""), parent.get("link", ""), max(effort, 0.0), max(velocity, 0.0))
 
 
-@mujoco_failures()
 def _compiled(text: str) -> mujoco.MjModel:
     try:
         return mujoco.MjModel.from_xml_string(text)

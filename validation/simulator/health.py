@@ -14,7 +14,6 @@ from ssmr.types import FloatArray, Trajectory
 from validation.simulator.calibration import Calibration
 from validation.simulator.contact_law import ContactLaw, contact_law
 from validation.simulator.description import SIDES, WHEELS
-from validation.simulator.failures import mujoco_failures
 from validation.simulator.model import GRAVITY, wheel_geoms
 
 LIFT_SHARE = 0.02
@@ -164,7 +163,6 @@ class Examined:
         return np.hypot(self.grip[0] * along, self.grip[1] * across)
 
 
-@mujoco_failures()
 def examine(model: mujoco.MjModel, calibration: Calibration) -> Examined:
     """Return what a calibrated model says about itself on level ground.
 
@@ -173,7 +171,6 @@ def examine(model: mujoco.MjModel, calibration: Calibration) -> Examined:
         calibration: the robot's numbers.
 
     Raises:
-        MemoryError: there is not enough memory to push the robot.
         ValueError: no tyre touches the ground, or the friction cone is not elliptic.
     """
     model = mujoco.MjModel.__copy__(model)

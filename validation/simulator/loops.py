@@ -123,7 +123,6 @@ def run_husky_loops(
     Raises:
         ValueError: several kinds of feedback or disturbance, sets of periods, time steps or tyres; periods that are no whole
             number of steps; no loops or no seeds.
-        MemoryError: the batch does not fit into memory.
     """
     common_settings(settings, seeds)
     if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:

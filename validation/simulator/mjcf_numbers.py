@@ -12,7 +12,6 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation import reading
-from validation.simulator.failures import mujoco_failures
 
 MOST_MJCF = 1 << 20
 """Greatest size of a MJCF file [bytes]; models/husky.xml has 21 000."""
@@ -20,7 +19,6 @@ _SQUARE = 1e-3
 """How far wheels may lie off a rectangle around the base's origin [m]."""
 
 
-@mujoco_failures()
 def read_mjcf(path: Path, wheels: Sequence[str]) -> dict[str, Any]:
     """Return what a hand-made MJCF says of its robot, as `parse_robot` reads it.
 

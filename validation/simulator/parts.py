@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import mujoco
 
 from validation.simulator.description import WHEELS
-from validation.simulator.failures import mujoco_failures
 
 _MOST_KEPT = 64
 """Kinds of models whose parts are kept."""
@@ -82,13 +81,8 @@ class _States(threading.local):
 _states = _States()
 
 
-@mujoco_failures()
 def scratch(model: mujoco.MjModel) -> mujoco.MjData:
-    """Return a state of the simulator to compute in, reset; it is this thread's until it asks for another.
-
-    Raises:
-        MemoryError: there is not enough memory for it.
-    """
+    """Return a state of the simulator to compute in, reset; it is this thread's until it asks for another."""
     kept = _states.kept
     if model.signature not in kept:
         if len(kept) >= _MOST_STATES:

@@ -76,7 +76,6 @@ class MujocoPlant:
             settings: how physics is computed, if not as shipped.
 
         Raises:
-            MemoryError: the simulator does not fit into memory.
             ValueError: numbers that do not go together.
         """
         self.terrain, self._strict, self._settings = terrain, strict, settings

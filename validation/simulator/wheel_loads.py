@@ -11,7 +11,6 @@ from ssmr.robot.loads import LoadModel
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, State, Trajectory
 from validation.simulator.description import WHEELS
-from validation.simulator.failures import mujoco_failures
 from validation.simulator.health import LIFT_SHARE
 from validation.simulator.model import GRAVITY
 from validation.simulator.plant import MujocoPlant
@@ -40,13 +39,8 @@ class WheelLoads:
     """Root mean square of simulated less quasi-static loads [N]: the part that load transfer does not explain."""
 
 
-@mujoco_failures()
 def load_model(plant: MujocoPlant) -> LoadModel:
-    """Return the numbers of the quasi-static formula, read off a robot's compiled model at rest.
-
-    Raises:
-        MemoryError: there is not enough memory for another state of the simulator.
-    """
+    """Return the numbers of the quasi-static formula, read off a robot's compiled model at rest."""
     model, data = plant.model, mujoco.MjData(plant.model)
     mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_kinematics(model, data)
@@ -62,13 +56,8 @@ def load_model(plant: MujocoPlant) -> LoadModel:
     )  # fmt: skip
 
 
-@mujoco_failures()
 def resting_loads(plant: MujocoPlant) -> FloatArray:
-    """Return the (4,) wheel loads [N] at rest on level ground, by the plant's own mass and centre of mass.
-
-    Raises:
-        MemoryError: there is not enough memory for another state of the simulator.
-    """
+    """Return the (4,) wheel loads [N] at rest on level ground, by the plant's own mass and centre of mass."""
     data = mujoco.MjData(plant.model)  # level, wherever the plant stands
     mujoco.mj_kinematics(plant.model, data)
     mujoco.mj_comPos(plant.model, data)

@@ -23,7 +23,6 @@ from ssmr.types import State, Trajectory
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
-from validation.simulator.failures import mujoco_failures
 from validation.simulator.model import controls
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SAMPLE, STRAIGHT_SPEED, creep, measure_spin, rolling_radius, spin
@@ -236,7 +235,6 @@ def measure_variant(bench: Bench, variant: PhysicsVariant, stopped: Callable[[],
     return Tried(variant, Measures(**trial.found), MappingProxyType(trial.failures))
 
 
-@mujoco_failures()
 def step_time(plant: MujocoPlant) -> float:
     """Return the processor time of a physics step, mean over `_TIMED` of a turn on the spot that has begun [s]."""
     data = mujoco.MjData(plant.model)

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ssmr.robot.localiser import Localiser
 from tests.bag_factory import KINDS, Maker, Message, circle, write
 from tests.conftest import ROUNDOFF
 from validation.logs.bag_recording import choose_topics, to_local, vertical
@@ -19,9 +18,6 @@ from validation.logs.bags import read_bag
 from validation.logs.formats import is_log, read_log, read_recording
 from validation.logs.log import Log, ReadOptions
 from validation.logs.recording import RecordingError
-from validation.motion.driving import drive
-from validation.motion.sources import open_source
-from validation.plants.profile import Profile, make_plant
 
 STAMP = 1e-6
 """Stamps of bags are whole nanoseconds of a Unix time, which a double of seconds keeps to 0.2 microseconds."""
@@ -69,15 +65,6 @@ def test_a_bag_is_the_motion_that_was_recorded(bag_path: Path) -> None:
     east = 1.25 * (np.sin(yaw) - math.sin(0.4))
     np.testing.assert_allclose(recording.channels["gps_east"], east, atol=1e-4)  # the factory's degrees have six digits
     np.testing.assert_allclose(recording.channels["odom_v"], 0.5, rtol=ROUNDOFF)
-
-
-def test_compare_and_fit_take_bags_for_recordings(bag_path: Path, lab: Profile) -> None:
-    source = open_source(str(bag_path), "wheels", stop=2.0)
-    (piece,) = source.pieces
-    assert piece.t is not None
-    assert piece.t[-1] <= 2.0
-    motion = drive(make_plant(lab, "kinematic"), piece, Localiser(), source.sample_dt)
-    assert len(motion) == len(piece.t)
 
 
 def test_joint_angles_are_differentiated(tmp_path: Path) -> None:
@@ -144,22 +131,6 @@ def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
     assert {role: stream.topic for role, stream in named.items()} == {"odom": "/odometry/filtered"}
 
 
-@pytest.mark.parametrize(
-    ("named", "message"),
-    [
-        ({"odometry": "/odom"}, "unknown role 'odometry'; there are: cmd, odom"),
-        ({"odom": "/nowhere"}, "no topic /nowhere; there are: /cmd_vel"),
-        ({"gps": "/cmd_vel"}, "topic /cmd_vel of geometry_msgs/msg/Twist cannot be gps: wanted latitude or longitude"),
-        ({"cmd": "/rosout"}, "nothing can be read from topic /rosout: 60 messages of std_msgs/msg/String"),
-    ],
-)
-def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message: str) -> None:
-    with pytest.raises(RecordingError) as refused:
-        choose_topics(read_bag(bag_path), named)
-    assert message in str(refused.value)
-    assert str(refused.value).startswith(str(bag_path))
-
-
 # ------------------------------------------------------------------------------------------- faults
 def fault(path: Path) -> str:
     with pytest.raises(RecordingError) as refused:
@@ -191,30 +162,6 @@ def test_late_samples_are_sorted_and_stamps_of_another_clock_are_not_believed(tm
     assert np.all(np.diff(bag.streams[0].t) > 0.0)
     booted = [(0.1 * k - 1e6, 0.1 * k) for k in range(20)]
     assert read_bag(write(tmp_path, "mcap", poses(booted), "booted")).streams[0].stamps == "bag"
-
-
-def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, "sqlite", poses([(0.1 * k, 0.1 * k) for k in range(5)], math.nan))
-    assert "topic /pose, 0.000 s: x is nan, wanted a finite number [m]; topics pose=none leaves it out" in fault(path)
-
-
-def test_topics_that_do_not_overlap_are_refused(tmp_path: Path) -> None:
-    def apart(make: Maker) -> list[Message]:
-        first = [("/pose", 0.1 * k, make.pose_stamped(0.1 * k, 0.0, 0.0, 0.0)) for k in range(10)]
-        return [*first, *[("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) for k in range(10)]]
-
-    assert "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s" in fault(write(tmp_path, "mcap", apart))
-
-
-def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:
-    (tmp_path / "folder").mkdir()
-    assert "no ROS 2 bag: there is no metadata.yaml in it" in fault(tmp_path / "folder")
-    assert "there is no such file" in fault(tmp_path / "nowhere.bag")
-    for name in ("text.bag", "text.mcap"):
-        (tmp_path / name).write_text("hello, this is no bag at all")
-        assert "no bag that can be read, or a damaged one" in fault(tmp_path / name)
-        (tmp_path / name).write_bytes(b"")
-        fault(tmp_path / name)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
 import stat
 import subprocess
 import sys
-import time
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from ssmr import _jit
 from ssmr.errors import SsmrError
 from tests.conftest import Launch
 from validation import cli, store
+from validation.simulator.failures import mujoco_failures
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """
@@ -64,33 +64,6 @@ def test_a_signal_ends_the_work_and_keeps_the_result(
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
 
 
-def test_the_status_is_kept_though_the_interrupt_passed_through_code_made_at_run_time(tmp_path: Path) -> None:
-    (tmp_path / "made.py").write_text(
-        "from validation import cli\ndef main() -> None:\n    exec('raise KeyboardInterrupt')\ncli.run(main, 'program', [])"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "made"]
-    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stderr) == (130, "interrupted\n")
-
-
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_a_library_that_a_signal_kept_from_loading_is_no_fault(start: Launch, number: int, status: int) -> None:
-    program = f"""
-import os
-from validation import cli
-def main() -> None:
-    try:
-        os.kill(os.getpid(), {int(number)})
-    except KeyboardInterrupt:
-        raise ImportError("initialization failed")
-cli.run(main, "program", [])
-"""
-    process = start(program)
-    _, said = process.communicate(timeout=30)
-    assert (process.returncode, said) == (status, "ended by SIGTERM\n" if status == 143 else "interrupted\n")
-
-
 def test_under_nohup_a_hangup_is_ignored(start: Launch, tmp_path: Path) -> None:
     ignoring = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + PROGRAM
     process = start(ignoring, str(tmp_path / "kept.txt"))
@@ -122,14 +95,6 @@ def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
     said = process.stderr.read()
     process.stderr.close()
     assert (process.wait(60), said) == (0, "")
-
-
-def test_a_terminal_of_ascii_gets_every_sign_spelt() -> None:
-    program = "import sys; from validation.cli import run\n"
-    program += "def main() -> None:\n    print('2 × 3 µm – ü, 日, \\udcff')\nrun(main, 'program', [])"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout) == (0, b"2 x 3 um - u, \\u65e5, \\xff\n")
 
 
 def test_a_fault_of_the_program_is_one_line_and_a_report(
@@ -166,21 +131,6 @@ def test_failed_runs_have_their_status(error: Exception, status: int, capsys: py
     assert capsys.readouterr().err.startswith("run failed: ")
 
 
-WARNING = """
-import warnings
-from validation import cli
-def main() -> None:
-    warnings.warn("\\x1b[1mone\\ntwo \\x1b]0;title\\x07\\x1b[0m", RuntimeWarning)
-cli.run(main, "program", [])
-"""
-
-
-def test_a_librarys_warning_is_one_harmless_line(start: Launch) -> None:
-    process = start(WARNING)
-    _, said = process.communicate(timeout=30)
-    assert said == "warning: RuntimeWarning: one two \\x1b]0;title\\x07 (<string>, line 5)\n"
-
-
 # ------------------------------------------------------------------------------------------- files
 def test_what_killed_processes_left_is_swept_and_what_is_being_made_stays(tmp_path: Path) -> None:
     dead = subprocess.Popen([sys.executable, "-c", ""])
@@ -195,12 +145,6 @@ def test_what_killed_processes_left_is_swept_and_what_is_being_made_stays(tmp_pa
     (folder / "half").write_text("half")
     store.write_text(tmp_path / "b.json", "whole")
     assert sorted(tmp_path.iterdir()) == sorted([mine, elsewhere, tmp_path / "b.json"])
-
-
-def test_the_longest_name_that_a_disk_takes_is_written(tmp_path: Path) -> None:
-    path = tmp_path / ("x" * 250 + ".json")
-    store.write_json(path, {"name": "caf\udce9"})
-    assert json.loads(path.read_text()) == {"name": "caf\\udce9"}
 
 
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
@@ -229,22 +173,6 @@ def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeyp
     assert done == ["file", "rename", "folder"]
 
 
-@pytest.mark.parametrize(("meant", "status", "said"), [(True, 2, "error: "), (False, 1, "run failed: ")])
-def test_a_folder_that_cannot_be_made_is_a_mistake_before_the_work_and_a_failed_run_within(
-    meant: bool, status: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").touch()
-
-    def main() -> None:
-        with cli.mistakes_are_users() if meant else contextlib.nullcontext():
-            store.make_folder(tmp_path / "file")
-
-    with pytest.raises(SystemExit) as left:
-        cli.run(main, "program", [])
-    assert left.value.code == status
-    assert capsys.readouterr().err.startswith(f"{said}{tmp_path}/file: the folder cannot be made (File exists)")
-
-
 # ------------------------------------------------------------------------------------------- compiled code
 def cache_folder(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str:
     """The folder that is chosen where the package cannot be written."""
@@ -252,12 +180,6 @@ def cache_folder(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str:
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     monkeypatch.setattr(_jit, "_PACKAGE", Path("/proc/nowhere"))
     return _jit._cache_folder()
-
-
-def test_compiled_code_lies_in_the_users_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = Path(cache_folder(monkeypatch, tmp_path))
-    assert folder.parent == tmp_path / "ssmr-testbed"
-    assert stat.S_IMODE(folder.stat().st_mode) == stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
 
 
 @pytest.mark.parametrize("planted", ["writable", "writable above", "link", "foreign"])
@@ -275,15 +197,6 @@ def test_compiled_code_of_others_is_not_trusted(planted: str, tmp_path: Path, mo
     else:
         monkeypatch.setattr(os, "geteuid", lambda: 12345)
     assert cache_folder(monkeypatch, tmp_path) == ""
-
-
-def test_an_old_cache_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    old = tmp_path / "ssmr-testbed" / "numba-000000000000"
-    old.mkdir(parents=True)
-    past = time.time() - 2 * _jit.CACHE_LIFETIME
-    os.utime(old, (past, past))
-    cache_folder(monkeypatch, tmp_path)
-    assert not old.exists()
 
 
 def test_ctrl_c_while_a_program_is_loaded_is_no_traceback(start: Launch) -> None:
@@ -324,26 +237,6 @@ def interrupt(touched: Path | None) -> None:
     if touched is not None:
         touched.touch()
     raise KeyboardInterrupt
-
-
-def test_a_search_that_is_interrupted_after_its_end_is_said_to_be_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    old, new = tmp_path / "old.npz", tmp_path / "new.npz"
-    old.touch()
-    os.utime(old, (0, 0))
-    for checkpoint, touched in ((tmp_path / "none.npz", None), (old, None), (new, new)):
-        with pytest.raises(KeyboardInterrupt), cli.search_kept_in(checkpoint):
-            interrupt(touched)
-        assert ("--resume" in capsys.readouterr().err) == (touched is not None)
-
-
-def test_a_line_that_quotes_pages_keeps_its_beginning_and_its_end(capsys: pytest.CaptureFixture[str]) -> None:
-    cli.warn("name '" + "a/" * 5000 + "' is not known")
-    (line,) = capsys.readouterr().err.splitlines()
-    assert len(line) < 720
-    assert line.startswith("warning: name 'a/a/")
-    assert line.endswith("/' is not known")
 
 
 SWALLOWED = {
@@ -390,3 +283,15 @@ cli.run(main, "the program", [])
     assert said in done.stderr
     assert "Traceback" not in done.stderr
     assert done.returncode == status
+
+
+# ------------------------------------------------------------------------------------------- memory
+@pytest.mark.parametrize("error", [mujoco.FatalError, ValueError])
+def test_what_mujoco_cannot_allocate_is_memory(error: type[Exception]) -> None:
+    with pytest.raises(MemoryError, match="not enough memory for the simulator"), mujoco_failures():
+        raise error("Could not allocate memory")
+
+
+def test_what_else_mujoco_cannot_do_is_a_failed_run() -> None:
+    with pytest.raises(SsmrError, match="mujoco gave up: mj_stackAlloc: insufficient memory"), mujoco_failures():
+        raise mujoco.FatalError("mj_stackAlloc:\n insufficient memory")

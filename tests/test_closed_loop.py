@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.control.laws import LAWS, PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains
-from ssmr.control.loop import ClosedRun, LoopSettings, LostError, closed_run, draw, make_clock, run_loop
+from ssmr.control.laws import PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains
+from ssmr.control.loop import ClosedRun, LoopSettings, LostError, draw, make_clock, run_loop
 from ssmr.control.lqr import LqrGains
 from ssmr.control.pid import PidGains
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle, line, sine
 from ssmr.control.smc import SmcGains
-from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING, is_lost
+from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.sensing import SensorModel
 from ssmr.estimation.settings import EkfSettings
@@ -34,7 +34,7 @@ from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.bench.gains import load_gains
-from validation.plants.profile import Profile, load_profile, make_plant
+from validation.plants.profile import load_profile, make_plant
 from validation.simulator.loops import run_husky_loops
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -363,32 +363,6 @@ def test_the_clock_covers_the_whole_mission_and_no_tick_more(duration: float, pe
     assert way.duration - 1e-9 <= end < max(way.duration, period) + period
 
 
-def test_at_its_end_the_target_is_the_last_waypoint() -> None:
-    run = drive(model("improved"), PUBLISHED["pid"], BEND)
-    assert run.t[-1] >= BEND.duration
-    assert run.columns("target_x", "target_y")[-1].tolist() == BEND.xy[-1].tolist()
-    assert run.motion.t is not run.t
-    assert run.state.x == run.column("x")[-1]
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"position_period": 0.0085}, "the position loop's period of 0.0085 s is not a whole number"),
-        ({"velocity_period": 0.0333}, "the velocity loop's period of 0.0333 s is not a whole number"),
-    ],
-)
-def test_periods_that_are_no_whole_steps_are_refused(settings: dict[str, float], message: str, husky: MujocoPlant) -> None:
-    odd = LoopSettings(**settings)  # type: ignore[arg-type]
-    for robot in (model("linear"), husky):
-        with pytest.raises(ValueError, match=message):
-            drive(robot, PUBLISHED["pid"], BEND, odd)
-    with pytest.raises(ValueError, match=message):
-        run_loop(PlanarPlant(model("linear")), PUBLISHED["pid"], BEND, odd, 0)
-    with pytest.raises(ValueError, match="the drive's hold"):
-        drive(replace(IDEAL, drive=Drive(hold=0.0333)), PUBLISHED["pid"], BEND)
-
-
 # ------------------------------------------------------------------------------------------------------------------ noise
 
 
@@ -476,12 +450,6 @@ def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to
         assert (evidence["t"], evidence["state"], evidence["run"]) == (run.t[-1], run.state, run)
 
 
-def test_a_robot_that_is_kept_is_itself() -> None:
-    run = drive(model("improved"), PUBLISHED["pid"], BEND)
-    assert not run.lost
-    assert run.require_kept("it") is run
-
-
 def test_a_robot_that_spins_is_lost() -> None:
     robot = replace(IDEAL, drive=Drive(w_max=1e3))
     run = drive(robot, controller("pid", k_p_y=1e4, ff_w=1.0), WEAVE)
@@ -491,19 +459,6 @@ def test_a_robot_that_spins_is_lost() -> None:
     slow = run_loop(PlanarPlant(robot), controller("pid", k_p_y=1e4, ff_w=1.0), WEAVE, TRUTH, 1)
     assert slow.lost
     assert np.array_equal(without_torques(slow), without_torques(run))
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_number_that_is_not_finite_is_lost(bad: float) -> None:
-    assert not is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
-    for place in range(3):
-        assert is_lost(*(bad if i == place else 0.0 for i in range(5)))
-    clock = make_clock(BEND, TRUTH, PLANAR_DT)
-    rows = np.zeros((3, len(LOG_COLUMNS)))
-    rows[2, 0] = bad
-    run = closed_run(rows, clock)
-    assert run.lost
-    assert len(run.t) == len(run.table) == 2
 
 
 def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
@@ -525,61 +480,3 @@ def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(husk
         assert len(run.t) == 1
         with pytest.raises(LostError, match="left its bounds"):
             run.require_kept("it")
-
-
-# --------------------------------------------------------------------------------------------------------- what is refused
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"feedback": "gps"}, "unknown feedback 'gps'; there are: truth, noisy, ekf"),
-        ({"lookahead": -0.1}, r"LoopSettings\.lookahead = -0\.1"),
-        ({"lookahead": 2.0}, r"LoopSettings\.lookahead = 2\.0"),
-        ({"lookahead": math.nan}, r"LoopSettings\.lookahead = nan"),
-        ({"position_period": 0.0}, r"LoopSettings\.position_period = 0\.0"),
-        ({"velocity_period": -1.0}, r"LoopSettings\.velocity_period = -1\.0"),
-        ({"velocity_period": math.inf}, r"LoopSettings\.velocity_period = inf"),
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(settings: dict[str, object], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        LoopSettings(**settings)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        replace(TRUTH, feedback="noisy"),
-        replace(TRUTH, disturbance=True),
-        replace(TRUTH, position_period=0.01),
-        replace(TRUTH, velocity_period=0.1),
-    ],
-    ids=["feedback", "disturbance", "position", "velocity"],
-)
-def test_a_population_shares_feedback_disturbance_and_periods(other: LoopSettings, husky: MujocoPlant) -> None:
-    with pytest.raises(ValueError, match="a population has one kind of feedback"):
-        run_loops([Loop(IDEAL, IDLE, s) for s in (TRUTH, other)], BEND, [1])
-    with pytest.raises(ValueError, match="a population has one kind of feedback"):
-        run_husky_loops([husky] * 2, [IDLE] * 2, [TRUTH, other], BEND, [1])
-
-
-def test_a_population_is_one_kind_of_robot(husky: MujocoPlant, lab: Profile) -> None:
-    with pytest.raises(ValueError, match="one kind of model"):
-        run_loops([Loop(model(name), IDLE, TRUTH) for name in ("linear", "improved")], BEND, [1])
-    quick = MujocoPlant(replace(lab.plants["mujoco"].parameters, timestep=0.001), husky.drive)
-    with pytest.raises(ValueError, match="one time step"):
-        run_husky_loops([husky, quick], [IDLE] * 2, [TRUTH] * 2, BEND, [1])
-
-
-def test_nobody_and_no_seed_are_refused(husky: MujocoPlant) -> None:
-    for loops, seeds in (([], [1]), ([Loop(IDEAL, IDLE, TRUTH)], [])):
-        with pytest.raises(ValueError, match="at least one loop and one seed"):
-            run_loops(loops, BEND, seeds)
-    for n, seeds in ((0, [1]), (1, [])):
-        with pytest.raises(ValueError, match="at least one loop and one seed"):
-            run_husky_loops([husky] * n, [IDLE] * n, [TRUTH] * n, BEND, seeds)
-
-
-def test_every_law_has_been_driven() -> None:
-    assert set(PUBLISHED) < set(LAWS)

@@ -12,18 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ssmr.errors import DivergedError
-from ssmr.geometry import shift_state
 from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import data_folder, metrics_of
 from validation import cli
-from validation.compare import Compare, compare
+from validation.compare import compare
 from validation.logs.recording_csv import write_csv
 from validation.motion.driving import drive, horizons_of
 from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load_profile, make_plant
-from validation.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[1]
 TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"
@@ -152,21 +149,6 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     assert 0.02 < error < 0.4
 
 
-def test_moving_the_reference_moves_its_velocity_with_it() -> None:
-    moved = shift_state(State(0.0, 0.0, np.pi / 2, 1.0, 0.0, 2.0), (0.5, 0.1))
-    assert (moved.x, moved.y) == pytest.approx((-0.1, 0.5))
-    assert (moved.v_x, moved.v_y) == pytest.approx((1.0 - 2.0 * 0.1, 2.0 * 0.5))
-    back = shift_state(moved, (-0.5, -0.1))
-    assert (back.x, back.y, back.v_x, back.v_y) == pytest.approx((0.0, 0.0, 1.0, 0.0))
-
-
-def test_resampling_keeps_what_is_on_the_grid(lab: Profile) -> None:
-    motion = make_plant(lab, "improved").run(open_source("traj1").pieces[0].commands, State(), 0.01)
-    again = Localiser().seen(motion, 7.0 + motion.t[::5])
-    assert np.allclose(again.pose, motion.pose[::5], atol=1e-12)
-    assert np.allclose(again.channels["torque_N_m"], motion.channels["torque_N_m"][::5], atol=1e-9)
-
-
 def test_the_document_is_the_contracts(lab: Profile) -> None:
     document = compare("traj3", lab, ("improved",)).as_dict()
     assert document["schema"] == "ssmr.compare/1"
@@ -186,48 +168,7 @@ def test_the_document_is_the_contracts(lab: Profile) -> None:
     json.dumps(document, allow_nan=False)
 
 
-def test_a_comparison_prints_draws_and_saves_itself(tmp_path: Path) -> None:
-    told: list[Progress] = []
-    found = compare("traj1", "thesis-lab", plants=("improved", "kinematic"), reference="improved", progress=told.append)
-    assert [p.done for p in told] == [1, 2]
-    assert "kinematic" in found.table(100)
-    assert max(map(len, found.table(100).splitlines())) <= 100
-    written = found.save(tmp_path / "new", recording=False)
-    assert [p.name for p in written] == ["compare.png", "compare.json"]
-    assert json.loads(written[-1].read_text()) == json.loads(json.dumps(found.as_dict()))
-    assert found.figure().axes
-
-
-@pytest.mark.parametrize(
-    ("asked", "said"),
-    [
-        ({"plants": ("gazebo",)}, "unknown plant 'gazebo'; there are: mujoco"),
-        ({"profile": "nosuch"}, "no profile 'nosuch'"),
-        ({"start": 3.0}, "is a scenario"),
-    ],
-)
-def test_a_mistake_is_a_value_error(asked: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        compare("traj1", **asked)
-
-
-def test_settings_are_checked() -> None:
-    with pytest.raises(ValueError, match="seed -1 must not be negative"):
-        Compare("traj1", seed=-1)
-    with pytest.raises(ValueError, match="must be positive numbers that increase"):
-        Compare("traj1", horizons=(6.0, 2.0))
-
-
 # ------------------------------------------------------------------------------- as a program
-def test_the_main_job_writes_its_three_files_and_a_table(tmp_path: Path) -> None:
-    done = run("traj4", "--out", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    names = sorted(p.name for p in (tmp_path / "out").iterdir())
-    assert names == ["compare.json", "compare.png", "compare.rrd"]
-    document = json.loads((tmp_path / "out" / "compare.json").read_text())
-    for name in document["plants"]:
-        assert name in done.stdout
-    assert "Traceback" not in done.stderr
 
 
 def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Path) -> None:
@@ -248,22 +189,6 @@ def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Pat
     assert document["reference"] == "recording"
     assert set(document["plants"]["improved"]["horizons"]) == {"2", "6"}
     assert not (tmp_path / "runs/compare/drive/compare.rrd").exists()
-
-
-@pytest.mark.parametrize(
-    ("error", "status"), [(DivergedError("it diverged"), cli.EXIT_FAILED_RUN), (KeyboardInterrupt(), cli.EXIT_INTERRUPTED)]
-)
-def test_a_failed_run_exits_1_and_an_interrupt_130(
-    error: BaseException, status: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def fail(options: cli.Run) -> None:
-        """Fail."""
-        raise error
-
-    with pytest.raises(SystemExit) as left:
-        cli.run(fail, "x", [])
-    assert left.value.code == status
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
 @pytest.mark.skipif(not TILE.is_file(), reason=f"no recording at {TILE}; set SSMR_DATA to the folder that has husky_tile")

@@ -206,6 +206,7 @@ def test_every_page_is_listed_in_the_index() -> None:
     assert {page.name for page in PAGES if page.parent == DOCS} - {"index.md"} <= listed
 
 
+@pytest.mark.slow
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     for needed in ("sphinx", "myst_parser", "furo", "latex2mathml"):
         pytest.importorskip(needed, reason="the extra `docs` is not installed")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -128,24 +127,3 @@ def test_a_long_drive_forgets_what_no_delay_reaches() -> None:
 @pytest.mark.parametrize(("period", "steps"), [(0.05, 50), (0.001, 1), (0.3, 300)])
 def test_periods_are_whole_steps(period: float, steps: int) -> None:
     assert whole_steps(period, DT, "the period") == steps
-
-
-@pytest.mark.parametrize("period", [0.0, 0.0004, 0.0515 + 0.0002])
-def test_other_periods_are_refused(period: float) -> None:
-    with pytest.raises(ValueError, match=r"the period of .* is not a whole number of physics steps"):
-        whole_steps(period, DT, "the period")
-
-
-@pytest.mark.parametrize(
-    ("make", "what"),
-    [
-        (lambda: Commands(0.0, [[0.0, 0.0]]), "period must be positive"),
-        (lambda: Commands(0.05, np.zeros((0, 2))), "no commands"),
-        (lambda: Commands(0.05, [[0.0, math.nan]]), r"commands is not finite at index \(0, 1\)"),
-        (lambda: Commands(0.05, [[0.0, 1.0, 2.0]]), "wanted Nx2"),
-        (lambda: Commands(0.05, [[0.0, 1.0]], "torque"), "unknown kind of command 'torque'; there are: twist, wheels"),
-    ],
-)
-def test_bad_commands_are_refused(make: object, what: str) -> None:
-    with pytest.raises(ValueError, match=what):
-        make()  # type: ignore[operator]

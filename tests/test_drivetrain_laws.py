@@ -101,11 +101,6 @@ def test_softer_contacts_need_less_force_in_a_wide_curve() -> None:
     assert needed == sorted(needed, reverse=True)
 
 
-def test_a_scale_of_zero_is_refused() -> None:
-    with pytest.raises(ValueError, match="positive"):
-        quasi_static_twist(np.zeros((2, 1)), HUSKY, 0.0)
-
-
 currents = st.floats(-30.0, 30.0)
 
 

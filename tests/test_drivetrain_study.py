@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,20 +20,17 @@ from tests.drive_train_logs import (
     LOSS_TORQUES,
     LOSSES,
     RHO,
-    RIPPLE,
     SLIP,
     TORQUE,
     in_the_air,
     on_grass,
     warthog_on_grass,
 )
-from tests.test_robustness import run_program
 from validation.logs.recording import Recording
-from validation.logs.recording_csv import write_csv
 from validation.study.drivetrain import DriveTrainOptions, DriveTrainStudy, study_drivetrain
-from validation.study.drivetrain.evidence import rate_evidence, sensor_of
+from validation.study.drivetrain.evidence import rate_evidence
 from validation.study.drivetrain.logs import drive_log
-from validation.study.drivetrain.samples import sample_kind, steady_windows, window_means
+from validation.study.drivetrain.samples import steady_windows, window_means
 
 UP, GRASS, WARTHOG = in_the_air(), on_grass(), warthog_on_grass()
 SHORT = DriveTrainOptions(UP, GRASS, resamples=3)
@@ -149,11 +145,6 @@ def test_the_robot_can_be_named_and_its_guess_is_said(husky: DriveTrainStudy, wa
         study_drivetrain(DriveTrainOptions(ground=WARTHOG, robot="warthog", profile="husky-tile"))
 
 
-def test_a_torque_constant_makes_currents_of_torques(warthog: DriveTrainStudy) -> None:
-    scaled = replace(warthog, options=replace(warthog.options, torque_constant=9.0)).parameters()
-    assert scaled["friction_current"].value == pytest.approx(scaled["friction_torque"].value / 9.0)
-
-
 def test_a_study_repeats(husky: DriveTrainStudy) -> None:
     assert study_drivetrain(SHORT).as_dict() == husky.as_dict()
     other = study_drivetrain(replace(SHORT, seed=1)).parameters()
@@ -188,21 +179,6 @@ def test_each_log_alone_tells_its_share() -> None:
         assert study.table()
 
 
-def test_documents_and_pictures_hold_everything(husky: DriveTrainStudy, tmp_path: Path) -> None:
-    document = husky.as_dict()
-    assert json.loads(json.dumps(document, allow_nan=False)) == document
-    assert (document["schema"], document["study"], document["status"]) == ("ssmr.study/1", "drivetrain", "finished")
-    for number in document["parameters"].values():
-        assert set(number) == {"value", "unit", "standard_error", "meaning"}
-        assert number["standard_error"] >= 0.0
-    assert {p.name for p in husky.save(tmp_path)} == {"study.json", "study.png", "study.md"}
-    drawn = [line.get_gid() for ax in husky.figure().axes for line in ax.get_lines()]
-    assert husky.inertia is not None
-    assert drawn.count("transient") == len(husky.inertia.transients)
-    assert {"logged", "predicted", "current", "slip law"} <= set(drawn)
-    assert "nan" not in "\n".join(husky.report())
-
-
 # ------------------------------------------------------------------------------------------------- evidence on its own
 
 
@@ -226,14 +202,6 @@ def test_rates_with_noise_are_measured_and_steps_are_set_points() -> None:
     assert silent.rates_are == "set points"  # by its steps
 
 
-def test_the_sensor_is_described_by_the_log() -> None:
-    sensor = sensor_of(drive_log(GRASS))
-    assert not sensor.signed
-    assert sensor.ripple == pytest.approx(RIPPLE, rel=0.15)
-    assert sensor_of(drive_log(WARTHOG)).signed
-    assert (sample_kind(drive_log(GRASS)), sample_kind(drive_log(WARTHOG))) == ("windows", "values")
-
-
 def test_steady_windows_are_steady_and_without_their_beginning() -> None:
     log = drive_log(GRASS)
     windows = steady_windows(log)
@@ -251,50 +219,6 @@ def test_a_jump_of_the_localiser_hides_the_yaw_rate_of_its_window() -> None:
     yaw[middle:] += 1.0
     before, after = (np.isfinite(window_means(drive_log(r)).yaw_rate).sum() for r in (GRASS, changed(GRASS, yaw=yaw)))
     assert before - after == 2  # both sides of one window
-
-
-# ------------------------------------------------------------------------------------------------- what is refused
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (DriveTrainOptions(), "needs a log"),
-        (DriveTrainOptions(UP, robot="tank"), "no robot 'tank'"),
-        (DriveTrainOptions(changed(UP, enc_left=None)), "no wheel rates"),
-        (DriveTrainOptions(changed(UP, cmd_v=None)), "has 0 commands"),
-        (DriveTrainOptions(in_the_air(4, 6)), "takes 16 or more"),
-        (DriveTrainOptions(ground=changed(GRASS, current_left=None)), "no currents"),
-        (DriveTrainOptions(ground=changed(GRASS, current_left=1e30 + GRASS.t)), "current_left of 1e\\+30"),
-        (DriveTrainOptions(changed(UP, t=1e3 * UP.t)), "longer than"),
-        (DriveTrainOptions(ground=changed(GRASS, current_left=0.0 * GRASS.t, current_right=0.0 * GRASS.t)), "never change"),
-        (DriveTrainOptions(ground=on_grass(7, 3)), "currents in steady driving"),
-        (DriveTrainOptions(ground=WARTHOG, held_out=(UP,)), "held_out up"),
-        (DriveTrainOptions(UP, held_out=(GRASS,)), "held_out grass"),
-    ],
-    ids=lambda o: o if isinstance(o, str) else "",
-)
-def test_a_log_that_lacks_something_is_refused(options: DriveTrainOptions, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
-        study_drivetrain(options)
-
-
-@pytest.mark.parametrize("wrong", [{"resamples": 1}, {"seed": -1}, {"torque_constant": 0.0}, {"torque_constant": math.nan}])
-def test_numbers_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        DriveTrainOptions(**wrong)
-
-
-def test_the_program_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for recording in (UP, GRASS):
-        write_csv(recording, tmp_path / f"{recording.name}.csv")
-    logs = ["--recording", str(tmp_path / "up.csv"), "--ground", str(tmp_path / "grass.csv")]
-    out = tmp_path / "out"
-    assert run_program("drivetrain", *logs, "--torque-constant", "2.5", "--resamples", "2", "--out", str(out)) == 0
-    assert {p.name for p in out.iterdir()} == {"study.json", "study.png", "study.md"}
-    document = json.loads((out / "study.json").read_text(encoding="utf-8"))
-    assert document["torque_constant_N_m_A"] == 2.5
-    assert "friction_torque" in capsys.readouterr().out
 
 
 # ------------------------------------------------------------------------------------------------- real robots

@@ -54,33 +54,6 @@ def test_a_commissioned_filter_finds_the_way_where_the_thesis_filter_does_not(ti
     assert "turning ratio" not in runs["thesis"].table()
 
 
-def test_a_filter_without_the_feedback_ekf_is_refused() -> None:
-    for asked in ({"filter": "learning"}, {"gyro_bias": 0.01}):
-        with pytest.raises(ValueError, match=r"needs the feedback ekf"):
-            track("pid", "circle", **asked)
-    with pytest.raises(ValueError, match="thesis, learning, commissioned"):
-        track("pid", "circle", feedback="ekf", filter="kalman")
-
-
-def test_a_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
-    path = load_filter("learning", STOCK).save(tmp_path / "mine.toml")
-    assert load_filter(path, EkfSettings(radius=0.2)) == load_filter("learning", STOCK)
-    text = path.read_text(encoding="utf-8")
-    for old, new, said in (
-        ("ssmr.filter/1", "ssmr.gains/1", "schema"),
-        ("slip_turn", "slip_tune", "slip_tune"),
-        ("gate = 1.0", "gate = 2.0", "gate"),
-        ("gate = 1.0", "gate = true", "number"),
-        ("[filter]", "[filters]", "filters"),
-    ):
-        assert old in text
-        path.write_text(text.replace(old, new), encoding="utf-8")
-        with pytest.raises(ValueError, match=said):
-            load_filter(path, STOCK)
-    path.write_text('schema = "ssmr.filter/1"\nname = "short"\n[filter]\nbias_std = 0.01\n', encoding="utf-8")
-    assert load_filter(path, EkfSettings(radius=0.2)).settings == EkfSettings(radius=0.2, bias_std=0.01)
-
-
 def test_a_robot_over_ros_has_the_filter_that_is_asked_for(tile: Profile) -> None:
     plant = cast(MujocoPlant, make_plant(tile, "mujoco"))
     biased, off = SensorModel(gyro_bias=0.0156), {}
@@ -137,16 +110,3 @@ def test_the_program_commissions_a_filter_on_a_log(
     for name in ("scale_left", "scale_right", "turning"):
         ratio = (STOCK.radius / drives.radius) ** (name != "turning")
         assert getattr(found, name) == pytest.approx(getattr(drives, name) * ratio, rel=0.1)
-
-
-def test_a_log_without_poses_commissions_nothing(tmp_path: Path) -> None:
-    blind = tmp_path / "blind.csv"
-    blind.write_text("t,enc_left,enc_right\n" + "".join(f"{0.1 * k:.1f},1,{k % 3}\n" for k in range(60)), encoding="utf-8")
-    with pytest.raises(ValueError, match="poses x, y, yaw"):
-        commission_log(blind)
-    with pytest.raises(ValueError, match="needs GPS positions"):
-        convert(blind, ConvertSettings(ekf=True, gps_std=2.5))
-    with pytest.raises(ValueError, match="for ekf"):
-        ConvertSettings(gps_std=2.5)
-    with pytest.raises(ValueError, match="negative"):
-        ConvertSettings(ekf=True, gps_std=-1.0)

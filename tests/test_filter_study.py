@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 
@@ -56,18 +55,6 @@ def test_yaw_drift_is_its_share_of_what_was_turned_also_on_a_path_that_closes() 
     assert drift.end == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_drive_shorter_than_a_stretch_is_refused() -> None:
-    with pytest.raises(ValueError, match="shorter"):
-        drift_of(arc(2.0, 0.1), arc(2.0, 0.1))
-
-
-def test_surfaces_are_profiles_and_frictions_of_the_last(lab: Profile) -> None:
-    grounds = grounds_of([lab], [0.3, 0.9])
-    assert [s.friction for s in grounds] == [lab.plants["mujoco"].parameters.friction, 0.3, 0.9]
-    with pytest.raises(ValueError, match="twice"):
-        grounds_of([lab, lab], [])
-
-
 def test_the_filter_has_the_drivers_numbers(lab: Profile) -> None:
     (ground,) = grounds_of([lab], [])
     section = lab.plants["mujoco"]
@@ -97,23 +84,3 @@ def test_a_study_repeats_whatever_the_workers(small: FilterStudy, lab: Profile) 
     different = drive_missions(grounds_of([lab], []), {"circle": MISSIONS["circle"]}, other)
     assert different.drives[0].distance == first.distance  # the same drive, other noise
     assert different.drives[0].filters["wheels"].drifts != first.filters["wheels"].drifts
-
-
-def test_documents_are_finite_also_where_nothing_turns(small: FilterStudy) -> None:
-    document = small.as_dict()
-    assert json.loads(json.dumps(document, allow_nan=False)) == document
-    assert (document["schema"], document["study"]) == ("ssmr.study/1", "filter")
-    straight = next(d for d in document["drives"] if d["reference"] == "line")
-    assert straight["filters"]["wheels"]["position_drift_ratio"]["mean"] > 0.0
-    assert "nan" not in "\n".join(small.report())
-    (doubt,) = document["doubts"]
-    assert (doubt["profile"], doubt["plant"], doubt["feedback"]) == ("thesis-lab", "linear", "truth")
-    assert min(doubt["thesis_biased"][-3:]) > 100.0 * max(doubt["nees"])
-    assert any("4 robots" in line for line in small.report())
-
-
-def test_the_picture_has_every_filter(small: FilterStudy) -> None:
-    figure = small.figure()
-    drawn = [line.get_gid() for ax in figure.axes for line in ax.get_lines()]
-    for variant in filter_variants():
-        assert drawn.count(variant.name) == len(small.drives)

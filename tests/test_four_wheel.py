@@ -268,22 +268,6 @@ def test_numbers_of_every_robot_make_a_plant_and_its_loads_are_those_at_rest() -
         assert motion.channels["wheel_load_N"][0].sum() == pytest.approx(robot.masses.total * 9.81)
 
 
-LIGHT = {"armature": 1e-12, "wheel_inertia": 0.0}
-"""Wheels that no step could follow."""
-
-
-def test_impossible_robots_are_refused() -> None:
-    for changes in (
-        {"com_x": 0.2, "com_y": 0.1},
-        {"link": "chain"},
-        {"radius_difference": 0.4},
-        {"stiffness_x": 0.0},
-        LIGHT,
-    ):
-        with pytest.raises(ValueError, match=r"com_x|chain|radius_difference|stiffness_x|too stiff"):
-            replace(P, **changes)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize("kind", ["twist", "wheels"])
 def test_a_population_equals_its_members(kind: Any) -> None:
     commands = Commands(0.05, np.random.default_rng(7).uniform(0.0, 1.0, (40, 2)), kind, (0.1, 0.2))

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,11 +17,9 @@ from ssmr.types import State
 from validation.drive import run as driving
 from validation.drive.hands import KEYS, STEPS, Hands, read_keys
 from validation.drive.run import TICK, HandDrive, drive_by_hand, prepare_drive
-from validation.drive.window import DriveWindow, NoWindowError
 from validation.logs.formats import read_recording
 from validation.plants.profile import Profile
 from validation.report.stage import Stage
-from validation.simulator.terrain import Terrain
 
 SCRIPT = ["0.5 up up up", "1 left", "# straight on", "1.5 enter", "", "2 space"]
 
@@ -50,13 +45,6 @@ def test_no_keys_ask_for_more_than_the_greatest_and_space_always_stops(keys: lis
     assert hands.command() == (0.0, 0.0)
 
 
-def test_every_press_is_a_tenth() -> None:
-    hands = Hands(1.0, 2.0)
-    for key in ("up", "up", "up", "down", "right"):
-        hands.press(key)
-    assert hands.command() == pytest.approx((0.2, -0.2))
-
-
 def test_a_stick_has_its_way_and_stops_the_robot_when_it_is_let_go() -> None:
     hands = Hands(1.0, 2.0)
     hands.press("up")
@@ -65,18 +53,6 @@ def test_a_stick_has_its_way_and_stops_the_robot_when_it_is_let_go() -> None:
     assert hands.command((0.0, 0.05)) == (0.0, 0.0)
     hands.press("down")
     assert hands.command((0.0, 0.05)) == pytest.approx((-0.1, 0.0))
-
-
-def test_a_command_of_a_script_holds_until_the_next_key_and_is_no_greater_than_a_key_asks() -> None:
-    hands = Hands(1.0, 2.0)
-    for asked, command in (
-        ((0.3, -0.1), (0.3, -0.1)),
-        ((9.0, -9.0), (1.0, -2.0)),
-        ("up", (0.1, 0.0)),
-        ((0.5, 0.0), (0.5, 0.0)),
-    ):
-        hands.press(asked)
-        assert hands.command() == command
 
 
 def test_a_script_is_read_or_refused_with_the_line() -> None:
@@ -108,13 +84,6 @@ def test_the_log_holds_the_drive_and_replaces_none(driven: HandDrive, tmp_path: 
     assert log.columns["cmd_v"].max() == pytest.approx(0.3)
     shown = driven.compare(workers=1).plants["mujoco"].pieces[0]
     assert math.dist((log.columns["x"][-1], log.columns["y"][-1]), shown.xy[-1]) < 0.03  # motion capture's noise
-
-
-def test_the_other_plants_drive_beside(driven: HandDrive) -> None:
-    comparison = driven.compare(workers=1)
-    assert set(comparison.plants) == {"mujoco", "kinematic"}
-    assert comparison.reference_name == "mujoco"
-    assert comparison.plants["kinematic"].pieces[0].pose[-1, 0] > 0.3
 
 
 class _Window:
@@ -169,26 +138,6 @@ def test_a_window_is_driven_in_real_time_until_it_is_closed(
     assert opened[0].poses[-1][0] == pytest.approx(motion.pose[-1], abs=1e-9)  # what was shown is what is logged
 
 
-def test_what_was_driven_is_kept_where_the_window_breaks(
-    lab: Profile, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    class Broken(_Window):
-        def show(self, poses: list[np.ndarray], turns: np.ndarray, status: str) -> None:
-            super().show(poses, turns, status)
-            if not self.left:
-                raise RuntimeError("no screen any more")
-
-    monkeypatch.setattr(driving, "DriveWindow", lambda stage: Broken(stage, 20, False))
-    journal, now = tmp_path / "unsaved.keys", [0.0]
-    prepared = prepare_drive(lab, ("kinematic",))
-    with pytest.raises(RuntimeError):
-        drive_by_hand(prepared, journal=journal, clock=lambda: now[0], sleep=lambda s: now.__setitem__(0, now[0] + s))
-    text = journal.read_text(encoding="utf-8").splitlines()
-    assert text[0] == "# thesis-lab, husky, flat"
-    again = drive_by_hand(prepared, 20 * TICK, read_keys(text)).prepared.source.pieces[0].commands
-    np.testing.assert_array_equal(again.values[:, 0], [min(k / STEPS, 1.0) for k in range(1, 21)])
-
-
 def test_a_plant_that_diverges_ends_the_drive_and_loses_nothing(lab: Profile, tmp_path: Path) -> None:
     prepared = prepare_drive(lab, ("kinematic",))
 
@@ -210,62 +159,3 @@ def test_a_plant_that_diverges_ends_the_drive_and_loses_nothing(lab: Profile, tm
     assert found.failure == "kinematic: it gave up"
     assert found.prepared.source.pieces[0].commands.n == 60
     assert read_recording(found.write_recording(tmp_path)).t[-1] == pytest.approx(10.0 + 60 * TICK, abs=0.1)
-
-
-def test_a_drive_on_a_terrain_is_logged_there(lab: Profile, tmp_path: Path) -> None:
-    ramp = Terrain("ramp", slope=0.15)
-    found = drive_by_hand(prepare_drive(lab, ("mujoco",), terrain=ramp), script=[(0.0, (0.0, 0.5)), (4.0, "space")])
-    log = read_recording(found.write_recording(tmp_path))
-    assert found.compare(workers=1).terrain == ramp
-    assert log.columns["x"][-1] < -0.01  # who turns on a slope slides down
-
-
-def test_a_slow_machine_drops_time_and_shows_less(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    now, opened = [0.0], list[_Window]()
-
-    class Slow(_Window):
-        def show(self, poses: list[np.ndarray], turns: np.ndarray, status: str) -> None:
-            super().show(poses, turns, status)
-            now[0] += 0.3
-
-    monkeypatch.setattr(driving, "DriveWindow", lambda stage: opened.append(Slow(stage, 99, False)) or opened[0])
-    found = drive_by_hand(
-        prepare_drive(lab, ("kinematic",)), 3.0, clock=lambda: now[0], sleep=lambda s: now.__setitem__(0, now[0] + s)
-    )
-    assert found.dropped == 0.0
-    assert now[0] == pytest.approx(3.0, abs=0.4)
-    assert len(opened[0].poses) < 12
-    assert found.prepared.source.pieces[0].commands.n == round(3.0 / TICK)
-
-
-def test_there_is_no_window_without_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(NoWindowError, match=r"no screen.*--keys FILE"):
-        DriveWindow(None)  # type: ignore[arg-type]
-
-
-def test_the_program_writes_the_log_and_says_what_comes_next(tmp_path: Path) -> None:
-    (tmp_path / "keys.txt").write_text("0.1 up up\n0.5 space\n")
-    command = [sys.executable, "-m", "validation.drive", "--plants", "mujoco", "--keys", str(tmp_path / "keys.txt")]
-    command += ["--terrain", "rough:2"]
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "unsaved.keys").write_text("0.1 up\n")
-    surroundings = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    ran = subprocess.run(
-        [*command, "--out", str(tmp_path / "out"), "--no-rerun"],
-        capture_output=True,
-        text=True,
-        env=surroundings,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
-    assert f"next: ssmr compare {tmp_path / 'out' / 'drive.csv'} --profile thesis-lab --terrain rough:2" in ran.stdout
-    assert f"--keys {tmp_path / 'out' / 'unsaved.keys'} drives it again" in ran.stderr
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"drive.csv", "unsaved.keys", "compare.json", "compare.png"}
-    (tmp_path / "keys.txt").write_text("0.1 jump\n")
-    refused = subprocess.run(command, capture_output=True, text=True, env=surroundings, check=False)
-    assert refused.returncode == 2
-    assert "line 1 must be TIME KEY" in refused.stderr
-    assert len(refused.stderr.splitlines()) == 1

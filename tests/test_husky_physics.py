@@ -106,11 +106,6 @@ def test_capsules_of_any_width_turn_as_the_closed_form_says(half_width: float) -
     assert ripple < RIPPLE
 
 
-def test_anisotropy_is_refused_where_mujoco_would_lay_it_along_the_world() -> None:
-    with pytest.raises(ValueError, match="capsule"):
-        husky(friction_ratio=1.2)
-
-
 def test_the_default_contact_would_hop() -> None:
     """What the soft contact is for.
 
@@ -224,17 +219,6 @@ def test_undriven_energy_only_falls(velocity: tuple[float, float, float]) -> Non
 
 
 # ------------------------------------------------------------------------------- the model as compiled
-def test_husky_xml_stands_alone() -> None:
-    model = mujoco.MjModel.from_xml_path(str(HUSKY.mjcf_path))
-    assert model.nu == 2
-    assert (model.nq, model.nv) == (11, 10)
-
-
-def test_every_element_has_a_name() -> None:
-    model = mujoco.MjModel.from_xml_path(str(HUSKY.mjcf_path))
-    for kind, count in (("body", model.nbody), ("joint", model.njnt), ("geom", model.ngeom), ("site", model.nsite),
-                        ("actuator", model.nu), ("sensor", model.nsensor), ("tendon", model.ntendon)):  # fmt: skip
-        assert all(getattr(model, kind)(i).name for i in range(count)), kind
 
 
 @pytest.mark.parametrize(
@@ -298,12 +282,6 @@ def test_calibrating_in_place_is_building_anew() -> None:
         "dof_invweight0",
     ):
         assert np.array_equal(getattr(one, name), getattr(other, name)), name
-
-
-@pytest.mark.parametrize("yaw_inertia", [1.0, 30.0])
-def test_an_inertia_no_body_has_is_refused_with_the_range_it_may_have(yaw_inertia: float) -> None:
-    with pytest.raises(ValueError, match="must lie between"):
-        robot_model(husky(yaw_inertia=yaw_inertia))
 
 
 def test_a_centre_of_mass_to_the_right_makes_a_turning_robot_drift() -> None:

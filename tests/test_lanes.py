@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -140,10 +139,3 @@ def test_sine_and_cosine_are_those_of_the_angle(angle: float) -> None:
     slack = SINE + math.ulp(angle)
     assert abs(sine - math.sin(angle)) <= slack
     assert abs(cosine - math.cos(angle)) <= slack
-
-
-def test_what_a_law_derives_is_one_number_a_field() -> None:
-    for name in PLANAR_MODELS:
-        robot: Any = PlanarModel(KINDS[name](), Vehicle(), Drive()).packed(0.001)
-        assert all(isinstance(number, float) for number in (*robot.vehicle, *robot.constants))
-        assert {f.name for f in fields(Vehicle)} < set(robot.vehicle._fields)

@@ -74,12 +74,6 @@ def test_without_delay_and_place_nothing_changes(lab: Profile) -> None:
         np.testing.assert_array_equal(getattr(seen, name), getattr(body, name))
 
 
-@pytest.mark.parametrize("field", ["tracked_x", "position_late", "tracked_yaw"])
-def test_a_number_that_no_localiser_has_is_refused(field: str) -> None:
-    with pytest.raises(ValueError, match=rf"Localiser\.{field} = "):
-        Localiser(**{field: 11.0})
-
-
 def test_every_number_can_be_fitted(lab: Profile) -> None:
     names = {"tracked_x", "tracked_y", "tracked_yaw", "position_late", "yaw_late"}
     for plant in lab.plants:

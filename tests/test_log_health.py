@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 
 from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.poses import horizon_windows
-from ssmr.metrics.windows import WindowErrors, overlapping_windows
+from ssmr.metrics.windows import overlapping_windows
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from validation.compare import compare
@@ -24,7 +22,6 @@ from validation.logs.recording import Recording
 from validation.logs.recording_csv import write_csv
 from validation.motion.driving import standing_sentences, standing_share
 from validation.motion.sources import WindowCut, source_of
-from validation.recordings import info
 
 DT = 0.05
 
@@ -200,28 +197,6 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path,
     assert abs(costs[1] - costs[0]) < 0.15  # every fifth window of 6 s would span a jump: 0.5 m on average
 
 
-def test_parts_of_a_log_are_told_apart(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    write_csv(with_jumps(drive(), {10.0: 5.0, 45.0: -3.0}), path)
-    options = {"input": "wheels", "until": 30.0, "held_out": (str(path),), "free": ("wheel_radius",)}
-    notes = fit("kinematic", path, **options, population=5, generations=1, workers=1).as_dict()["notes"]
-    told = [note.partition(":")[0] for note in notes if "jumps once" in note]
-    assert told == ["log, 0 to 30 s", "log, 30 to 60 s"]
-
-
-def test_windows_of_the_picture_span_no_jump_either(tmp_path: Path) -> None:
-    at = [float(a) for a in np.arange(4.0, 60.0, 8.0)]
-    write_csv(with_jumps(drive(), dict.fromkeys(at, 2.0)), tmp_path / "log.csv")
-    settings = {"input": "wheels", "horizons": (6.0,)}
-    found = compare(str(tmp_path / "log.csv"), plants=("kinematic",), workers=1, **settings)
-    titles = [ax.get_title(loc="left") for ax in found.figure().axes if ax.get_xlabel() == "ahead [m]"]
-    assert titles
-    for title in titles:
-        start, end = (float(word) for word in title.removesuffix(" s").split(" to "))
-        assert not any(start < a <= end for a in at), title
-    assert found.plants["kinematic"].horizons[6.0].n == sum(len(starts) for starts, _ in found.scoring[6.0])
-
-
 @pytest.mark.parametrize("wheels", [True, False])
 def test_windows_without_motion_are_counted(wheels: bool) -> None:
     """The robot stands for the last half; commands tell that where a log has no wheel rates."""
@@ -240,45 +215,6 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
     moving = source_of(Recording.from_columns("log", drive()), "log")
     assert standing_share(moving, 6.0) == 0.0
     assert standing_sentences(moving, 6.0) == []
-
-
-def test_plants_that_a_recording_cannot_tell_apart_are_said_and_written(tmp_path: Path) -> None:
-    write_csv(drive(), tmp_path / "log.csv")
-    settings = {"input": "wheels", "horizons": (2.0, 6.0)}
-    found = compare(str(tmp_path / "log.csv"), plants=("improved", "coulomb", "linear"), workers=1, **settings)
-    rng = np.random.default_rng(1)
-
-    def errors(yaw: float) -> dict[float, WindowErrors]:
-        return {6.0: WindowErrors(6.0, np.abs(rng.normal(0.0, 0.1, 100)), np.abs(rng.normal(yaw, 0.01, 100)))}
-
-    yaws = {"improved": 0.1, "coulomb": 0.1, "linear": 0.2}
-    made = replace(found, plants={n: replace(r, windows=errors(yaws[n])) for n, r in found.plants.items()})
-    alike = made.as_dict()["alike"]
-    assert alike["horizon_s"] == 6.0
-    assert alike["yaw"] == [["improved", "coulomb"]]
-    assert len(alike["position"]) == 3
-    assert made.notes()[-2:] == [
-        "After 6 s the recording cannot tell any two of these plants apart in position.",
-        "After 6 s the recording cannot tell apart in yaw: improved and coulomb.",
-    ]
-    assert made.as_dict()["notes"] == list(made.notes())
-    assert all(note in made.markdown() for note in made.notes()[-2:])
-    assert compare("traj1", plants=("improved",), reference="improved").as_dict()["alike"] is None
-
-
-def test_info_writes_what_it_found(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    write_csv({**with_jumps(drive(), {10.0: 5.0}), "gyro_z": np.zeros(1200)}, path)
-    found = info(path)
-    document = json.loads(found.save(tmp_path / "new" / "info.json").read_text())
-    assert document["schema"] == "ssmr.info/1"
-    assert document["pose_jumps"] == 1
-    assert document["uncommanded_share"] == 0.0
-    assert document["dead_columns"] == ["gyro_z"]
-    assert set(document["offsets_s"]) == {"wheels", "pose_yaw", "position"}
-    assert "gyro_z" in found.table()
-    with pytest.raises(ValueError, match="the log itself"):
-        found.save(path)
 
 
 def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> None:

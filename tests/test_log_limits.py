@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import re
 import socket
-import sqlite3
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,18 +17,15 @@ from hypothesis import strategies as st
 
 from ssmr.parameters import described
 from tests.bag_factory import poses_at, write
-from validation import cli
 from validation.bench.waypoint_files import WaypointError, read_waypoints
 from validation.logs.csv_table import read_csv_table
 from validation.logs.formats import read_log, read_recording
 from validation.logs.groups import Group
 from validation.logs.limits import USUAL, LogLimits, find_time_fault
-from validation.logs.log import Log, LogFormat, ReadOptions
-from validation.logs.recording import Recording, RecordingError
+from validation.logs.recording import RecordingError
 from validation.logs.recording_csv import read_csv
 from validation.motion.sources import open_source
-from validation.recordings import ConvertSettings, convert, info
-from validation.recordings.__main__ import PROGRAM
+from validation.recordings import info
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "logs.md"
 
@@ -73,39 +68,6 @@ def test_what_is_no_file_is_refused_at_once(
     began = time.perf_counter()
     with pytest.raises((RecordingError, WaypointError), match=r"a (pipe|device|socket)|cannot be read \(No such device"):
         read_waypoints(path, 0.25) if name == "way.csv" else read_log(path)
-    assert time.perf_counter() - began < 5.0
-
-
-def test_a_pipe_beside_the_metadata_of_a_bag_is_refused(tmp_path: Path) -> None:
-    bag = write(tmp_path, "sqlite", poses_at)
-    (bag / "drive.db3").unlink()
-    os.mkfifo(bag / "drive.db3")
-    with pytest.raises(RecordingError, match=r"drive\.db3: this is a pipe; wanted a bag"):
-        read_log(bag)
-
-
-ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x AS schema_version FROM n WHERE x < 0"
-"""Rows that are looked for without end."""
-
-
-@pytest.mark.parametrize(
-    ("made", "name"),
-    [
-        (f"CREATE VIEW schema AS {ENDLESS}", "schema"),
-        ("CREATE TABLE schema(a INT, schema_version AS (length(zeroblob(900000000))))", "schema"),
-        ("CREATE VIRTUAL TABLE other USING fts5(x)", "other"),
-    ],
-)
-def test_a_database_that_computes_what_it_gives_is_refused(tmp_path: Path, made: str, name: str) -> None:
-    bag = write(tmp_path, "sqlite", poses_at)
-    read_log(bag)
-    with contextlib.closing(sqlite3.connect(bag / "drive.db3")) as database:
-        database.execute("DROP TABLE IF EXISTS schema")
-        database.execute(made)
-        database.commit()
-    began = time.perf_counter()
-    with pytest.raises(RecordingError, match=rf"drive\.db3: this is no bag: '{name}' is no plain table"):
-        read_log(bag)
     assert time.perf_counter() - began < 5.0
 
 
@@ -193,29 +155,6 @@ def test_stamps_too_large_to_be_added_are_one_fault(t: tuple[float, ...]) -> Non
         assert find_time_fault(np.array(t), USUAL) is not None
 
 
-def test_a_bag_with_a_stray_stamp_names_the_topic_and_the_sample(tmp_path: Path) -> None:
-    def stray(make):
-        return [*poses_at(make), ("/pose", 1e6, make.pose_stamped(1e6, 0.0, 0.0, 0.0))]
-
-    with pytest.raises(RecordingError, match=r"topic /pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"):
-        read_log(write(tmp_path, "ros1", stray))
-
-
-def test_what_would_take_hours_is_refused_before_it_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    alternating = np.cumsum(np.tile([0.01, 0.01, 0.1], 20))
-    columns = {name: np.zeros(60) for name in ("cmd_v", "cmd_w", "x", "y", "yaw")}
-    monkeypatch.setattr("validation.motion.sources._MOST_PIECES", 10)
-    with pytest.raises(ValueError, match="20 stretches between gaps, wanted at most 10"):
-        open_source(str(drive(tmp_path, alternating, columns)))
-    path = drive(tmp_path, 2.0 * np.arange(1000), dict.fromkeys(columns, np.zeros(1000)))
-    with pytest.raises(ValueError, match=r"has 1.998e\+05 periods of 0.01 s, but the limit samples is 100000; cut it"):
-        open_source(str(path), limits=USUAL.changed({"samples": 1e5}))
-    with pytest.raises(RecordingError, match=r"1998 s at 1e\+06 Hz are too many samples of 5 columns"):
-        convert(path, ConvertSettings(rate=1e6))
-    with pytest.raises(ValueError, match=r"smooth 1e\+07 s is too wide for 1000 samples of drive.csv at 0.5 Hz"):
-        convert(path, ConvertSettings(smooth=1e7))
-
-
 def test_gaps_are_found_at_once_as_one_by_one() -> None:
     rng = np.random.default_rng(7)
     group = Group("g", np.cumsum(rng.choice([0.1, 0.1, 0.1, 1.0, 3.0], 300)), {})
@@ -240,69 +179,7 @@ def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path,
         assert (refused.value.line, refused.value.column) == (702, name)
 
 
-def test_channels_that_cannot_be_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    odd = np.where(np.arange(1200) == 700, 1e308, 0.0)
-    path = drive(tmp_path, T, {"x": np.sin(T), "odom_v": odd, "odom_w": odd, "battery": odd, "acc": 1e30 * (odd > 0.0)})
-    assert list(read_csv(path).channels) == ["acc"]
-    assert "line 702, column odom_v: there is 1e+308, but the limit speed is 100 m/s; the channel is left out" in caplog.text
-    assert info(path).log.groups["channels"].columns.keys() == {"acc"}
-
-
-@pytest.mark.parametrize("value", [1e308, 1e200])
-def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_path: Path, value: float) -> None:
-    def far(make):
-        return [
-            (topic, 0.1 * k, message)
-            for k in range(20)
-            for topic, message in (
-                ("/pose", make.pose_stamped(0.1 * k, value, 0.0, 0.0)),
-                ("/odom", make.odometry(0.1 * k, (0.0, 0.0, 0.0), value, 0.0)),
-                ("/imu", make.imu(0.1 * k, (0.0, 0.0, value), (value, value, -value))),
-                ("/joints", make.joints(0.1 * k, {"left_wheel": value * k, "right_wheel": -value}, angles=True)),
-                ("/fix", make.fix(0.1 * k, value, -value * k)),
-            )
-        ]
-
-    bag = write(tmp_path, "mcap", far)
-    with pytest.raises(RecordingError, match=r"topic /odom, 0.000 s: v is 1e\+\d+, but the limit speed is 100 m/s"):
-        read_log(bag)
-    found = info(bag)
-    assert len(found.log.faults) == 5
-    assert not found.log.groups
-
-
-@pytest.mark.parametrize(
-    ("t", "x", "said"),
-    [
-        (T, 1e9 * T, "column x: drive.odd, sample 4: there is 1.5e+08, but the limit position is 1e+08 m"),
-        (1e9 * T, T, "drive.odd, sample 1: the median step is 5e+07 s"),
-    ],
-)
-def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, t: np.ndarray, x: np.ndarray, said: str
-) -> None:
-    def read(path: Path, options: ReadOptions) -> Log:
-        return Log.of_recording(path, Recording.from_columns("drive", {"t": t, "x": x}), options.limits)
-
-    monkeypatch.setattr("validation.logs.formats.FORMATS", (LogFormat("odd", (".odd",), read=read),))
-    (tmp_path / "drive.odd").touch()
-    with pytest.raises(RecordingError) as refused:
-        read_log(tmp_path / "drive.odd")
-    assert said in str(refused.value)
-    assert len(read_log(tmp_path / "drive.odd", ReadOptions(limits=USUAL.changed({"position": 1e12, "period": 1e9,
-           "stamp": 1e12, "gap": 1e9, "span": 1e12}))).groups) == 1  # fmt: skip
-
-
 # --------------------------------------------------------------------------------------------------- the limits themselves
-def test_limits_can_be_raised_by_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = drive(tmp_path, 10.0 * np.arange(100))
-    with pytest.raises(SystemExit):
-        cli.run(PROGRAM, "recordings", ["info", str(path)])
-    assert "the limit period is 5 s" in capsys.readouterr().err
-    cli.run(PROGRAM, "recordings", ["info", str(path), "--limits", "period=20"])
-    assert "drive.csv" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="span"):
-        LogLimits(span=0.0)
 
 
 def test_every_limit_is_documented_with_its_default() -> None:

@@ -15,7 +15,6 @@ from validation import load_robot
 from validation.compare import compare
 from validation.plants.profile import bare_profile
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import RobotError
 from validation.simulator.model import robot_model
 from validation.simulator.plant import MujocoPlant
 
@@ -44,19 +43,3 @@ def test_a_hand_made_robot_drives(tmp_path: Path) -> None:
     assert robot_model(Calibration.of(robot)).body_subtreemass[1] == pytest.approx(93.3)
     result = compare("traj1", bare_profile(robot), plants=("mujoco",))
     assert result.robot.name == "my-robot"
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (("</mujoco>", ""), "no MJCF of a robot"),
-        (('name="front_left_tire"', 'name="a_tire"'), "front_left_tire"),
-        (('pos="0.256 0.2854 0.03282"', 'pos="0.3 0.2854 0.03282"'), "must be a rectangle"),
-        (('<site name="front_left_load" type="sphere" size="0.19"/>', ""), "front_left_load"),
-    ],
-)
-def test_what_is_no_robot_is_said(change: tuple[str, str], words: str, tmp_path: Path) -> None:
-    assert HUSKY.mjcf_path is not None
-    (tmp_path / "bad.xml").write_text(HUSKY.mjcf_path.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
-    with pytest.raises((RobotError, ValueError), match=words):
-        robot_model(Calibration.of(load_robot(tmp_path / "bad.xml")))

@@ -258,24 +258,6 @@ def test_divergence_is_named() -> None:
     assert np.isnan(population).all()
 
 
-@pytest.mark.parametrize(
-    ("make", "what"),
-    [
-        (lambda: Vehicle(mass=0.0), "mass"),
-        (lambda: Vehicle(x_icr=0.5), "x_icr"),
-        (lambda: Vehicle(wheel_radius=float("nan")), "wheel_radius"),
-        (lambda: Drive(delay_v=-0.1), "delay_v"),
-        (lambda: Drive(torque_limit=0.0), "torque_limit"),
-        (lambda: CoulombParameters(u_x=-1.0), "u_x"),
-        (lambda: KinematicParameters(y_r=0.3), "y_r"),
-        (lambda: LinearParameters(gain=0.0), "gain"),
-    ],
-)
-def test_impossible_parameters_are_refused_by_name(make: object, what: str) -> None:
-    with pytest.raises(ValueError, match=what):
-        make()  # type: ignore[operator]
-
-
 def test_improved_never_lets_friction_push() -> None:
     """Friction's power is never positive, at any speed and load (Eq. 2.29)."""
     rng = np.random.default_rng(11)

@@ -22,7 +22,7 @@ from tests.conftest import EXACT
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
-from validation.simulator.model import controls, robot_model, set_motors
+from validation.simulator.model import controls, robot_model
 from validation.simulator.plant import MujocoPlant
 
 LEAKY = Drive(
@@ -232,9 +232,3 @@ def test_a_simulated_motor_turns_no_faster_than_without_load() -> None:
         late.append(float(np.abs(rates - law).max()))
     assert late[0] < 0.1 * 4.0
     assert late[1:] == pytest.approx([0.5 * late[0], 0.25 * late[0]], rel=0.3)
-
-
-def test_a_model_and_a_drive_that_do_not_go_together_are_refused() -> None:
-    model = robot_model(husky())
-    with pytest.raises(ValueError, match="integral part"):
-        set_motors(model, husky(), LEAKY)

@@ -20,7 +20,6 @@ from validation.fit.__main__ import main as fit
 from validation.plants.profile import load_profile
 from validation.recordings.__main__ import PROGRAM as LOG_COMMANDS
 from validation.robots.__main__ import PROGRAM as ROBOT_COMMANDS
-from validation.study.__main__ import PROGRAM as STUDY_COMMANDS
 from validation.track import track
 from validation.tune.__main__ import main as tune
 
@@ -76,26 +75,6 @@ RUNS: dict[str, tuple[Main, tuple[str, ...]]] = {
     "track": (track, ("pid", WAYPOINTS, "--speed", "0.5", "--profile", PROFILE, "--plant", "linear", "--gains", GAINS)),
     "tune": (tune, ("pid", "--reference", f"{WAYPOINTS}@0.5", "--plant", "linear", *SEARCH)),
 }
-REFUSED: dict[str, tuple[Main, tuple[str, ...]]] = {
-    "source": (compare, (f"{NAME}\n",)),
-    "plants": (compare, ("traj4", "--plants", NAME)),
-    "profile": (compare, ("traj4", "--profile", NAME)),
-    "terrain": (compare, ("traj4", "--terrain", NAME)),
-    "option": (compare, ("traj4", f"--{NAME}", "[/x]")),
-    "controller": (track, (NAME, "line")),
-    "gains": (track, ("pid", "line", "--gains", NAME)),
-    "free": (fit, ("linear", "--to", "traj4@linear", "--free", NAME)),
-    "fix": (fit, ("linear", "--to", "traj4@linear", "--fix", f"{NAME}=1")),
-    "topics": (LOG_COMMANDS, ("info", FILE, "--topics", f"{NAME}=/x")),
-    "ending": (LOG_COMMANDS, ("convert", FILE, "--out", f"x.{NAME}")),
-    "robot": (ROBOT_COMMANDS, ("check", NAME)),
-    "name of a robot": (
-        ROBOT_COMMANDS,
-        ("new", NAME, *(f"--{n}=1" for n in ("wheelbase", "track", "wheel-radius", "wheel-width", "mass"))),
-    ),
-    "urdf": (ROBOT_COMMANDS, ("import", f"{NAME}.urdf")),
-    "study": (STUDY_COMMANDS, (NAME,)),
-}
 
 
 def harmful(text: str, breaks: str = "\n") -> set[str]:
@@ -139,17 +118,3 @@ def test_a_program_works_and_lets_nothing_raw_out(name: str, folder: Path, capfd
     if name == "fit":
         (profile,) = folder.glob("runs/fit/*/profile.toml")
         assert load_profile(profile).name.startswith("n\x1b")
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_is_refused_is_said_in_one_harmless_line(name: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    main, arguments = REFUSED[name]
-    with pytest.raises(SystemExit) as left:
-        cli.run(main, name, arguments)
-    said = capfd.readouterr()
-    assert left.value.code == cli.EXIT_USER_ERROR
-    assert said.out == ""
-    assert said.err.startswith("error: ")
-    assert said.err.count("\n") == 1
-    assert not harmful(said.err)
-    assert "[red]" in said.err or name == "ending"

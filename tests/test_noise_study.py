@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import signal
 
 from ssmr.estimation.sensing import SensorModel
 from tests.conftest import ROUNDOFF, data_folder
-from tests.test_robustness import run_program
 from validation.logs.groups import Group
 from validation.recordings.simulated_log import LogSettings
 from validation.study.noise import HighPass, NoiseOptions, NoiseStudy, study_noise
@@ -107,16 +103,6 @@ def test_the_noise_of_a_simulated_log_is_that_of_its_sensors() -> None:
     assert found.signal("x").filter.rate == pytest.approx(125.0)
 
 
-def test_noise_that_is_not_white_is_said_to_be_coloured_and_jolts_to_have_long_tails() -> None:
-    rng = np.random.default_rng(5)
-    white = rng.normal(0.0, 1.0, len(WHOLE))
-    slow = np.convolve(white, [0.25, 0.5, 0.25], "same")
-    jolts = white + 30.0 * (rng.random(len(WHOLE)) < 0.01)
-    found = study({"white": white, "slow": slow, "jolts": jolts})
-    assert [s.remarks for s in found.signals] == [(), ("coloured",), ("long tails",)]
-    assert "long tails" in found.notes()[0]
-
-
 # --------------------------------------------------------------------------------------------------------------------- logs
 
 
@@ -155,21 +141,6 @@ def test_what_stands_still_or_is_a_set_point_has_no_estimate() -> None:
         found.signal("dead")
     with pytest.raises(ValueError, match="no such column"):
         found.signal("none")
-
-
-def test_the_command_writes_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, out = tmp_path / "a log.csv", tmp_path / "out"
-    noise = np.random.default_rng(4).normal(0.0, 0.02, len(WHOLE))
-    rows = np.column_stack([WHOLE, np.full(len(WHOLE), 0.5), np.sin(WHOLE) + noise])
-    np.savetxt(path, rows, "%.9f", ",", header="t,cmd_v,gyro_z", comments="")
-    assert run_program("noise", str(path), "--from", "10", "--passband", "8", "--out", str(out)) == 0
-    assert {p.name for p in out.iterdir()} == {"study.json", "study.png", "study.md"}
-    document = json.loads((out / "study.json").read_text(encoding="utf-8"))
-    (found,) = document["signals"].values()
-    assert (document["filter"]["passband_hz"], found["passband_hz"], found["unit"]) == (8.0, 8.0, "rad/s")
-    assert abs(found["white_variance"] - 4e-4) < 4.0 * found["white_standard_error"]
-    assert found["variance"] == pytest.approx(found["kept_share"] * found["white_variance"], rel=ROUNDOFF)
-    assert "gyro_z [rad/s]" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(not (data_folder() / "husky_parking_lot" / "test1.bag").is_file(), reason="the recording is not here")

@@ -9,7 +9,7 @@ import pytest
 
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.localiser import Localiser
-from ssmr.types import State, Trajectory
+from ssmr.types import State
 from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
 from validation.fit.objective import FitCost, FitTarget, make_raters, windows
@@ -226,37 +226,3 @@ def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
     )
     assert p.candidate(np.array([0.1, 0.9])) is None
     assert p.costs(np.array([[0.1, 0.9], [0.9, 0.1]])).tolist()[0] == np.inf
-
-
-@pytest.mark.parametrize(
-    ("make", "what"),
-    [
-        (lambda: make_space("coulomb", ("mu_s",), {}, HUSKY), "coulomb has no parameter 'mu_s' to fit; there are: u_x"),
-        (lambda: make_space("coulomb", ("gain",), {"gain": (5.0, 1.0)}, HUSKY), "bounds of gain are 5 and 1"),
-        (lambda: make_space("coulomb", ("gain",), {"u_x": (0.0, 1.0)}, HUSKY), "u_x, which is not free"),
-        (lambda: make_space("coulomb", ("delay", "delay_v"), {}, HUSKY), "delay and delay_v move the same number"),
-        (lambda: FitCost("nice"), "unknown objective 'nice'"),  # type: ignore[arg-type]
-        (lambda: FitCost(yaw_weight=float("nan")), "yaw_weight"),
-        (lambda: FitCost(position_weight=-1.0), "position_weight"),
-        (lambda: FitCost("horizon", position_weight=0.0, yaw_weight=0.0), "leaves nothing to fit to"),
-        (lambda: FitCost("path", position_weight=0.0), "position_weight belongs to"),
-    ],
-)
-def test_mistakes_are_named(make, what: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(ValueError, match=what):
-        make()
-
-
-def test_a_horizon_longer_than_the_source_is_refused(lab: Profile) -> None:
-    with pytest.raises(ValueError, match=r"no window of 100 s fits.*name shorter horizons"):
-        make_raters(FitCost("horizon", horizons=(2.0, 100.0)), [log_target(lab)])
-
-
-def test_equal_motions_have_equal_trajectories(lab: Profile) -> None:
-    """A trajectory copies by its arrays, as other processes need it."""
-    import copy
-
-    motion = scenario(lab).truth[0]
-    again: Trajectory = copy.copy(motion)
-    assert np.array_equal(motion.pose, again.pose)
-    assert list(again.channels) == list(motion.channels)

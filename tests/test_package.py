@@ -33,6 +33,7 @@ cli.run(compare.command(), "compare", ["traj2"])
 pytest.importorskip("hatchling", reason="building a wheel needs the extra `test`")
 
 
+@pytest.mark.slow
 def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     """Unpacked, not installed: what it depends on is already here, and the tree is not on the path."""
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]
@@ -91,14 +92,6 @@ def test_the_main_job_runs_without_dm_control_and_rerun(tmp_path: Path) -> None:
     assert "needs the package rerun-sdk" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"mujoco", "improved"}
-
-
-def test_a_thin_installation_leaves_out_two_packages() -> None:
-    lines = (ROOT / "thin.txt").read_text(encoding="utf-8").splitlines()[1:]
-    assert {*PROJECT["dependencies"]} - {*lines} == {
-        text for text in PROJECT["dependencies"] if Requirement(text).name in ("dm-control", "rerun-sdk")
-    }
-    assert {*lines} <= {*PROJECT["dependencies"]}
 
 
 def test_later_pythons_do_without_what_has_no_wheels_for_them() -> None:

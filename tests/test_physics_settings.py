@@ -44,14 +44,6 @@ def test_everything_said_is_in_the_model_and_the_calibration_stays() -> None:
         assert np.array_equal(getattr(model, name), getattr(shipped, name)), name
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"impratio": 0.0}, {"condim": 1}, {"noslip": -1}, {"iterations": 0}, {"tangent_ratio": float("nan")}]
-)
-def test_numbers_without_a_meaning_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        PhysicsSettings(**wrong)  # type: ignore[arg-type]
-
-
 def test_prescribed_wheels_have_the_settings_too() -> None:
     """A recording's wheel rates drive another model than commands do."""
     commands = Commands(0.05, np.tile([-3.0, 3.0], (40, 1)), kind="wheels")

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
-from ssmr.control.references import circle, eight, line
-from tests.conftest import ROUNDOFF
+from ssmr.control.references import eight
 from validation import load_profile
-from validation.bench.gains import GainSet, dump_gains, load_gains, origin_sentence
 from validation.bench.loops import demand_of, make_robot, settled_motion
 from validation.plants.profile import Profile, make_plant
 from validation.track import TrackOptions, prepare_tracking, track
@@ -44,18 +41,6 @@ def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None
     assert demand_of(eight(speed - 0.02), robot, "husky-tile", "eight") is None
 
 
-def test_a_speed_that_wheels_do_not_reach_is_said_too() -> None:
-    profile = load_profile("husky-tile")
-    said = demand_of(line(0.97), make_robot(profile, "improved"), "husky-tile", "line")
-    assert said is not None
-    assert re.search(r"for 0.97 m/s where 0.9\d m/s are possible; at 0.9\d m/s it could be followed", said)
-
-
-def test_what_a_robot_can_do_is_not_worth_a_sentence(lab: Profile) -> None:
-    for reference in (circle(0.5), eight(0.5), line(0.5)):
-        assert demand_of(reference, make_robot(lab, "improved"), "thesis-lab", "it") is None
-
-
 def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:
     asked = prepare_tracking(TrackOptions("lqr", "eight@0.5", "improved", "husky-tile", "tuned"))
     origin, demand = asked.remarks
@@ -65,18 +50,3 @@ def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:
     assert found.alarms == (origin,)
     assert origin in found.as_dict()["notes"]
     assert origin in " ".join(found.table().split())
-
-
-def test_gains_that_do_not_say_where_they_are_from_are_taken_as_they_are(lab: Profile, tmp_path: Path) -> None:
-    own = GainSet("lqr", "own", load_gains("lqr", "tuned").values)
-    path = tmp_path / "own.toml"
-    path.write_text(dump_gains(own))
-    assert prepare_tracking(TrackOptions("lqr", "line", "linear", lab, str(path))).remarks == ()
-    for name in ("published", "tuned", "manual"):
-        assert origin_sentence(load_gains("lqr", name), "thesis-lab") is None
-
-
-def test_the_speed_that_is_possible_is_that_of_the_greatest_demand() -> None:
-    """Yaw rate grows with speed: a reference twice as fast asks for twice as much."""
-    slow, fast = eight(0.25), eight(0.5)
-    assert abs(fast.course()["w"]).max() == pytest.approx(2.0 * abs(slow.course()["w"]).max(), rel=1e3 * ROUNDOFF)

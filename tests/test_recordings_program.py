@@ -18,17 +18,15 @@ from scipy.optimize import least_squares
 
 from ssmr.estimation.commission import learning
 from ssmr.geometry import align_rigidly, quat_wxyz_to_yaw
-from tests.bag_factory import circle, poses_at, write
 from tests.conftest import data_folder
 from validation.logs.dead_reckoning import filtered_motion, integrated, reckon
-from validation.logs.formats import log_path, read_recording
-from validation.logs.log import ReadOptions
+from validation.logs.formats import read_recording
 from validation.logs.offsets import estimate_offsets
 from validation.logs.recording import Recording
 from validation.logs.recording_csv import read_csv, write_csv
 from validation.logs.rest import STOCK, find_rest, unbiased
 from validation.plants.profile import load_profile
-from validation.recordings import ConvertSettings, convert, info, open_log
+from validation.recordings import ConvertSettings, convert, open_log
 from validation.recordings.simulated_log import LogSettings, simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -64,20 +62,6 @@ def columns_of(recording: Recording) -> dict[str, np.ndarray]:
 
 
 # ------------------------------------------------------------------------------------------- what it writes
-def test_info_and_convert_as_processes(tmp_path: Path) -> None:
-    bag = write(tmp_path, "ros1", circle)
-    told = run("info", bag)
-    assert told.returncode == 0, told.stderr
-    for words in ("/husky_velocity_controller/odom", "Odometry", "20.00", "not read", "latitude", "wheels"):
-        assert words in told.stdout
-    out = tmp_path / "folder" / "drive.csv"
-    done = run("convert", bag, "--out", out, "--from", 1, "--until", 2, "--rate", 50)
-    assert done.returncode == 0, done.stderr
-    recording = read_csv(out)
-    assert recording.period == pytest.approx(0.02)
-    assert recording.t[0] >= 1.0
-    assert recording.t[-1] <= 2.0
-    assert sorted(p.name for p in out.parent.iterdir()) == ["drive.csv"]
 
 
 def test_a_csv_comes_back_through_a_bag(tmp_path: Path) -> None:
@@ -141,18 +125,6 @@ def test_any_reader_of_ros_2_reads_the_mcap(tmp_path: Path) -> None:
     np.testing.assert_array_equal(x, recording.columns["x"])
 
 
-def test_odometry_without_another_pose_comes_back_as_the_pose(tmp_path: Path) -> None:
-    bag, mcap = write(tmp_path, "ros1", circle), tmp_path / "again.mcap"
-    options = ReadOptions({"pose": "none"})
-    convert(bag, options=options).save(mcap)
-    first, again = (open_log(p, options).groups for p in (bag, mcap))
-    assert set(again) == set(first)
-    for name, group in again.items():
-        assert set(group.columns) == set(first[name].columns)
-        for column, values in group.columns.items():
-            np.testing.assert_allclose(values, first[name].columns[column], atol=STAMP)
-
-
 # ------------------------------------------------------------------------------------------- a simulated log
 def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
     faults = LogSettings()
@@ -167,14 +139,6 @@ def test_a_simulated_log_shows_its_faults(tmp_path: Path) -> None:
     assert all(np.array_equal(a, again[n].columns[c]) for n, g in groups.items() for c, a in g.columns.items())
     with pytest.raises(ValueError, match="there are: traj1, traj2, traj3, traj4, varied, each with @"):
         simulated_log("varied@gazebo", profile, 3)
-
-
-# ------------------------------------------------------------------------------------------- what it refuses
-def test_info_tells_of_a_clock_that_jumps_and_goes_on(tmp_path: Path) -> None:
-    bag = write(tmp_path, "mcap", lambda make: poses_at(make, jump=30.0))
-    found = info(bag)
-    assert "/pose: the clock jumps once: +30.000 s after 1.000 s" in found.table()
-    assert "stamps bag takes the times of writing" in found.log.faults[0]
 
 
 # ------------------------------------------------------------------------------------------- a real Husky
@@ -252,10 +216,3 @@ def test_the_sample_is_what_the_robot_drives(tmp_path: Path) -> None:
     assert ours.t == pytest.approx(theirs.t, abs=1e-3)
     for name, values in theirs.columns.items():
         assert ours.columns[name] == pytest.approx(values, abs=1e-3, nan_ok=True), name
-
-
-def test_a_file_of_that_name_comes_before_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert log_path("sample").is_file()
-    (tmp_path / "sample").mkdir()
-    assert log_path("sample") == Path("sample")

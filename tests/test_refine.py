@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,7 @@ from tests.test_objective import log_target, scenario
 from validation.fit import fit
 from validation.fit.objective import FitCost, PathRater, path_offsets
 from validation.fit.problem import FitProblem
-from validation.fit.refine import APART, Remembered, arrivals, descend, next_start, woken
-from validation.fit.run import FitSearch
+from validation.fit.refine import APART, Remembered, arrivals, descend, next_start
 from validation.plants.profile import Profile
 from validation.plants.searchable import find, make_space
 from validation.plants.table import plant_kind
@@ -98,16 +96,6 @@ def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: P
     assert [p.value for p in rest.parameters] == [p.value for p in whole.parameters]
 
 
-def test_the_file_says_how_it_was_searched(lab: Profile, tmp_path: Path) -> None:
-    fit("linear", "traj2@linear", lab, method="hybrid", population=8, generations=2).save(tmp_path)
-    found = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
-    assert found["search"] == "hybrid"
-    assert found["evaluations_by_stage"]["jde"] == 24
-    assert found["evaluations_by_stage"]["lsq"] > 0
-    assert "then least squares" in (tmp_path / "profile.toml").read_text(encoding="utf-8")
-    assert FitSearch().method == "hybrid"
-
-
 # ------------------------------------------------------------------------------------------------------- parts
 
 
@@ -122,15 +110,6 @@ def test_starts_are_the_best_and_others_far_away() -> None:
         visited.append(start)
     assert np.array_equal(visited[0], points[np.argmin(costs)])
     assert len(visited) > 3
-
-
-def test_a_number_that_does_nothing_at_the_end_is_put_in_the_middle() -> None:
-    end, slopes = np.array([0.3, 0.97]), np.array([[2.0, 0.001], [1.0, 0.0]])
-    moved = woken(np.array([0.1, -0.1]), slopes, end, [end])
-    assert moved is not None
-    assert np.array_equal(moved, [0.3, 0.5])
-    assert woken(np.array([0.1, -0.1]), slopes, end, [end, moved]) is None  # it was there before
-    assert woken(np.array([1e-5, 0.0]), slopes, end, [end]) is None  # both matter beside errors so small
 
 
 class Plateau:

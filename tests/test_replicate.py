@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -50,16 +47,12 @@ from validation.replicate.evidence import (
     Table,
     chosen_sections,
 )
-from validation.replicate.figures import draw_residuals
 from validation.replicate.others import drive_all, every_cause, fitted_and_judged, standing_out
 from validation.replicate.report import (
     document_html,
-    document_markdown,
     document_of,
     linked,
-    unexplained,
 )
-from validation.replicate.result import order_of
 from validation.replicate.run import ALL_SECTIONS, run_sections
 from validation.replicate.tracked import CONTROL_TABLES, TableEntry
 from validation.thesis import published
@@ -352,51 +345,7 @@ def test_a_recording_without_commands_is_driven_by_its_wheels(tmp_path: Path) ->
     assert page.count("data:image/png;base64,") == 2
 
 
-def test_residuals_of_nothing_are_drawn_and_said() -> None:
-    shape = len(evidence_real.SPEED_EDGES) - 1, len(evidence_real.YAW_RATE_EDGES) - 1
-    empty = evidence_real.BinnedErrors(
-        evidence_real.SPEED_EDGES, evidence_real.YAW_RATE_EDGES, np.zeros(shape, dtype=np.int64),
-        {"mujoco": np.full((2, *shape), np.nan)}, 2.0,
-    )  # fmt: skip
-    assert "no bin" in evidence_real.worst_of(empty, "wheels")
-    assert len(draw_residuals(empty, "driven by nobody").axes) >= 4
-
-
 # ------------------------------------------------------------------------------------------------------------------- report
-
-
-class Outside(HTMLParser):
-    """Collects whatever a page would load, and whether its elements are closed."""
-
-    VOID = frozenset({"meta", "img", "br", "link", "input", "hr"})
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.loads: list[str] = []
-        self.open: list[str] = []
-        self.ids: set[str] = set()
-        self.targets: set[str] = set()
-        self.style = ""
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:  # noqa: D102
-        if tag not in self.VOID:
-            self.open.append(tag)
-        assert tag not in {"script", "link", "iframe", "object", "embed", "base"}
-        for name, value in attrs:
-            if name in {"src", "srcset", "data", "poster", "background", "action"}:
-                self.loads.append(value or "")
-            if name == "href":
-                self.targets.add(value or "")
-            if name == "id":
-                self.ids.add(value or "")
-            self.style += (value or "") if name == "style" else ""
-
-    def handle_endtag(self, tag: str) -> None:  # noqa: D102
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:  # noqa: D102
-        if self.open and self.open[-1] == "style":
-            self.style += data
 
 
 FEW = replace(QUICK_SETTINGS, fit_population=8, fit_generations=3, repeats=2)
@@ -418,22 +367,6 @@ def report(replication: Replication) -> Path:
     return replication.folder
 
 
-def test_the_page_needs_nothing_else(report: Path) -> None:
-    page = (report / "replicate.html").read_text(encoding="utf-8")
-    parser = Outside()
-    parser.feed(page)
-    parser.close()
-    assert parser.open == []
-    assert parser.loads
-    assert all(source.startswith("data:image/png;base64,iVBOR") for source in parser.loads)
-    assert all(t.startswith("#") and t[1:] in parser.ids for t in parser.targets)
-    assert "url(" not in parser.style
-    assert "@import" not in parser.style
-    assert '<span class="differs">differs</span> [' in page
-    assert "http://" not in page
-    assert "https://" not in page
-
-
 def test_numbers_are_printed_beside_ours_with_a_verdict(report: Path) -> None:
     document = json.loads((report / "replicate.json").read_text(encoding="utf-8"))
     assert document["schema"] == "ssmr.replicate/1"
@@ -450,13 +383,6 @@ def test_numbers_are_printed_beside_ours_with_a_verdict(report: Path) -> None:
             assert document["tables"]["3.9"]["rows"][row][metric]["published"] == value
     assert document["tables"]["3.8"]["rows"]["tau_max_wheel_N_m"]["value"]["verdict"] == "not compared"
     assert sum(document["verdicts"].values()) == 6 + 4 + 3
-
-
-def test_what_is_unexplained_is_said_first() -> None:
-    rows = {"line_0.25": {"d_rms_m": Pair(1.0, 9.0, "distance", "m"), "d_ratio": Pair(1.0, 1.0, "ratio")}}
-    found = [Answer(section("tables"), Findings({"4.5": Table("a", rows)}), 0.0, 0.0)]
-    assert unexplained(found) == ["Tab. 4.5 d_rms"]
-    assert "Unexplained: Tab. 4.5 d_rms." in document_of(found, SMALL).lead
 
 
 def test_markdown_holds_every_row_and_docs_link_their_pages(report: Path) -> None:
@@ -479,69 +405,6 @@ def test_a_second_run_keeps_everything_and_says_so(report: Path) -> None:
     replicate(FEW, SOME, report, progress=said.append).save(report)
     assert [now.text.rpartition(", ")[2] for now in said if now.done == int(now.done) > 0].count("kept from before") == 3
     assert (report / "replicate.json").read_bytes() == before
-
-
-def test_a_replication_shows_itself_and_saves_itself_elsewhere(replication: Replication, tmp_path: Path) -> None:
-    assert "agrees" in replication.table()
-    assert replication.figure().axes[1].patches
-    replication.save(tmp_path / "copy")
-    pictures = {p.name for p in (tmp_path / "copy" / FIGURE_FOLDER).iterdir()}
-    assert pictures == {picture.file for answer in replication.answers for picture in answer.findings.pictures}
-
-
-def test_editing_any_file_that_decides_numbers_changes_the_digest(tmp_path: Path) -> None:
-    """In whatever sub-folder it lies; only files that show findings are left out."""
-    root = Path(__file__).resolve().parents[1]
-    for name in ("ssmr", "validation", "models"):
-        shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    module = tmp_path / "validation/replicate/evidence.py"
-    spec = importlib.util.spec_from_file_location("copied_evidence", module)
-    assert spec is not None
-    assert spec.loader is not None
-    copied = importlib.util.module_from_spec(spec)
-    sys.modules["copied_evidence"] = copied
-    spec.loader.exec_module(copied)
-    before = copied.code_digest()
-    for name, decides in (
-        ("ssmr/models/linear.py", True),
-        ("validation/study/robustness/cases.py", True),
-        ("validation/plants/profiles/thesis-lab.toml", True),
-        ("validation/bench/references/generic.csv", True),
-        ("validation/replicate/models.py", True),
-        ("validation/thesis/published.toml", True),
-        ("validation/thesis/verdicts.py", False),
-        ("validation/replicate/report.py", False),
-    ):
-        file = tmp_path / name
-        whole = file.read_bytes()
-        file.write_bytes(whole + b"\n")
-        copied.code_digest.cache_clear()
-        assert (copied.code_digest() != before) == decides, name
-        file.write_bytes(whole)
-
-
-def test_all_control_tables_are_in_the_report_with_what_cannot_be_compared(tmp_path: Path) -> None:
-    """Made-up numbers at print: rows of known geometry agree, the others are not compared, whatever their numbers are."""
-    tables = {}
-    for number in CONTROL_TABLES:
-        rows = published.table(number)["rows"] or {"sine_0.50": {}}
-        rules = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
-        tables[number] = Table(
-            number,
-            {r: {m: Pair(v.get(m), 1.0 if number == "4.27" else v[m], rules[m]) for m in rules} for r, v in rows.items()},
-        )
-    found = [Answer(section("tables"), Findings(tables), 0.0, 0.0)]
-    document = Replication(SMALL, tmp_path, tuple(found)).as_dict()
-    verdicts = {n: next(iter(t["verdicts"].values())) for n, t in document["tables"].items()}
-    for number, verdict in verdicts.items():
-        content = published.table(number)
-        known = content["trajectory"] in ("line", "circle") and not content.get("suspect")
-        assert verdict["verdict"] == ("agrees" if known else "not compared"), number
-        assert known or verdict["see"]
-    assert "lost" in verdicts["4.27"]["reason"]
-    assert list(document["tables"]) == sorted(CONTROL_TABLES, key=order_of)
-    text = document_markdown(document_of(found, SMALL), "figures/")
-    assert all(f"| {number} |" in text for number in CONTROL_TABLES)
 
 
 def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:

@@ -250,16 +250,6 @@ def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> Non
     assert t == pytest.approx(wanted)
 
 
-def test_commands_hold_until_the_next(in_pieces: tuple[Comparison, Read]) -> None:
-    made, read = in_pieces
-    t, v = read.track("plots/speed/commanded", "Scalars:scalars")
-    n = made.commands[0].n
-    assert t[: n + 1] == pytest.approx(10.0 + 0.05 * np.arange(n + 1))
-    assert v[: n + 1, 0] == pytest.approx(np.append(made.commands[0].values[:, 0], 0.5))
-    mode = read.static["plots/speed/commanded"]["SeriesLines:interpolation_mode"]
-    assert mode == [rr.components.InterpolationMode.StepAfter.value]
-
-
 @pytest.mark.parametrize("t", [stamps(0.008, 0.0), stamps(0.008, 0.032)])
 def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -> None:
     still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
@@ -307,13 +297,6 @@ def test_a_failure_leaves_nothing_and_spares_what_was_there(tmp_path: Path, monk
     assert path.read_bytes() == b"before"
     with pytest.raises(FileNotFoundError):
         write_recording(made, tmp_path / "nowhere" / "a.rrd", REPORT)
-
-
-def test_rerun_switched_off_is_said_and_not_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RERUN", "off")
-    with pytest.raises(RuntimeError, match="switched off"):
-        write_recording(comparison([A_MOMENT], PLANTS[:1]), tmp_path / "a.rrd", REPORT)
-    assert list(tmp_path.iterdir()) == []
 
 
 # --- the viewer ---

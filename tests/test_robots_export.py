@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from validation import cli, load_robot
+from validation import load_robot
 from validation.robots import export_robot
-from validation.robots.__main__ import PROGRAM
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS, Robot, shipped_robots
 from validation.simulator.model import contact_settings, robot_model
@@ -121,17 +119,3 @@ def test_an_sdf_read_by_drake_is_the_robot(name: str) -> None:
         assert tuple(joint.revolute_axis()) == (0.0, 1.0, 0.0)
         if np.isfinite(robot.drive.torque_limit):
             assert plant.GetJointActuatorByName(joint.name()).effort_limit() == pytest.approx(0.5 * robot.drive.torque_limit)
-
-
-def test_the_program_writes_a_file_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for kind in ("urdf", "sdf"):
-        cli.run(PROGRAM, "robots", ["export", "jackal", "--to", kind])
-        assert f"written: jackal.{kind}" in capsys.readouterr().out
-        assert Path(f"jackal.{kind}").read_text(encoding="utf-8") == export_robot("jackal", kind)
-    with pytest.raises(SystemExit) as left:
-        cli.run(PROGRAM, "robots", ["export", "jackal"])
-    assert left.value.code == cli.EXIT_USER_ERROR
-    assert "there is such a file already" in capsys.readouterr().err

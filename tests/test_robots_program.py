@@ -14,14 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.urdf_factory import UrdfRobot
 from validation import cli, load_robot
-from validation.plants.profile import load_profile, shipped
-from validation.robots import TapeMeasure, check_robot, draft_from_tape, list_robots
+from validation.robots import TapeMeasure, check_robot, draft_from_tape
 from validation.robots.__main__ import PROGRAM
 from validation.robots.mechanics import load_shares, spot_turn, tyre_hull_overlap
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import WHEELS, Robot, parse_robot, shipped_robots
+from validation.simulator.description import Robot, parse_robot
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import spin
 
@@ -44,20 +42,6 @@ def changed(name: str = "warthog", **sections: Mapping[str, Any]) -> Robot:
 
 def run(*arguments: str) -> None:
     cli.run(PROGRAM, "robots", arguments)
-
-
-# ------------------------------------------------------------------------------------------- list
-def test_all_robots_and_all_profiles_are_listed() -> None:
-    found = list_robots()
-    assert [known.robot.name for known in found.robots] == shipped_robots()
-    assert set(SHIPPED) <= set(shipped_robots())
-    for known in found.robots:
-        assert known.multiplier >= 1.0
-        for profile in known.profiles:
-            assert load_profile(profile).robot == known.robot
-    assert sum(len(known.profiles) for known in found.robots) == len(shipped())
-    assert all(name in found.table() for name in SHIPPED)
-    assert set(found.as_dict()) == set(shipped_robots())
 
 
 # ------------------------------------------------------------------------------------------- check
@@ -211,25 +195,6 @@ def test_robots_of_every_size_turn_as_mechanics_says(
     assert not [each.text for each in found.advice if each.fault and "hull" not in each.text]
 
 
-@pytest.mark.parametrize("timestep", [0.003, 0.0007])
-def test_a_step_that_divides_no_sample_is_no_fault(timestep: float) -> None:
-    found = check_robot(changed(simulation={"timestep": timestep}, drive={"hold": 20.0 * timestep}))
-    assert found.ok, [each.text for each in found.advice]
-    assert found.measured is not None
-
-
-def test_numbers_that_a_float_has_no_digits_for_are_nothing() -> None:
-    assert changed(mass={"com": [2.2e-313, 0.0, 0.1]}).masses.com == (0.0, 0.0, 0.1)
-
-
-def test_the_picture_of_a_robot_without_a_model_is_drawn_all_the_same(tmp_path: Path) -> None:
-    found = check_robot(changed(mass={"inertia": [10.0, 10.0, 60.0]}))
-    assert found.measured is None
-    assert {path.name for path in found.save(tmp_path)} == {"robot.png", "robot.json"}
-    gids = {artist.get_gid() for artist in found.figure().findobj()}
-    assert {"hull", "com", *WHEELS} <= gids
-
-
 # ------------------------------------------------------------------------------------------- new, and the command line
 def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                              capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
@@ -256,16 +221,3 @@ def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, mon
         run("new", "mine", *numbers.split())
     assert left.value.code == cli.EXIT_USER_ERROR
     assert Path("mine.toml").read_text() == text
-
-
-def test_import_writes_a_file_that_check_reads(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("r.urdf").write_text(UrdfRobot().text())
-    run("import", "r.urdf", "--name", "mine", "--out", "there/m.toml")
-    said = capsys.readouterr().out
-    assert "guessed geometry.link" in said
-    assert "next: python -m validation.robots check there/m.toml" in said
-    run("check", "there/m.toml", "--out", "c")
-    assert json.loads(Path("c/robot.json").read_text())["name"] == "mine"

@@ -16,9 +16,9 @@ from ssmr.geometry import align_rigidly, compose, relative, rotate_body_to_world
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
 from validation.logs.dead_reckoning import filtered_motion, reckon, with_filter
-from validation.logs.groups import Group, aligned, cut_groups, groups_of, merge, smoothed
+from validation.logs.groups import Group, aligned, groups_of, merge, smoothed
 from validation.logs.offsets import estimate_offsets, synchronised
-from validation.logs.recording import POSE_COLUMNS, Recording, RecordingError
+from validation.logs.recording import POSE_COLUMNS, Recording
 from validation.logs.rest import STOCK, find_rest, unbiased
 
 LOG = Path("drive.bag")
@@ -108,13 +108,6 @@ def test_the_bias_at_rest_is_found_and_taken_out(bias: float) -> None:
     assert cleared.bias == pytest.approx(0.0, abs=ROUNDOFF)
 
 
-def test_without_rest_no_bias_is_told() -> None:
-    groups = cut_groups(LOG, log(), 6.0, None)
-    assert find_rest(groups) is None
-    with pytest.raises(RecordingError, match="wheels that stand for 2 s"):
-        unbiased(LOG, groups)
-
-
 # ------------------------------------------------------------------------------------------- smoothing
 @given(st.floats(-5.0, 5.0), st.floats(0.01, 0.5), st.lists(st.floats(0.01, 0.3), min_size=2, max_size=60))
 def test_smoothing_keeps_constants_and_never_overshoots(level: float, sigma: float, steps: list[float]) -> None:
@@ -159,20 +152,6 @@ def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> Non
     np.testing.assert_allclose(np.diff(merged.t), 0.04, rtol=1e-9)
     np.testing.assert_allclose(merged.columns["gyro_z"], 0.3 * merged.t, rtol=1e-9)
     np.testing.assert_allclose(merged.channels["gps_east"], 2.0 * merged.t, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("rate", "message"),
-    [(1e9, "too many samples of 6 columns, for the limit samples is 1e.07; ask for a lower rate"), (1e-3, "do not overlap")],
-)
-def test_rates_that_make_no_recording_are_refused(rate: float, message: str) -> None:
-    with pytest.raises(RecordingError, match=message):
-        merge(LOG, log(), rate)
-
-
-def test_cutting_away_everything_is_refused() -> None:
-    with pytest.raises(RecordingError, match=r"nothing was logged in 50 to inf s; there is /odom 0\.003"):
-        cut_groups(LOG, log(), 50.0, None)
 
 
 # ------------------------------------------------------------------------------------------- frames

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -42,31 +41,6 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
     assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"kinematic", "linear"}
 
 
-def test_the_package_itself_is_the_command() -> None:
-    assert call_module() == (0, call().stdout, "")
-    assert call_module("compare", "traj9")[0] == 2
-
-
-def call_module(*arguments: str) -> tuple[int, str, str]:
-    done = subprocess.run([sys.executable, "-m", "validation", *arguments], capture_output=True, text=True, timeout=300)
-    return done.returncode, done.stdout, done.stderr
-
-
-def test_a_mistake_is_plain_text_on_a_terminal_with_colours() -> None:
-    pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
-    ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "validation.compare", "traj4", "--no-such-option"]
-    environment = {**os.environ, "TERM": "xterm-256color"}
-    done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, env=environment, timeout=300)
-    os.close(theirs)
-    os.close(ours)
-    assert (done.returncode, done.stderr) == (2, b"error: Unrecognized options: --no-such-option\n")
-
-
-def test_usage_names_the_command_that_was_called() -> None:
-    assert call("study", "contact", "--help").stdout.startswith("usage: ssmr study contact")
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -82,12 +56,6 @@ def test_a_mistake_is_one_line(arguments: tuple[str, ...], said: str) -> None:
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(said)
     assert done.stderr.count("\n") == 1
-
-
-def test_the_version_is_the_packages() -> None:
-    done = call("--version")
-    assert done.returncode == 0
-    assert done.stdout.split()[0] == "ssmr-testbed"
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash here")

@@ -74,13 +74,3 @@ def test_a_wheel_stands_where_its_radius_meets_the_ground_at_a_right_angle(x: fl
         assert place[2] == pytest.approx(height, abs=1e-15)
         np.testing.assert_allclose(normal, np.array([-gx, -gy, 1.0]) / math.sqrt(1 + gx**2 + gy**2), atol=1e-12)
         np.testing.assert_allclose(place[:2], centre - RADIUS * normal[:2], atol=TOUCHING)
-
-
-@pytest.mark.parametrize(
-    ("heights", "cell", "words"),
-    [(np.zeros((3, 3)), 0.1, "4x4"), (np.zeros((4, 5)), 0.1, "square"), (np.zeros((4, 4)), 0.0, "positive"),
-     (np.full((4, 4), np.nan), 0.1, "finite")],
-)  # fmt: skip
-def test_nonsense_is_refused(heights: np.ndarray, cell: float, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        Surface(heights, cell)

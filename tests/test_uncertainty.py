@@ -105,12 +105,3 @@ def test_standard_errors_of_a_fit_follow_the_data(lab: Profile) -> None:
     assert np.all(ratio > 0.5)  # of 25 the size is known to 14 %
     assert np.all(ratio < 1.5)
     assert np.all(np.mean(held, axis=0) >= 0.84)  # 21 of 25; of 95 % it would be fewer once in 150 times
-
-
-def test_an_end_of_least_squares_costs_one_side_of_each_difference(lab: Profile) -> None:
-    problem = Wave(0.02 * hanging_together(np.random.default_rng(0), 0.0), False)
-    driven = Remembered()
-    end, _ = descend(problem, np.array([0.5, 0.5]), driven, 1, lambda: None)
-    before = len(driven)
-    estimate(cast("FitProblem", problem), end, 1, driven)
-    assert len(driven) == before + 2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -79,15 +77,6 @@ def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, name: 
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_not_there_and_gains_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"there is no file 'nowhere\.py'"):
-        load_user_law("nowhere.py:Mine")
-    with pytest.raises(ValueError, match=r"wanted FILE\.py:NAME"):
-        load_user_law("nowhere.py")
-    with pytest.raises(ValueError, match="gains are for the shipped controllers"):
-        chosen_controller(f"{written(tmp_path, GOOD)}:Mine", load_profile("thesis-lab"), "tuned")
-
-
 FAULTS = [
     ("return 1.0 / 0.0, 0.0", r"mine\.py:6: ZeroDivisionError: .* \(in Mine\.command at t = 0\.00 s\)"),
     ("return helper(now)", r"mine\.py:9: KeyError: 'way' \(in Mine\.command"),
@@ -116,29 +105,6 @@ def test_a_fault_inside_is_said_with_its_line(tmp_path: Path, body: str, said: s
     with pytest.raises(ControllerError, match=said) as caught:
         track(f"{path}:Mine", line(0.5, 1.0))
     assert "\n" not in str(caught.value)
-
-
-def test_a_fault_while_it_is_made_or_while_it_observes_is_said_too(tmp_path: Path) -> None:
-    path = written(tmp_path, GOOD.replace("mission: object", "mission: int\n    other: int"))
-    with pytest.raises(ControllerError, match=r"TypeError: .*other.*\(in Mine\.__init__\)"):
-        track(f"{path}:Mine", line(0.5, 1.0))
-    text = GOOD.replace("\n\ndef make", "\n    def observe(self, now):\n        raise RuntimeError\n\n\ndef make")
-    with pytest.raises(ControllerError, match=r"RuntimeError \(in Mine\.observe at t = 0\.00 s\)"):
-        track(f"{written(tmp_path, text)}:Mine", line(0.5, 1.0))
-    path = written(tmp_path, "def make(mission):\n    return 3\n")
-    with pytest.raises(ControllerError, match=r"mine\.py.*: make has no method command"):
-        track(f"{path}:make", line(0.5, 1.0))
-
-
-def test_the_command_line_says_one_line_and_no_traceback(tmp_path: Path) -> None:
-    path = written(tmp_path, FAULTY.format("return 1.0 / 0.0, 0.0"))
-    program = [sys.executable, "-m", "validation.track"]
-    done = subprocess.run(
-        [*program, "--controller", f"{path}:Mine", "line", "--out", tmp_path / "out"], capture_output=True, text=True
-    )
-    assert done.returncode == 1
-    assert f"{path}:6: ZeroDivisionError" in done.stderr.replace("\n", "")
-    assert "Traceback" not in done.stderr
 
 
 def driven(pilot: Pilot) -> None:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import gc
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import mujoco
@@ -75,26 +72,6 @@ def test_rough_ground_is_where_the_terrain_is() -> None:
     assert np.ptp(found) > 0.01
 
 
-def test_a_film_shows_every_instant_and_hurries_when_it_is_long(comparison: Comparison) -> None:
-    from validation.report.motion_scene import compared_tracks
-
-    film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, 10.0), "a curve")
-    assert film.t == pytest.approx(np.arange(0.0, 2.01, 0.1))
-    motion = comparison.plants["kinematic"].pieces[0]
-    assert film._poses[1][-1] == pytest.approx(motion.pose[-1], abs=1e-9)
-    assert len(video._Film(compared_tracks(comparison), SMALL[".gif"], "a curve").t) == 6  # 2 s at four times the speed
-
-
-@pytest.mark.parametrize("longest", [10.0, 0.4])
-def test_the_eye_does_not_lose_the_robot_however_fast_it_is_shown(comparison: Comparison, longest: float) -> None:
-    from validation.report.motion_scene import compared_tracks
-
-    film = video._Film(compared_tracks(comparison), video._Format(320, 192, 10.0, longest), "a curve")
-    away = np.linalg.norm(film._look_at[:, :2] - film._poses[0][:, :2], axis=1)
-    assert away.max() < 0.4
-    assert film._distance.min() > 3.0
-
-
 @pytest.mark.usefixtures("graphics")
 def test_a_gif_shows_the_robots_and_the_legend(comparison: Comparison, tmp_path: Path) -> None:
     path, told = tmp_path / "a.gif", list[Progress]()
@@ -146,27 +123,3 @@ def test_an_interrupt_leaves_what_was_there(comparison: Comparison, tmp_path: Pa
         comparison.write_video(path, interrupt)
     gc.collect()
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(path.name, "before")]
-
-
-def test_what_cannot_be_written_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ValueError, match=r"ends in \.mp4 or \.gif"):
-        video.check_video(Path("a.avi"))
-    monkeypatch.setattr(video, "find_spec", lambda name: None)
-    with pytest.raises(ValueError, match=r"pip install 'ssmr-testbed\[video\]'"):
-        video.check_video(Path("a.mp4"))
-    video.check_video(Path("a.gif"))
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the system always has OpenGL")
-def test_without_opengl_all_other_files_are_written(tmp_path: Path) -> None:
-    surroundings = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")}
-    surroundings["PYOPENGL_PLATFORM"] = "glx"  # neither EGL nor OSMesa can be had with it
-    command = [sys.executable, "-m", "validation.compare", "traj1", "--plants", "linear,improved", "--reference", "linear"]
-    ran = subprocess.run(
-        [*command, "--no-rerun", "--out", str(tmp_path), "--video", str(tmp_path / "a.gif")],
-        capture_output=True, text=True, env=surroundings, check=False,
-    )  # fmt: skip
-    assert ran.returncode == 1
-    assert "libosmesa6" in ran.stderr
-    assert len([line for line in ran.stderr.splitlines() if "OpenGL" in line]) == 1
-    assert {p.name for p in tmp_path.iterdir()} == {"compare.json", "compare.png"}

@@ -88,11 +88,3 @@ def test_position_and_heading_come_from_one_localiser(plant: str) -> None:
     localiser = PROFILE.plants[plant].localiser
     assert localiser.position_late == localiser.yaw_late
     assert 0.23 < localiser.position_late < 0.27
-
-
-def test_the_profile_is_of_a_warthog_with_payload() -> None:
-    assert PROFILE.robot.name == "warthog"
-    for plant in ("mujoco", "improved"):
-        section = PROFILE.plants[plant]
-        mass = section.parameters.mass if plant == "mujoco" else section.vehicle.mass
-        assert mass == 497.0 > PROFILE.robot.masses.total

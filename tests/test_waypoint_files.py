@@ -66,19 +66,6 @@ def test_what_has_no_waypoints_is_refused_in_one_line(case: str, tmp_path: Path)
     assert refused(on_file(tmp_path, text)).startswith(message)
 
 
-def test_a_file_that_is_not_there_or_a_folder_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "way.csv"
-    assert refused(path) == ": there is no such file; wanted waypoints (.csv)"
-    path.mkdir()
-    assert refused(path) == ": this is a folder; wanted waypoints (.csv)"
-
-
-@pytest.mark.parametrize("name", ["way.txt", "way.xlsx", "way"])
-def test_other_endings_are_refused(name: str, tmp_path: Path) -> None:
-    message = refused(on_file(tmp_path, HEADER + "0,0,0\n1,1,0\n", name))
-    assert message == f": files ending in '{Path(name).suffix}' are not read; wanted waypoints (.csv)"
-
-
 def test_a_file_beyond_limits_that_were_asked_for_is_refused(tmp_path: Path) -> None:
     path = on_file(tmp_path, HEADER + "0,0,0\n1,1,0\n2,2,0\n")
     for limits, message in (({"samples": 2}, "line 4: there are too many rows"), ({"columns": 2}, "there are 3 columns")):
@@ -146,13 +133,6 @@ def test_references_open_by_name_with_a_speed(name: str, asked: float | None, dr
     assert waypoints.speed == pytest.approx(driven, rel=ROUNDOFF)
 
 
-def test_files_open_by_path(tmp_path: Path) -> None:
-    path = on_file(tmp_path, HEADER + "0,0,0\n2,1,0\n")
-    label, waypoints = open_reference(str(path))
-    assert (label, waypoints.speed) == ("way", 0.5)
-    assert open_reference(str(path), 0.25)[1].duration == 4.0
-
-
 def test_a_reference_is_opened_with_the_speed_behind_its_name(tmp_path: Path) -> None:
     label, waypoints = open_reference("eight@0.4")
     assert label == "eight"
@@ -167,12 +147,3 @@ def test_a_reference_is_opened_with_the_speed_behind_its_name(tmp_path: Path) ->
     at = tmp_path / "me@home.csv"
     at.write_text(HEADER + "0,0,0\n2,1,0\n")
     assert open_reference(str(at))[0] == "me@home"
-
-
-def test_an_unknown_name_lists_those_there_are() -> None:
-    with pytest.raises(
-        ValueError, match=r"no reference 'oval'; there are: line, circle, sine, generic, eight, .*, and paths of"
-    ):
-        open_reference("oval", 0.25)
-    with pytest.raises(WaypointError, match="no such file"):
-        open_reference("nowhere.csv", 0.25)

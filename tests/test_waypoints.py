@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from ssmr.control.law import Observation
-from ssmr.control.waypoints import ALPHA_SWITCH, LARGEST_NUMBER, Target, Waypoints, position_errors, target
+from ssmr.control.waypoints import ALPHA_SWITCH, Target, Waypoints, position_errors, target
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
@@ -40,48 +40,6 @@ def at(waypoints: Waypoints, t: float) -> tuple[float, ...]:
 
 
 # ---------------------------------------------------------------------------------------------------- what is refused
-
-NOT_WAYPOINTS: dict[str, tuple[ArrayLike, ArrayLike, str]] = {
-    "none": ([], np.zeros((0, 2)), "at least two waypoints, got 0"),
-    "one": ([0.0], [[0.0, 0.0]], "at least two waypoints, got 1"),
-    "nan": ([0, 1, 2], [[0, 0], [1, np.nan], [2, 0]], r"waypoint 2: y is nan, wanted a finite number \[m\]"),
-    "infinite": ([0, 1, 2], [[0, 0], [1, 0], [np.inf, 0]], r"waypoint 3: x is inf, wanted a finite number \[m\]"),
-    "far": ([0, 1], [[0, 0], [2 * LARGEST_NUMBER, 0]], r"waypoint 2: x is 2e\+12, wanted .* no larger than 1e\+12"),
-    "nan time": ([0, np.nan], [[0, 0], [1, 0]], r"waypoint 2: t is nan, wanted a finite number \[s\]"),
-    "time twice": ([0, 1, 1], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 1 s follows 1 s"),
-    "time back": ([0, 1, 0.5], [[0, 0], [1, 0], [2, 0]], "waypoint 3: time must increase, but 0.5 s follows 1 s"),
-    "one place": (
-        [0, 1, 2],
-        [[1, 2], [1, 2], [1, 2]],
-        "waypoint 3: no waypoint is away from the first, so there is no heading",
-    ),
-    "lengths": ([0, 1, 2], [[0, 0], [1, 0]], r"2 waypoints need as many times, got an array of shape \(3,\)"),
-    "three coordinates": ([0, 1], [[0, 0, 0], [1, 0, 0]], r"shape \(2, 3\), wanted Nx2"),
-}
-
-
-@pytest.mark.parametrize("case", NOT_WAYPOINTS)
-def test_what_is_no_trajectory_is_refused_in_one_line(case: str) -> None:
-    t, xy, message = NOT_WAYPOINTS[case]
-    with pytest.raises(ValueError, match=message) as caught:
-        Waypoints(np.array(t, dtype=float), np.array(xy, dtype=float))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("second", "speed", "message"),
-    [
-        *((1.0, speed, "must be positive and finite") for speed in (0.0, -0.5, math.nan, math.inf)),
-        (1.0, 5e-324, "waypoint 2: t is inf"),
-        (1.0, 1e300, "waypoint 2: time must increase"),
-        (0.0, 0.5, "waypoint 2: it is where the one before is, .* give times, to wait"),
-        (math.nan, 0.5, "waypoint 2: x is nan"),
-    ],
-)
-def test_a_path_and_a_speed_that_make_no_trajectory_are_refused(second: float, speed: float, message: str) -> None:
-    """A path that stands still or is no number is refused as such, and not for the times that follow from it."""
-    with pytest.raises(ValueError, match=message):
-        Waypoints.from_path([[0.0, 0.0], [second, 0.0], [second + 1.0, 0.0]], speed)
 
 
 def test_waits_keep_the_heading_and_stand_still() -> None:

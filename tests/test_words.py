@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import codecs
-import io
-import logging
 import os
 import unicodedata
-import warnings
-from functools import partial
-from html.parser import HTMLParser
 from pathlib import Path
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
-from matplotlib.axes import Axes
-from rich.console import Console
 
-from validation import cli, words
-from validation.cli import process, running
-from validation.report import drawing
-from validation.report.tables import Cell, Grid, markdown_table, rich_table, text_tables
+from validation import words
+from validation.report.tables import Cell, Grid, markdown_table
 
 NASTY = (
     "\x1b[31mred\x1b[0m",
@@ -97,93 +86,11 @@ def test_names_of_files_are_no_paths_and_no_options(text: str) -> None:
     assert words.file_name(name) == name
 
 
-def test_usual_names_stay_and_different_ones_differ() -> None:
-    for name in ("traj4", "traj4@mujoco", "drive 2024-05-01", "größe", "drive-ramp-5,toward=30", "mujoco-a+b"):
-        assert words.file_name(name) == name
-    assert len({words.file_name(name) for name in (*NASTY, "a:b", "a?b", "a_b", "x" * 301)}) == len(NASTY) + 4
-
-
-@given(texts)
-def test_tables_hold_foreign_text_as_it_is(text: str) -> None:
-    grid = Grid(((text, "m"), ("b", text)), (((Cell(text), Cell(text, best=True)),),), 1, text, text)
-    assert not harmful(text_tables([grid], [text], width=400), "\n")
-
-
-def test_tables_come_out_on_an_ascii_terminal() -> None:
-    """The command lines put `ascii_text` behind their streams; tables choose a box of ASCII by the stream's encoding."""
-    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="spelt")
-    grid = Grid((("distance", "µm"), ("m/s²", "")), (((Cell("– × 5 °"), Cell("é日")),),), 1, "a · b", "…")
-    codecs.register_error("spelt", process._spell)
-    Console(file=stream, width=80).print(rich_table(grid))
-    stream.flush()
-    said = stream.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
-    for part in ("um", "m/s2", "- x 5  deg", r"e\u65e5", "a * b", "...", "-----"):
-        assert part in said
-    assert "?" not in said
-
-
 @given(texts)
 def test_every_text_can_be_spelt_in_ascii(text: str) -> None:
     said = words.ascii_text(words.one_line(text))
     assert said.isascii()
     assert said.isprintable()
-
-
-def test_pictures_draw_any_text(tmp_path: Path) -> None:
-    whole = "\n".join(NASTY)
-
-    def panel(ax: Axes) -> None:
-        ax.plot([0.0, 1.0])
-        ax.set(title=whole, xlabel=whole)
-        ax.set_xticks([0.0, 1.0], [whole, "b"])
-        ax.annotate(whole, (0.0, 0.0))
-        drawing.line_legend(ax, ax.lines, [whole])
-        drawing.narrow(ax.text(0.0, 0.0, whole), 2.0)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        rows = [drawing.text_row(0.3, partial(drawing.draw_section, whole)), drawing.side_by_side(3.0, [panel])]
-        figure = drawing.put_together([*rows, *drawing.note_rows(list(NASTY))])
-        for ending in ("png", "svg", "pdf"):
-            drawing.save_figure(figure, tmp_path / f"picture.{ending}")
-    assert not harmful((tmp_path / "picture.svg").read_text(encoding="utf-8"), "\n\t")
-    assert drawing.drawable("a$b\udcff 日") == "a$b\\xff □"
-
-
-class _Elements(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: set[str] = set()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.found |= {tag, *(name for name, _ in attrs)}
-
-
-@pytest.mark.parametrize("text", NASTY)
-def test_the_page_of_a_replication_holds_foreign_text_as_text(text: str, tmp_path: Path) -> None:
-    from validation.replicate.evidence import Picture
-    from validation.replicate.report import Chapter, Document, document_html, document_markdown
-
-    (tmp_path / "a.png").write_bytes(b"png")
-    grid = Grid((("a", text),), (((Cell(text),),),), 1, text, text)
-    picture = Picture("a.png", f'{text}" onerror="x')
-    document = Document(text, (text, f"`{text}`"), grid, (Chapter("key", text, (text,), (), (picture,)),), text)
-    page, report = document_html(document, tmp_path), document_markdown(document, "img/")
-    for written in (page, report):
-        written.encode()
-        assert not harmful(written, "\n")
-    elements = _Elements()
-    elements.feed(page)
-    assert not elements.found & {"script", "b", "onerror"}
-
-
-def test_the_log_passes_no_escape_sequence_on(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    root = logging.getLogger()
-    monkeypatch.setattr(root, "handlers", [])
-    running._prepare_log()
-    logging.getLogger("validation.test").warning("a topic %s was dropped", "/x\x1b]0;title\x07[red]\udcff")
-    said = " ".join(capfd.readouterr().err.split())
-    assert said == r"WARNING a topic /x\x1b]0;title\x07[red]\xff was dropped"
 
 
 @given(st.text(max_size=80), st.integers(8, 40))
@@ -193,14 +100,3 @@ def test_what_is_too_long_loses_its_middle(text: str, most: int) -> None:
     assert not harmful(line, "")
     whole = words.one_line(text)
     assert line == whole if len(whole) <= most else whole.startswith(line[:3]) and whole.endswith(line[-1:])
-
-
-def test_paths_are_told_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
-    class Nothing:
-        def grids(self) -> tuple[()]:
-            return ()
-
-        notes = grids
-
-    cli.report_result(Nothing(), [Path(" /a.png"), Path("a\tb/c.png"), Path("o[red]2/d.png")])
-    assert capsys.readouterr().out == "written:  /a.png, a\\tb/c.png, o[red]2/d.png\n"

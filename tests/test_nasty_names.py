@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from tests.conftest import exit_status
 from tests.urdf_factory import UrdfRobot
 from validation import cli
 from validation.compare import compare
@@ -96,7 +97,7 @@ def texts_of(recording: Path) -> list[str]:
 @pytest.mark.parametrize("name", RUNS)
 def test_a_program_works_and_lets_nothing_raw_out(name: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     before, (main, arguments) = set(folder.rglob("*")), RUNS[name]
-    cli.run(main, name, arguments)
+    assert exit_status(main, *arguments) == 0
     said = capfd.readouterr()
     assert not harmful(said.out)
     assert not harmful(said.err)

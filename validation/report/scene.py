@@ -130,8 +130,7 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
     for group, values in scene.about.items():
         entries = rr.AnyValues()
         for key, value in values.items():
-            number = isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**63)
-            entries.with_component_from_data(one_line(key), value if number else one_line(value))
+            entries.with_component_from_data(one_line(key), one_line(value))  # rerun remembers one type a key in a process
         if values:
             recording.send_property(group, entries)
     report = rr.TextDocument(each_line(scene.report + _thinning(scene)), media_type=rr.MediaType.MARKDOWN)

@@ -286,10 +286,6 @@ cli.run(main, "the program", [])
 
 
 # ------------------------------------------------------------------------------------------- memory
-@pytest.mark.parametrize("error", [mujoco.FatalError, ValueError])
-def test_what_mujoco_cannot_allocate_is_memory(error: type[Exception]) -> None:
-    with pytest.raises(MemoryError, match="not enough memory for the simulator"), mujoco_failures():
-        raise error("Could not allocate memory")
 
 
 def test_what_else_mujoco_cannot_do_is_a_failed_run() -> None:

@@ -4,11 +4,11 @@ Each medium has one function. None loses a character: what could move a cursor, 
 direction around or break an encoding is written as the escape that Python has for it, such as `\x1b` or `\u202e`, and a
 byte of a file name that is no text as `\xff`.
 
-- terminal, rerun and HTML (whose template escapes its marks besides): `one_line`, and `each_line` for several lines;
+- terminal and HTML (whose template escapes its marks besides): `one_line`, and `each_line` for several lines;
 - markdown: `markdown` for prose, `markdown_cell` for tables, `code_span` for names;
 - names of files that are made from foreign text: `file_name`;
 - a line on standard error, which may quote what was given: `abridged`;
-- pictures: `shortened`, and `validation.report.drawing.drawable` for glyphs that the font lacks;
+- titles: `shortened`;
 - a terminal that knows only ASCII: `ascii_text`, which the command lines put behind their streams.
 """
 

@@ -196,6 +196,7 @@ def _prepare_warnings() -> None:
         warn(f"{category.__name__}: {_COLOUR.sub('', str(message))} ({Path(filename).name}, line {lineno})")
 
     warnings.showwarning = show
+    warnings.filterwarnings("ignore", "Glyph .* missing from font")  # matplotlib draws a box
 
 
 def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:

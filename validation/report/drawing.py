@@ -9,7 +9,7 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -20,7 +20,6 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.markers import MarkerStyle
 from matplotlib.path import Path as Outline
 from matplotlib.text import Text
@@ -34,7 +33,6 @@ from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
 from validation.report.palette import colour, controller_colour, mix
 from validation.store import write_atomic
-from validation.words import each_line
 
 WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
 MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
@@ -78,40 +76,6 @@ REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
 """Ink of the reference that a controller follows."""
 
 _SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a line of notes; characters in such a line
-
-
-NO_GLYPH = "□"
-"""What is drawn for a character that the font lacks; matplotlib would warn of each."""
-
-
-@cache
-def _glyphs() -> frozenset[int]:
-    """Return the code points that both weights of the pictures' font have."""
-    weights = [FontProperties(family=STYLE["font.family"], weight=weight) for weight in ("normal", "bold")]  # type: ignore[arg-type]
-    have = [frozenset(get_font(findfont(weight)).get_charmap()) for weight in weights]
-    return have[0] & have[1]
-
-
-def drawable(text: str) -> str:
-    """Return foreign text as it can be drawn, line by line: control characters visible, a box for what the font lacks."""
-    if text.isascii() and text.isprintable():
-        return text
-    return "".join(c if c == "\n" or ord(c) in _glyphs() else NO_GLYPH for c in each_line(text))
-
-
-def _make_drawable(figure: Figure) -> None:
-    """Make every text of a figure drawable, wherever it came from, and the labels that ticks will get when it is drawn."""
-    for text in figure.findobj(Text):
-        assert isinstance(text, Text)
-        text.set_text(drawable(text.get_text()))
-    for ax in figure.axes:
-        for formatter in (ax.xaxis.get_major_formatter(), ax.yaxis.get_major_formatter()):
-            if isinstance(formatter, FuncFormatter):
-                formatter.func = partial(_drawable_label, formatter.func)
-
-
-def _drawable_label(write: Callable[[float, int | None], str], value: float, position: int | None = None) -> str:
-    return drawable(write(value, position))
 
 
 def ink_of(name: str) -> tuple[float, float, float]:
@@ -281,7 +245,6 @@ def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
 
 def line_legend(ax: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
     """A legend in one line along a panel's lower edge, written as small as its width asks for."""
-    labels = [drawable(label) for label in labels]
     for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
         legend = ax.legend(
             handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
@@ -293,7 +256,6 @@ def line_legend(ax: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> N
 
 def narrow(text: Text, most: float, lead: str = "") -> None:
     """Shorten what follows `lead` where a text is wider than `most` [in]: its end says more than its beginning."""
-    text.set_text(drawable(text.get_text()))
     whole, figure = text.get_text().removeprefix(lead), text.get_figure(root=True)
     assert figure is not None
     n, width = len(whole), text.get_window_extent().width / figure.dpi
@@ -400,7 +362,6 @@ def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None 
             ax.apply_aspect()  # settles the limits of panels with equal scales
         if finish is not None:
             finish(figure)
-        _make_drawable(figure)
         figure.canvas.draw()
     return figure
 

@@ -124,7 +124,7 @@ def write_scene(scene: Scene, path: Path) -> None:
 
 
 def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Send everything to a recording, all foreign text in it made harmless."""
+    """Send everything to a recording."""
     recording.send_blueprint(_layout(scene))
     recording.send_recording_name(one_line(scene.title))
     for group, values in scene.about.items():
@@ -221,8 +221,8 @@ def _lines(strips: Sequence[ArrayLike], rgb: Rgb, width: float) -> rr.LineStrips
 
 def _labels(points: ArrayLike, texts: Sequence[str], rgb: Rgb) -> rr.Points3D:
     """Return texts at (N, 3) points, dark: the viewer writes them on grey patches, or on white ones in its light theme."""
-    written, ink = [one_line(text) for text in texts], [mix(rgb, BLACK, 0.7)]
-    return rr.Points3D(points, labels=written, colors=ink, radii=rr.Radius.ui_points(0.1), show_labels=True)
+    ink = [mix(rgb, BLACK, 0.7)]
+    return rr.Points3D(points, labels=list(texts), colors=ink, radii=rr.Radius.ui_points(0.1), show_labels=True)
 
 
 def _outline(looks: Looks, track: Track) -> rr.LineStrips3D:
@@ -322,7 +322,7 @@ def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -
 def _write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
     """Send the samples; at each instant of `gaps` [s] the lines are interrupted."""
     mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
-    names, widths = list(map(one_line, series.names)), [1.0 if series.held else 1.5] * len(series.names)
+    names, widths = list(series.names), [1.0 if series.held else 1.5] * len(series.names)
     style = rr.SeriesLines(names=names, colors=list(series.colours), widths=widths, interpolation_mode=mode)
     recording.log(entity, style, static=True)
     time = rr.TimeColumn(_TIMELINE, duration=series.t)

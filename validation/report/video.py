@@ -20,7 +20,6 @@ from validation.report.graphics import open_graphics
 from validation.report.stage import Stage, draw_trail, ink, new_scene
 from validation.report.tracks import Extent, Track
 from validation.store import write_atomic
-from validation.words import one_line
 
 ENDINGS = (".mp4", ".gif")
 """Endings of the files that can be written."""
@@ -114,7 +113,7 @@ class _Film:
     """The pictures of a video: where the robots are in each, and from where they are seen."""
 
     def __init__(self, tracks: Sequence[Track], form: _Format, title: str) -> None:
-        self._tracks, self._form, self._title = tracks, form, one_line(title)
+        self._tracks, self._form, self._title = tracks, form, title
         pieces = max(tracks, key=lambda track: track.t[-1] - track.t[0]).pieces
         seconds = sum(float(piece.t[-1] - piece.t[0]) for piece in pieces)
         self._speed = max(1, math.ceil(seconds / form.longest))
@@ -189,7 +188,7 @@ class _Film:
 
         size = self._form.height // 30
         draw, line, pad = ImageDraw.Draw(picture, "RGBA"), int(1.5 * size), size // 2
-        rows = [(one_line(track.name), ink(track.name)) for track in self._tracks]
+        rows = [(track.name, ink(track.name)) for track in self._tracks]
         here = self._poses[0][index, :2]
         gaps = [f"{math.dist(here, pose[index, :2]):.2f} m" for pose in self._poses[1:]]
         told = [rows[0][0], *(f"{name}  {gap}" for (name, _), gap in zip(rows[1:], gaps, strict=True))]

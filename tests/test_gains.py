@@ -190,7 +190,7 @@ def test_a_bad_file_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
 
 def test_pid_has_no_manual_set() -> None:
     assert refused("pid", "manual") == (
-        "pid has no gains 'manual'; there are: published, robust, tuned, husky-tile, husky-wet-grass, warthog-grass, "
+        "pid has no gains 'manual'; there are: published, tuned, husky-tile, husky-wet-grass, warthog-grass, "
         "default; or give the path of a TOML file"
     )
 

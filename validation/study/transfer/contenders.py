@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssmr.control.laws import CONTROLLERS, LAWS, PREDICTOR
+from ssmr.control.laws import LAWS, PLAIN_CONTROLLERS, PREDICTOR
 from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import require_within
 from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
@@ -17,6 +17,8 @@ from validation.plants.profile import PLANTS, Profile
 from validation.simulator.description import Robot
 from validation.study.result import require_seeds
 
+TRANSFER_CONTROLLERS = (*PLAIN_CONTROLLERS, "lqr+predictor", "lqr-scheduled+predictor", "mpc")
+"""Controllers of the usual study."""
 TRANSFER_PROFILES = ("thesis-lab", "husky-tile")
 """Profiles of the usual study; the quick one has the first."""
 TRANSFER_REFERENCES = (
@@ -40,7 +42,7 @@ class TransferOptions:
     """Plants to drive. The judge is driven too."""
     judge: str = "mujoco"
     """Plant that stands for the robot: the others are to choose the right controller for it."""
-    controllers: tuple[str, ...] = CONTROLLERS
+    controllers: tuple[str, ...] = TRANSFER_CONTROLLERS
     """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own."""
     own: tuple[str, ...] = ()
     """Controllers of your own beside them: classes in Python files."""

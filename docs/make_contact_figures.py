@@ -21,21 +21,20 @@ from validation import load_robot
 from validation.motion.driving import drive
 from validation.motion.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
-from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin
-from validation.study.contact.bench import TURNED, make_variant
-from validation.study.contact.variants import PhysicsVariant, physics_variants
+from validation.simulator.turning import SAMPLE, SPIN_LEAD, TURNED, spin
+from validation.study.contact import Setting, tried_settings
 
 _ROBOT = load_robot("husky")
 WHEELBASE, TRACK = _ROBOT.geometry.wheelbase, _ROBOT.geometry.track
 
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {
-    "near ODE, maker's centre: as it is": ("#d55e00", "near ODE, maker's centre of mass"),
-    "near ODE, maker's centre: and an elliptic cone": ("#a0529a", "also an elliptic cone"),
-    "near ODE, maker's centre: and soft contact": ("#0072b2", "also soft contact"),
-    "near ODE, maker's centre: and the centre in the middle": ("#009e73", "also the centre in the middle"),
+    "near ODE: maker's centre": ("#d55e00", "near ODE, maker's centre of mass"),
+    "near ODE: also elliptic cone": ("#a0529a", "also an elliptic cone"),
+    "near ODE: also soft contact": ("#0072b2", "also soft contact"),
+    "near ODE: also centre in the middle": ("#009e73", "also the centre in the middle"),
 }
-"""Variants of the study, each with one remedy more than the one before: colour and words."""
+"""Settings of the study, each with one remedy more than the one before: colour and words."""
 SLOW = 0.15
 """Yaw rate commanded where theory is compared; slow, because the theory has no inertia [rad/s]."""
 SLOW_TIME = 150.0
@@ -50,9 +49,9 @@ def whole_robot(offset: float, section: PlantProfile) -> float:
     return offset * (mass - 4.0 * 2.637) / mass
 
 
-def by_heading(variant: PhysicsVariant, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
+def by_heading(setting: Setting, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
     """Return (BINS,) headings [deg] and (BINS,) mean yaw rates over rim speed [rad/m] of a slow turn."""
-    plant = make_variant(variant, section)
+    plant = setting.plant(section)
     motion = plant.run(Commands(0.05, np.tile([0.0, SLOW], (round(SLOW_TIME / 0.05), 1))), State(), SAMPLE)
     tail = motion.t > SPIN_LEAD
     rims = 0.5 * section.parameters.wheel_radius * np.diff(motion.wheels[tail], axis=1)[:, 0].mean()
@@ -62,13 +61,13 @@ def by_heading(variant: PhysicsVariant, section: PlantProfile) -> tuple[np.ndarr
     return (np.arange(BINS) + 0.5) * 90.0 / BINS, rates
 
 
-def draw_theory(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes) -> None:
+def draw_theory(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:
     """Draw yaw rate over heading for a friction circle and a friction polygon, in theory and in MuJoCo."""
     headings = np.linspace(0.0, 90.0, 181)
     y = whole_robot(-0.085, section)
     for place, colour, words, key in (
         (0.0, "#0072b2", "centre in the middle", "cone: pyramidal"),
-        (y, "#d55e00", "maker's centre", "near ODE, maker's centre: as it is"),
+        (y, "#d55e00", "maker's centre", "near ODE: maker's centre"),
     ):
         theory = [polygonal_turn("diamond", math.radians(h), WHEELBASE, TRACK, 0.0, place).yaw_rate for h in headings]
         ax.plot(headings, theory, color=colour, lw=1.4, label=f"friction polygon, {words}")
@@ -95,10 +94,10 @@ def draw_theory(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axe
     print(f"circle: centre of rotation {turn_on_the_spot(WHEELBASE, TRACK, 0.0, y).centre[1]:.3f} m to the left")
 
 
-def draw_paths(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes) -> None:
+def draw_paths(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:
     """Draw the path of the robot's middle while it turns on the spot."""
     for key, (colour, words) in LADDER.items():
-        made = spin(make_variant(found[key], section))
+        made = spin(found[key].plant(section))
         tail = made.motion.t >= SPIN_LEAD
         xy = made.motion.xy[tail] - made.motion.xy[tail][0]
         last = words.endswith("middle")
@@ -109,11 +108,11 @@ def draw_paths(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes
     ax.set_title("Path of the robot's middle, 36 s of turning", fontsize=10)
 
 
-def draw_speed(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes) -> None:
+def draw_speed(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:
     """Draw the speed along trajectory 3, on ground turned by 45 degrees."""
     piece = replace(open_source("traj3").pieces[0], start=State(yaw=TURNED))
     for key, (colour, words) in LADDER.items():
-        motion: Trajectory = drive(make_variant(found[key], section), piece, section.localiser, SAMPLE)
+        motion: Trajectory = drive(found[key].plant(section), piece, section.localiser, SAMPLE)
         ax.plot(motion.t, motion.twist[:, 0], color=colour, lw=1.0, label=words)
         print(f"{words}: up to {motion.twist[motion.t > 3.0, 0].max():.3f} m/s on trajectory 3")
     ax.axhline(0.5, color="black", lw=0.8, ls=":")
@@ -126,7 +125,7 @@ def draw_speed(section: PlantProfile, found: dict[str, PhysicsVariant], ax: Axes
 def main() -> None:
     """Draw the three panels."""
     section = load_profile("thesis-lab").plants["mujoco"]
-    found = {v.key: v for v in physics_variants()}
+    found = tried_settings()
     print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
     panels = figure.subplots(1, 3, width_ratios=(1.15, 0.85, 1.15))

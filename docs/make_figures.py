@@ -27,10 +27,9 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.contact_law import ContactLaw, contact_law
 from validation.simulator.health import check_health, examine, run_health
 from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model, wheel_geoms
-from validation.simulator.physics import SHIPPED, Impedance, PhysicsSettings
+from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import creep
-from validation.study.contact.variants import MUJOCO_IMPEDANCE
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +18,29 @@ from validation import cli
 from validation.progress import Progress
 from validation.study import scores as study_scores
 from validation.study.catalogue import STUDIES
-from validation.study.contact import ContactOptions
+from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainOptions
-from validation.study.engines import EnginesOptions
+from validation.study.engines import EnginesStudy
 from validation.study.filter import FilterOptions
 from validation.study.noise import NoiseOptions
-from validation.study.result import StudyResult, keeping
+from validation.study.result import keeping
+from validation.study.robustness import RobustnessStudy
+from validation.study.terrain import TerrainStudy
 from validation.study.transfer import TransferOptions
+
+
+def rows_of(study: Any) -> int:
+    """The number of rows of a study's first table."""
+    return len(study.tables[0].rows)
+
 
 SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "robustness": (
-        replace(ROBUSTNESS, gains={"pid": hopeless(), **gains_of(lqr="manual")}), lambda s: len(s.controllers),
-        ROBUSTNESS.runs,
+        RobustnessStudy(**ROBUSTNESS, gains={"pid": hopeless(), **gains_of(lqr="manual")}), rows_of, 1,
     ),
-    "terrain": (TERRAIN, lambda s: len({(e.axis, e.value) for e in s.models}), 1),
-    "contact": (ContactOptions(only=("cone",)), lambda s: len(s.tried), 1),
-    "engines": (EnginesOptions(engines=("mujoco",)), lambda s: len(s.tried), 1),
+    "terrain": (TerrainStudy(**TERRAIN), lambda s: sum(len(table.rows) for table in s.tables[:4]), 1),
+    "contact": (ContactStudy(only=("cone",)), rows_of, 1),
+    "engines": (EnginesStudy(engines=("mujoco",)), rows_of, 1),
     "transfer": (
         TransferOptions(
             ("thesis-lab",), ("kinematic",), "linear", ("smc:tuned", "lqr:tuned"), references=("line@0.8", "circle@0.8")
@@ -62,7 +69,9 @@ def test_what_was_finished_is_kept(study: Any, tmp_path: Path) -> None:
         if now.done >= first:
             raise KeyboardInterrupt
 
-    found: StudyResult = study.run(options, workers=2, progress=press)
+    run, own = study.run, {field.name: getattr(options, field.name) for field in fields(options)}
+    program = isinstance(run, cli.Program)
+    found: Any = run(**{**own, "workers": 1, "progress": press}) if program else run(options, workers=2, progress=press)
     assert found.status == "interrupted"
     assert cases(found) == 1
     for path in found.save(tmp_path):
@@ -70,8 +79,8 @@ def test_what_was_finished_is_kept(study: Any, tmp_path: Path) -> None:
     document = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
     assert document["status"] == "interrupted"
     report = (tmp_path / "study.md").read_text(encoding="utf-8")
-    assert "The study was interrupted; only what was finished before is here." in report
-    for grid in found.report_grids():
+    assert "interrupted; only what was finished before is here." in report
+    for grid in found.grids() if program else found.report_grids():
         assert all(len(row) == len(grid.header) for group in grid.groups for row in group)
     assert found.table()
 

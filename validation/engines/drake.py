@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
@@ -16,36 +16,29 @@ from ssmr.types import FloatArray
 from validation.engines.body import SINK_SHARE, EngineMissingError, Rigid, RigidNumbers
 from validation.simulator.description import WHEELS
 
-Approximation = Literal["lagged", "similar", "sap"]
 HOW_TO_GET_DRAKE = "Drake is missing: install it with pip install 'ssmr-testbed[engines]', and compare without it until then"
 """Line that says how to get it."""
 _STRONG = 1e6
 """Torque that given wheel rates may take [N m]."""
+_DISSIPATION = 5.0
+"""Hunt and Crossley's dissipation of a contact [s/m]."""
 _HOLD = 1e5
 """Gain with which an actuator holds a wheel's rate [N m s/rad]."""
 
 
 @dataclass(frozen=True)
 class DrakeSettings:
-    """How Drake computes physics; the defaults are the best that were found (docs/engines.md)."""
+    """How Drake computes physics; the defaults are the best that were found (docs/engines.md).
 
-    approximation: Approximation = "lagged"
-    """Approximation of contact: `lagged`, `similar` or `sap`. TAMSI is left out: it ignores the wheels' servos silently."""
+    Of its approximations of contact it is the one that Drake calls lagged: TAMSI ignores the wheels' servos silently, and
+    stiff contacts chatter with the two others.
+    """
+
     stiffness: float = 0.0
     """Stiffness of a contact [N/m]; 0: such that tyres sink by `SINK_SHARE` of their radius; negative: Drake's own
     estimate for 1 mm of penetration, with its own damping."""
-    dissipation: float = 5.0
-    """Hunt and Crossley's dissipation of a contact [s/m], for `lagged` and `similar`."""
-    relaxation_time: float = 0.01
-    """Time constant of a contact's damping [s], for `sap`."""
     stiction: float = 1e-4
     """Slip below which a contact is taken to stick [m/s]."""
-
-    def __post_init__(self) -> None:
-        """Check the name."""
-        if self.approximation not in get_args(Approximation):
-            names = ", ".join(get_args(Approximation))
-            raise ValueError(f"unknown approximation '{self.approximation}'; there are: {names}")
 
 
 class DrakeBody:
@@ -112,11 +105,9 @@ class _Diagram:
         says = logging.getLogger("drake")
         level = says.level
         says.setLevel(logging.ERROR)  # it warns that half spaces touch no deformable bodies
-        builder, names = DiagramBuilder(), multibody.DiscreteContactApproximation
+        builder = DiagramBuilder()
         self._plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, multibody.MultibodyPlant(numbers.dt))
-        self._plant.set_discrete_contact_approximation(
-            {"lagged": names.kLagged, "similar": names.kSimilar, "sap": names.kSap}[settings.approximation]
-        )
+        self._plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
         self._plant.set_contact_model(multibody.ContactModel.kPoint)
         self._plant.set_stiction_tolerance(settings.stiction)
         self._plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
@@ -224,6 +215,5 @@ def _rubber(numbers: RigidNumbers, settings: DrakeSettings) -> Any:
     if settings.stiffness < 0.0:
         AddContactMaterial(friction=friction, properties=properties)
         return properties
-    AddContactMaterial(settings.dissipation, 2.0 * _stiffness(numbers, settings), friction, properties)
-    properties.AddProperty("material", "relaxation_time", settings.relaxation_time)
+    AddContactMaterial(_DISSIPATION, 2.0 * _stiffness(numbers, settings), friction, properties)
     return properties

@@ -18,6 +18,7 @@ import ctypes
 import math
 import threading
 import weakref
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -97,6 +98,22 @@ class OdeSettings:
         for name, kind in (("friction_law", FrictionLaw), ("direction", FrictionDirection), ("solver", OdeSolver)):
             if getattr(self, name) not in get_args(kind):
                 raise ValueError(f"unknown {name} '{getattr(self, name)}'; there are: {', '.join(get_args(kind))}")
+
+
+GAZEBO = OdeSettings(
+    "pyramid", "wheel", "quick", 50, kp=1e7, kd=2.0, cfm=0.0, surface_layer=1e-3, max_correcting_velocity=100.0
+)
+"""ODE's settings as Gazebo and the maker's description of its Husky (husky_description, urdf/wheel.urdf.xacro) set them.
+
+The description has kp = 1e7 N/m, kd = 1 N s/m and fdir1 = (1, 0, 0). How they reach ODE is in Gazebo's
+gazebo/physics/ode/ODEPhysics.cc: kp of both bodies in series (the ground's is 1e12), kd of both added (the ground's is 1),
+and fdir1 turned by the pose of the wheel's collision shape, so that it rolls with the wheel. The world has Gazebo's own:
+dWorldQuickStep, 50 sweeps, SOR 1.3, ERP 0.2, CFM 0, a surface layer of 1 mm, at most 100 m/s of correction, steps of 1 ms.
+Gazebo carries a changed copy of ODE, which is not run here."""
+HUSKY: Mapping[str, Any] = {"wheel_shape": "cylinder", "friction": 1.0, "timestep": 0.001}
+"""Fields of `Calibration` in which Gazebo's Husky differs from ours, but for its centre of mass."""
+MAKERS_HUSKY: Mapping[str, Any] = {**HUSKY, "com_x": -0.00065, "com_y": -0.085}
+"""All of them: the centre of mass is that of the maker's description (urdf/husky.urdf.xacro)."""
 
 
 def spring_erp_cfm(kp: float, kd: float, dt: float) -> tuple[float, float]:

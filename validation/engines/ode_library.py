@@ -68,59 +68,36 @@ class JointFeedback(c.Structure):
     _fields_ = (("f1", Vector), ("t1", Vector), ("f2", Vector), ("t2", Vector))
 
 
-_SIGNATURES = {
-    "dInitODE2": (_I, [c.c_uint]),
-    "dAllocateODEDataForThread": (_I, [c.c_uint]),
+_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "dInitODE2 dAllocateODEDataForThread": (_I, [c.c_uint]),
     "dRandSetSeed": (None, [c.c_ulong]),
     "dWorldCreate": (_P, []),
-    "dWorldDestroy": (None, [_P]),
-    "dWorldSetGravity": (None, [_P, _D, _D, _D]),
-    "dWorldSetERP": (None, [_P, _D]),
-    "dWorldSetCFM": (None, [_P, _D]),
-    "dWorldSetContactMaxCorrectingVel": (None, [_P, _D]),
-    "dWorldSetContactSurfaceLayer": (None, [_P, _D]),
-    "dWorldSetQuickStepNumIterations": (None, [_P, _I]),
-    "dWorldSetQuickStepW": (None, [_P, _D]),
-    "dWorldStep": (_I, [_P, _D]),
-    "dWorldQuickStep": (_I, [_P, _D]),
+    "dWorldDestroy dGeomDestroy dJointGroupEmpty dJointGroupDestroy": (None, [_P]),
+    "dWorldSetERP dWorldSetCFM dWorldSetContactMaxCorrectingVel dWorldSetContactSurfaceLayer dWorldSetQuickStepW "
+    "dJointAddHingeTorque": (None, [_P, _D]),
+    "dWorldSetQuickStepNumIterations dBodySetGyroscopicMode dJointSetAMotorNumAxes": (None, [_P, _I]),
+    "dWorldStep dWorldQuickStep": (_I, [_P, _D]),
     "dMassSetParameters": (None, [c.POINTER(Mass), *[_D] * 10]),
     "dBodyCreate": (_P, [_P]),
     "dBodySetMass": (None, [_P, c.POINTER(Mass)]),
-    "dBodySetGyroscopicMode": (None, [_P, _I]),
-    "dBodySetPosition": (None, [_P, _D, _D, _D]),
-    "dBodySetQuaternion": (None, [_P, Vector]),
-    "dBodySetLinearVel": (None, [_P, _D, _D, _D]),
-    "dBodySetAngularVel": (None, [_P, _D, _D, _D]),
-    "dBodyAddTorque": (None, [_P, _D, _D, _D]),
-    **{
-        f"dBodyGet{what}": (c.POINTER(_D), [_P])
-        for what in ("Position", "Quaternion", "LinearVel", "AngularVel", "Rotation")
-    },
+    "dWorldSetGravity dBodySetPosition dBodySetLinearVel dBodySetAngularVel dBodyAddTorque dJointSetHingeAnchor "
+    "dJointSetHingeAxis": (None, [_P, _D, _D, _D]),
+    "dBodySetQuaternion dGeomSetOffsetQuaternion": (None, [_P, Vector]),
+    "dBodyGetPosition dBodyGetQuaternion dBodyGetLinearVel dBodyGetAngularVel dBodyGetRotation": (c.POINTER(_D), [_P]),
     "dGeomSetBody": (None, [_P, _P]),
-    "dGeomDestroy": (None, [_P]),
-    "dGeomSetOffsetQuaternion": (None, [_P, Vector]),
     "dCreatePlane": (_P, [_P, _D, _D, _D, _D]),
     "dCreateSphere": (_P, [_P, _D]),
     "dCreateCylinder": (_P, [_P, _D, _D]),
     "dCollide": (_I, [_P, _P, _I, _P, _I]),
     "dJointGroupCreate": (_P, [_I]),
-    "dJointGroupEmpty": (None, [_P]),
-    "dJointGroupDestroy": (None, [_P]),
     "dJointCreateContact": (_P, [_P, _P, c.POINTER(Contact)]),
-    "dJointCreateHinge": (_P, [_P, _P]),
-    "dJointCreateAMotor": (_P, [_P, _P]),
+    "dJointCreateHinge dJointCreateAMotor": (_P, [_P, _P]),
     "dJointAttach": (None, [_P, _P, _P]),
     "dJointSetFeedback": (None, [_P, c.POINTER(JointFeedback)]),
-    "dJointSetHingeAnchor": (None, [_P, _D, _D, _D]),
-    "dJointSetHingeAxis": (None, [_P, _D, _D, _D]),
-    "dJointSetHingeParam": (None, [_P, _I, _D]),
-    "dJointAddHingeTorque": (None, [_P, _D]),
-    "dJointSetAMotorNumAxes": (None, [_P, _I]),
+    "dJointSetHingeParam dJointSetAMotorParam": (None, [_P, _I, _D]),
     "dJointSetAMotorAxis": (None, [_P, _I, _I, _D, _D, _D]),
-    "dJointSetAMotorParam": (None, [_P, _I, _D]),
 }
-
-
+"""Types of what functions return and take, by the functions' names."""
 failures = 0
 """Steps of all worlds in which a solver gave up and said so."""
 
@@ -152,8 +129,9 @@ def ode() -> c.PyDLL:
     library.dGetConfiguration.restype = c.c_char_p
     if b"ODE_double_precision" not in library.dGetConfiguration().split():
         raise EngineMissingError(f"{HOW_TO_GET_ODE}; the one that is installed is of single precision")
-    for function, (result, arguments) in _SIGNATURES.items():
-        getattr(library, function).restype, getattr(library, function).argtypes = result, arguments
+    for names, (result, arguments) in _SIGNATURES.items():
+        for function in names.split():
+            getattr(library, function).restype, getattr(library, function).argtypes = result, arguments
     library.dSetMessageHandler(_count)
     library.dInitODE2(0)
     return library

@@ -1,7 +1,7 @@
 """The section on Gazebo (Sec. 3.7): the settings of Tab. 3.16 in ODE, Gazebo's engine, with its three friction models.
 
 Gazebo itself does not run. Its Husky, its contacts and its three friction models are handed to the distribution's ODE, see
-`validation.study.engines.variants` and `validation.engines.ode`. Whether Gazebo 9 still had the friction direction of the
+`validation.engines.ode`. Whether Gazebo 9 still had the friction direction of the
 Husky's description is not known, so each model is driven with that direction, and with the one that ODE takes without it.
 """
 
@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 from ssmr.metrics.declared import compare_paths
 from ssmr.types import Trajectory
 from validation.engines.body import EngineMissingError
-from validation.engines.ode import FrictionDirection, FrictionLaw
+from validation.engines.ode import GAZEBO, MAKERS_HUSKY, FrictionDirection, FrictionLaw, OdeBody
 from validation.engines.ode_library import ode
+from validation.engines.plant import EnginePlant
 from validation.motion.driving import drive
 from validation.motion.sources import open_source
 from validation.plants.profile import load_profile, make_plant
@@ -29,7 +30,6 @@ from validation.replicate.evidence import Context, Findings, Section, Table
 from validation.report.drawing import QUIET, draw_section, inset, put_together, side_by_side, text_row
 from validation.report.tables import Cell, Grid
 from validation.simulator.turning import STRAIGHT_SPEED
-from validation.study.engines.variants import GAZEBO, MAKERS_HUSKY, EngineVariant
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Supposed
 
@@ -78,7 +78,7 @@ def driven_on_trajectory_3(law: FrictionLaw, direction: FrictionDirection, impro
     )
     changes = {**MAKERS_HUSKY, "friction": mu, "timestep": published.value("3.16", "max_step_size")}
     numbers = replace(section.parameters, **changes)
-    plant = EngineVariant(law, settings).plant(numbers, section.drive)
+    plant = EnginePlant("ode", lambda body: OdeBody(body, settings), numbers, section.drive)
     motion = drive(plant, open_source(_SOURCE).pieces[0], section.localiser, _SAMPLE)
     straight = straight_share(motion, numbers.wheel_radius, numbers.half_track)
     excess = float(motion.twist[motion.t >= _LEAD, 0].max()) / STRAIGHT_SPEED - 1.0

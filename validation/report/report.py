@@ -63,8 +63,9 @@ class Report(Result):
         return [table.grid() for table in self.tables if table.rows]
 
     def notes(self) -> Sequence[str]:
-        """Return the sentences that stand below its tables."""
-        return self.sentences
+        """Return the sentences that stand below its tables; the first says where it was interrupted."""
+        early = ["It was interrupted; only what was finished before is here."] if self.status == INTERRUPTED else []
+        return [*early, *self.sentences]
 
     def frame(self, title: str | None = None) -> pandas.DataFrame:
         """Return the table of that title, by default the first one, as a data frame of pandas, in SI units.

@@ -61,6 +61,8 @@ class PhysicsSettings:
             raise ValueError(f"condim is {self.condim}, must be 3, 4 or 6: a tyre without friction drives nowhere")
 
 
+MUJOCO_IMPEDANCE: Impedance = (0.9, 0.95, 0.001, 0.5, 2.0)
+"""MuJoCo's default `solimp`."""
 SHIPPED = PhysicsSettings()
 """A robot's MJCF as it is, solved as `solver_for` says."""
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ssmr.errors import DivergedError
 from ssmr.robot.skid_turn import SkidTurn, turn_on_the_spot
+from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State, Trajectory
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
@@ -22,6 +23,9 @@ SPIN_RATE, SPIN_TIME, SPIN_LEAD = 0.6, 38.0, 2.0
 """Turn on the spot: commanded yaw rate [rad/s], duration [s], and start of the measurement [s]; about three turns."""
 STRAIGHT_SPEED, STRAIGHT_TIME, _STRAIGHT_LEAD, _STRAIGHT_YAW = 0.5, 8.0, 3.0, 0.4
 """Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading [rad] between the axes."""
+TURNED, _SURGE_LEAD = 0.25 * math.pi, 3.0
+"""Angle by which the ground is turned under trajectory 3, which should change nothing [rad], and the time from which on its
+speed is measured [s]."""
 _SLOPE, _SLOPE_TIME, _SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
 """Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
 
@@ -66,6 +70,12 @@ def creep(plant: MujocoPlant) -> float:
     tail = motion.t >= _SLOPE_LEAD
     first, last = motion.xy[tail][0], motion.xy[-1]
     return float(np.hypot(*(last - first)) / (motion.t[-1] - motion.t[tail][0]))
+
+
+def surge(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
+    """Return the greatest speed on trajectory 3, once under way, over that of the wheels straight ahead, less 1 [1]."""
+    rim = STRAIGHT_SPEED * wheel_radius / drive.command_radius
+    return float(motion.twist[motion.t >= _SURGE_LEAD, 0].max()) / rim - 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,16 +15,11 @@ from validation.study.result import INTERRUPTED
 
 _SPECIAL: Mapping[str, Any] = {
     "seed": cli.Seed,
-    "disturbance": Annotated[bool, cli.option(default="on")],
-    "engines": Annotated[cli.Names, cli.option(metavar="ENGINE,...", default="all")],
-    "only": Annotated[cli.Names, cli.option(default="all groups")],
     "recording": Annotated[str | None, cli.option(metavar="PATH", default="none")],
     "ground": Annotated[str | None, cli.option(metavar="PATH", default="none")],
     "held_out": Annotated[cli.Names, cli.option(metavar="PATH,...", default="none")],
-    "robustness.gains": Annotated[cli.Names, cli.option(metavar="NAME,...|PATH")],
     "robot": cli.RobotName,
     "profile": Annotated[str | None, cli.profile_option("thesis-lab")],
-    "recording_profile": Annotated[str | None, cli.profile_option("husky-tile")],
     "profiles": Annotated[cli.Names, cli.option(metavar="PROFILE,...", default="thesis-lab and husky-tile")],
     "noise.recording": Annotated[
         str | None,

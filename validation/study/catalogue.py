@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, get_args, get_type_hints
 
+from validation.cli.program import Program
+from validation.report.report import Report
 from validation.study.result import StudyResult
 
 
@@ -19,19 +21,23 @@ class Study:
     """One study, declared."""
 
     name: str
-    """Name of its package and of its command."""
+    """Name of its module and of its command."""
     question: str
     """Question that the study answers, in one sentence."""
 
     @property
-    def run(self) -> Callable[..., StudyResult]:
-        """The function that makes the study; its package is imported when this is asked for."""
-        found: Callable[..., StudyResult] = getattr(import_module(f"validation.study.{self.name}"), f"study_{self.name}")
+    def run(self) -> Callable[..., StudyResult | Report]:
+        """The function that makes the study; its module is imported when this is asked for."""
+        found: Callable[..., StudyResult | Report] = getattr(
+            import_module(f"validation.study.{self.name}"), f"study_{self.name}"
+        )
         return found
 
     @property
     def options(self) -> type[Any]:
-        """The dataclass of its options: the type of the function's first parameter."""
+        """The dataclass of its options: that of the program, or the type of the function's first parameter."""
+        if isinstance(self.run, Program):
+            return type(self.run.options())
         hint = get_type_hints(self.run)["options"]
         return next((kind for kind in get_args(hint) if kind is not type(None)), hint)
 

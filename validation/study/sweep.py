@@ -11,7 +11,9 @@ from typing import Any, TypeVar
 from ssmr.errors import SsmrError
 from validation.progress import Progress
 from validation.progress import Report as Progressing
+from validation.report.columns import Unit, heading_of
 from validation.report.report import FINISHED, INTERRUPTED
+from validation.report.table import Row, Table
 from validation.words import one_line
 
 Variant = TypeVar("Variant")
@@ -82,3 +84,22 @@ def sweep(
         raise next(iter(failures.values()))
     notes = [f"{what}: {one_line(why)}." for what, why in sorted(failures.items())]
     return Swept([rows[name] for name in variants if name in rows], notes, status)
+
+
+def meaning_tables(rows: Sequence[Row], meanings: Mapping[str, Mapping[str, str]], units: Mapping[str, Unit]) -> list[Table]:
+    """Return the rows of a sweep as tables that say what their columns mean.
+
+    Args:
+        rows: rows of a sweep.
+        meanings: what the columns of each table mean, by its title and their keys.
+        units: units of columns whose keys do not say theirs, or not with the digits that are wanted.
+    """
+    return [
+        Table(
+            title,
+            [{key: row[key] for key in ("variant", *columns) if key in row} for row in rows],
+            "\n".join(f"{heading_of(key)}: {meaning}" for key, meaning in columns.items()),
+            units=units,
+        )
+        for title, columns in meanings.items()
+    ]

@@ -1,0 +1,309 @@
+"""Up to which speed, slope, roughness and loss of grip planar models and trackers hold (docs/terrain.md).
+
+Without feedback, all plants get the commands of trajectories 1-4. With feedback, trackers follow a reference and know
+nothing of the ground. Besides, the loads of the four wheels are compared with formulas through one manoeuvre.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ssmr.control.loop import LoopSettings
+from ssmr.errors import SsmrError
+from ssmr.metrics.poses import horizon_windows, relative_pose_error
+from ssmr.models.table import PLANAR_MODELS as PLANAR
+from ssmr.robot.loads import static_loads
+from ssmr.robot.localiser import Localiser
+from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
+from ssmr.simulation import SAMPLE_DT
+from ssmr.types import Commands, State, Trajectory
+from validation import cli
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.bench.waypoint_files import open_reference
+from validation.plants.filters import odometry_of
+from validation.plants.profile import Profile, make_plant
+from validation.report import drawing
+from validation.report.columns import Unit
+from validation.report.report import Report
+from validation.report.table import Row, Table
+from validation.report.tables import with_robot
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, Terrain
+from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, with_quasi_static
+from validation.study.options import StudyOptions
+from validation.study.result import require_seeds
+from validation.study.sweep import sweep
+
+AxisName = Literal["speed", "slope", "roughness", "friction"]
+AXES: Mapping[AxisName, tuple[str, str, float, float]] = {
+    "speed": ("Speed on level ground", "m/s", 1.0, 0.5),
+    "slope": ("Slope", "°", 180.0 / math.pi, 0.0),
+    "roughness": ("Height of rough ground (rms)", "mm", 1e3, 0.0),
+    "friction": ("Friction lost right of an edge", "%", 100.0, 0.0),
+}
+"""Each quantity that grows: its name, the unit in which it is shown, how many of those make one SI unit, and the value that
+the thesis' experiments have [SI]."""
+TRACKED = "generic"
+"""Reference of the closed loops."""
+_LOADS = dict.fromkeys(("spread_N", "static_N", "quasi_static_N"), Unit("N", 1.0, 1))
+
+
+@dataclass(frozen=True)
+class TerrainAxes:
+    """The values that a terrain study drives [SI], and the trackers that it tests."""
+
+    speed: tuple[float, ...] = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0)
+    """Speeds on level ground [m/s]."""
+    slope: tuple[float, ...] = tuple(map(math.radians, (0.0, 1.0, 2.0, 4.0, 7.0, 10.0)))
+    """Slopes of ramps [rad]."""
+    roughness: tuple[float, ...] = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008)
+    """Root mean square heights of rough ground [m]."""
+    friction: tuple[float, ...] = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
+    """Shares of the friction that one side has lost [1]."""
+    directions: tuple[float, ...] = tuple(map(math.radians, (0.0, 90.0, 180.0, 270.0)))
+    """Headings in which ramps rise [rad]."""
+    controllers: tuple[str, ...] = ("pid", "lqr")
+    """Trackers, with their tuned gains."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for an axis without values."""
+        for axis in AXES:
+            if not getattr(self, axis):
+                raise ValueError(f"there are no values of {axis}")
+
+
+_ALL_AXES = TerrainAxes()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TerrainStudy(StudyOptions):
+    """Options of the study of terrain."""
+
+    horizon: float = 6.0
+    """Time after which relative poses are compared [s]."""
+    seeds: int = 3
+    """Number of rough grounds of each height."""
+    axes: Annotated[TerrainAxes, tyro.conf.Suppress, tyro.conf.Fixed] = _ALL_AXES
+    """Values to drive; only from Python."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for no seeds, or a horizon longer than the trajectories."""
+        require_seeds(self)
+        if not 0.0 < self.horizon <= 20.0:
+            raise ValueError(f"horizon {self.horizon:g} s must be positive and within the trajectories' 20 s")
+
+    def grounds(self, axis: AxisName, value: float) -> list[Terrain]:
+        """Return the grounds that belong to one value: ramps in every direction, or several grounds of one roughness."""
+        if axis == "slope" and value > 0.0:
+            return [Terrain("ramp", slope=value, toward=d) for d in self.axes.directions]
+        if axis == "roughness" and value > 0.0:
+            return [Terrain("rough", height=value, seed=self.seed + k) for k in range(self.seeds)]
+        if axis == "friction" and value > 0.0:  # where the edge runs the other way, left and right change sides
+            return [Terrain("split", friction_ratio=1.0 - value, edge_heading=h) for h in (0.0, math.pi)]
+        return [FLAT]
+
+
+class Case(NamedTuple):
+    """One value of one axis."""
+
+    axis: AxisName
+    """Quantity that grows."""
+    value: float
+    """Its value [SI]."""
+
+
+@cli.program(TerrainStudy)
+def study_terrain(o: TerrainStudy) -> Report:
+    """Measure the errors of planar models and trackers as speed, slope, roughness and loss of grip grow.
+
+    Raises:
+        ValueError: the profile does not exist, or its numbers do not fit together.
+    """
+    profile = o.robot_profile()
+    planar = {v: _drive_planar(profile, v) for v in dict.fromkeys((AXES["speed"][3], *o.axes.speed))}
+    cases = {f"{axis} {words_of(axis, v)}": Case(axis, v) for axis in AXES for v in getattr(o.axes, axis)}
+    drives = {"models": partial(_open_loop, o, profile, planar), "trackers": partial(_track, o, profile)}
+    swept = sweep(cases, drives, workers=o.workers, progress=o.progress)
+    rows = [{**cases[row["variant"]]._asdict(), **row} for row in swept.rows]
+    by_axis = {axis: [row for row in rows if row["axis"] == axis] for axis in AXES}
+    at = {plant: {axis: doubled_at(axis, plant, some) for axis, some in by_axis.items()} for plant in PLANAR}
+    doubled = [
+        {"model": p, **{a: None if v is None else words_of(a, v) for a, v in found.items()}} for p, found in at.items()
+    ]
+    loads = [load_errors(profile, terrain) for terrain in (FLAT, Terrain("ramp", slope=math.radians(10.0)))]
+    whose = with_robot(profile.name, profile.robot.name)
+    return Report(
+        program="study", title=f"Terrain, profile {whose}; errors after {o.horizon:g} s, {TRACKED} tracked", draw=_draw,
+        tables=[
+            *(Table(AXES[axis][0], some, hidden=frozenset({"axis", "value"})) for axis, some in by_axis.items()),
+            Table("Where a planar model's position error has doubled", doubled),
+            Table("Wheel loads of a manoeuvre: rms about their mean, and from two formulas", loads, units=_LOADS),
+        ],
+        sentences=swept.notes, status=swept.status, options={"seed": o.seed, "seeds": o.seeds, "horizon": o.horizon},
+        document={
+            "schema": "ssmr.study/1", "study": "terrain", "robot": profile.robot.name, "profile": profile.name,
+            "axes": asdict(o.axes), "doubled_at": at,
+        },
+        has_text=True,
+    )  # fmt: skip
+
+
+def words_of(axis: AxisName, value: float) -> str:
+    """Return a value [SI] of an axis as tables show it."""
+    return f"{AXES[axis][2] * value:.3g} {AXES[axis][1]}"
+
+
+def _commands_at(speed: float) -> list[Commands]:
+    """Return trajectories 1-4 at another speed [m/s]."""
+    return [replace(scenario, speed=speed).commands() for scenario in TRAJECTORIES.values()]
+
+
+def _drive_planar(profile: Profile, speed: float) -> dict[str, list[Trajectory]]:
+    """Return the planar models' motions on trajectories 1-4; the ground does not change them."""
+    made = {name: make_plant(profile, name) for name in PLANAR}
+    return {name: [p.run(c, State(), SAMPLE_DT) for c in _commands_at(speed)] for name, p in made.items()}
+
+
+def _open_loop(
+    o: TerrainStudy, profile: Profile, planar: Mapping[float, Mapping[str, Sequence[Trajectory]]], case: Case
+) -> Row:
+    """Return the errors of planar models; a run counts as failed where the robot fell over or the simulator gave up."""
+    speed = case.value if case.axis == "speed" else AXES["speed"][3]
+    motions: list[Trajectory | None] = []
+    for terrain in o.grounds(*case):
+        body = make_plant(profile, "mujoco", terrain)
+        for commands in _commands_at(speed):
+            try:
+                motions.append(body.run(commands, State(), SAMPLE_DT))
+            except SsmrError:
+                motions.append(None)
+    return model_errors(motions, planar[speed], o.horizon)
+
+
+def model_errors(
+    truths: Sequence[Trajectory | None], planar: Mapping[str, Sequence[Trajectory]], horizon: float
+) -> dict[str, Any]:
+    """Return the errors of each planar model against all runs of the MuJoCo robot at one value.
+
+    Args:
+        truths: the MuJoCo robot's motions, ground by ground, trajectory by trajectory; None for one that failed.
+        planar: the models' motions by name, one for each trajectory.
+        horizon: time after which relative poses are compared [s].
+
+    Returns:
+        By model the medians of the errors of position [m] and heading [rad] after the horizon; None where every run failed.
+        `failed` is the number of those runs.
+    """
+    found: dict[str, Any] = {f"{plant}{what}": None for what in ("_m", "_yaw_rad") for plant in planar}
+    for plant, motions in planar.items():
+        pairs = [(t, m) for t, m in zip(truths, itertools.cycle(motions), strict=False) if t is not None]
+        if pairs:
+            errors = [relative_pose_error(m.pose, t.pose, *horizon_windows(t.t, horizon)) for t, m in pairs]
+            for k, what in enumerate(("_m", "_yaw_rad")):
+                found[plant + what] = float(np.median(np.concatenate([each[k] for each in errors])))
+    return {**found, "failed": sum(truth is None for truth in truths)}
+
+
+def _track(o: TerrainStudy, profile: Profile, case: Case) -> Row:
+    """Return by tracker the mean d_rms on the reference with the lab's noise [m], and on how many grounds it was lost.
+
+    They drive at 0.25 m/s, unless speed is the quantity that grows.
+    """
+    if not (names := o.axes.controllers):
+        return {}
+    _, waypoints = open_reference(TRACKED, case.value if case.axis == "speed" else 0.25)
+    robots = [make_robot(profile, "mujoco", terrain) for terrain in o.grounds(*case)]
+    loop = LoopSettings("noisy", filter=odometry_of(robots[0].drive))
+    laws = [make_controller(profile, load_gains(name, "tuned")) for name in names]
+    n, found = len(laws), dict[str, Any]()
+    runs = [(r, run_robots([r] * n, laws, [loop] * n, waypoints, [o.seed], 1)) for r in robots]
+    for k, name in enumerate(names):
+        distances = [rate(each[k], waypoints, robot)["d_rms_m"] for robot, each in runs if not each[k].lost]
+        found[f"{name}_tracks_m"] = float(np.mean(distances)) if distances else None
+        found[f"{name}_lost"] = len(runs) - len(distances)
+    return found
+
+
+def doubled_at(axis: AxisName, plant: str, rows: Sequence[Row]) -> float | None:
+    """Return the value at which a model's position error is twice that under the thesis' conditions [SI].
+
+    It is interpolated linearly between the driven values; None where the error stays below that on the whole axis.
+    """
+    line = [(r["value"], r[f"{plant}_m"]) for r in rows if r[f"{plant}_m"] is not None and r["value"] >= AXES[axis][3]]
+    for (value, error), (next_value, next_error) in itertools.pairwise(line):
+        limit = 2.0 * line[0][1]
+        if next_error > limit:
+            share = (limit - error) / (next_error - error)
+            return float(value + max(share, 0.0) * (next_value - value))
+    return None
+
+
+def manoeuvre() -> Commands:
+    """Return commands that move load about without jolts: speed up, turn left, drive straight, brake, turn on the spot."""
+    corners = np.array([
+        (0.0, 0.8, 0.0), (3.0, 0.8, 0.0), (4.0, 0.8, 0.6), (7.0, 0.8, 0.6), (8.0, 0.8, 0.0),
+        (10.0, 0.8, 0.0), (10.05, 0.0, 0.0), (12.0, 0.0, 0.0), (13.0, 0.0, -0.6), (16.0, 0.0, -0.6),
+    ])  # fmt: skip
+    t = COMMAND_PERIOD * np.arange(round(corners[-1, 0] / COMMAND_PERIOD))
+    return Commands(COMMAND_PERIOD, np.column_stack([np.interp(t, corners[:, 0], c) for c in corners.T[1:]]))
+
+
+def load_errors(profile: Profile, terrain: Terrain) -> Row:
+    """Return root mean squares [N] of the manoeuvre's loads about their mean, and from static and quasi-static loads."""
+    robot = make_plant(profile, "mujoco", terrain)
+    assert isinstance(robot, MujocoPlant)
+    channels = with_quasi_static(robot.run(manoeuvre(), State(), SAMPLE_DT), robot, Localiser()).channels
+    static = static_loads(replace(profile.robot.vehicle, mass=profile.plants["mujoco"].parameters.mass))
+    formulas = {"spread_N": channels[MEASURED].mean(), "static_N": static, "quasi_static_N": channels[QUASI_STATIC]}
+    errors = {name: float(np.sqrt(np.mean((channels[MEASURED] - f) ** 2))) for name, f in formulas.items()}
+    return {"manoeuvre on": terrain.words, **errors}
+
+
+def _draw(study: Report) -> Figure:
+    """Return the picture: errors along the four axes, without and with feedback."""
+    rows = {axis: study.tables[k].rows for k, axis in enumerate(AXES)}
+    columns = dict.fromkeys(c for some in rows.values() for row in some for c in row)
+    open_loop = {f"{plant}_m": (plant, drawing.ink_of(plant)) for plant in PLANAR}
+    trackers = [c.removesuffix("_tracks_m") for c in columns if c.endswith("_tracks_m")]
+    closed = {f"{name}_tracks_m": (f"{name}, tuned", drawing.controller_ink(name)) for name in trackers}
+    below = "Trackers that know nothing of the ground: distance from the reference [mm] (cross: lost on one)"
+    return drawing.put_together(
+        [
+            drawing.text_row(0.3, partial(drawing.draw_section, "Planar models: median position error [mm]")),
+            drawing.side_by_side(3.4, [partial(_draw_axis, axis, rows, open_loop) for axis in AXES]),
+            drawing.text_row(0.3, partial(drawing.draw_section, below)),
+            drawing.side_by_side(3.0, [partial(_draw_axis, axis, rows, closed) for axis in AXES]),
+            *drawing.note_rows(study.notes()),
+            drawing.text_row(0.3, partial(drawing.draw_footer, f"dashed: as in the thesis · {study.made_by}")),
+        ]
+    )
+
+
+def _draw_axis(
+    axis: AxisName, rows: Mapping[AxisName, Sequence[Row]], columns: Mapping[str, tuple[str, Any]], ax: Axes
+) -> None:
+    """Draw errors along an axis, on the scale that all four axes have."""
+    name, unit, scale, base = AXES[axis]
+    for column, (label, ink) in columns.items():
+        found = [row for row in rows[axis] if row.get(column) is not None]
+        ax.plot([scale * r["value"] for r in found], [1e3 * r[column] for r in found], "o-", color=ink, ms=4.0, label=label,
+                gid=label)  # fmt: skip
+        lost = [row for row in found if row.get(column.replace("_tracks_m", "_lost"), 0) > 0 and "_tracks" in column]
+        ax.plot([scale * row["value"] for row in lost], [1e3 * row[column] for row in lost], "kx", ms=8.0)
+    every = [1e3 * row[c] for some in rows.values() for row in some for c in columns if row.get(c)]
+    ax.set(yscale="log", xlabel=f"{name} [{unit}]", ylim=(0.8 * min(every), 1.25 * max(every)) if every else (1.0, 10.0))
+    drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
+    ax.axvline(scale * base, color=drawing.QUIET, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1.5)
+    if axis == "speed" and columns:
+        ax.legend(fontsize=8.0)

@@ -39,7 +39,7 @@ _item_pointer: Any = cgutils.get_item_pointer
 
 _SHARES = 4
 """Shares of a thread: one that is done early takes another."""
-CACHE_LIFETIME = 7 * 24 * 3600.0
+_CACHE_LIFETIME = 7 * 24 * 3600.0
 """Time for which the cache of older sources is kept [s]."""
 
 _PER_QUARTER = 0.6366197723675814  # 2 / pi
@@ -52,11 +52,6 @@ _COSINE += (-2.75573141792967388112e-7, 2.08757008419747316778e-9, -1.1358536521
 """Polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi/4 and pi/4."""
 _PACKAGE = Path(__file__).resolve().parent
 _log = logging.getLogger(__name__)
-
-
-def _user_cache() -> Path:
-    """Return the folder in which this user's programs keep caches (XDG Base Directory Specification)."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ssmr-testbed"
 
 
 def _is_ours(folder: Path) -> bool:
@@ -80,17 +75,17 @@ def _cache_folder() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for text in _compiled_sources():
         digest.update(text)
-    chosen: tuple[Callable[[], Path], ...] = (lambda: _PACKAGE / "__pycache__", _user_cache)
-    for place in (lambda: Path(config.CACHE_DIR),) if config.CACHE_DIR else chosen:
+    mine = f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/ssmr-testbed"  # XDG Base Directory Specification
+    for place in (config.CACHE_DIR,) if config.CACHE_DIR else (_PACKAGE / "__pycache__", mine):
         try:
-            folder = (root := place()) / f"numba-{digest.hexdigest()[:12]}"
+            root = Path(place).expanduser()
+            folder = root / f"numba-{digest.hexdigest()[:12]}"
             if not folder.is_dir():
-                for old in root.glob("numba-*"):
-                    if time.time() - old.lstat().st_mtime > CACHE_LIFETIME:
-                        shutil.rmtree(old, ignore_errors=True)
-                shared = root.name == "__pycache__"  # where everybody's bytecode lies, which others may read
-                root.mkdir(mode=0o755 if shared else 0o700, parents=True, exist_ok=True)
+                root.mkdir(mode=0o755, parents=True, exist_ok=True)
                 folder.mkdir(mode=0o700, exist_ok=True)
+                for old in root.glob("numba-*"):
+                    if time.time() - old.lstat().st_mtime > _CACHE_LIFETIME:
+                        shutil.rmtree(old, ignore_errors=True)
             if _is_ours(root) and _is_ours(folder) and os.access(folder, os.W_OK):
                 return str(folder)
         except (OSError, RuntimeError):  # RuntimeError: this user has no home

@@ -163,7 +163,7 @@ def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Pla
 def exit_status(program: Any, *arguments: str) -> int:
     """The exit status of a program that runs in this process: starting another one takes longer than what it does."""
     try:
-        cli.run(program.command() if isinstance(program, cli.Program) else program, "program", arguments)
+        cli.run(program, "program", arguments)
     except SystemExit as left:
         return int(left.code or 0)
     return 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 from tests.bag_factory import poses_at, write
 from tests.drive_train_logs import in_the_air
 from validation import cli
+from validation.cli.__main__ import program_named
 from validation.logs.recording_csv import write_csv
 
 FIT = "fit coulomb --to traj4"
@@ -208,7 +208,7 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
     program, *arguments = shlex.split(command)
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     with pytest.raises(SystemExit) as left:
-        cli.run(import_module(f"validation.{program}.__main__").PROGRAM, f"python -m validation.{program}", arguments)
+        cli.run(program_named(program), f"python -m validation.{program}", arguments)
     said = capsys.readouterr().err
     assert left.value.code == cli.EXIT_USER_ERROR
     assert said.startswith("error: ")

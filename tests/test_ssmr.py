@@ -23,7 +23,7 @@ def call(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProces
 
 
 def test_every_program_is_there() -> None:
-    assert set(ssmr.PROGRAMS) == {path.parent.name for path in ROOT.glob("*/__main__.py")} - {"cli"}
+    assert set(ssmr.PROGRAMS) == {path.parent.name for path in ROOT.glob("*/__main__.py")} - {"cli"} | {"compare", "track"}
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",)])

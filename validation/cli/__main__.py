@@ -40,18 +40,27 @@ def _completion(options: CompletionOptions) -> None:
     """Print what a shell needs to complete programs and options, as in: eval "$(ssmr completion bash)"."""
     kinds = []
     for name, says in PROGRAMS.items():
-        kind = cli.options_type(import_module(f"validation.{name}.__main__").PROGRAM)
+        kind = cli.options_type(program_named(name))
         kinds.append(Annotated[kind, tyro.conf.subcommand(name, prefix_name=False, description=says)])
     everything: Any = typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
     arguments = ["--tyro-print-completion", options.shell]
     tyro.cli(everything, prog="ssmr", args=arguments, registry=cli.NUMBERS, config=(tyro.conf.DisallowNone,))
 
 
+def program_named(name: str) -> Any:
+    """Return what runs a program: its function, or those of its subcommands."""
+    module = import_module(f"validation.{name}")
+    own = getattr(module, name, None)
+    if isinstance(own, cli.Program):
+        return own.command()
+    return module.PROGRAM if hasattr(module, "PROGRAM") else import_module(f"validation.{name}.__main__").PROGRAM
+
+
 def _listed(name: str) -> Callable[[Any], None]:
     """Return what stands for a program in the help of `ssmr`, which loads none of them."""
 
     def program(options: Any) -> None:
-        cli.run(import_module(f"validation.{name}.__main__").PROGRAM, f"ssmr {name}", sys.argv[2:])
+        cli.run(program_named(name), f"ssmr {name}", sys.argv[2:])
 
     program.__doc__ = PROGRAMS[name]
     program.__annotations__ = {"options": make_dataclass(name.capitalize(), [], frozen=True)}

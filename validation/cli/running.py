@@ -123,6 +123,7 @@ def run(
         program: how usage texts call the program, such as `python -m validation.compare`.
         arguments: the command line; by default that of this process.
     """
+    main = getattr(main, "command", lambda: main)()  # of a `Program`
     process.prepare_streams()
     _prepare_log()
     _prepare_warnings()

@@ -22,8 +22,8 @@ from scipy.spatial import cKDTree
 from benchmarks.rows import Row, alternate, ratio, report
 from ssmr.errors import SsmrError
 from ssmr.lanes import run_population
-from ssmr.metrics.nearest import nearest_squared
-from ssmr.models.table import PLANAR_MODELS
+from ssmr.metrics.paths import nearest_squared
+from ssmr.models.law import PLANAR_MODELS
 from ssmr.robot.drive import wheel_references
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant

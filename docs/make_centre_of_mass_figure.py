@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from validation import load_profile, load_robot
 
 OUT = Path(__file__).parent / "img" / "centre_of_mass.png"

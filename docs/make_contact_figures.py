@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
 from tests.polygons import polygonal_turn
 from validation import load_robot

@@ -12,8 +12,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
-from ssmr.robot.currents import bridge_reading
-from ssmr.robot.slip import quasi_static_twist, side_forces
+from ssmr.robot.drivetrain import bridge_reading, quasi_static_twist, side_forces
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation import load_robot

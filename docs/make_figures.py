@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State, Trajectory

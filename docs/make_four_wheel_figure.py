@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.loads import LoadModel
+from ssmr.robot.ground import LoadModel
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import load_robot
 from validation.plants.four_wheel import tyred_defaults

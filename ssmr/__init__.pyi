@@ -6,6 +6,7 @@ from .control.loop import LoopSettings as LoopSettings
 from .control.loop import LostError as LostError
 from .control.loop import run_loop as run_loop
 from .control.lqr import LqrGains as LqrGains
+from .control.lqr import ScheduledGains as ScheduledGains
 from .control.pid import PidGains as PidGains
 from .control.population import Loop as Loop
 from .control.population import run_loops as run_loops
@@ -19,7 +20,6 @@ from .control.references import spiral as spiral
 from .control.references import square as square
 from .control.references import stop_and_go as stop_and_go
 from .control.references import u_turn as u_turn
-from .control.scheduled import ScheduledGains as ScheduledGains
 from .control.smc import SmcGains as SmcGains
 from .control.waypoints import Waypoints as Waypoints
 from .errors import DivergedError as DivergedError
@@ -36,8 +36,8 @@ from .metrics.poses import relative_pose_error as relative_pose_error
 from .models.coulomb import CoulombParameters as CoulombParameters
 from .models.improved import ImprovedParameters as ImprovedParameters
 from .models.kinematic import KinematicParameters as KinematicParameters
+from .models.law import PLANAR_MODELS as PLANAR_MODELS
 from .models.linear import LinearParameters as LinearParameters
-from .models.table import PLANAR_MODELS as PLANAR_MODELS
 from .robot.sensors import SensorNoise as SensorNoise
 from .robot.sensors import measure as measure
 from .robot.sensors import yaw_disturbance as yaw_disturbance

@@ -22,6 +22,7 @@ from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
     Driven,
     DriveNumbers,
+    Motor,
     Sides,
     drive_numbers,
     drive_on,
@@ -30,7 +31,6 @@ from ssmr.robot.drive import (
     whole_steps,
 )
 from ssmr.robot.localiser import Localiser
-from ssmr.robot.motor import Motor
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_row
 from ssmr.types import Commands, FloatArray, State
 

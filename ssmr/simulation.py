@@ -18,8 +18,17 @@ from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PlanarRobot, advance, constants_like, law_of
 from ssmr.parameters import packed
-from ssmr.robot.drive import Driver, Sides, wheel_references, whole_steps
-from ssmr.robot.motor import Motor, Wanted, advance_integral, motor_numbers, side_rates
+from ssmr.robot.drive import (
+    Driver,
+    Motor,
+    Sides,
+    Wanted,
+    advance_integral,
+    motor_numbers,
+    side_rates,
+    wheel_references,
+    whole_steps,
+)
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 

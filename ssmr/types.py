@@ -47,6 +47,18 @@ def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) ->
     return array
 
 
+def increasing_times(values: ArrayLike) -> FloatArray:
+    """Return (M,) instants [s] as a read-only array.
+
+    Raises:
+        ValueError: they do not increase, or are not finite.
+    """
+    t = frozen_array(values, "t", (None,))
+    if np.any(np.diff(t) <= 0.0):
+        raise ValueError(f"t must increase; it does not after sample {int(np.argmax(np.diff(t) <= 0.0))}")
+    return t
+
+
 @dataclass(frozen=True, eq=False)
 class Commands:
     """Commands to a driver, sampled at a fixed period and held."""
@@ -120,11 +132,9 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         """Check and freeze; a ValueError refuses other lengths, time that does not increase, and numbers not finite."""
-        t = frozen_array(self.t, "t", (None,))
+        t = increasing_times(self.t)
         if len(t) == 0:
             raise ValueError("a trajectory needs at least one sample")
-        if np.any(np.diff(t) <= 0.0):
-            raise ValueError(f"t must increase; it does not after sample {int(np.argmax(np.diff(t) <= 0.0))}")
         object.__setattr__(self, "t", t)
         for name, width in (("pose", 3), ("twist", 3), ("wheels", 2)):
             object.__setattr__(self, name, frozen_array(getattr(self, name), name, (len(t), width)))

@@ -6,9 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.robot.currents import battery_current
-from ssmr.robot.set_points import SetPointLaw, rim_speeds
-from ssmr.robot.slip import quasi_static_twist, side_forces
+from ssmr.robot.drivetrain import SetPointLaw, battery_current, quasi_static_twist, rim_speeds, side_forces
 from ssmr.types import FloatArray
 from validation.logs.recording import Recording
 from validation.study.drivetrain.logs import Chassis, chassis_of

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import linprog
 
-from ssmr.robot.skid_turn import FRONT, LEFT, SkidTurn
+from ssmr.robot.ground import FRONT, LEFT, SkidTurn
 
 Limit = Literal["diamond", "square"]
 """Limit of friction over load: `diamond` is MuJoCo's |f_1| + |f_2| <= mu, `square` is ODE's |f_1|, |f_2| <= mu."""

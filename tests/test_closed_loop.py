@@ -20,15 +20,14 @@ from ssmr.control.references import circle, line, sine
 from ssmr.control.smc import SmcGains
 from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.sensing import SensorModel
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import wrap_angle
 from ssmr.metrics.declared import compare_paths
 from ssmr.models.kinematic import KinematicParameters
+from ssmr.models.law import PLANAR_MODELS
 from ssmr.models.linear import LinearParameters, matrices
-from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.sensors import SensorNoise
+from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State

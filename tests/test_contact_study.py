@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, State
 from tests.robots import SAME_PATH, TRACK, WHEELBASE
 from tests.test_robustness import run_program

@@ -14,7 +14,7 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.control import lqr, pid, scheduled, smc
+from ssmr.control import lqr, pid, smc
 from ssmr.control.law import EMPTY_MEMORY, Command, Gains, Memory, Observation
 from ssmr.control.laws import LAWS, PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains, position_step, velocity_step
 from ssmr.control.waypoints import Errors, Target
@@ -249,12 +249,12 @@ def applied(gains: FloatArray, v_ref: float) -> FloatArray:
 
 @settings(max_examples=10)  # a dozen Riccati equations each
 @given(
-    weights, weights, weights, weights, st.sampled_from(scheduled.OPERATING_SPEEDS[:-1])
+    weights, weights, weights, weights, st.sampled_from(lqr.OPERATING_SPEEDS[:-1])
 )  # at the last the feedforward saturates
 def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
     q_x: float, q_y: float, q_alpha: float, r_w: float, speed: float
 ) -> None:
-    g = scheduled.ScheduledGains(q_x=q_x, q_y=q_y, q_alpha=q_alpha, r_w=r_w)
+    g = lqr.ScheduledGains(q_x=q_x, q_y=q_y, q_alpha=q_alpha, r_w=r_w)
     used = applied(g.packed(A, B), speed)
     along = np.array([[0.0, -1.0], [0.0, A[1, 1]]]), np.array([[0.0], [B[1, 0]]])
     across = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, A[3, 3]]]), np.array([[0.0], [0.0], [B[3, 1]]])
@@ -272,7 +272,7 @@ def test_gains_change_with_speed_as_theory_says(one: float, other: float) -> Non
 
     The next coefficient makes k_alpha grow with it: without lag k_alpha^2 = q_alpha / r + 2 v sqrt(q_y / r).
     """
-    g = scheduled.ScheduledGains()
+    g = lqr.ScheduledGains()
     slow, fast = (applied(packed("lqr-scheduled"), v) for v in sorted((one, other)))
     assert np.allclose([slow[2], fast[2]], -math.sqrt(g.q_y / g.r_w), rtol=DERIVATIVE)
     assert np.allclose(slow[:2], fast[:2], rtol=DERIVATIVE)
@@ -292,9 +292,9 @@ def test_without_lag_the_heading_gain_is_the_closed_form() -> None:
     """A robot that turns at once, omega = u: k_alpha^2 = q_alpha / r + 2 v sqrt(q_y / r)."""
     quick_a, quick_b = A.copy(), B.copy()
     quick_a[3, 3], quick_b[3, 1] = -1e4, 1e4
-    g = scheduled.ScheduledGains(q_w=0.0)
+    g = lqr.ScheduledGains(q_w=0.0)
     rows = g.packed(quick_a, quick_b)[3:].reshape(-1, 5)
-    expected = np.sqrt(g.q_alpha / g.r_w + 2.0 * np.array(scheduled.OPERATING_SPEEDS) * math.sqrt(g.q_y / g.r_w))
+    expected = np.sqrt(g.q_alpha / g.r_w + 2.0 * np.array(lqr.OPERATING_SPEEDS) * math.sqrt(g.q_y / g.r_w))
     assert np.abs(-rows[:, 3] - expected).max() <= 1e-2  # a lag of 0.1 ms times gains of ten
 
 

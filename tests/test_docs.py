@@ -18,11 +18,10 @@ from typing import Any
 import pytest
 
 from ssmr.control.laws import LAWS
-from ssmr.estimation.sensing import SensorModel
 from ssmr.estimation.settings import EkfSettings
 from ssmr.models.four_wheel import FourWheelParameters
-from ssmr.models.table import PLANAR_MODELS, planar_law
-from ssmr.robot.sensors import SensorNoise
+from ssmr.models.law import PLANAR_MODELS, planar_law
+from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
 from tests.robots import HUSKY

@@ -11,11 +11,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.currents import battery_current, bridge_reading
 from ssmr.robot.drive import wheel_references
-from ssmr.robot.set_points import SetPointLaw, rim_speeds
-from ssmr.robot.skid_turn import turn_on_the_spot
-from ssmr.robot.slip import CREEP, SkidGeometry, grip, quasi_static_twist, side_forces
+from ssmr.robot.drivetrain import (
+    CREEP,
+    SetPointLaw,
+    SkidGeometry,
+    battery_current,
+    bridge_reading,
+    grip,
+    quasi_static_twist,
+    rim_speeds,
+    side_forces,
+)
+from ssmr.robot.ground import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF

@@ -10,13 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.estimation.commission import learning, stood
-from ssmr.estimation.ekf import aside_of, filter_log, filter_step, initial_belief, predict, run_ekf, update
-from ssmr.estimation.sensing import SensorLog, SensorModel, SensorSample, gyro_at_rest, sense, simulate_sensors
-from ssmr.estimation.settings import Aside, Belief, EkfSettings
+from ssmr.estimation.ekf import aiding_by, filter_log, filter_step, initial_belief, predict, run_ekf, update
+from ssmr.estimation.settings import Aiding, Belief, EkfSettings, learning, zeroed
 from ssmr.geometry import compose, rotate_body_to_world
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.robot.drive import wheel_rates
+from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, gyro_at_rest, sense, simulate_sensors
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import PlanarModel, PlanarPlant
@@ -37,8 +36,8 @@ def random_belief(seed: int) -> Belief:
     return Belief(rng.standard_normal(5), root @ root.T)
 
 
-def moving(t: FloatArray) -> Aside:
-    return aside_of(np.zeros(len(t), dtype=bool))
+def moving(t: FloatArray) -> Aiding:
+    return aiding_by(np.zeros(len(t), dtype=bool))
 
 
 def copied(belief: Belief) -> Belief:
@@ -398,14 +397,14 @@ def test_a_bias_is_the_mean_at_rest_weighed_with_what_was_believed(bias: float, 
     """Bayes' rule, reading by reading, against the rule for all readings at once."""
     shown = 0.01 + math.sqrt(variance) * np.random.default_rng(n).standard_normal(n)
     before = replace(STOCK, bias=bias, bias_std=std, variance_gyro=variance)
-    at_once, one_by_one = stood(before, shown), before
+    at_once, one_by_one = zeroed(before, shown), before
     for reading in shown:
-        one_by_one = stood(one_by_one, np.array([reading]))
+        one_by_one = zeroed(one_by_one, np.array([reading]))
     assert at_once.bias == pytest.approx(one_by_one.bias, rel=1e-9, abs=1e-12)  # a recursion of 60 steps against a sum
     assert at_once.bias_std == pytest.approx(one_by_one.bias_std, rel=1e-9)
     assert at_once.bias_std == pytest.approx(math.sqrt(variance / (n + variance / std**2)), rel=1e-9)
-    assert stood(before, shown[:0]).bias == bias  # it did not stand
-    assert stood(STOCK, shown) == STOCK  # it knows that there is none
+    assert zeroed(before, shown[:0]).bias == bias  # it did not stand
+    assert zeroed(STOCK, shown) == STOCK  # it knows that there is none
 
 
 def test_a_bias_that_was_learned_at_rest_is_as_sure_as_it_says() -> None:
@@ -413,7 +412,7 @@ def test_a_bias_that_was_learned_at_rest_is_as_sure_as_it_says() -> None:
     rng, errors = np.random.default_rng(8), []
     for _ in range(1000):
         bias = 0.02 * rng.standard_normal()
-        found = stood(learning(STOCK), gyro_at_rest(SensorModel(gyro_bias=bias).packed(), rng))
+        found = zeroed(learning(STOCK), gyro_at_rest(SensorModel(gyro_bias=bias).packed(), rng))
         errors.append((found.bias - bias) / found.bias_std)
     assert found.bias_std < 0.001
     assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.2)
@@ -427,7 +426,7 @@ def test_a_filter_whose_gyro_is_biased_keeps_its_heading_once_it_has_stood() -> 
     left, right = wheel_rates.py_func(v, turn, STOCK.half_track, STOCK.radius)
     shown = turn - 0.0156
     plain = run_ekf(t, left, right, shown, STOCK, State())
-    learned = run_ekf(t, left, right, shown - stood(learning(STOCK), shown[still]).bias, STOCK, State())
+    learned = run_ekf(t, left, right, shown - zeroed(learning(STOCK), shown[still]).bias, STOCK, State())
     truth = 0.3 * (1.0 - math.cos(t[-1] - 4.0))
     assert abs(plain.pose[-1, 2] - truth) > 0.8  # 0.0156 rad/s for a minute
     assert abs(learned.pose[-1, 2] - truth) < 0.01  # what the prior leaves of it: R / (P_0 n) of 0.0156 rad/s for 60 s

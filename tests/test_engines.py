@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, Plant, State
 from tests.conftest import installed_plant
 from validation.compare import compare

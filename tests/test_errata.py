@@ -12,7 +12,6 @@ import pytest
 from ssmr.control.law import Observation
 from ssmr.control.waypoints import Target, position_errors
 from ssmr.estimation.ekf import run_ekf
-from ssmr.estimation.sensing import simulate_sensors
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import wrap_angle
 from ssmr.metrics.declared import compare_paths
@@ -22,7 +21,7 @@ from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.friction import stop_at_zero_crossing
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.linear import LOAD_SUM, LinearParameters
-from ssmr.robot.sensors import SensorNoise
+from ssmr.robot.sensors import SensorNoise, simulate_sensors
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant

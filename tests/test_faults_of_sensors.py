@@ -10,8 +10,7 @@ import pytest
 
 from ssmr.control.loop import LoopSettings
 from ssmr.control.references import circle
-from ssmr.estimation.sensing import SensorModel, simulate_sensors
-from ssmr.robot.sensors import tracker_swing
+from ssmr.robot.sensors import SensorModel, simulate_sensors, tracker_swing
 from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF
 from validation.plants.profile import load_profile

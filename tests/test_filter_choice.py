@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from ssmr.control.references import circle
-from ssmr.estimation.sensing import SensorModel
 from ssmr.estimation.settings import BIAS, EkfSettings
+from ssmr.robot.sensors import SensorModel
 from tests.conftest import data_folder
 from validation import cli
 from validation.bench.commissioning import chosen_filter

@@ -18,9 +18,8 @@ from ssmr.control.references import circle
 from ssmr.geometry import wrap_angle
 from ssmr.models.four_wheel import STATE_NUMBERS, body_of, four_wheels, spread_load
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant, run_four_wheels
-from ssmr.models.tyre import AlongAcross, Tyre, bend, bent_share, felt_slip, steady_bend, tyre_force
-from ssmr.robot.loads import LoadModel
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.models.friction import AlongAcross, Tyre, bend, bent_share, felt_slip, steady_bend, tyre_force
+from ssmr.robot.ground import LoadModel, turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory

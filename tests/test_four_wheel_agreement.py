@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from validation.simulator.physics import PhysicsSettings
 
 page = SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_four_wheel_figure.py")))

@@ -12,7 +12,7 @@ import pytest
 
 from ssmr.errors import UnhealthyRunError
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT

@@ -14,8 +14,10 @@ from hypothesis import given
 from hypothesis import settings as effort
 from hypothesis import strategies as st
 
-from ssmr.search.evolution import (
+from ssmr.search.jde import (
     PARTNERS,
+    Jde,
+    JdeSettings,
     adapt,
     binomial_mask,
     distinct_partners,
@@ -24,7 +26,6 @@ from ssmr.search.evolution import (
     repair,
     replaces,
 )
-from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
 

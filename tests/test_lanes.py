@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from ssmr import lanes
 from ssmr._jit import jit, sine_cosine
 from ssmr.lanes import LANES, run_population
-from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
-from ssmr.models.table import PLANAR_MODELS, planar_law
+from ssmr.models.law import PLANAR_MODELS, Advanced, PlanarLaw, PlanarRobot, planar_law
 from ssmr.parameters import described, parameter
-from ssmr.robot.motor import Wanted, side_rates
+from ssmr.robot.drive import Wanted, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State

@@ -11,20 +11,36 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr._jit import source
-from ssmr.estimation.commission import commission, learning
-from ssmr.estimation.constants import forward_speed, wheel_yaw_rate
 from ssmr.estimation.ekf import (
-    aside_of,
+    aiding_by,
     filter_step,
+    forward_speed,
     initial_belief,
     predict,
     run_ekf,
     see_pose,
     stand,
     update,
+    wheel_yaw_rate,
 )
-from ssmr.estimation.sensing import SensorLog, SensorSample
-from ssmr.estimation.settings import BIAS, LEFT, RIGHT, SLIDE, TURNING, YAW, Belief, EkfSettings, SeenPose, V, W, X, Y
+from ssmr.estimation.settings import (
+    BIAS,
+    LEFT,
+    RIGHT,
+    SLIDE,
+    TURNING,
+    YAW,
+    Belief,
+    EkfSettings,
+    SeenPose,
+    V,
+    W,
+    X,
+    Y,
+    commission,
+    learning,
+)
+from ssmr.robot.sensors import SensorLog, SensorSample
 from ssmr.types import FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
@@ -170,7 +186,7 @@ def test_poses_between_samples_count_when_they_were_true() -> None:
     truth = drive(replace(s, scale_left=1.03, turning=1.4), 8.0, 0.02)
     log, k = sensors(truth, 0.01, 5), np.arange(1, len(truth), 20)
     poses = {float(truth.t[i]) - 0.007: SeenPose(*truth.pose[i], 1e-4, 1e-4) for i in k}
-    whole = run_ekf(*log, s, State(), aside=aside_of(np.zeros(len(log.t), dtype=bool), poses))
+    whole = run_ekf(*log, s, State(), aiding=aiding_by(np.zeros(len(log.t), dtype=bool), poses))
     belief, numbers, now = initial_belief(State(), settings=s), s.packed(), log.t[0]
     told = sorted([(t, None) for t in log.t] + list(poses.items()), key=lambda pair: pair[0])
     for at, pose in told:
@@ -210,7 +226,7 @@ def test_a_bias_is_learned_at_rest_and_kept() -> None:
     still = truth.t < 3.0
     log, settings = sensors(truth, -0.0156, 1), learning(STOCK)
     plain = run_ekf(*log, STOCK, State())
-    learned = run_ekf(*log, settings, State(), aside=aside_of(still))
+    learned = run_ekf(*log, settings, State(), aiding=aiding_by(still))
     assert abs(plain.yaw[-1] - truth.yaw[-1]) > 0.8  # 0.0156 rad/s for a minute
     assert abs(learned.yaw[-1] - truth.yaw[-1]) < 4.0 * learned.channels["pose_std"][-1, 2]
     assert abs(learned.yaw[-1] - truth.yaw[-1]) < 0.05
@@ -228,7 +244,7 @@ def test_with_poses_it_learns_every_constant_within_what_it_claims() -> None:
         for k in range(50, len(truth), 20)
     }
     settings = learning(replace(STOCK, half_track=0.2515))
-    got = run_ekf(*sensors(truth, 0.01, 2), settings, State(), aside=aside_of(truth.t < 2.5, poses))
+    got = run_ekf(*sensors(truth, 0.01, 2), settings, State(), aiding=aiding_by(truth.t < 2.5, poses))
     wanted = [0.01, *TRUE.constants[1:]]
     off = np.abs(got.channels["constants"][-1] - wanted)
     assert np.all(off < 4.0 * got.channels["constants_std"][-1])

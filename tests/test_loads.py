@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.loads import LoadModel, slope, static_loads
+from ssmr.robot.ground import LoadModel, slope, static_loads
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES

@@ -14,7 +14,6 @@ from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
 from ssmr.metrics.declared import METRICS, compare_paths, compare_pieces
-from ssmr.metrics.nearest import nearest_squared
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
@@ -23,6 +22,7 @@ from ssmr.metrics.paths import (
     bending_energy,
     measure_paths,
     measured_length,
+    nearest_squared,
     one_sided_kernel,
     path_length,
 )

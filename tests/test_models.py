@@ -20,7 +20,7 @@ from ssmr.models.friction import improved_friction
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
-from ssmr.robot.motor import Wanted
+from ssmr.robot.drive import Wanted
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, State

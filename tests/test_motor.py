@@ -13,8 +13,7 @@ from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.parameters import packed
-from ssmr.robot.drive import Sides
-from ssmr.robot.motor import Wanted, advance_integral, motor_numbers, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Sides, Wanted, advance_integral, motor_numbers, motor_torques, side_rates, thrusts
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.simulation import PlanarModel, PlanarPlant, simulate
 from ssmr.types import Commands, FloatArray, State

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ssmr.estimation.sensing import SensorModel
+from ssmr.robot.sensors import SensorModel
 from tests.conftest import ROUNDOFF, data_folder
 from validation.logs.groups import Group
 from validation.recordings.simulated_log import LogSettings

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import pytest
 
 from ssmr.models.four_wheel import FourWheelParameters
-from ssmr.models.table import PLANAR_MODELS, planar_law
+from ssmr.models.law import PLANAR_MODELS, planar_law
 from ssmr.parameters import check_parameters, described, packed, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
 from tests.robots import HUSKY

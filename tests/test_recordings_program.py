@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from scipy.optimize import least_squares
 
-from ssmr.estimation.commission import learning
+from ssmr.estimation.settings import learning
 from ssmr.geometry import align_rigidly, quat_wxyz_to_yaw
 from tests.conftest import data_folder
 from validation.logs.dead_reckoning import filtered_motion, integrated, reckon

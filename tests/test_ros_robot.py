@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from ssmr.estimation.sensing import SensorModel
+from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from tests.conftest import EXACT
 from validation.plants.profile import Profile, make_plant

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.estimation.commission import learning
+from ssmr.estimation.settings import learning
 from ssmr.geometry import align_rigidly, compose, relative, rotate_body_to_world
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ssmr.robot.skid_turn import turn_on_the_spot
+from ssmr.robot.ground import turn_on_the_spot
 from tests.polygons import polygonal_turn
 from tests.robots import TRACK, WHEELBASE
 

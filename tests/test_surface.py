@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.surface import Surface
+from ssmr.robot.ground import Surface
 from tests.conftest import DERIVATIVE
 
 PERIOD, RADIUS = 4.0, 0.1651

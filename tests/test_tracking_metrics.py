@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ssmr.control.references import circle, eight, line, stop_and_go
 from ssmr.control.waypoints import Waypoints
-from ssmr.metrics.tracking import command_measures, cross_track_max
+from ssmr.metrics.declared import command_measures, cross_track_max
 from tests.conftest import ROUNDOFF
 
 

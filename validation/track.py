@@ -14,9 +14,9 @@ import tyro
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.commission import stood
-from ssmr.estimation.sensing import SensorModel, gyro_at_rest
+from ssmr.estimation.settings import zeroed
 from ssmr.geometry import rotate_body_to_world
+from ssmr.robot.sensors import SensorModel, gyro_at_rest
 from ssmr.types import State
 from validation import cli, store
 from validation.bench.commissioning import COMMISSIONED, chosen_filter
@@ -207,7 +207,7 @@ class PreparedTracking:
         o = self.options
         used = chosen_filter(o.filter, self.profile, robot.name)
         at_rest = gyro_at_rest(o.sensors.packed(), np.random.default_rng([o.seed, 2]))  # 0 and 1 draw the loop's noise
-        settled, pushed = stood(used.settings, at_rest), not (o.no_noise or o.no_disturbance)
+        settled, pushed = zeroed(used.settings, at_rest), not (o.no_noise or o.no_disturbance)
         around = LoopSettings(o.seen, sensors=o.sensors, filter=settled, disturbance=pushed, lookahead=o.lookahead)
         began = time.perf_counter()
         (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [o.seed], o.workers, self._start())

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control import lqr, mpc, pid, scheduled, smc
+from ssmr.control import lqr, mpc, pid, smc
 from ssmr.control.law import Command, Gains, Law, Memory, Observation
 from ssmr.control.mission import PythonController
 from ssmr.control.predictor import Foresight, foresight
@@ -25,7 +25,7 @@ from ssmr.types import FloatArray
 _PLAIN = {law.name: law for law in (
     pid.LAW,
     lqr.LAW,
-    scheduled.LAW,
+    lqr.SCHEDULED_LAW,
     smc.LAW,
 )}  # fmt: skip
 PREDICTOR = "+predictor"

@@ -23,7 +23,6 @@ from ssmr.control.tick import (
     LOST,
     NO_DRAWS,
     NO_ERRORS,
-    NO_NUMBERS,
     SPINNING,
     Draws,
     Tracker,
@@ -34,11 +33,10 @@ from ssmr.control.tick import (
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.estimation.ekf import initial_belief
-from ssmr.estimation.sensing import SensorModel
-from ssmr.estimation.settings import Belief, EkfSettings
+from ssmr.estimation.settings import NO_NUMBERS, Belief, EkfSettings
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import whole_steps
-from ssmr.robot.sensors import SensorNoise, yaw_disturbance
+from ssmr.robot.sensors import SensorModel, SensorNoise, yaw_disturbance
 from ssmr.types import FloatArray, Plant, State, Trajectory
 
 Feedback = Literal["truth", "noisy", "ekf"]

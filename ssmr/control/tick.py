@@ -8,7 +8,7 @@ alike for every plant: planar models, batches of MuJoCo robots, any `Plant` step
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.predictor import Foresight, carry_ahead, remember
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
 from ssmr.estimation.ekf import filter_step, speed
-from ssmr.estimation.sensing import SensorErrors, sense
-from ssmr.estimation.settings import YAW, Belief, FilterNumbers, W, X, Y
+from ssmr.estimation.settings import YAW, Belief, W, X, Y
+from ssmr.robot.sensors import SensorErrors, sense
 from ssmr.types import FloatArray
 
 LOST = 3.0
@@ -80,7 +80,7 @@ class Tracker(NamedTuple):
     """True if the controller sees the estimate of the EKF."""
     belief: Belief
     """State of the EKF, which advances in place."""
-    filter: FilterNumbers
+    filter: Any
     """`EkfSettings.packed()`."""
     noise: Draws
     """Standard deviations of the feedback and of the sensors."""
@@ -137,7 +137,6 @@ class LogRow(NamedTuple):
 
 
 NO_DRAWS = Draws(*(0.0,) * 8)
-NO_NUMBERS = FilterNumbers(*(0.0,) * len(FilterNumbers._fields))
 NO_ERRORS = SensorErrors(*(0.0,) * 5)
 """Templates for `named_like`."""
 LOG_COLUMNS = LogRow._fields

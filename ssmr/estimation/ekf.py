@@ -7,8 +7,8 @@ measures the pose, so its uncertainty only grows. The lateral speed is taken to 
 default settings are.
 
 A filter that learns has six states more, the constants of `EkfSettings.constants`. With constants that are neutral and known
-it is the thesis' filter. `see_pose` takes in the pose of a localiser or satellite receiver; `Aside` tells `run_ekf` of them,
-by the instants at which they were true.
+it is the thesis' filter. `see_pose` takes in the pose of a localiser or satellite receiver; in a log, `Aiding` holds them by
+the instants at which they were true.
 
 A filter's state is a `Belief`, whose two arrays the kernels update in place. With five states they allocate nothing, so that
 they run as well inside other compiled loops.
@@ -18,24 +18,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr._jit import jit, jit_alone, named_like, source
-from ssmr.estimation.constants import forward_speed, weighed, wheel_yaw_rate
-from ssmr.estimation.sensing import SensorLog, SensorSample
 from ssmr.estimation.settings import (
     BIAS,
+    LEFT,
     NO_POSE,
+    RIGHT,
+    SHIFT,
     SLIDE,
     STANDING,
     TURNING,
     YAW,
-    Aside,
+    Aiding,
     Belief,
     EkfSettings,
-    FilterNumbers,
     SeenPose,
     V,
     W,
@@ -43,11 +44,58 @@ from ssmr.estimation.settings import (
     Y,
 )
 from ssmr.robot.drive import body_rates
-from ssmr.types import FloatArray, State, Trajectory, frozen_array
+from ssmr.robot.sensors import SensorLog, SensorSample
+from ssmr.types import FloatArray, State, Trajectory, frozen_array, increasing_times
 
 
 @jit
-def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
+def weighed(weights: FloatArray, values: FloatArray) -> float:
+    """Return the sum of the states' values from v on, each times its weight."""
+    total = 0.0
+    for i in range(V, len(weights)):
+        total += float(weights[i] * values[i])
+    return total
+
+
+@jit
+def forward_speed(m: FloatArray, h: float, row: FloatArray) -> float:
+    """Return the forward speed [m/s] of the mean of a filter that learns; write its derivative by the state into `row`.
+
+    The state v is the odometry's, k (v - y omega) + d h c omega / k, with k the mean of both scales, d half of right less
+    left, y the shift, c the turning ratio and h the driver's half-track. What the wheels say of it is then linear. Were the
+    true speed a state, a product of two unknowns would be measured, and the filter would believe that it learns k.
+    """
+    both, uneven = 0.5 * (m[LEFT] + m[RIGHT]), 0.5 * (m[RIGHT] - m[LEFT])
+    turned = h * m[TURNING] * m[W] / both
+    by_both, by_uneven = (2.0 * uneven * turned / both - m[V] / both) / both, -turned / both
+    row[:] = 0.0
+    row[V], row[TURNING] = 1.0 / both, -uneven * h * m[W] / (both * both)
+    row[W], row[SHIFT] = m[SHIFT] - uneven * h * m[TURNING] / (both * both), m[W]
+    row[LEFT], row[RIGHT] = 0.5 * (by_both - by_uneven), 0.5 * (by_both + by_uneven)
+    return float((m[V] - uneven * turned) / both + m[SHIFT] * m[W])
+
+
+@jit
+def wheel_yaw_rate(m: FloatArray, h: float, row: FloatArray) -> float:
+    """Return the yaw rate [rad/s] that the odometry should show by the mean of a filter that learns.
+
+    This is d (v - y omega) / h + c omega; see `forward_speed`. Its derivative is written into `row`.
+    """
+    uneven = 0.5 * (m[RIGHT] - m[LEFT]) / h
+    ahead = forward_speed(m, h, row) - m[SHIFT] * m[W]
+    row[W] -= m[SHIFT]
+    row[SHIFT] = 0.0
+    for i in range(V, len(row)):
+        row[i] *= uneven
+    row[W] += m[TURNING]
+    row[TURNING] += m[W]
+    row[LEFT] -= 0.5 * ahead / h
+    row[RIGHT] += 0.5 * ahead / h
+    return float(uneven * ahead + m[TURNING] * m[W])
+
+
+@jit
+def predict(belief: Belief, dt: float, numbers: Any) -> None:
     """Let time pass, in place: P <- F P F' + Q.
 
     The pose follows the midpoint rule, whose exact Jacobian is
@@ -61,9 +109,7 @@ def predict(belief: Belief, dt: float, numbers: FilterNumbers) -> None:
     A filter that learns moves at its `forward_speed`, and across itself at slide times omega.
     The process noise is white in continuous time, so that the covariance does not depend on how a straight path is cut into
     steps: Q is the integral of f(s) q f(s)' over the step, where an error of yaw, v or omega that is s old has moved the
-    pose along its column f(s) of the Jacobian.
-
-    The duration `dt` [s] is not negative.
+    pose along its column f(s) of the Jacobian. The duration `dt` [s] is not negative.
     """
     m, p = belief
     n = len(m)
@@ -148,8 +194,7 @@ def update(belief: Belief, j: int, value: float, variance: float, gate: float = 
         gate: normalised squared innovation beyond which the measurement changes nothing.
 
     Returns:
-        The normalised squared innovation (z - H m)^2 / S, which has a chi-squared distribution of one degree of freedom; NaN
-        without a measurement.
+        The normalised squared innovation (z - H m)^2 / S, chi-squared of one degree of freedom; NaN without a measurement.
     """
     if math.isnan(value) or variance == math.inf:
         return math.nan
@@ -181,15 +226,8 @@ def update_row(belief: Belief, row: FloatArray, residual: float, variance: float
     It is a state that is only considered (Schmidt's filter), since learning it cannot be trusted: it multiplies a yaw rate
     as noisy as the gyro, and where slip hides all slow differences, that noise would pull the ratio towards 0.
 
-    Args:
-        belief: the mean m and the covariance P.
-        row: (n,) H, the derivative of the measurement by the state.
-        residual: the measurement less what the mean says that it is.
-        variance: variance of its noise, R > 0; infinity for a measurement that is not used.
-        gate: normalised squared innovation beyond which the measurement changes nothing.
-
-    Returns:
-        The normalised squared innovation; NaN without a measurement.
+    The (n,) `row` is H, the derivative of the measurement by the state, and `residual` the measurement less what the mean
+    says that it is. The other arguments, and what is returned, are those of `update`.
     """
     if math.isnan(residual) or variance == math.inf:
         return math.nan
@@ -217,7 +255,7 @@ def update_row(belief: Belief, row: FloatArray, residual: float, variance: float
 
 
 @jit_alone
-def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: FilterNumbers) -> tuple[float, float, float]:
+def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> tuple[float, float, float]:
     """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
 
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy wheels have independent
@@ -248,7 +286,7 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Filter
 
 
 @jit_alone
-def speed(m: FloatArray, numbers: FilterNumbers) -> float:
+def speed(m: FloatArray, numbers: Any) -> float:
     """Return the forward speed of the reference point [m/s] that a filter believes in."""
     if len(m) <= BIAS:
         return float(m[V])
@@ -279,15 +317,14 @@ def see_pose(belief: Belief, seen: SeenPose, gate: float) -> None:
 @jit
 def stand(belief: Belief) -> None:
     """Tell the filter, in place, that the robot stands: then the gyro shows its bias."""
-    row = np.zeros(len(belief.mean))
     for j in (V, W):
-        row[:] = 0.0
+        row = np.zeros(len(belief.mean))
         row[j] = 1.0
         update_row(belief, row, -belief.mean[j], STANDING**2, math.inf)
 
 
 @jit_alone
-def filter_log(log: SensorLog, aside: Aside, numbers: FilterNumbers, belief: Belief, out: FloatArray) -> None:
+def filter_log(log: SensorLog, aiding: Aiding, numbers: Any, belief: Belief, out: FloatArray) -> None:
     """Filter a `SensorLog`, in place.
 
     `out` (M, 2 n + 12) is written: the mean, with the forward speed in the place of v, its standard deviations, what
@@ -295,22 +332,20 @@ def filter_log(log: SensorLog, aside: Aside, numbers: FilterNumbers, belief: Bel
     """
     n, following = len(belief.mean), 0
     now = log.t[0]
-    while following < len(aside.poses) and aside.poses[following, 0] < now:
+    while following < len(aiding.poses) and aiding.poses[following, 0] < now:
         following += 1
     for k in range(len(log.t)):
-        while following < len(aside.poses) and aside.poses[following, 0] <= log.t[k]:
-            predict(belief, aside.poses[following, 0] - now, numbers)
-            see_pose(belief, named_like(NO_POSE, aside.poses[following, 1:]), numbers.gate)
-            now = aside.poses[following, 0]
+        while following < len(aiding.poses) and aiding.poses[following, 0] <= log.t[k]:
+            predict(belief, aiding.poses[following, 0] - now, numbers)
+            see_pose(belief, named_like(NO_POSE, aiding.poses[following, 1:]), numbers.gate)
+            now = aiding.poses[following, 0]
             following += 1
         sample = SensorSample(log.left[k], log.right[k], log.gyro[k])
         nis = filter_step(belief, sample, log.t[k] - now, numbers)
         now = log.t[k]
-        if aside.still[k]:
+        if aiding.still[k]:
             stand(belief)
-        for i in range(n):
-            out[k, i] = belief.mean[i]
-            out[k, n + i] = math.sqrt(belief.covariance[i, i])
+        out[k, :n], out[k, n : 2 * n] = belief.mean, np.sqrt(np.diag(belief.covariance))
         out[k, V] = speed(belief.mean, numbers)
         for i in range(3):
             out[k, 2 * n + i] = nis[i]
@@ -324,7 +359,7 @@ def initial_belief(
     """Return the belief of a filter that starts; its arrays are writable.
 
     Args:
-        state: the robot's state as the filter believes it; lateral speed and wheels are not part of it.
+        state: the robot's state as the filter believes it, of which lateral speed and wheels are no part.
         std: standard deviations of x, y [m], yaw [rad], v [m/s], omega [rad/s]. The lab's filter was set to its start
             (Sec. 4.2), so the default is 0.
         settings: those of a filter that learns, which tell its constants; a filter of five states if not given.
@@ -352,7 +387,7 @@ def run_ekf(
     settings: EkfSettings,
     start: State,
     start_std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
-    aside: Aside | None = None,
+    aiding: Aiding | None = None,
 ) -> Trajectory:
     """Filter a whole log.
 
@@ -364,7 +399,7 @@ def run_ekf(
         settings: assumptions about robot and sensors.
         start: state of the robot at the first instant, whose sample is used as well.
         start_std: standard deviations of that state, see `initial_belief`.
-        aside: when the robot stood, and poses that something else measured; see `aside_of`.
+        aiding: when the robot stood, and poses that something else measured; see `aiding_by`.
 
     Returns:
         The estimate after each sample, with the lateral speed that the slide means and the wheels as measured. Channel
@@ -376,24 +411,21 @@ def run_ekf(
     Raises:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.
     """
-    times = increasing(t)
+    times = increasing_times(t)
     wheels = np.column_stack([frozen_array(a, name, (len(times),)) for a, name in ((left, "left"), (right, "right"))])
     turning = np.full(len(times), np.nan) if gyro is None else np.array(gyro, dtype=np.float64)
     frozen_array(np.where(np.isnan(turning), 0.0, turning), "gyro", (len(times),))
-    besides = aside or aside_of(np.zeros(len(times), dtype=np.bool_))
-    if besides.still.shape != times.shape:
-        raise ValueError(f"still has shape {besides.still.shape}, wanted {times.shape}")
+    aiding = aiding or aiding_by(np.zeros(len(times), dtype=np.bool_))
+    if aiding.still.shape != times.shape:
+        raise ValueError(f"still has shape {aiding.still.shape}, wanted {times.shape}")
     belief = initial_belief(start, start_std, settings if settings.learns else None)
     n = len(belief.mean)
     out = np.empty((len(times), 2 * n + 12))
     log = SensorLog(times, wheels[:, 0].copy(), wheels[:, 1].copy(), turning)
-    filter_log(log, besides, settings.packed(), belief, out)
+    filter_log(log, aiding, settings.packed(), belief, out)
     mean, std, innovations, covariance = np.split(out, [n, 2 * n, 2 * n + 3], axis=1)
-    channels = {
-        "pose_std": std[:, :3],
-        "pose_covariance": covariance.reshape(-1, 3, 3),
-        "innovations": np.nan_to_num(innovations),
-    }
+    channels = {"pose_std": std[:, :3], "pose_covariance": covariance.reshape(-1, 3, 3)}
+    channels["innovations"] = np.nan_to_num(innovations)
     lateral = np.zeros(len(times))
     if settings.learns:
         channels |= {"constants": mean[:, BIAS:], "constants_std": std[:, BIAS:]}
@@ -401,7 +433,7 @@ def run_ekf(
     return Trajectory(times, mean[:, :3], np.column_stack([mean[:, V], lateral, mean[:, W]]), wheels, channels)
 
 
-def aside_of(still: ArrayLike, poses: Mapping[float, SeenPose] | None = None) -> Aside:
+def aiding_by(still: ArrayLike, poses: Mapping[float, SeenPose] | None = None) -> Aiding:
     """Return what a log tells the filter besides wheels and gyro.
 
     Args:
@@ -410,16 +442,4 @@ def aside_of(still: ArrayLike, poses: Mapping[float, SeenPose] | None = None) ->
             Those before the first sample are not used.
     """
     rows = [(at, *pose) for at, pose in sorted((poses or {}).items())]
-    return Aside(np.array(still, dtype=np.bool_), np.array(rows, dtype=np.float64).reshape(-1, 1 + len(SeenPose._fields)))
-
-
-def increasing(t: ArrayLike) -> FloatArray:
-    """Return (M,) instants as a read-only array.
-
-    Raises:
-        ValueError: they do not increase, or are not finite.
-    """
-    times = frozen_array(t, "t", (None,))
-    if np.any(np.diff(times) <= 0.0):
-        raise ValueError(f"t must increase; it does not after sample {int(np.argmax(np.diff(times) <= 0.0))}")
-    return times
+    return Aiding(np.array(still, dtype=np.bool_), np.array(rows, dtype=np.float64).reshape(-1, 1 + len(SeenPose._fields)))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ssmr._jit import jit
 from ssmr.geometry import relative, wrap_angle
-from ssmr.types import FloatArray, IndexArray, frozen_array
+from ssmr.types import FloatArray, IndexArray, frozen_array, increasing_times
 
 TIME_TOLERANCE = 1e-9
 """Stamps closer than this are the same instant [s]: rounding of k * dt, far under any sampling period."""
@@ -130,9 +130,7 @@ def horizon_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = Non
     Raises:
         ValueError: the horizon is not positive, time does not increase, or `usable` is no mask of M.
     """
-    stamps = frozen_array(t, "t", (None,))
-    if np.any(np.diff(stamps) <= 0.0):
-        raise ValueError("t must increase")
+    stamps = increasing_times(t)
     if not (math.isfinite(horizon) and horizon > TIME_TOLERANCE):
         raise ValueError(f"the horizon must be longer than {TIME_TOLERANCE} s, got {horizon} s")
     mask = np.ones(len(stamps), dtype=np.bool_) if usable is None else np.asarray(usable)

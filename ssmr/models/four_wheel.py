@@ -1,8 +1,8 @@
 """A planar body on four tyres with slip: the rung between the planar models, which know no slip, and MuJoCo.
 
-The body has three velocities, each wheel its own rate and a tyre (`ssmr.models.tyre`), each motor the loop of every plant
-(`ssmr.robot.motor`). Wheel loads follow the forces of the ground, as a rigid body on four equal springs has them, with a
-short lag that stands for the tyres' own give; their sum is always the weight. docs/four_wheel.md derives the equations.
+The body has three velocities, each wheel its own rate and a tyre (`ssmr.models.friction`), each motor the loop of every
+plant (`ssmr.robot.drive`). Wheel loads follow the forces of the ground, as a rigid body on four equal springs has them, with
+a short lag that stands for the tyres' own give; their sum is always the weight. docs/four_wheel.md derives the equations.
 
 Wheels in order front left, front right, rear left, rear right.
 """
@@ -14,11 +14,19 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 from ssmr._jit import jit, jit_alone
-from ssmr.models.friction import improved_friction, sign, stop_at_zero_crossing
-from ssmr.models.tyre import AlongAcross, Tyre, bend, felt_slip, steady_bend, tyre_force
+from ssmr.models.friction import (
+    AlongAcross,
+    Tyre,
+    bend,
+    felt_slip,
+    improved_friction,
+    sign,
+    steady_bend,
+    stop_at_zero_crossing,
+    tyre_force,
+)
 from ssmr.parameters import check_parameters, parameter, require_in_range
-from ssmr.robot.drive import saturate
-from ssmr.robot.motor import Motor, advance_integral, motor_numbers
+from ssmr.robot.drive import Motor, advance_integral, motor_numbers, saturate
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 

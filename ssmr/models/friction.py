@@ -1,13 +1,22 @@
-"""The friction laws of the thesis as functions of numbers.
+"""The friction laws of the thesis, and the force of a tyre of brushes, as functions of numbers.
 
-They are Coulomb friction (Eq. 2.18), its smooth form with an arctangent (Eq. 2.33-2.38), the line of that about rest, called
-hyperviscous (Eq. 2.39, 2.40), and the improved dry friction (Eq. 2.29-2.31). The linear model has the hyperviscous law in
-its matrices, with the coefficients K = (2/pi) k_s mu as free parameters.
+The laws of the thesis are Coulomb friction (Eq. 2.18), its smooth form with an arctangent (Eq. 2.33-2.38), the line of that
+about rest, called hyperviscous (Eq. 2.39, 2.40), and the improved dry friction (Eq. 2.29-2.31). The linear model has the
+hyperviscous law in its matrices, with the coefficients K = (2/pi) k_s mu as free parameters.
+
+The force of a tyre grows with slip until all of its contact slides, and it needs some way to build up: the brush model with
+a parabolic pressure (H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, Ch. 3.2). Where the stiffness differs along and
+across the wheel, the part of the contact that grips pulls as the brushes are bent, and the part that slides pulls against
+the slip (J. Svendenius, M. Gafvert, "A brush-model based semi-empirical tire-model for combined slips", SAE 2004-01-1064).
+The slip that this law sees is the bend of the brushes over the relaxation length, which rolling lets fade and sliding over
+the ground renews (Pacejka, Ch. 7 and 8); so a wheel that stands holds like a spring, and no speed stands in a denominator.
+docs/four_wheel.md derives all of this.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from ssmr._jit import jit
 
@@ -81,3 +90,94 @@ def stop_at_zero_crossing(v_next: float, v: float) -> float:
     if v_next < 0.0 < v or v < 0.0 < v_next:  # not v_next * v < 0: a product of tiny numbers is 0
         return 0.0
     return v_next
+
+
+class Tyre(NamedTuple):
+    """Numbers of a tyre, for compiled functions."""
+
+    friction: float  # mu [1]
+    along: float  # C_x, longitudinal force over load and slip at little slip [1]
+    across: float  # C_y, likewise across [1]
+    relaxation: float  # sigma, way in which the force builds up [m]
+    damping: float  # time by which the slip velocity leads in the bend of a wheel that stands [s]
+
+
+class AlongAcross(NamedTuple):
+    """A vector along and across a wheel."""
+
+    x: float
+    y: float
+
+
+@jit
+def bent_share(slip: AlongAcross, tyre: Tyre) -> float:
+    """Return z, the share of the contact that slides [1]; 1 and more where all of it does."""
+    return math.hypot(tyre.along * slip.x, tyre.across * slip.y) / (3.0 * tyre.friction)
+
+
+@jit
+def tyre_force(slip: AlongAcross, load: float, tyre: Tyre) -> AlongAcross:
+    """Return the force of the ground on a tyre [N] of a load [N]; `slip` is sliding over rolling speed [1].
+
+    Its size never exceeds friction times load, and it never points along the slip.
+    """
+    size = math.hypot(slip.x, slip.y)
+    if size == 0.0:
+        return AlongAcross(0.0, 0.0)
+    z = min(bent_share(slip, tyre), 1.0)
+    gripping, sliding = (1.0 - z) * (1.0 - z), tyre.friction * z * z * (3.0 - 2.0 * z) / size
+    return AlongAcross(
+        -load * (gripping * tyre.along + sliding) * slip.x, -load * (gripping * tyre.across + sliding) * slip.y
+    )
+
+
+@jit
+def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
+    """Return a slip shortened to the greatest at which a part of the contact grips: brushes bend no further."""
+    z = bent_share(slip, tyre)
+    return AlongAcross(slip.x / z, slip.y / z) if z > 1.0 else slip
+
+
+@jit
+def bend(slip: AlongAcross, sliding: AlongAcross, rolling: float, dt: float, tyre: Tyre) -> AlongAcross:
+    """Return the bend of the brushes over the relaxation length after a step, exactly for constant speeds.
+
+    Args:
+        slip: bend at the start of the step [1].
+        sliding: velocity of the rim over the ground where they touch [m/s].
+        rolling: speed of the rim about the axle [m/s].
+        dt: step [s].
+        tyre: numbers of the tyre.
+    """
+    rate = abs(rolling) / tyre.relaxation  # at which rolling replaces bent brushes by straight ones [1/s]
+    fading = -math.expm1(-rate * dt)
+    grown = (fading / rate if rate * dt > 1e-9 else dt) * (1.0 - rate * damping_time(rate, tyre)) / tyre.relaxation
+    kept = 1.0 - fading
+    return limited(AlongAcross(kept * slip.x + grown * sliding.x, kept * slip.y + grown * sliding.y), tyre)
+
+
+@jit
+def damping_time(rate: float, tyre: Tyre) -> float:
+    """Return the time by which the slip velocity leads [s]; fast rolling leaves no time for damping."""
+    return tyre.damping if rate * tyre.damping < 1.0 else 1.0 / rate
+
+
+@jit
+def felt_slip(slip: AlongAcross, sliding: AlongAcross, rolling: float, tyre: Tyre) -> AlongAcross:
+    """Return the slip that the force belongs to [1]: the bend and its damping.
+
+    In steady rolling it is sliding over rolling speed, whatever the damping.
+    """
+    lead = damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
+    return AlongAcross(slip.x + lead * sliding.x, slip.y + lead * sliding.y)
+
+
+@jit
+def steady_bend(sliding: AlongAcross, rolling: float, tyre: Tyre) -> AlongAcross:
+    """Return the bend in steady motion [1]; that of a wheel that slides without rolling is the greatest."""
+    speed = math.hypot(sliding.x, sliding.y)
+    if speed == 0.0:
+        return AlongAcross(0.0, 0.0)
+    stretch = 1.0 / max(abs(rolling), 1e-9 * speed)
+    lead = damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
+    return limited(AlongAcross((stretch - lead) * sliding.x, (stretch - lead) * sliding.y), tyre)

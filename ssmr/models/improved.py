@@ -14,8 +14,7 @@ from ssmr._jit import jit
 from ssmr.models.friction import improved_friction, stop_at_zero_crossing
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides
-from ssmr.robot.motor import Wanted, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Sides, Wanted, motor_torques, side_rates, thrusts
 
 
 @dataclass(frozen=True)

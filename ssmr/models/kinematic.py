@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.motor import Wanted
+from ssmr.robot.drive import Wanted
 
 
 @dataclass(frozen=True)

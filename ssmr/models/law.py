@@ -1,18 +1,25 @@
-"""Declaration of a planar model: its parameter set, and the compiled law by which its velocities advance."""
+"""Declaration of a planar model: its parameter set, and the compiled law by which its velocities advance.
+
+A new model is a file beside this one, named like the model, and a name in `PLANAR_MODELS`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, NamedTuple
 
 from numba.extending import overload
 
 from ssmr._jit import named_like
 from ssmr.parameters import numbers_of, packed
-from ssmr.robot.motor import Motor, Wanted
+from ssmr.robot.drive import Motor, Wanted
 from ssmr.robot.vehicle import Vehicle, vehicle_body
 from ssmr.types import FloatArray
+
+PLANAR_MODELS = ("improved", "coulomb", "linear", "kinematic")
+"""Names of the planar models, in the order of tables. A model's file is imported, and compiled, when it is first used."""
 
 
 class PlanarRobot(NamedTuple):
@@ -80,6 +87,18 @@ _LAWS: dict[type, PlanarLaw] = {}
 _ADVANCE: dict[type, Advance] = {}
 _CONSTANTS: dict[type, Any] = {}
 """A template of each law's constants, by the type of its packed parameters."""
+
+
+def planar_law(name: str) -> PlanarLaw:
+    """Return the planar model of a name: the `LAW` of its file.
+
+    Raises:
+        ValueError: there is no such model; the message lists the names.
+    """
+    if name not in PLANAR_MODELS:
+        raise ValueError(f"unknown planar model '{name}'; there are: {', '.join(PLANAR_MODELS)}")
+    law: PlanarLaw = import_module(f"ssmr.models.{name}").LAW
+    return law
 
 
 def law_of(parameters: object) -> PlanarLaw:

@@ -17,8 +17,7 @@ import numpy as np
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, packed, parameter
-from ssmr.robot.drive import Sides
-from ssmr.robot.motor import Wanted, exact_step, gear_loss, motor_torques, side_rates
+from ssmr.robot.drive import Sides, Wanted, exact_step, gear_loss, motor_torques, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import FloatArray
 

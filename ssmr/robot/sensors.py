@@ -1,13 +1,15 @@
-"""Sensor noise and yaw disturbance: options of a simulation, drawn from a seeded generator (Sec. 3.4.4-3.4.6)."""
+"""Sensors with noise and bias, and a yaw disturbance, drawn from a seeded generator (Sec. 3.4.4-3.4.6)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr.parameters import require_in_range
+from ssmr._jit import jit, source
+from ssmr.parameters import check_parameters, parameter, require_in_range
 from ssmr.types import FloatArray, Trajectory
 
 SAMPLE_RATES_HZ = {"tracking": 120.0, "ekf": 50.0, "command": 20.0}
@@ -113,3 +115,132 @@ def yaw_disturbance(
     draws = math.sqrt(variance) * rng.standard_normal(math.ceil(duration / sample_time - 1e-9) + 1)
     step = np.arange(round(duration / dt))
     return np.asarray(draws[np.floor(step * dt / sample_time + 1e-9).astype(int)])
+
+
+STANDS = 5.0
+"""Time for which a simulated robot stands before it drives [s], while a filter that learns listens to its gyro."""
+
+
+class SensorSample(NamedTuple):
+    """One reading of the sensors; NaN for a sensor that gave nothing."""
+
+    left: float
+    """Rate of the left wheels [rad/s]."""
+    right: float
+    """Rate of the right wheels [rad/s]."""
+    gyro: float
+    """Yaw rate [rad/s]."""
+
+
+class SensorErrors(NamedTuple):
+    """Noise and bias of the sensors, for the kernels."""
+
+    encoder_std: float
+    """Standard deviation of each side's wheel rate [rad/s]."""
+    gyro_std: float
+    """Standard deviation of the gyro [rad/s]."""
+    gyro_bias: float
+    """Reading of the gyro at rest [rad/s]."""
+    left_share: float = 1.0
+    """Share of the left wheels' rate that their encoders show [1]."""
+    right_share: float = 1.0
+    """Share of the right wheels' rate that their encoders show [1]."""
+
+
+class SensorLog(NamedTuple):
+    """Readings of the sensors, M samples, in the order in which `run_ekf` takes them."""
+
+    t: FloatArray
+    """(M,) instants [s]."""
+    left: FloatArray
+    """(M,) rate of the left wheels [rad/s]."""
+    right: FloatArray
+    """(M,) rate of the right wheels [rad/s]."""
+    gyro: FloatArray
+    """(M,) yaw rate [rad/s]."""
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """Noise of encoders and gyro.
+
+    The encoders' resolution (78 000 ticks/m, Sec. 3.1.3: 0.6 mm/s at 50 Hz) is a tenth of their noise, and left out.
+    """
+
+    variance_encoder: float = parameter(0.003677, unit="rad2/s2", low=0.0, high=1e6)
+    """Variance of each side's wheel rate [rad2/s2]: 2/r2 of v's variance in Tab. 3.4, which the mean of both sides then
+    has."""
+    variance_gyro: float = parameter(3.5298e-05, unit="rad2/s2", low=0.0, high=1e6)
+    """Variance of the yaw rate [rad2/s2]; Tab. 3.4."""
+    gyro_bias: float = parameter(0.0, unit="rad/s", low=-1e6, high=1e6)
+    """Reading of the gyro at rest [rad/s], which the filter does not know. A real Husky's on tile is -0.0156."""
+
+    missed_left: float = parameter(0.0, unit="1", low=0.0, high=1.0)
+    """Share of their ticks that damaged encoders of the left side miss [1]; Sec. 4.5 supposes such damage."""
+    missed_right: float = parameter(0.0, unit="1", low=0.0, high=1.0)
+    """Share of their ticks that damaged encoders of the right side miss [1]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges; ValueError for a negative variance, a share beyond 1, or a number that is not finite."""
+        check_parameters(self)
+
+    def packed(self) -> SensorErrors:
+        """Return the noise for the kernels."""
+        return SensorErrors(
+            math.sqrt(self.variance_encoder),
+            math.sqrt(self.variance_gyro),
+            self.gyro_bias,
+            1.0 - self.missed_left,
+            1.0 - self.missed_right,
+        )
+
+
+def gyro_at_rest(noise: SensorErrors, rng: np.random.Generator, seconds: float = STANDS) -> FloatArray:
+    """Return (N,) what the gyro shows while the robot stands for a time [rad/s], at the state filter's rate."""
+    return noise.gyro_bias + noise.gyro_std * rng.standard_normal(round(seconds * SAMPLE_RATES_HZ["ekf"]))
+
+
+@jit
+def sense(
+    left: float, right: float, yaw_rate: float, draws: tuple[float, float, float], noise: SensorErrors
+) -> SensorSample:
+    """Return what encoders and gyro show where these are the true rates of both wheels and of the body [rad/s].
+
+    `draws` are three standard normal numbers, for left, right and gyro, which the caller draws.
+    """
+    return SensorSample(
+        left * noise.left_share + noise.encoder_std * draws[0],
+        right * noise.right_share + noise.encoder_std * draws[1],
+        yaw_rate + noise.gyro_std * draws[2] + noise.gyro_bias,
+    )
+
+
+def simulate_sensors(
+    trajectory: Trajectory,
+    rng: np.random.Generator,
+    model: SensorModel | None = None,
+    rate: float = SAMPLE_RATES_HZ["ekf"],
+) -> SensorLog:
+    """Simulate the robot's sensors along a motion.
+
+    Args:
+        trajectory: the true motion.
+        rng: generator of the noise, three numbers a sample.
+        model: the sensors; `SensorModel()` if not given.
+        rate: samples a second [Hz]. Each is the first state of the motion in its period, with that state's own instant, so
+            a motion whose samples do not divide the period gives irregular ones.
+
+    Returns:
+        The samples, in the order in which `run_ekf` takes them.
+
+    Raises:
+        ValueError: a rate that is not positive.
+    """
+    if not rate > 0.0:
+        raise ValueError(f"the sample rate must be positive, got {rate} Hz")
+    tick = np.floor((trajectory.t - trajectory.t[0]) * rate + 1e-9).astype(int)
+    first = np.unique(tick, return_index=True)[1]
+    (left, right), yaw_rate = trajectory.wheels[first].T, trajectory.twist[first, 2]
+    draws = rng.standard_normal((len(first), 3)).T
+    on_arrays: Any = source(sense)
+    return SensorLog(trajectory.t[first], *on_arrays(left, right, yaw_rate, draws, (model or SensorModel()).packed()))

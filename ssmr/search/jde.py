@@ -17,6 +17,8 @@ Where the thesis leaves a choice, or prints something that cannot be:
 - A gene of a donor beyond a bound is put midway between the base vector (the best, or r1) and that bound. Searches keep
   approaching an optimum at a bound, and no vector is thrown back into the cube at random.
 - The parent's cost is remembered, not evaluated again.
+
+Symbols: S vectors (NP) of n genes, i one of them; F scales differences, CR is the share of genes crossed.
 """
 
 from __future__ import annotations
@@ -30,10 +32,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssmr.parameters import MOST_SEED, require_within
-from ssmr.search import evolution
-from ssmr.search.evolution import CROSSOVERS, PARTNERS, Crossover, Strategy
-from ssmr.types import FloatArray, frozen_array
+from ssmr.types import FloatArray, IndexArray, frozen_array
 
+Strategy = Literal["best/2", "rand/1", "best/1"]
+Crossover = Literal["bin", "exp"]
+_Mask = NDArray[np.bool_]
+
+PARTNERS: Mapping[str, int] = {"best/2": 4, "rand/1": 3, "best/1": 2}
+"""Number of vectors, distinct and other than i, that a strategy draws (nr of Tab. 3.7)."""
+CROSSOVERS = ("bin", "exp")
 Finished = Literal["", "generations", "improvement", "target"]
 
 VERSION = "ssmr.jde/1"
@@ -213,16 +220,16 @@ class Jde:
         rows = draws[: (5 + k) * size].reshape(5 + k, size)
         crossing = draws[(5 + k) * size :]
         descent = s.slope * self.generation / s.generations  # ng - 1 generations are complete
-        f = evolution.adapt(self._f, rows[0:2], s.f_bounds, s.tau_f, descent)
-        cr = evolution.adapt(self._cr, rows[2:4], s.cr_bounds, s.tau_cr, descent)
+        f = adapt(self._f, rows[0:2], s.f_bounds, s.tau_f, descent)
+        cr = adapt(self._cr, rows[2:4], s.cr_bounds, s.tau_cr, descent)
         first = (rows[4] * n).astype(np.intp)
-        partners = evolution.distinct_partners(rows[5:])
-        base, donors = evolution.mutate(s.strategy, self._population, self._population[self._best], f, partners)
+        partners = distinct_partners(rows[5:])
+        base, donors = mutate(s.strategy, self._population, self._population[self._best], f, partners)
         if binomial:
-            mask = evolution.binomial_mask(cr, crossing.reshape(size, n), first)
+            mask = binomial_mask(cr, crossing.reshape(size, n), first)
         else:
-            mask = evolution.exponential_mask(cr, crossing, first, n)
-        return np.where(mask, evolution.repair(donors, base), self._population), f, cr
+            mask = exponential_mask(cr, crossing, first, n)
+        return np.where(mask, repair(donors, base), self._population), f, cr
 
     def tell(self, costs: ArrayLike) -> None:
         """Take the (S,) costs of the points asked for, and select: a trial replaces its parent unless it is worse.
@@ -238,7 +245,7 @@ class Jde:
         told = np.asarray(costs, dtype=np.float64)
         if told.shape != self._costs.shape:
             raise ValueError(f"costs have shape {told.shape}, wanted {self._costs.shape}")
-        won = evolution.replaces(told, self._costs)
+        won = replaces(told, self._costs)
         self._costs = np.where(won, told, self._costs)
         if self._history:
             self._population = np.where(won[:, np.newaxis], self._trials, self._population)
@@ -301,3 +308,86 @@ _ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
 def _setting(value: Any, default: Any) -> NDArray[Any]:
     """Return a setting as an array of its default's type: a 0 given for a float is kept as 0.0."""
     return np.array(value) if isinstance(default, str) else np.array(value, dtype=np.array(default).dtype)
+
+
+def adapt(values: FloatArray, draws: FloatArray, bounds: tuple[float, float], tau: float, descent: float) -> FloatArray:
+    """Return (S,) F or CR of the trials (Sec. 3.5.1): drawn anew with probability tau, else lowered, not below the least.
+
+    The first row of the (2, S) draws, uniform in [0, 1), decides whether to draw anew, the second gives the new value;
+    `descent` is slp (ng - 1) / ng_max.
+    """
+    low, high = bounds
+    return np.where(draws[0] < tau, low + (high - low) * draws[1], np.maximum(values - values * descent, low))
+
+
+def distinct_partners(draws: FloatArray) -> IndexArray:
+    """Return, for each i, k indices that differ from each other and from i; every ordered choice is equally likely.
+
+    The j-th index is drawn from the S - 1 - j that are left, then counted past the taken ones in increasing order. Draws
+    are (k, S), uniform in [0, 1), and k < S; column i of the (k, S) indices belongs to vector i.
+    """
+    k, size = draws.shape
+    left = (size - 1 - np.arange(k, dtype=np.float64))[:, np.newaxis]
+    indices: IndexArray = (draws * left).astype(np.intp)
+    taken = [np.arange(size)]  # increasing, for each column
+    for j in range(k):
+        index = indices[j]
+        for t in taken:
+            index += index >= t
+        if j + 1 < k:
+            carried = index
+            for m, t in enumerate(taken):
+                taken[m], carried = np.minimum(t, carried), np.maximum(t, carried)
+            taken.append(carried)
+    return indices
+
+
+def mutate(
+    strategy: Strategy, population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the (n,) or (S, n) base vectors, and the (S, n) donors V_i that start from them and may leave the cube.
+
+    best/2: V = X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1); best/1: V = X_best + F (X_r1 - X_r2);
+    rand/1: V = X_r1 + F (X_r2 - X_r3). The (k, S) partners are the indices r1 to rk.
+    """
+    x = population[partners]
+    if strategy == "rand/1":
+        base, difference = x[0], x[1] - x[2]
+    else:
+        base, difference = best, x[0] - x[1]
+        if strategy == "best/2":
+            difference += x[2]
+            difference -= x[3]
+    difference *= f[:, np.newaxis]
+    difference += base
+    return base, difference
+
+
+def repair(donors: FloatArray, base: FloatArray) -> FloatArray:
+    """Return (S, n) donors whose genes beyond a bound of the cube lie midway between the base vector's and that bound."""
+    inside = np.where(donors < 0.0, 0.5 * base, donors)
+    return np.where(donors > 1.0, 0.5 + 0.5 * base, inside)
+
+
+def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> _Mask:
+    """Return an (S, n) mask of the genes that come from the donor: each with probability CR, and gene `first` always.
+
+    The (S, n) draws are uniform in [0, 1).
+    """
+    mask = draws < cr[:, np.newaxis]
+    mask[np.arange(len(cr)), first] = True
+    return mask
+
+
+def exponential_mask(cr: FloatArray, draws: FloatArray, first: IndexArray, n: int) -> _Mask:
+    """Return an (S, n) mask of the genes that come from the donor: a run from `first` that wraps around the end.
+
+    The p-th gene after `first` belongs to the run with probability CR^p; the (S,) draws are uniform in [0, 1).
+    """
+    after = (np.arange(n) - first[:, np.newaxis]) % n
+    return draws[:, np.newaxis] < cr[:, np.newaxis] ** after
+
+
+def replaces(trial_costs: FloatArray, parent_costs: FloatArray) -> _Mask:
+    """Return (S,) whether each trial replaces its parent: it does if its cost is finite and not worse."""
+    return np.isfinite(trial_costs) & (trial_costs <= parent_costs)

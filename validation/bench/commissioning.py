@@ -6,8 +6,7 @@ from pathlib import Path
 
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.references import eight
-from ssmr.estimation.commission import commission
-from ssmr.estimation.settings import EkfSettings
+from ssmr.estimation.settings import EkfSettings, commission
 from validation.bench.gains import DEFAULT, load_gains
 from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.plants.filters import StateFilter, load_filter, odometry_of

@@ -17,8 +17,8 @@ from ssmr.control.population import Loop, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import Metrics
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
+from ssmr.models.law import PLANAR_MODELS
 from ssmr.models.linear import matrices
-from ssmr.models.table import PLANAR_MODELS
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, Plant, State

@@ -17,8 +17,7 @@ from ssmr.control.lqr import V_LIMIT, W_LIMIT
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
 from ssmr.errors import SsmrError
-from ssmr.metrics.declared import METRICS, Metric, Metrics, compare_paths
-from ssmr.metrics.tracking import command_measures, cross_track_max
+from ssmr.metrics.declared import METRICS, Metric, Metrics, command_measures, compare_paths, cross_track_max
 from ssmr.types import Trajectory
 from validation.plants.filters import StateFilter
 from validation.simulator.description import Robot, load_robot, with_robot

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ssmr.robot.skid_turn import FRONT, LEFT
+from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration

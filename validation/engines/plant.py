@@ -10,8 +10,7 @@ import numpy as np
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import yaw_to_quat_wxyz
-from ssmr.robot.drive import Driver, Sides, wheel_references, whole_steps
-from ssmr.robot.motor import advance_integral, motor_numbers, side_torque
+from ssmr.robot.drive import Driver, Sides, advance_integral, motor_numbers, side_torque, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.engines.body import EngineBody, Rigid, RigidNumbers
@@ -29,7 +28,7 @@ _TURN = 2.0 * math.pi
 
 
 class EnginePlant:
-    """A calibrated robot in an engine. Wheels of a side have the torque of `ssmr.robot.motor`, half for each."""
+    """A calibrated robot in an engine. Wheels of a side have the torque of `ssmr.robot.drive`, half for each."""
 
     def __init__(
         self,

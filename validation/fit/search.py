@@ -18,8 +18,7 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.parameters import MOST_SEED, require_within
-from ssmr.search.evolution import Crossover, Strategy
-from ssmr.search.jde import MOST_COST, Jde, JdeSettings
+from ssmr.search.jde import MOST_COST, Crossover, Jde, JdeSettings, Strategy
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import store

@@ -10,9 +10,8 @@ from types import MappingProxyType
 import numpy as np
 
 from ssmr._jit import source
-from ssmr.estimation.commission import commission, learning, stood
-from ssmr.estimation.ekf import aside_of, run_ekf
-from ssmr.estimation.settings import EkfSettings, SeenPose
+from ssmr.estimation.ekf import aiding_by, run_ekf
+from ssmr.estimation.settings import EkfSettings, SeenPose, commission, learning, zeroed
 from ssmr.geometry import align_rigidly, integral, rotate_body_to_world, travelled
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import wheel_rates
@@ -88,11 +87,11 @@ def filtered_motion(
     still = standing(groups, t)
     std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
     if turning is not None and bias and settings.learns:
-        settings, turning = stood(settings, turning[still]), np.where(still, np.nan, turning)
+        settings, turning = zeroed(settings, turning[still]), np.where(still, np.nan, turning)
     elif turning is not None and bias:
-        turning = turning - stood(learning(settings), turning[still]).bias
-    aside = aside_of(still) if settings.learns else None
-    motion = run_ekf(t, left, right, turning, settings, State(), std, aside)
+        turning = turning - zeroed(learning(settings), turning[still]).bias
+    aiding = aiding_by(still) if settings.learns else None
+    motion = run_ekf(t, left, right, turning, settings, State(), std, aiding)
     fixes = groups.get("gps") if gps_std else None
     if fixes is None:
         return motion
@@ -100,8 +99,8 @@ def filtered_motion(
     seen = zip(fixes.t.tolist(), points.tolist(), strict=True)
     poses = {at: SeenPose(x, y, math.nan, gps_std**2, math.inf) for at, (x, y) in seen}
     std = (gps_std, gps_std, 0.5, 1.0, 1.0)
-    told = aside_of(still if settings.learns else np.zeros_like(still), poses)
-    return run_ekf(t, left, right, turning, settings, _start_in(motion, fixes.t, points), std, told)
+    aiding = aiding_by(still if settings.learns else np.zeros_like(still), poses)
+    return run_ekf(t, left, right, turning, settings, _start_in(motion, fixes.t, points), std, aiding)
 
 
 def _start_in(motion: Trajectory, t: FloatArray, points: FloatArray) -> State:

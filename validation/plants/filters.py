@@ -11,8 +11,7 @@ from typing import Any
 
 import tomli_w
 
-from ssmr.estimation.commission import learning
-from ssmr.estimation.settings import EkfSettings
+from ssmr.estimation.settings import EkfSettings, learning
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive
 from validation import reading, store

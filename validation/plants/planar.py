@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ssmr.lanes import run_population, told_poses
-from ssmr.models.table import planar_law
+from ssmr.models.law import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant

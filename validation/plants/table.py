@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from ssmr.models.table import PLANAR_MODELS
+from ssmr.models.law import PLANAR_MODELS
 
 if TYPE_CHECKING:
     from validation.plants.kind import PlantKind

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssmr.estimation.sensing import SensorModel, simulate_sensors
-from ssmr.robot.sensors import SAMPLE_RATES_HZ, tracker_swing
+from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorModel, simulate_sensors, tracker_swing
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State

@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 from ssmr.models.coulomb import accelerations
 from ssmr.models.improved import active
 from ssmr.models.linear import coefficients
-from ssmr.robot.motor import Wanted, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Wanted, motor_torques, side_rates, thrusts
 from ssmr.scenarios import SineScenario
 from ssmr.simulation import PLANAR_DT, PlanarModel
 from ssmr.types import FloatArray

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ssmr.control.loop import ClosedRun, LoopSettings
-from ssmr.estimation.sensing import SensorModel
 from ssmr.metrics.declared import compare_paths
-from ssmr.robot.sensors import tracker_swing
+from ssmr.robot.sensors import SensorModel, tracker_swing
 from ssmr.types import Trajectory
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot, run_robots

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.estimation.ekf import run_ekf
-from ssmr.estimation.sensing import simulate_sensors
-from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorNoise, measure
+from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorNoise, measure, simulate_sensors
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, FloatArray, State, Trajectory

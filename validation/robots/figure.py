@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from ssmr.robot.skid_turn import FRONT, LEFT
+from ssmr.robot.ground import FRONT, LEFT
 from validation.report.drawing import (
     ALARM,
     EDGE_IN,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssmr.robot.skid_turn import FRONT, LEFT, SkidTurn, turn_on_the_spot
+from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
 from ssmr.types import FloatArray
 from validation.simulator.description import WHEELS, Robot
 

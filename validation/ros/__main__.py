@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from ssmr.estimation.sensing import SensorModel
+from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from validation import cli
 from validation.bench.commissioning import chosen_filter

@@ -7,14 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ssmr.estimation.commission import stood
-from ssmr.estimation.constants import forward_speed
-from ssmr.estimation.ekf import filter_step, initial_belief
-from ssmr.estimation.sensing import SensorErrors, SensorModel, gyro_at_rest, sense
-from ssmr.estimation.settings import BIAS, Belief, EkfSettings, V, W
+from ssmr.estimation.ekf import filter_step, forward_speed, initial_belief
+from ssmr.estimation.settings import BIAS, Belief, EkfSettings, V, W, zeroed
 from ssmr.geometry import compose
 from ssmr.robot.drive import body_rates, whole_steps
-from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE
+from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, gyro_at_rest, sense
 from ssmr.types import FloatArray, State
 from validation.plants.filters import odometry_of
 from validation.ros.commands import STAND_STILL, Twist
@@ -70,7 +67,7 @@ class SimulatedRobot:
         self._sensed_at = 0
         self._deviations = settings.model.packed() if settings.noise else SensorErrors(0.0, 0.0, settings.model.gyro_bias)
         at_rest = gyro_at_rest(self._deviations, np.random.default_rng([settings.seed, 2]))
-        self.filter = stood(settings.filter or odometry_of(plant.drive), at_rest)
+        self.filter = zeroed(settings.filter or odometry_of(plant.drive), at_rest)
         self._numbers = self.filter.packed()
         self.belief = initial_belief(State(), settings=self.filter if self.filter.learns else None)
         self._wheel_pose = np.zeros(3)

@@ -101,7 +101,7 @@ class Geometry:
     def turning_half_track(self) -> float:
         """Half the difference of the rims' speeds over the yaw rate in a turn on the spot with dry friction [m].
 
-        With the centre of mass in the middle and one contact point a tyre, `ssmr.robot.skid_turn` has this closed form:
+        With the centre of mass in the middle and one contact point a tyre, `ssmr.robot.ground` has this closed form:
         half-track (1 + (wheelbase / track)^2).
         """
         return 0.5 * self.track * (1.0 + (self.wheelbase / self.track) ** 2)

@@ -20,7 +20,7 @@ from ssmr.control.mission import PythonController
 from ssmr.control.population import run_bodies
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
-from ssmr.robot.motor import motor_numbers
+from ssmr.robot.drive import motor_numbers
 from ssmr.types import FloatArray, State
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.model import controls

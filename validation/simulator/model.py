@@ -13,8 +13,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ssmr.robot.motor import motor_numbers
-from ssmr.robot.skid_turn import FRONT, LEFT
+from ssmr.robot.drive import motor_numbers
+from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
@@ -283,7 +283,7 @@ def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "")
 
 
 def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = "") -> None:
-    """Set the motors of `drive` (`ssmr.robot.motor`), with the calibration's gain, on a compiled model, in place.
+    """Set the motors of `drive` (`ssmr.robot.drive`), with the calibration's gain, on a compiled model, in place.
 
     An integral part K_I, leaking to a stiffness K_dc, is a shaft of inertia J behind a servo of gain D and a spring of
     stiffness k. The spring has a damper q of up to half the gain K_P, which the direct servo has less: without it the shaft

@@ -18,8 +18,7 @@ from ssmr.geometry import (
     rotate_world_to_body,
     yaw_to_quat_wxyz,
 )
-from ssmr.robot.drive import Driver, reference_chunks, whole_steps
-from ssmr.robot.motor import motor_numbers
+from ssmr.robot.drive import Driver, motor_numbers, reference_chunks, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.simulator.calibration import Calibration

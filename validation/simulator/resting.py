@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from ssmr.robot.skid_turn import FRONT, LEFT
+from ssmr.robot.ground import FRONT, LEFT
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.parts import robot_parts

@@ -21,7 +21,7 @@ from ssmr.types import FloatArray
 from validation.words import one_line
 
 if TYPE_CHECKING:
-    from ssmr.robot.surface import Surface
+    from ssmr.robot.ground import Surface
 
 Kind = Literal["flat", "ramp", "rough", "split"]
 
@@ -110,7 +110,7 @@ class Terrain:
         """Rough ground: white noise through a Gaussian filter of standard deviation length / 2, scaled to `height`."""
         from scipy import ndimage  # slow to import, like the compiled surface; only rough ground needs them
 
-        from ssmr.robot.surface import Surface
+        from ssmr.robot.ground import Surface
 
         n = round(PERIOD * CELLS_A_LENGTH / self.length)
         noise = np.random.default_rng(self.seed).standard_normal((n, n))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssmr.errors import DivergedError
-from ssmr.robot.skid_turn import SkidTurn, turn_on_the_spot
+from ssmr.robot.ground import SkidTurn, turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State, Trajectory
 from validation.simulator.calibration import Calibration

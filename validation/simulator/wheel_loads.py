@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from ssmr.robot.loads import LoadModel
+from ssmr.robot.ground import LoadModel
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, State, Trajectory
 from validation.simulator.description import WHEELS

@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from ssmr.control.loop import LoopSettings
 from ssmr.errors import SsmrError
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
-from ssmr.models.table import PLANAR_MODELS as PLANAR
-from ssmr.robot.loads import static_loads
+from ssmr.models.law import PLANAR_MODELS as PLANAR
+from ssmr.robot.ground import static_loads
 from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT

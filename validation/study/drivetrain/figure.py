@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ssmr.robot.slip import grip
+from ssmr.robot.drivetrain import grip
 from validation.report.drawing import (
     DASHED,
     Ink,

@@ -1,7 +1,7 @@
 """Friction, losses and slip stiffness from the currents of steady driving, under several rules of what a current shows.
 
 The wheels turn steadily, the robot does not accelerate, and so its motion and the share of the friction that each side
-overcomes follow from the wheel rates alone (`ssmr.robot.slip`). The torque of a side over the torque constant is then
+overcomes follow from the wheel rates alone (`ssmr.robot.drivetrain`). The torque of a side over the torque constant is then
 
     I = A F + loss sgn(w),    A = mu N r / K,
 
@@ -19,8 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from ssmr.robot.currents import battery_current, bridge_reading
-from ssmr.robot.slip import SkidGeometry, quasi_static_twist, side_forces
+from ssmr.robot.drivetrain import SkidGeometry, battery_current, bridge_reading, quasi_static_twist, side_forces
 from ssmr.types import FloatArray
 from validation.study.drivetrain.samples import CurrentSamples
 

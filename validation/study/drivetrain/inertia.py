@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.robot.currents import bridge_reading
-from ssmr.robot.set_points import SetPointLaw, rim_speeds
+from ssmr.robot.drivetrain import SetPointLaw, bridge_reading, rim_speeds
 from ssmr.types import FloatArray
 from validation.study.drivetrain.evidence import held_commands
 from validation.study.drivetrain.logs import Chassis, DriveLog

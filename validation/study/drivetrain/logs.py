@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.robot.slip import SkidGeometry
+from ssmr.robot.drivetrain import SkidGeometry
 from ssmr.types import FloatArray
 from validation.logs.formats import read_recording
 from validation.logs.recording import Recording

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ssmr.robot.set_points import SetPointLaw, rim_speeds
+from ssmr.robot.drivetrain import SetPointLaw, rim_speeds
 from ssmr.types import FloatArray, IndexArray
 from validation.study.drivetrain.evidence import HELD, HeldCommand, RateEvidence, held_commands, rate_evidence
 from validation.study.drivetrain.logs import Chassis, DriveLog, Resampling

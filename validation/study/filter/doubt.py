@@ -9,10 +9,9 @@ from scipy.special import chdtri
 
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.references import sine
-from ssmr.estimation.commission import stood
 from ssmr.estimation.ekf import run_ekf
-from ssmr.estimation.sensing import SensorModel, gyro_at_rest, simulate_sensors
-from ssmr.estimation.settings import EkfSettings
+from ssmr.estimation.settings import EkfSettings, zeroed
+from ssmr.robot.sensors import SensorModel, gyro_at_rest, simulate_sensors
 from ssmr.types import FloatArray, State, Trajectory
 from validation.bench.commissioning import TRACKER, commissioned
 from validation.bench.gains import DEFAULT, load_gains
@@ -113,7 +112,7 @@ def _judge(truth: Trajectory, doubts: EkfSettings, rng: np.random.Generator) -> 
     shown = doubts.bias_std * float(bias)
     sensors = SensorModel(gyro_bias=shown)
     log = simulate_sensors(truth, rng, sensors, _RATE)
-    begins = stood(begins, gyro_at_rest(sensors.packed(), rng))
+    begins = zeroed(begins, gyro_at_rest(sensors.packed(), rng))
     (x, y, yaw), (v, _, w) = truth.pose[0].tolist(), truth.twist[0].tolist()
     at = np.searchsorted(log.t, np.arange(_EVERY, log.t[-1], _EVERY) - 1e-9)
     thesis, found = EkfSettings(radius=doubts.radius, half_track=doubts.half_track), list[FloatArray]()

@@ -14,10 +14,10 @@ from typing import get_args
 import numpy as np
 
 from ssmr.control.loop import Feedback
-from ssmr.estimation.sensing import STANDS
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import relative, travelled, wrap_angle
 from ssmr.parameters import require_in_range, require_within
+from ssmr.robot.sensors import STANDS
 from ssmr.types import FloatArray, Trajectory
 from validation.bench.loops import ClosedLoopRobot
 from validation.plants.filters import odometry_of

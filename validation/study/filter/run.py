@@ -16,11 +16,10 @@ import numpy as np
 
 from ssmr.control.loop import ClosedRun, Feedback, LoopSettings, make_clock
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.commission import stood
 from ssmr.estimation.ekf import run_ekf
-from ssmr.estimation.sensing import SensorModel, gyro_at_rest, simulate_sensors
-from ssmr.estimation.settings import EkfSettings
+from ssmr.estimation.settings import EkfSettings, zeroed
 from ssmr.geometry import travelled
+from ssmr.robot.sensors import SensorModel, gyro_at_rest, simulate_sensors
 from ssmr.types import State, Trajectory
 from validation.bench.commissioning import TRACKER, commissioned
 from validation.bench.gains import DEFAULT, load_gains
@@ -128,7 +127,7 @@ def _estimate(
             rng = np.random.default_rng([options.seed, k])
             sensors = SensorModel(gyro_bias=variant.bias)
             log = simulate_sensors(truth, rng, sensors)
-            settings = stood(ground.filter_settings(variant, known), gyro_at_rest(sensors.packed(), rng, options.stands))
+            settings = zeroed(ground.filter_settings(variant, known), gyro_at_rest(sensors.packed(), rng, options.stands))
             gyro = log.gyro if variant.gyro else None
             believed = run_ekf(log.t, log.left, log.right, gyro, settings, start)
             seen = np.searchsorted(truth.t, log.t - 1e-9)

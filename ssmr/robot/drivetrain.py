@@ -1,4 +1,4 @@
-"""Tyres that give way before they slide, and the steady motion of a skid-steering robot on four of them.
+"""What a real robot's drive train makes of commands: set points, motor currents, and the slip of tyres that give way.
 
 A Coulomb contact pushes with all of its friction as soon as it slides at all. A tyre on grass deforms and shears the ground:
 its force grows with slip, which is sliding speed over rolling speed,
@@ -9,14 +9,29 @@ and reaches the friction limit only where s is several times s_0. As s_0 goes to
 contact has a potential, Phi(v) = mu N (|v| - c (1 - exp(-|v| / c))) with c = s_0 (|r w| + v_c), which is convex. So a robot
 that does not accelerate moves such that the sum of the four is least. There is only one such motion, and Newton's method
 finds it from anywhere.
+
+A motor's current I is its torque over the torque constant. With a wheel rate w, its voltage is proportional to w + rho I,
+where rho is the resistance over the voltage constant. Two kinds of sensors are met:
+
+- a sensor in the motor's bridge that only sees the current while the bridge drives, I (w + rho I) > 0, and has no sign;
+- a sensor at the battery, which shows the electrical power over the battery's voltage, negative while braking feeds it.
+
+The driver of a real robot takes a command after a dead time; the yaw rate saturates; both speeds move towards it no faster
+than their limits; they become speeds of the two sides, which are scaled down together where one is faster than the robot may
+be; a lag follows. `ssmr.robot.drive` is the same chain as part of a simulated robot, without the common limit of the two
+sides.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
+from ssmr._jit import jit_alone
+from ssmr.robot.drive import ramp, saturate
 from ssmr.types import FloatArray
 
 CREEP = 0.02
@@ -152,3 +167,110 @@ def _slope_and_curvature(
     slope = np.einsum("dkin,din->kn", arms, sliding * across)
     curvature = np.einsum("dkin,dein,elin->nkl", arms, stiffness, arms)
     return slope, curvature
+
+
+_SHARP = 1e-6
+"""A current that ripples by less does not ripple [A]."""
+
+
+def bridge_reading(current: FloatArray, rate: FloatArray, rho: float, ripple: float, idle: float = 0.0) -> FloatArray:
+    """Return the mean reading of a sensor that sees |I| only while the bridge drives, and `idle` else.
+
+    The current ripples about its mean, so that near the rule's edges it is read now and then.
+
+    Args:
+        current: (...) mean motor currents, of any sign [A].
+        rate: (...) wheel rates [rad/s].
+        rho: resistance over voltage constant: the rate that an ampere costs [rad/s per A], positive.
+        ripple: standard deviation of the current about its mean [A]; 0 for none.
+        idle: mean reading while the bridge does not drive [A].
+    """
+    forward = np.where(rate < 0.0, -1.0, 1.0) * current  # positive if it drives the wheel on
+    regenerating = -np.abs(rate) / rho  # from here to zero the wheel drives the motor
+    ahead, share_ahead = _beyond(forward, 0.0 * regenerating, ripple)
+    back, share_back = _beyond(-forward, -regenerating, ripple)
+    return ahead + back + idle * (1.0 - share_ahead - share_back)
+
+
+def battery_current(torque: FloatArray, rate: FloatArray, voltage: FloatArray, heat: float, efficiency: float) -> FloatArray:
+    """Return the current that a side draws from the battery, negative where it feeds the battery [A].
+
+    Args:
+        torque: (...) torques at the wheels [N m].
+        rate: (...) wheel rates [rad/s].
+        voltage: (...) voltages of the battery [V].
+        heat: resistance over the square of the torque constant: power lost as heat over the torque's square [W/(N m)^2].
+        efficiency: share of the power that passes the gear, either way [1].
+    """
+    power = torque * rate
+    drawn: FloatArray = (np.where(power > 0.0, power / efficiency, power * efficiency) + heat * torque**2) / voltage
+    return drawn
+
+
+def _beyond(mean: FloatArray, edge: FloatArray, ripple: float) -> tuple[FloatArray, FloatArray]:
+    """Return, of a normal law, the mean with nothing in place of what lies below an edge, and the share above it."""
+    if ripple < _SHARP:
+        share = np.where(mean > edge, 1.0, 0.0)
+        return mean * share, share
+    u = np.clip((mean - edge) / ripple, -30.0, 30.0)
+    share = ndtr(u)
+    return mean * share + ripple * np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi), share
+
+
+class SetPointLaw(NamedTuple):
+    """The numbers of a driver that turns commands into rim speeds."""
+
+    dead_time: float
+    """Time from a command to its effect [s]."""
+    gain: float
+    """Rim speed over commanded speed when driving straight [1]."""
+    half_track: float
+    """Difference of a side's rim speed from the middle's, over the commanded yaw rate [m]."""
+    yaw_rate_limit: float
+    """Greatest yaw rate that is obeyed [rad/s]."""
+    acceleration: float
+    """Greatest rate of change of the commanded speed [m/s^2]."""
+    yaw_acceleration: float
+    """Greatest rate of change of the commanded yaw rate [rad/s^2]."""
+    lag: float
+    """Time constant with which the rims follow [s]."""
+
+
+def rim_speeds(commands: FloatArray, dt: float, law: SetPointLaw, speed_limit: float) -> FloatArray:
+    """Return the rim speeds that a driver asks for.
+
+    Args:
+        commands: (n, 2) speeds [m/s] and yaw rates [rad/s], each held for `dt`; before the first nothing moves.
+        dt: period of the commands [s].
+        law: the driver.
+        speed_limit: greatest rim speed [m/s].
+
+    Returns:
+        (n, 2) speeds of the left and the right rims [m/s], at the end of each period.
+    """
+    out = np.empty_like(commands)
+    _fill(np.ascontiguousarray(commands, dtype=np.float64), dt, SetPointLaw(*map(float, law)), speed_limit, out)
+    return out
+
+
+@jit_alone
+def _fill(commands: FloatArray, dt: float, law: SetPointLaw, speed_limit: float, out: FloatArray) -> None:
+    v, w, left, right = 0.0, 0.0, 0.0, 0.0
+    share = 1.0 - math.exp(-dt / law.lag) if law.lag > 0.0 else 1.0
+    late = law.dead_time / dt
+    whole = math.floor(late)
+    part = late - whole  # share of a period in which the command before still holds
+    for k in range(len(commands)):
+        now, before = k - whole, k - whole - 1
+        for piece in range(2):
+            source, span = (before, part) if piece == 0 else (now, 1.0 - part)
+            wanted_v = commands[source, 0] if source >= 0 else 0.0
+            wanted_w = saturate(commands[source, 1], law.yaw_rate_limit) if source >= 0 else 0.0
+            v = ramp(v, law.gain * wanted_v, law.gain * law.acceleration * dt * span)
+            w = ramp(w, wanted_w, law.yaw_acceleration * dt * span)
+        wanted_left, wanted_right = v - law.half_track * w, v + law.half_track * w
+        fastest = max(abs(wanted_left), abs(wanted_right))
+        scale = speed_limit / fastest if fastest > speed_limit else 1.0
+        left += share * (scale * wanted_left - left)
+        right += share * (scale * wanted_right - right)
+        out[k, 0], out[k, 1] = left, right

@@ -1,0 +1,319 @@
+"""What the ground does to a robot, without any simulation: a turn on the spot, wheel loads, and uneven surfaces.
+
+In the closed form of a turn (docs/physics.md and docs/contact.md derive it) rigid tyres slide on the ground, left and right
+ones turning alike and against each other; nothing accelerates. The robot then moves so that the forces and the moments of
+friction cancel, which is where what friction dissipates is least: that is convex in the motion, so there is nothing to
+search.
+
+Loads are those at rest, as the thesis has them, and in motion those that accelerations make of them. Wheels are in the
+order front left, front right, rear left, rear right.
+
+A surface is a bicubic spline through heights on a square grid: height, slope and curvature are continuous, so a wheel that
+rolls over it is lifted smoothly. A wheel touches it where its rim and the surface have the same normal; there is one such
+place as long as the surface is nowhere curved upward as tightly as the wheel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+from scipy.optimize import minimize
+
+from ssmr._jit import jit, jit_alone
+from ssmr.parameters import require_in_range
+from ssmr.robot.vehicle import Vehicle
+from ssmr.types import FloatArray, Trajectory, frozen_array
+
+FRONT = np.array([1.0, 1.0, -1.0, -1.0])
+LEFT = np.array([1.0, -1.0, 1.0, -1.0])
+"""Which wheels are in front (1) and behind (-1), and on the left (1) and the right (-1): front left, front right, rear left,
+rear right."""
+
+
+@dataclass(frozen=True)
+class SkidTurn:
+    """A quasi-static turn on the spot, for tyres whose rims roll at 1 m/s, the right ones forward."""
+
+    forward: float
+    """Speed of the middle between the axles ahead [m/s]."""
+    across: float
+    """Speed of the middle between the axles to the left [m/s]."""
+    yaw_rate: float
+    """Yaw rate [rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
+    track: float
+    """Distance of the sides [m]."""
+
+    @property
+    def multiplier(self) -> float:
+        """Yaw rate of the wheels over that of the body [1]; infinite for none."""
+        return 2.0 / (self.track * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Centre of rotation: x ahead of the middle, y to its left [m]; infinitely far for a robot that drives straight."""
+        if self.yaw_rate <= 0.0:
+            return math.inf, math.inf
+        return -self.across / self.yaw_rate, self.forward / self.yaw_rate
+
+
+class _Contacts(NamedTuple):
+    x: FloatArray
+    y: FloatArray
+    load: FloatArray
+    rolling: FloatArray
+
+
+def _contacts(wheelbase: float, track: float, x: float, y: float, half_width: float) -> _Contacts:
+    """Return the contact points, their shares of the load (linear in the place: equal springs) and rolling speeds [m/s]."""
+    wheel_x, wheel_y = 0.5 * wheelbase * FRONT, 0.5 * track * LEFT
+    load = 0.25 * (1.0 + x * FRONT / (0.5 * wheelbase) + y * LEFT / (0.5 * track))
+    rolling = -LEFT
+    if half_width == 0.0:
+        return _Contacts(wheel_x, wheel_y, load, rolling)
+    y_twice = np.concatenate([wheel_y - half_width, wheel_y + half_width])
+    return _Contacts(np.tile(wheel_x, 2), y_twice, np.tile(0.5 * load, 2), np.tile(rolling, 2))
+
+
+def turn_on_the_spot(
+    wheelbase: float,
+    track: float,
+    x: float = 0.0,
+    y: float = 0.0,
+    ratio: float = 1.0,
+    half_width: float = 0.0,
+    shift: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+) -> SkidTurn:
+    """Return the turn with Coulomb friction, each tyre touching at one point or at two.
+
+    Args:
+        wheelbase: distance of the axles [m].
+        track: distance of the sides [m].
+        x: distance of the centre of mass ahead of the middle between the axles [m].
+        y: distance of the centre of mass to the left of that middle [m].
+        ratio: lateral over longitudinal friction [1].
+        half_width: half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
+        shift: loads that differ from those at rest: shares of the weight that move from the rear to the front wheels, from
+            right to left, and from one pair of diagonal wheels to the one with the front left; and the share of its load
+            that a tyre's inner contact point gives to the outer one [1].
+    """
+    unit = 0.5 * track  # of length: the search sees the same numbers for every size of robot
+    c = _contacts(wheelbase / unit, 2.0, x / unit, y / unit, half_width / unit)
+    front, left = np.sign(c.x), np.resize(LEFT, len(c.x))
+    ahead, aside, across, outwards = shift
+    outer = np.sign(np.abs(c.y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
+    load = (c.load + (ahead * front + aside * left + across * front * left) / len(c.x)) * (1.0 + outwards * outer)
+    c = c._replace(load=load)
+
+    def power(motion: FloatArray) -> tuple[float, FloatArray]:
+        v_x, v_y, rate = motion
+        s_x, s_y = v_x - rate * c.y - c.rolling, v_y + rate * c.x
+        size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
+        f_x, f_y = c.load * s_x / size, c.load * ratio**2 * s_y / size
+        return float(c.load @ size), np.array([f_x.sum(), f_y.sum(), (c.x * f_y - c.y * f_x).sum()])
+
+    found = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
+    forward, across, rate = (float(value) for value in found.x)
+    return SkidTurn(forward, across, rate / unit, track)
+
+
+DIFFERENTIATED_OVER = 0.1
+"""Accelerations are slopes of speed over so much time [s]: longer than the contacts' 20 ms, shorter than a manoeuvre."""
+
+
+def static_loads(vehicle: Vehicle) -> FloatArray:
+    """Return the (4,) wheel loads [N] at rest on level ground, left and right alike (Eq. 2.17)."""
+    weight, wheelbase = vehicle.mass * vehicle.gravity, vehicle.a + vehicle.b
+    front, rear = 0.5 * weight * vehicle.a / wheelbase, 0.5 * weight * vehicle.b / wheelbase
+    return np.array([front, front, rear, rear])
+
+
+@dataclass(frozen=True)
+class LoadModel:
+    """A rigid robot on four equal springs that hardly give: the numbers that decide its wheel loads."""
+
+    mass: float
+    """Total mass [kg]."""
+    com_x: float
+    """Distance of the centre of mass ahead of the middle between the axles [m]."""
+    com_y: float
+    """Distance of the centre of mass to the left of that middle [m]."""
+    com_height: float
+    """Height of the centre of mass above the ground [m]."""
+    wheelbase: float
+    """Distance of the axles, L [m]."""
+    track: float
+    """Distance of left and right wheels, B [m]."""
+    spin_inertia: float = 0.0
+    """Moment of inertia of all four wheels together about their axles [kg m2]; spinning up and yawing need moments."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for f in fields(self):
+            if f.name in ("com_x", "com_y", "spin_inertia"):
+                require_in_range(self, f.name, -10.0 if f.name != "spin_inertia" else 0.0, 1e3)
+            else:
+                require_in_range(self, f.name, 0.0, 1e6, open_low=True)
+
+    def quasi_static(
+        self, acceleration: FloatArray, gravity: FloatArray, spin: FloatArray, spin_rate: FloatArray, yaw_rate: FloatArray
+    ) -> FloatArray:
+        """Return the wheel loads of a body with given accelerations.
+
+        The ground pushes along its plane with F = m (a - g). About the centre of mass, with N_i at (x_i, y_i), the plane a
+        height h below, and the wheels' angular momentum J W along the axles,
+
+            sum N_i                = -m g_z
+            sum (x_i - x_c) N_i    = -h F_x - J dW/dt
+            sum (y_i - y_c) N_i    = -h F_y - J W omega
+
+        Four equal springs under a rigid body take N_i = k0 + k1 x_i + k2 y_i, which makes the three equations enough.
+
+        Args:
+            acceleration: (M, 2) acceleration of the centre of mass, in the body's axes [m/s2].
+            gravity: (M, 3) gravity in the body's axes [m/s2].
+            spin: (M,) mean rate of the wheels, W [rad/s].
+            spin_rate: (M,) rate of change of the spin [rad/s2].
+            yaw_rate: (M,) yaw rate [rad/s].
+
+        Returns:
+            (M, 4) loads [N]; negative where a wheel would have to be held down: it lifts, and the formula no longer holds.
+        """
+        force = self.mass * (acceleration - gravity[:, :2])
+        weight = -self.mass * gravity[:, 2]
+        about_y = self.com_x * weight - self.com_height * force[:, 0] - self.spin_inertia * spin_rate
+        about_x = self.com_y * weight - self.com_height * force[:, 1] - self.spin_inertia * spin * yaw_rate
+        x = 0.5 * self.wheelbase * np.array([1.0, 1.0, -1.0, -1.0])
+        y = 0.5 * self.track * np.array([1.0, -1.0, 1.0, -1.0])
+        return weight[:, None] / 4.0 + np.outer(about_y, x / self.wheelbase**2) + np.outer(about_x, y / self.track**2)
+
+    def along(self, motion: Trajectory, gravity: FloatArray, wheel_radius: float) -> FloatArray:
+        """Return the (M, 4) quasi-static loads [N] over a motion of the middle between the axles.
+
+        Speeds are differentiated over `DIFFERENTIATED_OVER`; `gravity` is (M, 3) in the body's axes [m/s2]. Where the motion
+        has no wheel rates, the wheels are taken to roll with `wheel_radius` [m].
+        """
+        t, (v_x, v_y, w) = motion.t, motion.twist.T
+        a_x = slope(t, v_x) - w * v_y - w**2 * self.com_x - slope(t, w) * self.com_y
+        a_y = slope(t, v_y) + w * v_x - w**2 * self.com_y + slope(t, w) * self.com_x
+        spin = motion.wheels.mean(axis=1) if np.any(motion.wheels) else v_x / wheel_radius
+        return self.quasi_static(np.column_stack([a_x, a_y]), gravity, spin, slope(t, spin), w)
+
+
+def slope(t: FloatArray, values: FloatArray, span: float = DIFFERENTIATED_OVER) -> FloatArray:
+    """Return the (M,) rate of change of (M,) values over a centred span [s], shorter at the ends."""
+    if len(t) < 2:
+        return np.zeros_like(values)
+    low, high = np.clip(t - 0.5 * span, t[0], t[-1]), np.clip(t + 0.5 * span, t[0], t[-1])
+    return np.asarray((np.interp(high, t, values) - np.interp(low, t, values)) / (high - low))
+
+
+TOUCH_ITERATIONS = 3
+"""Fixed-point steps to the place where a wheel touches; each gains a factor of radius times curvature, a tenth or so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Heights on a square grid that repeats itself in x and y."""
+
+    heights: FloatArray
+    """(n, n) [m]: rows along y, columns along x; the first is at `origin`."""
+    cell: float
+    """Distance of two neighbours [m]."""
+    origin: float = 0.0
+    """x and y of the first height [m]."""
+
+    def __post_init__(self) -> None:
+        """Check and freeze."""
+        heights = frozen_array(self.heights, "heights", (None, None))
+        if heights.shape[0] != heights.shape[1] or len(heights) < 4:
+            raise ValueError(f"heights have shape {heights.shape}, wanted a square of at least 4x4")
+        if not (np.isfinite(self.cell) and self.cell > 0.0):
+            raise ValueError(f"the cell must be positive, got {self.cell} m")
+        object.__setattr__(self, "heights", heights)
+
+    @cached_property
+    def coefficients(self) -> FloatArray:
+        """(n, n) weights of the cubic B-splines that pass through the heights [m]."""
+        return np.ascontiguousarray(ndimage.spline_filter(self.heights, order=3, mode="grid-wrap"))
+
+    def at(self, xy: ArrayLike) -> FloatArray:
+        """Return (M, 3) height [m] and slopes along x and y [1] at (M, 2) positions [m]."""
+        points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
+        out = np.empty((len(points), 3))
+        _sample(self.coefficients, self.cell, self.origin, points, out)
+        return out
+
+    def tangent_planes(self, poses: FloatArray, wheels: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+        """Return the planes on which wheels of a radius [m] stand, as (S, 4, 3) points [m] and (S, 4, 4) quaternions.
+
+        Points are where planes touch the surface; quaternions (w first) turn z to the planes' normals. `poses` are (S, 7)
+        positions [m] and quaternions (w first) of the bodies, `wheels` the (4, 3) wheel centres in the body [m].
+        """
+        places, turns = np.empty((len(poses), len(wheels), 3)), np.empty((len(poses), len(wheels), 4))
+        _tangent_planes(
+            self.coefficients, self.cell, self.origin, np.ascontiguousarray(poses), wheels, radius, places, turns
+        )
+        return places, turns
+
+
+@jit
+def _surface(c: FloatArray, cell: float, origin: float, x: float, y: float) -> tuple[float, float, float]:
+    """Return height [m] and slopes along x and y [1] at one place."""
+    n = len(c)
+    u, v = (x - origin) / cell, (y - origin) / cell
+    i, j = np.floor(u), np.floor(v)
+    a, b = u - i, v - j
+    # the four cubic B-splines that reach here, along x and along y, and their slopes
+    wx = ((1 - a) ** 3 / 6, (3 * a**3 - 6 * a**2 + 4) / 6, (-3 * a**3 + 3 * a**2 + 3 * a + 1) / 6, a**3 / 6)
+    wy = ((1 - b) ** 3 / 6, (3 * b**3 - 6 * b**2 + 4) / 6, (-3 * b**3 + 3 * b**2 + 3 * b + 1) / 6, b**3 / 6)
+    dx = (-((1 - a) ** 2) / 2, (3 * a**2 - 4 * a) / 2, (-3 * a**2 + 2 * a + 1) / 2, a**2 / 2)
+    dy = (-((1 - b) ** 2) / 2, (3 * b**2 - 4 * b) / 2, (-3 * b**2 + 2 * b + 1) / 2, b**2 / 2)
+    height, along_x, along_y = 0.0, 0.0, 0.0
+    for k in range(4):
+        row = int(j + k - 1) % n
+        value, slope = 0.0, 0.0
+        for m in range(4):
+            weight = c[row, int(i + m - 1) % n]
+            value += wx[m] * weight
+            slope += dx[m] * weight
+        height += wy[k] * value
+        along_x += wy[k] * slope
+        along_y += dy[k] * value
+    return height, along_x / cell, along_y / cell
+
+
+@jit_alone
+def _sample(c: FloatArray, cell: float, origin: float, points: FloatArray, out: FloatArray) -> None:
+    for k in range(len(points)):
+        out[k, 0], out[k, 1], out[k, 2] = _surface(c, cell, origin, points[k, 0], points[k, 1])
+
+
+@jit_alone
+def _tangent_planes(
+    c: FloatArray, cell: float, origin: float, poses: FloatArray, wheels: FloatArray, radius: float,
+    places: FloatArray, turns: FloatArray,
+) -> None:  # fmt: skip
+    for s in range(len(poses)):
+        px, py, _, qw, qx, qy, qz = poses[s]
+        for k in range(len(wheels)):
+            a, b, d = wheels[k]
+            # the wheel's centre: rotate by the quaternion, of which only x and y matter
+            centre_x = px + (1 - 2 * (qy * qy + qz * qz)) * a + 2 * (qx * qy - qw * qz) * b + 2 * (qx * qz + qw * qy) * d
+            centre_y = py + 2 * (qx * qy + qw * qz) * a + (1 - 2 * (qx * qx + qz * qz)) * b + 2 * (qy * qz - qw * qx) * d
+            x, y = centre_x, centre_y
+            h, gx, gy = _surface(c, cell, origin, x, y)
+            for _ in range(TOUCH_ITERATIONS):
+                size = np.sqrt(1.0 + gx * gx + gy * gy)
+                x, y = centre_x + radius * gx / size, centre_y + radius * gy / size  # a radius against the normal
+                h, gx, gy = _surface(c, cell, origin, x, y)
+            size = np.sqrt(1.0 + gx * gx + gy * gy)
+            normal_x, normal_y, normal_z = -gx / size, -gy / size, 1.0 / size
+            places[s, k, 0], places[s, k, 1], places[s, k, 2] = x, y, h
+            w = np.sqrt(0.5 * (1.0 + normal_z))  # half of the angle between z and the normal, about z x normal
+            turns[s, k, 0], turns[s, k, 1], turns[s, k, 2], turns[s, k, 3] = w, -normal_y / (2 * w), normal_x / (2 * w), 0.0

@@ -6,6 +6,8 @@ import ast
 import os
 import re
 import runpy
+import shutil
+import signal
 import subprocess
 import sys
 import tomllib
@@ -13,6 +15,8 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+
+from tests.conftest import Launch
 
 ROOT = Path(__file__).resolve().parents[1]
 READER = runpy.run_path(str(ROOT / ".ci" / "readme.py"))
@@ -28,6 +32,14 @@ esac
 """
 PROGRAM = """#!/usr/bin/env bash
 echo "$(basename "$0") $*" >> {here}/calls
+"""
+ROOTS = """#!/usr/bin/env bash
+# Stands for mmdebstrap: the new root has this machine's programs.
+root=${{@: -1}}
+echo "$root" > {here}/root
+mkdir -p "$root"/{{etc,proc,dev,root,usr}}
+mount -o ro,bind /usr "$root/usr"
+for name in bin lib lib64; do ln -s "usr/$name" "$root/$name"; done
 """
 README = """
 ```bash
@@ -45,23 +57,34 @@ def house(tmp_path: Path) -> Path:
     """A repository with this `.ci/run` and a README of its own, and programs that do nothing but write down their calls."""
     ci = tmp_path / "house" / ".ci"
     ci.mkdir(parents=True)
-    for name in ("run", "readme.py"):
-        (ci / name).write_bytes((ROOT / ".ci" / name).read_bytes())
-    for name, text in (("python3.11", PYTHON), ("program", PROGRAM), ("roscore", PROGRAM)):  # no ROS is installed
-        path = tmp_path / name
-        path.write_text(text.format(python=sys.executable, here=tmp_path))
-        path.chmod(0o755)
+    for name in ("run", "fresh", "readme.py"):
+        shutil.copy(ROOT / ".ci" / name, ci)
+    stand_in(tmp_path, "python3.11", PYTHON)
+    stand_in(tmp_path, "program", PROGRAM)
+    for name in ("mmdebstrap", "apt-get"):
+        stand_in(tmp_path, name, "#!/bin/sh\nexit 1")
     return tmp_path / "house"
 
 
-def ci(house: Path, main: str) -> tuple[int, list[str], list[str]]:
+def stand_in(folder: Path, name: str, text: str) -> None:
+    """Write a program that stands for another."""
+    (folder / name).write_text(text.format(python=sys.executable, here=folder))
+    (folder / name).chmod(0o755)
+
+
+def surroundings(house: Path) -> dict[str, str]:
+    """The environment in which what stands for programs is found."""
+    return {**os.environ, "PATH": f"{house.parent}{os.pathsep}/usr/bin{os.pathsep}/bin"}
+
+
+def ci(house: Path, main: str, readme: str = README) -> tuple[int, list[str], list[str]]:
     """Commit the README with `main` in its main job and run; exit status, lines of output, calls."""
-    (house / "README.md").write_text(README.format(main=main))
+    (house / "README.md").write_text(readme.format(main=main))
     who = ["-c", "user.name=a", "-c", "user.email=a@b"]
     for command in (["init", "-q"], ["add", "-A"], [*who, "commit", "-qm", "house"]):
         subprocess.run(["git", *command], cwd=house, check=True)
-    environment = {**os.environ, "PATH": f"{house.parent}{os.pathsep}/usr/bin{os.pathsep}/bin"}
-    done = subprocess.run(["bash", ".ci/run"], cwd=house, env=environment, capture_output=True, text=True, timeout=60)
+    options = {"cwd": house, "env": surroundings(house), "capture_output": True, "text": True, "timeout": 60}
+    done = subprocess.run(["bash", ".ci/run"], **options)
     return done.returncode, done.stdout.splitlines(), (house.parent / "calls").read_text().splitlines()
 
 
@@ -80,6 +103,30 @@ def test_a_main_job_that_fails_is_told_and_hides_nothing_else(house: Path) -> No
     assert "pip install compare traj4" not in calls
     assert "mypy " in calls
     assert output[-2:] == ["FAILED: the README's main job", "== 3 passed in 0.10s =="]
+
+
+def test_tests_that_skipped_for_the_newcomer_run_for_the_maintainer(house: Path) -> None:
+    said = (
+        "SKIPPED tests/test_b.py::test_c[a b] - why\nSKIPPED tests/test_a.py - why\nSKIPPED tests/test_b.py::test_c[d] - why"
+    )
+    readme = README.replace('&& echo "==', f'&& echo "{said}" && echo "==')
+    calls = ci(house, "true", readme)[2]
+    assert "python -m pytest -q tests/test_a.py tests/test_b.py::test_c" in calls
+
+
+@pytest.mark.parametrize(("command", "status"), [("exit 7", 7), ("echo ready; sleep 600", -signal.SIGTERM)])
+def test_the_root_of_a_new_machine_goes_however_its_command_ends(
+    house: Path, launch: Launch, command: str, status: int
+) -> None:
+    stand_in(house.parent, "mmdebstrap", ROOTS)
+    subprocess.run(["git", "init", "-q"], cwd=house, check=True)
+    program = launch(["bash", ".ci/fresh", command], cwd=house, env=surroundings(house), stdout=subprocess.PIPE)
+    if program.stdout.readline() == b"ready\n":
+        program.terminate()
+    if program.wait(60) == 69:
+        pytest.skip("no root with namespaces of its own can be made here")
+    assert program.returncode == status
+    assert not Path((house.parent / "root").read_text().strip()).exists()
 
 
 @pytest.mark.parametrize(

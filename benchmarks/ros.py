@@ -12,46 +12,41 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from benchmarks.rows import MissingError, optional
-from validation import cli, store
+from benchmarks.rows import MissingError, Row, optional, report
+from validation import cli
 from validation.ros import messages as msg
-from validation.ros.graph import Graph
-from validation.ros.port import NoGraphError, Port
-from validation.ros.run import open_port
+from validation.ros.dds import Graph, Node, NoGraphError
 
 RATE = 100.0
 """Messages a second, twice as many as a Husky's odometry."""
-THERE, BACK, KIND = "/there", "/back", "nav_msgs/Odometry"
+THERE, BACK, KIND = "/there", "/back", "nav_msgs/msg/Odometry"
 
 
-def connect(name: str, domain: int, sent: str, heard: str) -> Port:
+def connect(name: str, domain: int, sent: str, heard: str) -> Node:
     """A node that sends odometry on one topic and hears it on another."""
     try:
-        port = open_port(name, Graph(domain))
+        node = Node(name, Graph(domain=domain))
     except NoGraphError as error:
         raise MissingError(str(error)) from error
-    port.advertise(sent, KIND)
-    port.listen(heard, KIND, msg.read_odometry, 32)
-    return port
+    node.advertise(sent, KIND)
+    node.subscribe(heard, KIND, lambda m: msg.read_odometry(m)[0], 32)
+    return node
 
 
-def send(port: Port, topic: str, stamp: float) -> None:
+def send(node: Node, topic: str, stamp: float) -> None:
     """Send an odometry whose stamp [s] tells it from others."""
-    pose, spread = np.zeros(3), np.eye(3)
-    port.send(topic, lambda m: msg.fill_odometry(m, stamp, pose, (0.1, 0.2), spread, spread))
+    node.publish(topic, msg.odometry_message(stamp, np.zeros(3), (0.1, 0.2), np.eye(3), np.eye(3)))
 
 
 def echo(domain: int) -> None:
     """Send back what comes, without end."""
-    port = connect("echo", domain, BACK, THERE)
+    node = connect("echo", domain, BACK, THERE)
     while True:
-        if (got := port.receive(1.0)) is not None:
-            send(port, BACK, got.message.stamp)
+        for _, stamp in node.receive(1.0):
+            send(node, BACK, stamp)
 
 
 @contextlib.contextmanager
@@ -66,36 +61,35 @@ def running(codes: Sequence[str]) -> Iterator[None]:
             process.wait()
 
 
-def round_trips(port: Port, count: int, busy: int) -> dict[str, float]:
+def round_trips(node: Node, count: int, busy: int) -> Row:
     """Send `count` messages while `busy` processes do nothing but compute; what came back, when, and at what cost."""
     trips: list[float] = []
     with running(["while True: pass"] * busy):
         start, began = time.monotonic(), time.process_time()
         for k in range(count + int(RATE)):  # and a second for the last ones
             if k < count:
-                send(port, THERE, time.monotonic())
+                send(node, THERE, time.monotonic())
             while (left := start + (k + 1) / RATE - time.monotonic()) > 0.0:
-                if (got := port.receive(left)) is not None and got.message.stamp >= start:
-                    trips.append(got.arrival - got.message.stamp)
+                trips += [time.monotonic() - stamp for _, stamp in node.receive(left) if stamp >= start]
         spent = 1e3 * (time.process_time() - began) / count
     median, p95 = 1e3 * np.percentile(trips or [np.inf], [50.0, 95.0])
     found = {"median_ms": median, "p95_ms": p95, "lost": count - len(trips), "processor_ms": spent}
     return {"busy_processes": busy, "load": os.getloadavg()[0], "messages": count, **found}
 
 
-def measure(count: int, loads: Sequence[int]) -> list[dict[str, float]]:
+def measure(count: int, loads: Sequence[int]) -> list[Row]:
     """A row for each number of processes that take all of a processor."""
     domain = 1 + os.getpid() % 100  # one that is hardly taken
-    port = connect("sender", domain, THERE, BACK)
+    node = connect("sender", domain, THERE, BACK)
     with running([f"from benchmarks.ros import echo; echo({domain})"]):
         for _ in range(300):
-            send(port, THERE, 0.0)
-            if port.receive(0.1) is not None:
+            send(node, THERE, 0.0)
+            if node.receive(0.1):
                 break
         else:
             raise cli.UserError("the other process did not answer within 30 s")
-        rows = [round_trips(port, count, busy) for busy in loads]
-    port.close()
+        rows = [round_trips(node, count, busy) for busy in loads]
+    node.close()
     return rows
 
 
@@ -111,12 +105,7 @@ def main(out: Path = Path("runs/benchmarks/ros.json"), seconds: float = 20.0, qu
         raise cli.UserError(f"--seconds {seconds:g}: must be 1 to 3600")
     count = round(RATE * (2.0 if quick else seconds))
     rows = optional(quick, lambda: measure(count, (0, os.cpu_count() or 1))) or []
-    table: Any = Table(*(rows[0] if rows else ()), title=f"benchmarks/ros: odometry there and back, {RATE:g} Hz")
-    for row in rows:
-        table.add_row(*(f"{value:.3g}" for value in row.values()))
-    cli.report_console().print(table)
-    cli.output_folder(out.parent)
-    store.write_json(out, store.plain({"schema": "ssmr.benchmark/1", "versions": store.versions(), "rows": rows}))
+    report(f"benchmarks/ros: odometry there and back, {RATE:g} Hz", rows, out)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from validation.plants.filters import load_filter
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.recordings.__main__ import PROGRAM
 from validation.recordings.run import ConvertSettings, commission_log, convert, info
-from validation.ros.robot import SensorSettings, SimulatedRobot
+from validation.ros.robot import SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 from validation.track import track
 
@@ -59,22 +59,22 @@ def test_a_robot_over_ros_has_the_filter_that_is_asked_for(tile: Profile) -> Non
     biased, off = SensorModel(gyro_bias=0.0156), {}
     for name in ("thesis", "learning"):
         used = chosen_filter(name, tile, "mujoco").settings
-        robot = SimulatedRobot(plant, SensorSettings(model=biased, filter=used))
+        robot = SimulatedRobot(plant, sensors=biased, filter=used)
         assert name == "thesis" or robot.filter.bias == pytest.approx(0.0156, abs=4.0 * robot.filter.bias_std) != used.bias
         assert robot.filter.bias_std < 0.0005  # it has stood, or knows of no bias
         for k in range(1000):
             robot.advance(10, (0.3, 0.8 * math.sin(k / 150.0)))
             robot.sense()
-        pose, twist, covariance, _ = robot.believed()
+        pose, twist, covariance, _ = robot.filtered_odometry()
         off[name] = math.hypot(*(pose - robot.pose)[:2])
         claimed = (pose - robot.pose) @ np.linalg.solve(covariance, pose - robot.pose)
         assert (claimed < 15.0) == (name == "learning")  # chi-squared of 3: 15 is at 99.8 %
         assert twist[0] == pytest.approx(robot.state.v_x, rel=0.1)
         learned = robot.belief.mean[BIAS:].copy()
-        robot.set_pose(np.array([5.0, 6.0, 0.7]), np.diag([0.1, 0.2, 0.3]))
-        again, still, told, _ = robot.believed()
+        robot.place(np.array([5.0, 6.0, 0.7]))
+        again, still, told, _ = robot.filtered_odometry()
         np.testing.assert_array_equal(again, [5.0, 6.0, 0.7])
-        np.testing.assert_array_equal(told, np.diag([0.1, 0.2, 0.3]))
+        np.testing.assert_array_equal(told, np.zeros((3, 3)))
         assert still == (0.0, 0.0)
         np.testing.assert_array_equal(robot.belief.mean[BIAS:], learned)
     assert off["learning"] < 0.7 * off["thesis"]

@@ -1,4 +1,4 @@
-"""The simulated robot behind its sensors."""
+"""The simulated robot behind its sensors, and the multiplexer of its commands."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from typing import cast
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from tests.conftest import EXACT
 from validation.plants.profile import Profile, make_plant
-from validation.ros.robot import SensorSettings, SimulatedRobot
+from validation.ros.robot import BASE_TIMEOUT, COMMAND_TOPICS, STAND_STILL, CommandMultiplexer, SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 
 STEPS = 10  # of 2 ms: 50 Hz
+JOYSTICK, EXTERNAL = "/joy_teleop/cmd_vel", "/cmd_vel"
 
 
 @pytest.fixture(scope="module")
@@ -34,91 +37,109 @@ def test_the_robot_is_the_plant(plant: MujocoPlant) -> None:
     state = plant.reset(State(1.0, 2.0, 0.5))
     for _ in range(100):
         state = plant.step((0.3, 0.2), plant.dt)
-    robot = driven(SimulatedRobot(plant, SensorSettings(), State(1.0, 2.0, 0.5)), 0.2, (0.3, 0.2))
+    robot = driven(SimulatedRobot(plant, State(1.0, 2.0, 0.5)), 0.2, (0.3, 0.2))
     assert robot.state == state
     assert robot.time == pytest.approx(0.2)
 
 
 def test_seeds_decide_noise_and_pushes(plant: MujocoPlant) -> None:
-    def end(seed: int, disturbance: bool) -> np.ndarray:
-        robot = driven(SimulatedRobot(plant, SensorSettings(disturbance=disturbance, seed=seed)), 1.0, (0.3, 0.2))
-        return np.concatenate([robot.pose, robot.believed()[0], robot.wheels()[0], robot.imu()[0]])
+    def end(seed: int, disturbance: bool = False) -> np.ndarray:
+        robot = driven(SimulatedRobot(plant, seed=seed, disturbance=disturbance), 1.0, (0.3, 0.2))
+        return np.concatenate([robot.pose, robot.filtered_odometry()[0], robot.wheel_odometry()[0], robot.imu()[0]])
 
     assert np.max(np.abs(end(1, True) - end(1, True))) == EXACT
-    first, second = end(1, False), end(2, False)
+    assert np.any(end(1, True)[:3] != end(1)[:3])
+    first, second = end(1), end(2)
     np.testing.assert_array_equal(first[:3], second[:3])
     assert np.all(first[3:6] != second[3:6])
-    assert np.any(end(1, True)[:3] != first[:3])
 
 
-def test_filter_and_wheels_begin_at_their_own_origin(plant: MujocoPlant) -> None:
-    robot = SimulatedRobot(plant, SensorSettings(noise=False), State(3.0, 4.0, 1.0))
-    np.testing.assert_array_equal(robot.believed()[0], 0.0)
+def test_filter_and_wheels_begin_at_their_own_origin_and_the_gyro_keeps_the_heading(plant: MujocoPlant) -> None:
+    robot = SimulatedRobot(plant, State(3.0, 4.0, 1.0), noise=False)
+    np.testing.assert_array_equal(robot.filtered_odometry()[0], 0.0)
     driven(robot, 2.0, (0.3, 0.0))
     way = math.hypot(*(robot.pose[:2] - (3.0, 4.0)))
-    assert robot.believed()[0][0] == pytest.approx(way, rel=0.05)  # the driver's radius is 3 % more than the wheels roll
-    assert robot.wheels()[0][0] == pytest.approx(robot.believed()[0][0], rel=0.02)
-
-
-def test_the_gyro_keeps_the_heading(plant: MujocoPlant) -> None:
-    robot = driven(SimulatedRobot(plant, SensorSettings(noise=False)), 4.0, (0.0, 0.4))
-    assert robot.believed()[0][2] == pytest.approx(robot.state.yaw, rel=0.01)
-
-
-def test_set_pose_moves_the_belief_and_not_the_robot(plant: MujocoPlant) -> None:
-    robot = driven(SimulatedRobot(plant, SensorSettings(noise=False)), 1.0, (0.3, 0.1))
-    before, covariance = robot.state, np.diag([0.1, 0.2, 0.3])
-    robot.set_pose(np.array([5.0, 6.0, 0.7]), covariance)
-    pose, twist, claimed, _ = robot.believed()
-    np.testing.assert_array_equal(pose, [5.0, 6.0, 0.7])
-    np.testing.assert_array_equal(claimed, covariance)
-    assert twist == (0.0, 0.0)
-    assert robot.state == before
-    with pytest.raises(ValueError, match="finite"):
-        robot.set_pose(np.array([math.nan, 0.0, 0.0]), covariance)
+    believed = robot.filtered_odometry()[0]
+    assert believed[0] == pytest.approx(way, rel=0.05)  # the driver's radius is 3 % more than the wheels roll
+    assert robot.wheel_odometry()[0][0] == pytest.approx(believed[0], rel=0.02)
+    driven(robot, 4.0, (0.0, 0.4))
+    assert robot.filtered_odometry()[0][2] == pytest.approx(robot.state.yaw - 1.0, rel=0.01)
 
 
 def test_a_robot_is_put_where_odom_says_and_rests_there(plant: MujocoPlant) -> None:
-    robot = driven(SimulatedRobot(plant, SensorSettings(noise=False), State(1.0, 2.0, math.pi / 2.0)), 1.0, (0.5, 0.3))
-    time, asked = robot.time, np.array([3.0, 0.5, -0.2])
-    robot.place(asked)
-    assert robot.resting
+    robot = driven(SimulatedRobot(plant, State(1.0, 2.0, math.pi / 2.0), noise=False), 1.0, (0.5, 0.3))
+    time, wanted = robot.time, np.array([3.0, 0.5, -0.2])
+    robot.place(wanted)
     assert robot.time == time
     np.testing.assert_allclose(robot.pose, [0.5, 5.0, math.pi / 2.0 - 0.2], atol=1e-6)
-    for pose in (robot.believed()[0], robot.wheels()[0]):
-        np.testing.assert_array_equal(pose, asked)
+    for pose in (robot.filtered_odometry()[0], robot.wheel_odometry()[0]):
+        np.testing.assert_array_equal(pose, wanted)
     driven(robot, 0.5, (0.0, 0.0))  # nothing is left of the drive before
     np.testing.assert_allclose(robot.pose, [0.5, 5.0, math.pi / 2.0 - 0.2], atol=1e-3)
-    for pose, twist, *_ in (robot.believed(), robot.wheels()):
-        np.testing.assert_allclose(pose, asked, atol=1e-3)
+    for pose, twist, *_ in (robot.filtered_odometry(), robot.wheel_odometry()):
+        np.testing.assert_allclose(pose, wanted, atol=1e-3)
         np.testing.assert_allclose(twist, 0.0, atol=1e-3)
+    with pytest.raises(ValueError, match="finite"):
+        robot.place(np.array([math.nan, 0.0, 0.0]))
 
 
-def test_the_filters_covariance_is_the_one_that_is_told(plant: MujocoPlant) -> None:
-    robot = driven(SimulatedRobot(plant, SensorSettings()), 1.0, (0.3, 0.1))
-    mean, covariance = robot.belief
-    _, twist, pose_cov, twist_cov = robot.believed()
-    np.testing.assert_array_equal(pose_cov, covariance[:3, :3])
-    assert twist == tuple(mean[3:])
-    np.testing.assert_array_equal(twist_cov[np.ix_((0, 2), (0, 2))], covariance[3:, 3:])
-
-
-def test_the_imu_feels_gravity_at_rest_and_the_turn(plant: MujocoPlant) -> None:
-    robot = driven(SimulatedRobot(plant, SensorSettings(noise=False)), 1.0, (0.0, 0.0))
+def test_the_imu_feels_gravity_and_the_turn_with_the_noise_of_its_variance(plant: MujocoPlant) -> None:
+    robot = driven(SimulatedRobot(plant, noise=False), 1.0, (0.0, 0.0))
     rates, forces, _ = robot.imu()
     np.testing.assert_allclose(forces, [0.0, 0.0, 9.81], atol=0.05)
     np.testing.assert_allclose(rates, 0.0, atol=1e-3)
-    assert robot.resting
     driven(robot, 2.0, (0.0, 0.5))
     assert robot.imu()[0][2] == robot.state.yaw_rate
-    assert not robot.resting
-
-
-def test_the_noise_has_its_variance(plant: MujocoPlant) -> None:
-    robot, gyro = SimulatedRobot(plant, SensorSettings()), []
+    robot, gyro = SimulatedRobot(plant), []
     for _ in range(800):
         robot.advance(1, (0.0, 0.0))
         robot.sense()
         gyro.append(robot.imu()[0])
-    found = np.var(np.array(gyro), axis=0)
-    np.testing.assert_allclose(found, SensorModel().variance_gyro, rtol=0.25)  # 5 sigma of 800 samples
+    np.testing.assert_allclose(np.var(gyro, axis=0), SensorModel().variance_gyro, rtol=0.25)  # 5 sigma of 800 samples
+
+
+# --- the multiplexer ---
+
+
+def multiplexer() -> tuple[CommandMultiplexer, list[str]]:
+    said: list[str] = []
+    return CommandMultiplexer(COMMAND_TOPICS, said.append), said
+
+
+def test_silence_brakes_after_the_base_timeout_and_is_said_once() -> None:
+    chooses, said = multiplexer()
+    assert chooses.command(0.0) == STAND_STILL, "a robot that nobody commands stands"
+    chooses.offer(EXTERNAL, (0.2, 0.1), 5.0)
+    assert chooses.command(5.0 + BASE_TIMEOUT) == (0.2, 0.1)
+    assert chooses.command(5.0 + BASE_TIMEOUT + 1e-6) == chooses.command(6.0) == STAND_STILL
+    assert chooses.offer(EXTERNAL, (0.2, 0.1), 7.0)
+    assert chooses.command(7.0) == (0.2, 0.1)
+    commands = f"{EXTERNAL} commands"
+    assert said == [commands, "nothing on /cmd_vel for 0.25 s: the robot brakes", commands]
+
+
+def test_an_emergency_stop_comes_at_once_and_lets_nobody_in() -> None:
+    chooses, _ = multiplexer()
+    chooses.offer(JOYSTICK, (0.2, 0.1), 0.0)
+    chooses.emergency_stop(True)
+    assert chooses.command(0.0) == STAND_STILL
+    assert not chooses.offer(JOYSTICK, (0.2, 0.1), 0.1)
+    chooses.emergency_stop(False)
+    assert chooses.command(0.15) == STAND_STILL, "what was commanded before a stop is void after it"
+    assert chooses.offer(JOYSTICK, (0.2, 0.1), 0.2)
+    assert chooses.command(0.2) == (0.2, 0.1)
+
+
+@given(st.lists(st.tuples(st.sampled_from(sorted(COMMAND_TOPICS)), st.floats(0.0, 0.3)), min_size=1, max_size=60))
+def test_whoever_commands_has_no_better_that_speaks(messages: list[tuple[str, float]]) -> None:
+    """Against the definition: a message passes if all better topics were silent for more than 0.5 s."""
+    (chooses, _), now, heard = multiplexer(), 0.0, dict.fromkeys(COMMAND_TOPICS, -math.inf)
+    passed, since = STAND_STILL, -math.inf
+    for k, (topic, pause) in enumerate(messages):
+        now += pause
+        alone = all(now - heard[other] > 0.5 for other, p in COMMAND_TOPICS.items() if p > COMMAND_TOPICS[topic])
+        assert chooses.offer(topic, (0.001 * k, 0.0), now) == alone
+        heard[topic] = now
+        if alone:
+            passed, since = (0.001 * k, 0.0), now
+        assert chooses.command(now) == (passed if now - since <= BASE_TIMEOUT else STAND_STILL)

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ssmr.control.law import Observation
 from ssmr.control.references import line
 from ssmr.errors import ControllerError
 from tests.conftest import EXACT
 from validation.bench.loops import chosen_controller
 from validation.bench.user_law import load_user_law
 from validation.plants.profile import load_profile
-from validation.ros.messages import Seen
-from validation.ros.pilot import Phase, Pilot, PilotSettings, StoppedError
+from validation.ros.follower import PathFollower
 from validation.track import track
 
 GOOD = '''"""A controller."""
@@ -107,25 +107,25 @@ def test_a_fault_inside_is_said_with_its_line(tmp_path: Path, body: str, said: s
     assert "\n" not in str(caught.value)
 
 
-def driven(pilot: Pilot) -> None:
+def driven(follower: PathFollower) -> None:
     """Messages of a robot that stands at its start, and commands."""
     for k in range(40):
-        pilot.see(Seen(10.0 + 0.02 * k, 0.0, 0.0, 0.0, 0.0, 0.0), 0.02 * k)
-        if pilot.phase is Phase.DRIVING:
-            pilot.command(0.02 * k)
+        follower.update(10.0 + 0.02 * k, Observation(0.0, 0.0, 0.0, 0.0, 0.0), 0.02 * k)
+        if follower.phase == "driving":
+            follower.command(0.02 * k)
 
 
-def test_behind_ros_a_fault_stops_the_robot(tmp_path: Path) -> None:
+def test_behind_ros_a_fault_ends_the_drive(tmp_path: Path) -> None:
     lab = load_profile("thesis-lab")
     good, _ = chosen_controller(f"{written(tmp_path, GOOD)}:Mine", lab)
-    pilot = Pilot(good, line(0.5, 2.0), PilotSettings())
-    driven(pilot)
-    assert pilot.phase is Phase.DRIVING
-    assert pilot.has_run
+    follower = PathFollower(good, line(0.5, 2.0))
+    driven(follower)
+    assert follower.phase == "driving"
+    assert follower.has_run
     late = FAULTY.format("return (0.1, 0.0) if now.t < 0.3 else 1 / 0")
     bad, _ = chosen_controller(f"{written(tmp_path, late)}:Mine", lab)
-    with pytest.raises(StoppedError, match=r"mine\.py:6: ZeroDivisionError"):
-        driven(Pilot(bad, line(0.5, 2.0), PilotSettings()))
+    with pytest.raises(ControllerError, match=r"mine\.py:6: ZeroDivisionError"):
+        driven(PathFollower(bad, line(0.5, 2.0)))
     worse, _ = chosen_controller(f"{written(tmp_path, FAULTY.format('return 1 / 0'))}:Mine", lab)
     with pytest.raises(ControllerError, match="ZeroDivisionError"):
-        Pilot(worse, line(0.5, 2.0), PilotSettings())
+        PathFollower(worse, line(0.5, 2.0))

@@ -1,5 +1,4 @@
 // A peer of another DDS (eProsima's Fast DDS) for tests: it drives a robot of ROS 2 and says what it hears of it.
-#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <iostream>
@@ -35,9 +34,8 @@ int main(int, char** arguments) {
     auto* node = DomainParticipantFactory::get_instance()->create_participant(domain, own);
     if (!node) return 2;
     TypeSupport twist(new geometry_msgs::msg::dds_::Twist_PubSubType()), text(new std_msgs::msg::dds_::String_PubSubType()),
-        odometry(new nav_msgs::msg::dds_::Odometry_PubSubType()),
-        nodes(new rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_PubSubType());
-    for (auto* type : {&twist, &text, &odometry, &nodes}) type->register_type(node);
+        odometry(new nav_msgs::msg::dds_::Odometry_PubSubType());
+    for (auto* type : {&twist, &text, &odometry}) type->register_type(node);
     auto* out = node->create_publisher(PUBLISHER_QOS_DEFAULT);
     auto* in = node->create_subscriber(SUBSCRIBER_QOS_DEFAULT);
     DataReaderQos sensor = DATAREADER_QOS_DEFAULT, latched = DATAREADER_QOS_DEFAULT;
@@ -49,9 +47,6 @@ int main(int, char** arguments) {
         node->create_topic("rt/platform/odom/filtered", odometry.get_type_name(), TOPIC_QOS_DEFAULT), sensor);
     auto* urdf = in->create_datareader(
         node->create_topic("rt/robot_description", text.get_type_name(), TOPIC_QOS_DEFAULT), latched);
-    auto* names = in->create_datareader(
-        node->create_topic("ros_discovery_info", nodes.get_type_name(), TOPIC_QOS_DEFAULT), latched);
-    rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_ about;
     geometry_msgs::msg::dds_::Twist_ drive;
     drive.linear().x(0.25);
     nav_msgs::msg::dds_::Odometry_ seen;
@@ -61,19 +56,12 @@ int main(int, char** arguments) {
     const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(std::atoi(arguments[2]));
     while (std::chrono::steady_clock::now() < until) {
         command->write(&drive);
-        names->take_next_sample(&about, &info);
         while (feedback->take_next_sample(&seen, &info) == ReturnCode_t::RETCODE_OK) count += info.valid_data;
-        const auto by = info.sample_identity.writer_guid();
         if (urdf->take_next_sample(&description, &info) == ReturnCode_t::RETCODE_OK && info.valid_data)
             std::cout << "description of " << description.data().size() << " characters" << std::endl;
         if (count && !description.data().empty() && seen.pose().pose().position().x() > 0.2) {
             std::cout << count << " odometries, " << seen.header().frame_id() << " to " << seen.child_frame_id() << ", x "
                       << seen.pose().pose().position().x() << std::endl;
-            for (auto& named : about.node_entities_info_seq())
-                for (auto& writer : named.writer_gid_seq()) // as `ros2 topic info` looks for who sends
-                    if (std::equal(by.guidPrefix.value, by.guidPrefix.value + 12, writer.data().begin()) &&
-                        std::equal(by.entityId.value, by.entityId.value + 4, writer.data().begin() + 12))
-                        std::cout << "odometry by " << named.node_namespace() << named.node_name() << std::endl;
             return 0;
         }
         std::this_thread::sleep_for(std::chrono::milliseconds(50));

@@ -21,6 +21,7 @@ from validation.drive.hands import Hands, Press, script_line
 from validation.drive.window import DriveWindow
 from validation.logs.formats import write_log
 from validation.logs.log import Log
+from validation.motion.driving import Pacer
 from validation.motion.sources import Piece, Source
 from validation.plants.profile import Profile
 from validation.plants.table import STANDARD, USUAL_PLANTS
@@ -28,7 +29,6 @@ from validation.progress import Report, silent
 from validation.recordings.simulated_log import log_of_drive
 from validation.report.motions import Comparison
 from validation.report.stage import Stage
-from validation.ros.pacing import Pacer
 from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.store import make_folder

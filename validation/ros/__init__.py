@@ -1,4 +1,4 @@
-"""The MuJoCo robot on a ROS 2 graph, and controllers for a robot that is there: `simulate_robot` and `control_robot`."""
+"""The MuJoCo robot on a ROS 2 graph, and controllers for a robot that is there: `sim(Sim(...))`, `control(Control(...))`."""
 
 import lazy_loader as lazy
 

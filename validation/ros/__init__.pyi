@@ -1,4 +1,6 @@
-from .run import control_robot as control_robot
-from .run import simulate_robot as simulate_robot
+from .control import Control as Control
+from .control import control as control
+from .simulation import Sim as Sim
+from .simulation import sim as sim
 
-__all__ = ["control_robot", "simulate_robot"]
+__all__ = ["Control", "Sim", "control", "sim"]

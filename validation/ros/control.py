@@ -1,96 +1,101 @@
-"""The node that drives a robot on the topics of Clearpath's robots along a reference, and stops it when in doubt."""
+"""The node that drives a robot along a reference, and stops it when in doubt."""
 
 from __future__ import annotations
 
 import logging
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
+import tyro
+
+from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.errors import SsmrError
+from validation import cli, store
+from validation.bench.loops import chosen_controller
+from validation.bench.tracked import TrackedRobot, reference_of, track_metrics
+from validation.bench.waypoint_files import open_reference
+from validation.plants.profile import choose_profile
+from validation.report.report import INTERRUPTED
+from validation.report.tracking import Tracked, tracking_report
 from validation.ros import messages as msg
-from validation.ros.commands import STAND_STILL, Twist
-from validation.ros.inbox import Received
-from validation.ros.messages import Seen
-from validation.ros.pilot import FRESH, Phase, Pilot, StoppedError
-from validation.ros.port import Port
+from validation.ros.dds import Graph, Node
+from validation.ros.follower import FRESH, PathFollower, StoppedError
 
 _logger = logging.getLogger(__name__)
 
-START_PATIENCE = 30.0
-"""Time for which a robot is waited for [s]."""
 STOP_TIME = 0.5
-"""Time for which the robot is told to stand [s]: ten commands at 20 Hz."""
-_FEEDBACK_KEPT = 32
-"""Messages of the odometry that wait for the loop: more than come within the age at which they are too old."""
-_POSES_KEPT = 128
-"""Poses of a tracking system that wait, about a second of them: they judge the drive."""
-SLACK = 0.004
+"""Time for which the robot is commanded to stand at the end [s]."""
+_SLACK = 0.004
 """Delay of the velocity loop behind the first message of the position loop [s], so that later messages may be a bit late."""
+_FEEDBACK_KEPT, _POSES_KEPT = 16, 32
+"""Messages of odometry and of a tracking system that wait for the loop: as many as may come in a quarter of a second."""
 
 
 @dataclass(frozen=True)
-class RobotTopics:
-    """Topics of robot and tracking system."""
+class Control(Graph):
+    """Options of `control`."""
 
-    odometry: str = "/platform/odom/filtered"
-    """Topic of nav_msgs/Odometry: speeds, and the pose unless `law_by_pose`."""
-    pose: str = "/vrpn_mocap/husky/pose"
+    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
+    """Controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding
+    mode) go beyond it. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans ahead."""
+    reference: Annotated[str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")] = None
+    """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
+    speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
+    """Mean speed between waypoints; it replaces the times of a file."""
+    robot: cli.AnyRobot = None
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
+    """A controller of your own, in the place of CONTROLLER: a class in a Python file, which is run."""
+    gains: Annotated[str | None, cli.option(metavar="NAME|PATH", default="as in validation.track")] = None
+    """Gains: published, manual (lqr), tuned, or the path of a TOML file."""
+    odometry: Annotated[str, cli.option(metavar="TOPIC", default="the robot's filter")] = ""
+    """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose."""
+    pose: Annotated[str, cli.option(metavar="TOPIC", default="/vrpn_mocap/ROBOT/pose")] = ""
     """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is there."""
-    command: str = "/cmd_vel"
-    """Topic of geometry_msgs/Twist, on which the robot listens."""
-    law_by_pose: bool = False
-    """Let the controller see the tracking system's pose in place of the odometry's."""
+    command: Annotated[str, cli.option(metavar="TOPIC", default="cmd_vel")] = ""
+    """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens."""
+    feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
+    """Pose that the controller sees: the odometry's or the tracking system's."""
+    absolute: cli.Flag = False
+    """Take waypoints as places in the feedback's frame; else the reference begins at the robot's pose."""
+    v_limit: Annotated[float, cli.option(metavar="M/S")] = 1.0
+    """Greatest speed ever commanded; the robot's own limit if that is less."""
+    w_limit: Annotated[float, cli.option(metavar="RAD/S")] = 1.0
+    """Greatest yaw rate ever commanded; the robot's own limit if that is less."""
+    lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
+    """Distance that the robot keeps behind its target (Sec. 4.5)."""
+    patience: Annotated[float, cli.option(metavar="SECONDS")] = 30.0
+    """Time for which a robot is waited for."""
+    out: Annotated[Path | None, cli.out_option("runs/ros/CONTROLLER-REFERENCE")] = None
 
 
 class ControlNode:
-    """The loop of the node: messages go to the pilot as they come, commands to the robot at their instants."""
+    """The loop of the node: states go to the path follower as they come, commands to the robot at their instants."""
 
     def __init__(
-        self,
-        port: Port,
-        pilot: Pilot,
-        topics: RobotTopics,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-        patience: float = START_PATIENCE,
+        self, node: Node, follower: PathFollower, options: Control, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Prepare the loop; nothing is sent yet.
-
-        Args:
-            port: an open port with the topics of `connect_control`.
-            pilot: the tracker.
-            topics: names of the topics.
-            clock: function that returns monotonic time [s], the one in which arrivals are given.
-            patience: time for which a robot to drive is waited for [s].
-        """
-        self._port, self._pilot, self._topics, self._clock, self._patience = port, pilot, topics, clock, patience
-        self._speeds: Seen | None = None
-        self._feedback = topics.pose if topics.law_by_pose else topics.odometry
+        """Open the topics, which the options name; nothing is sent yet. `clock` returns monotonic time [s]."""
+        self._node, self._follower, self._options, self._clock = node, follower, options, clock
+        self._speeds, self._speeds_at = msg.STAND_STILL, -math.inf
         self.drove = 0.0
         """Time for which the robot was driven [s]."""
-        self._speeds_at = -math.inf
+        node.advertise(options.command, "geometry_msgs/msg/Twist")
+        node.subscribe(options.odometry, "nav_msgs/msg/Odometry", msg.read_odometry, _FEEDBACK_KEPT)
+        node.subscribe(options.pose, "geometry_msgs/msg/PoseStamped", msg.read_pose, _POSES_KEPT)
 
     def run(self) -> None:
         """Wait for the robot, drive it, and stop it, however the drive ends.
 
         Raises:
             StoppedError: no robot came, or it had to be stopped.
-            KeyboardInterrupt: the user interrupted; the robot was told to stand before.
+            KeyboardInterrupt: the user interrupted; the robot was commanded to stand before.
         """
-        try:
-            self._wait()  # until then the robot is somebody else's: nothing is sent
-            self._drive_and_stop()
-        finally:
-            for line in self._port.inbox.tally.lines():
-                self._port.notices.add(line, line, logging.INFO)
-            self._tell(all_of_them=True)
-
-    def _tell(self, *, all_of_them: bool = False) -> None:
-        self._port.notices.tell(_logger, self._clock(), all_of_them=all_of_them)
-
-    def _drive_and_stop(self) -> None:
+        self._wait()  # until then the robot is somebody else's: nothing is sent
         _logger.info("driving")
         began = self._clock()
         try:
@@ -98,84 +103,130 @@ class ControlNode:
             _logger.info("arrived: the robot is stopped")
         except SsmrError as error:
             _logger.error("the robot is stopped: %s", error)
-            raise
+            raise StoppedError(str(error)) from error
         except KeyboardInterrupt:
             _logger.warning("interrupted: the robot is stopped")
             raise
         finally:
             self.drove = self._clock() - began
-            self._stop()
+            until = self._clock() + STOP_TIME
+            while (now := self._clock()) < until:
+                self._node.publish(self._options.command, msg.twist_message(*msg.STAND_STILL))
+                while (left := now + VELOCITY_PERIOD - self._clock()) > 0.0:
+                    for topic, value in self._node.receive(left):
+                        if topic == self._options.pose:  # for the record
+                            self._follower.track(*value)
 
     def _wait(self) -> None:
-        """Wait until the robot listens and the pilot is ready to drive."""
-        until, told = self._clock() + self._patience, ""
-        _logger.info("waiting for the robot on %s", self._topics.odometry)
-        while self._pilot.phase is Phase.WAITING:
-            heard = self._port.listeners(self._topics.command) > 0
-            why = self._why_waiting() if heard else f"nobody listens to {self._topics.command}"
-            if self._clock() > until:
-                raise StoppedError(f"no robot to drive after {self._patience:g} s: {why}")
-            got = self._port.receive(0.1)
-            if heard:
-                self._take(got)
-            self._tell()  # what comes before somebody listens is old when it counts
-            if why != told and self._clock() > until - self._patience + 1.0:
-                told = why
-                self._port.notices.add("waiting", f"still waiting: {told}", logging.INFO)
+        """Wait until the robot listens and the follower is ready to drive."""
+        began, said, o = self._clock(), "", self._options
+        _logger.info("waiting for the robot on %s", o.odometry)
+        while self._follower.phase == "waiting":
+            heard = self._node.subscribers(o.command) > 0
+            why = (self._refusals() or self._follower.why_waiting) if heard else f"nobody listens to {o.command}"
+            if self._clock() > began + o.patience:
+                raise StoppedError(f"no robot to drive after {o.patience:g} s: {why}")
+            came = self._node.receive(0.1)  # what comes before somebody listens is old when it counts
+            self._take(came if heard else ())
+            if why != said and self._clock() > began + 1.0:
+                said = why
+                self._node.say("waiting", f"still waiting: {why}", logging.INFO)
 
-    def _why_waiting(self) -> str:
-        return self._refused() or self._pilot.why_waiting
-
-    def _refused(self) -> str:
+    def _refusals(self) -> str:
         """Return what is wrong with feedback that comes and cannot be used; empty where nothing is."""
-        found = [self._port.inbox.refusals(topic) for topic in dict.fromkeys((self._feedback, self._topics.odometry))]
-        return "; ".join(filter(None, found))
+        o = self._options
+        topics = (o.pose, o.odometry) if o.feedback == "pose" else (o.odometry,)
+        return "; ".join(filter(None, map(self._node.refusals, topics)))
 
     def _drive(self) -> None:
         """Take messages as they come, and send commands at absolute deadlines."""
-        period, start, k = self._pilot.settings.period, self._clock() + min(SLACK, 0.1 * self._pilot.settings.period), 0
-        while self._pilot.phase is Phase.DRIVING:
-            left = start + k * period - self._clock()
-            if left > 0.0:
-                self._take(self._port.receive(left))
+        start, k = self._clock() + _SLACK, 0
+        while self._follower.phase == "driving":
+            if (left := start + k * VELOCITY_PERIOD - self._clock()) > 0.0:
+                self._take(self._node.receive(left))
                 continue
-            self._send(self._pilot.command(self._clock(), self._refused()))
-            self._tell()
-            # a deadline that was slept through is not made up for
-            k = max(k + 1, math.floor((self._clock() - start) / period))
+            command = self._follower.command(self._clock(), self._refusals())
+            self._node.publish(self._options.command, msg.twist_message(*command))
+            passed = math.floor((self._clock() - start) / VELOCITY_PERIOD)
+            k = max(k + 1, passed)  # no deadline that was slept through is made up for
 
-    def _take(self, got: Received | None) -> None:
-        """Give a message to the pilot."""
-        if got is None:
-            return
-        seen: Seen = got.message
-        if got.topic == self._topics.odometry:
-            self._speeds, self._speeds_at = seen, got.arrival
-            if not self._topics.law_by_pose:
-                self._pilot.see(seen, got.arrival)
-        elif got.topic == self._topics.pose:
-            if not self._pilot.track(seen):
-                self._port.notices.add("tracked", f"{got.topic}: stamp {seen.stamp:.3f} s does not go on from those before")
-            if self._topics.law_by_pose and self._speeds is not None and got.arrival - self._speeds_at <= FRESH:
-                self._pilot.see(seen._replace(v=self._speeds.v, w=self._speeds.w), got.arrival)
-
-    def _send(self, command: Twist) -> None:
-        self._port.send(self._topics.command, lambda m: msg.fill_twist(m, *command))
-
-    def _stop(self) -> None:
-        """Tell the robot to stand for a while, even if interrupted meanwhile."""
-        until, period = self._clock() + STOP_TIME, self._pilot.settings.period
-        while self._clock() < until:
-            self._send(STAND_STILL)
-            next_at = self._clock() + period
-            while (left := next_at - self._clock()) > 0.0:
-                got = self._port.receive(left)
-                if got is not None and got.topic == self._topics.pose:  # for the record
-                    self._pilot.track(got.message)
+    def _take(self, came: Sequence[tuple[str, Any]]) -> None:
+        o, now = self._options, self._clock()
+        by_pose = o.feedback == "pose"
+        for topic, (stamp, seen) in came:
+            if topic == o.odometry:
+                self._speeds, self._speeds_at = (seen.v, seen.w), now
+                if not by_pose:
+                    self._follower.update(stamp, seen, now)
+                continue
+            if not self._follower.track(stamp, seen):
+                self._node.say("tracked", f"{topic}: stamp {stamp:.3f} s does not go on from those before")
+            if by_pose and now - self._speeds_at <= FRESH:
+                v, w = self._speeds
+                self._follower.update(stamp, seen._replace(v=v, w=w), now)
 
 
-def connect_control(port: Port, topics: RobotTopics) -> None:
-    """Make the controller's topics on a port."""
-    port.advertise(topics.command, "geometry_msgs/Twist")
-    port.listen(topics.odometry, "nav_msgs/Odometry", msg.read_odometry, _FEEDBACK_KEPT)
-    port.listen(topics.pose, "geometry_msgs/PoseStamped", msg.read_pose_stamped, _POSES_KEPT)
+def control(options: Control) -> Tracked:
+    """Drive a robot along a reference: the simulated one or a real one.
+
+    It starts when feedback comes steadily from a robot that stands.
+
+    The robot is stopped
+    - at the reference's end, on Ctrl-C, and on any error;
+    - when feedback is older than 0.5 s;
+    - when it is 3 m from its target.
+
+    Writes track.json and track.png, also of a drive that was stopped.
+
+    The tracking system's pose judges the drive, else the odometry's.
+
+    Raises:
+        ValueError: an option that cannot be; cyclonedds is missing, or the network interface is not there.
+        StoppedError, KeyboardInterrupt: the drive ended before the robot had gone anywhere.
+    """
+    controller, wanted = cli.controller_and_reference(options.controller, options.reference, options.own)
+    profile = choose_profile(options.profile, options.robot, "thesis-lab")
+    robot = profile.robot.name
+    o = replace(
+        options,
+        odometry=options.odometry or options.topic(msg.FILTERED_TOPIC),
+        pose=options.pose or msg.tracking_topic(robot),
+        command=options.command or options.topic("/cmd_vel"),
+    )
+    if not o.patience > 0.0:
+        raise ValueError(f"--patience {o.patience:g} s must be positive")
+    law, gains = chosen_controller(controller, profile, o.gains)
+    reference, waypoints = open_reference(wanted, o.speed)
+    law = law.on(profile.plants["mujoco"].drive)
+    limits = {"v_limit": o.v_limit, "w_limit": o.w_limit, "lookahead": o.lookahead}
+    follower = PathFollower(law, waypoints, **limits, absolute=o.absolute)
+    node, status, why, remarks = Node(f"{msg.ros_name(robot)}_control", o), "arrived", "", tuple[str, ...]()
+    try:
+        loop = ControlNode(node, follower, o)
+        loop.run()
+    except (KeyboardInterrupt, StoppedError) as error:
+        if not follower.has_run:
+            raise
+        status, why = ("stopped", str(error)) if isinstance(error, StoppedError) else (INTERRUPTED, "")
+        remarks = (
+            f"The drive ended before the reference did ({status}): its path is compared with the whole reference, and "
+            "the errors to the moving target cover the time until then.",
+        )
+    finally:
+        node.close()
+    run = follower.run()
+    made = {
+        "feedback": f"{o.feedback} by ROS",
+        "judged_by": o.pose if follower.tracked else o.odometry,
+        "lookahead_m": o.lookahead,
+        "v_max_m_s": follower.v_limit,
+        "w_max_rad_s": follower.w_limit,
+        "velocity_period_s": VELOCITY_PERIOD,
+    }
+    name, values = (gains.name, dict(gains.values)) if gains else ("none", {})
+    tracked = TrackedRobot(
+        law.name, name, values, reference, waypoints.speed, "ros", profile.name, 0, run, reference_of(run, waypoints),
+        track_metrics(run, waypoints, made), loop.drove, made, store.versions(), body=profile.robot,
+    )  # fmt: skip
+    report = tracking_report([tracked], remarks, status=status, failure=StoppedError(why) if why else None)
+    return replace(report, document={**report.document, "stopped_because": why})

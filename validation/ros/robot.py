@@ -1,9 +1,9 @@
-"""A MuJoCo robot with its sensors: wheel odometry, IMU and state filter on top of the physics, without ROS."""
+"""A MuJoCo robot with its sensors and the multiplexer of its commands, without ROS and without a clock."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -14,16 +14,21 @@ from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, gyro_at_rest, sense
 from ssmr.types import FloatArray, State
 from validation.plants.filters import odometry_of
-from validation.ros.commands import STAND_STILL, Twist
+from validation.ros.messages import STAND_STILL, Twist
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 
 SENSOR_RATE = 50.0
 """Rate of encoders, IMU and filter [Hz]; Tab. 3.5, husky_control."""
+COMMAND_TOPICS = {"/rc_teleop/cmd_vel": 12, "/joy_teleop/cmd_vel": 10, "/twist_marker_server/cmd_vel": 8, "/cmd_vel": 1}
+"""Topics on which Clearpath's robots can be commanded, with their priorities: the greatest wins
+(clearpath_control/config/twist_mux.yaml; Sec. 3.3 has the four of its time)."""
+SOURCE_TIMEOUT = 0.5
+"""Time after a message for which topics of lower priority are ignored [s] (twist_mux.yaml)."""
+BASE_TIMEOUT = 0.25
+"""Time without a command after which the wheel controller brakes [s] (control.yaml, cmd_vel_timeout)."""
 _PUSH_TIME = 0.1
 """Time for which a random push is held [s], as in `ssmr.robot.sensors.yaw_disturbance`."""
-_RESTING = 5e-3
-"""Speed and yaw rate below which a robot stands [m/s, rad/s]."""
 _WHEEL_POSE_VARIANCE = (1e-3, 1e-3, 0.03)
 """Variances of x, y [m2] and yaw [rad2] in the maker's wheel odometry (husky_control/config/control.yaml)."""
 _SIDE_SLIP_VARIANCE = 2.5e-3
@@ -32,50 +37,92 @@ _FORCE_VARIANCE = 1e-2
 """Variance reported for the accelerometer [m2/s4]: 0.1 m/s2, a MEMS sensor on a vibrating robot. No noise is added."""
 
 
-@dataclass(frozen=True)
-class SensorSettings:
-    """Noise of the robot's sensors, and its disturbance."""
+class CommandMultiplexer:
+    """Passes the command of the highest priority on, and brakes on an emergency stop and without commands."""
 
-    noise: bool = True
-    """True if encoders and gyro have the noise of `model`."""
-    model: SensorModel = field(default_factory=SensorModel)
-    """Noise of encoders and gyro."""
-    disturbance: bool = False
-    """Push the yaw at random (Sec. 3.4.5)."""
-    seed: int = 0
-    """Seed of noise and pushes."""
-    filter: EkfSettings | None = None
-    """State filter on the robot; the thesis' with the driver's odometry if not given."""
+    def __init__(self, priorities: Mapping[str, int], report: Callable[[str], object]) -> None:
+        """Begin without a command; `priorities` are those of topics, and `report` takes a sentence about each change."""
+        self._priorities, self._report = priorities, report
+        self._heard = dict.fromkeys(priorities, -math.inf)
+        self._command, self._topic, self._since = STAND_STILL, "", -math.inf
+        self._driving = self._stopped = False
+
+    def offer(self, topic: str, command: Twist, now: float) -> bool:
+        """Take a plausible command that came on `topic` at `now` [s]; return whether it was passed on."""
+        self._heard[topic] = now
+        rivals = (other for other, p in self._priorities.items() if p > self._priorities[topic])
+        if self._stopped or any(now - self._heard[other] <= SOURCE_TIMEOUT for other in rivals):
+            return False
+        if not self._driving:
+            self._report(f"{topic} commands")
+        elif topic != self._topic:
+            self._report(f"{topic} commands now, in place of {self._topic}")
+        self._command, self._topic, self._since, self._driving = command, topic, now, True
+        return True
+
+    def emergency_stop(self, stop: bool) -> None:
+        """Block all topics, or release them."""
+        if stop != self._stopped:
+            self._report(f"emergency stop: {'the robot brakes and takes no commands' if stop else 'released'}")
+        self._stopped = stop
+        self._driving = self._driving and not stop
+
+    def command(self, now: float) -> Twist:
+        """Return the robot's command at `now` [s]: the last one that was passed on, or to stand if that is too old."""
+        if self._driving and now - self._since > BASE_TIMEOUT:
+            does = "stands" if self._command == STAND_STILL else "brakes"
+            self._report(f"nothing on {self._topic} for {BASE_TIMEOUT:g} s: the robot {does}")
+            self._driving = False
+        return self._command if self._driving else STAND_STILL
 
 
 class SimulatedRobot:
-    """A robot that advances only when `advance` is called."""
+    """A robot that advances only when `advance` is called: wheel odometry, IMU and state filter on top of the physics."""
 
-    def __init__(self, plant: MujocoPlant, settings: SensorSettings, start: State | None = None) -> None:
+    def __init__(
+        self,
+        plant: MujocoPlant,
+        start: State | None = None,
+        sensors: SensorModel | None = None,
+        *,
+        noise: bool = True,
+        disturbance: bool = False,
+        seed: int = 0,
+        filter: EkfSettings | None = None,
+    ) -> None:
         """Put the robot to rest at its start, with a filter that knows that pose, and stood there for `STANDS`.
 
         Args:
             plant: the robot; its own drive stands between command and wheels.
-            settings: its sensors.
             start: pose in the world; the origin if not given. The filter's frame begins there.
+            sensors: noise of encoders and gyro, and the gyro's bias; the lab's if not given.
+            noise: False for encoders and gyro without noise; the bias stays.
+            disturbance: push the yaw at random (Sec. 3.4.5).
+            seed: seed of noise and pushes.
+            filter: state filter on the robot; the thesis' with the driver's odometry if not given.
         """
-        self._plant, self._settings = plant, settings
-        self._noise, self._push = (np.random.default_rng([settings.seed, k]) for k in range(2))
-        self._start = start or State()
-        self.state = plant.reset(self._start)
-        self.steps = 0
-        self._sensed_at = 0
-        self._deviations = settings.model.packed() if settings.noise else SensorErrors(0.0, 0.0, settings.model.gyro_bias)
-        at_rest = gyro_at_rest(self._deviations, np.random.default_rng([settings.seed, 2]))
-        self.filter = zeroed(settings.filter or odometry_of(plant.drive), at_rest)
+        model = sensors or SensorModel()
+        self._plant, self._start, self._disturbance = plant, start or State(), disturbance
+        self._seed, self._errors = seed, model.packed() if noise else SensorErrors(0.0, 0.0, model.gyro_bias)
+        at_rest = gyro_at_rest(self._errors, np.random.default_rng([seed, 2]))
+        self.filter = zeroed(filter or odometry_of(plant.drive), at_rest)
         self._numbers = self.filter.packed()
+        self._reset()
+        self.advance(1, STAND_STILL)  # so that all is compiled before it has to keep real time
+        self.sense()
+        self.filtered_odometry()
+        self._reset()
+
+    def _reset(self) -> None:
+        self._noise, self._push = (np.random.default_rng([self._seed, k]) for k in range(2))
+        self._pushing = 0.0
+        self.state = self._plant.reset(self._start)
+        self.steps = self._sensed_at = 0
         self.belief = initial_belief(State(), settings=self.filter if self.filter.learns else None)
         self._wheel_pose = np.zeros(3)
         self._wheels = np.zeros((2, 2))
         self._wheel_twist: Twist = STAND_STILL
         self._gyro = np.zeros(3)
-        self._push_steps = whole_steps(_PUSH_TIME, plant.dt, "the time of a push")
-        self._pushing = 0.0
 
     @property
     def description(self) -> Robot:
@@ -93,19 +140,14 @@ class SimulatedRobot:
         return self.steps * self.dt
 
     @property
-    def resting(self) -> bool:
-        """True if the robot stands."""
-        s = self.state
-        return math.hypot(s.v_x, s.v_y) < _RESTING and abs(s.yaw_rate) < _RESTING
+    def pose(self) -> FloatArray:
+        """(3,) true x, y [m], yaw [rad, unwrapped] in the world."""
+        return np.array([self.state.x, self.state.y, self.state.yaw])
 
     def advance(self, steps: int, command: Twist) -> None:
-        """Hold a command for `steps` physics steps.
-
-        Raises:
-            DivergedError: the simulator gave up.
-        """
+        """Hold a command for `steps` physics steps; a DivergedError says that the simulator gave up."""
         for _ in range(steps):
-            if self._settings.disturbance and self.steps % self._push_steps == 0:
+            if self._disturbance and self.steps % whole_steps(_PUSH_TIME, self.dt, "the time of a push") == 0:
                 self._pushing = math.sqrt(YAW_DISTURBANCE_VARIANCE) * self._push.standard_normal()
             self.state = self._plant.step(command, self.dt, self._pushing)
             self.steps += 1
@@ -114,47 +156,32 @@ class SimulatedRobot:
         """Read encoders and gyro, and update wheel odometry and filter."""
         dt, self._sensed_at = (self.steps - self._sensed_at) * self.dt, self.steps
         s, draws = self.state, self._noise.standard_normal(5)
-        sample = sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._deviations)
+        sample = sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._errors)
         filter_step(self.belief, sample, dt, self._numbers)
         self._wheels[1] = sample.left, sample.right
         self._wheels[0] += dt * self._wheels[1]
-        self._gyro = np.array([*(self._plant.imu()[0][:2] + self._deviations.gyro_std * draws[3:]), sample.gyro])
+        self._gyro = np.array([*(self._plant.imu()[0][:2] + self._errors.gyro_std * draws[3:]), sample.gyro])
         v, w = (float(rate) for rate in body_rates(sample.left, sample.right, self.filter.half_track, self.filter.radius))
         heading = self._wheel_pose[2] + 0.5 * dt * w
         self._wheel_pose = self._wheel_pose + dt * np.array([v * math.cos(heading), v * math.sin(heading), w])
         self._wheel_twist = v, w
 
-    def set_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
-        """Set the filter's pose, at rest, as robot_localization's set_pose does. The robot itself stays where it is.
+    def place(self, pose: FloatArray) -> None:
+        """Put the robot to rest at a (3,) pose in `odom` [m, m, rad], which filter and wheel odometry then have exactly.
 
         A filter that learns keeps what it knows of its constants.
-
-        Args:
-            pose: (3,) x, y [m], yaw [rad] in the filter's frame.
-            covariance: (3, 3) covariance of these.
 
         Raises:
             ValueError: a number is not finite.
         """
-        belief = initial_belief(State(*map(float, pose)))
-        belief.covariance[:3, :3] = covariance
-        known, p = self.belief
-        p[:], p[:BIAS, :BIAS], p[BIAS:, BIAS:] = 0.0, belief.covariance, p[BIAS:, BIAS:].copy()
-        self.belief = Belief(np.append(belief.mean, known[BIAS:]), p)
-
-    def place(self, pose: FloatArray) -> None:
-        """Put the robot to rest at a (3,) pose in `odom` [m, m, rad], which filter and wheel odometry are told exactly."""
         start = np.array([self._start.x, self._start.y, self._start.yaw])
         self.state = self._plant.reset(State(*map(float, compose(start, pose))))
-        self.set_pose(pose, np.zeros((3, 3)))
+        belief, (known, p) = initial_belief(State(*map(float, pose))), self.belief
+        p[:], p[:BIAS, :BIAS], p[BIAS:, BIAS:] = 0.0, belief.covariance, p[BIAS:, BIAS:].copy()
+        self.belief = Belief(np.append(belief.mean, known[BIAS:]), p)
         self._wheel_pose = pose.copy()
 
-    @property
-    def pose(self) -> FloatArray:
-        """(3,) true x, y [m], yaw [rad, unwrapped] in the world."""
-        return np.array([self.state.x, self.state.y, self.state.yaw])
-
-    def believed(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
+    def filtered_odometry(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Return the filter's pose (3,), its twist, and the (3, 3) covariances of both."""
         mean, p = self.belief
         rows = np.eye(len(mean))[V : W + 1]
@@ -163,8 +190,8 @@ class SimulatedRobot:
         twist_cov[np.ix_((0, 2), (0, 2))] = rows @ p @ rows.T
         return mean[:3].copy(), (float(v), float(mean[W])), p[:3, :3].copy(), twist_cov
 
-    def wheels(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
-        """Return pose, twist and covariances by wheel odometry alone, as `believed` does."""
+    def wheel_odometry(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
+        """Return pose, twist and covariances by the wheels alone, as `filtered_odometry` does."""
         twist_cov = np.diag([self.filter.variance_v, _SIDE_SLIP_VARIANCE, self.filter.variance_wheel_yaw_rate])
         return self._wheel_pose.copy(), self._wheel_twist, np.diag(_WHEEL_POSE_VARIANCE), twist_cov
 

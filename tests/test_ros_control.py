@@ -1,0 +1,389 @@
+"""The node that drives: it is the closed loop of the process, it stops when in doubt, and it keeps every drive."""
+
+from __future__ import annotations
+
+import functools
+import json
+import logging
+import math
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssmr.control.law import Observation
+from ssmr.control.laws import Controller
+from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings, run_loop
+from ssmr.control.waypoints import Waypoints
+from ssmr.types import State
+from tests.ros_fakes import FakeNode, message, odometry
+from validation import cli
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller
+from validation.plants.profile import Profile, make_plant
+from validation.ros import messages as msg
+from validation.ros.__main__ import PROGRAM
+from validation.ros.control import STOP_TIME, Control, ControlNode
+from validation.ros.follower import FRESH, PathFollower, StoppedError
+
+COMMAND, POSE = "/cmd_vel", msg.tracking_topic("husky")
+BEND = Waypoints(np.arange(13.0) * 0.5, 1.2 * np.column_stack([np.sin(np.arange(13) / 10), 1 - np.cos(np.arange(13) / 10)]))
+"""A left bend of 1.2 m radius at 0.24 m/s, 6 s long."""
+SHORT = Waypoints(BEND.t[:7], BEND.xy[:7])
+REST = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def law(lab: Profile, name: str = "pid") -> Controller:
+    return make_controller(lab, load_gains(name))
+
+
+def follower_of(lab: Profile, waypoints: Waypoints = BEND, **settings: Any) -> PathFollower:
+    return PathFollower(law(lab), waypoints, **settings)
+
+
+def started(follower: PathFollower, at: Observation = REST, stamp: float = 10.0, period: float = 0.02) -> float:
+    """Messages of a robot that stands, until the follower drives; the stamp then."""
+    for k in range(20):
+        follower.update(stamp + k * period, at, stamp + k * period)
+        if follower.phase == "driving":
+            return stamp + k * period
+    return math.nan
+
+
+# --- the path follower ---
+
+
+@pytest.mark.parametrize("name", ["pid", "lqr-scheduled", "lqr-scheduled+predictor"])
+def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, name: str) -> None:
+    """Same instants, perfect messages, any start: the same motion, to what the first tick's period makes of it."""
+    controller, settings = law(lab, name), LoopSettings("truth", disturbance=False, position_period=0.01)
+    plant = make_plant(lab, "improved")
+    expected = run_loop(plant, controller, SHORT, settings, 0).motion
+    state, follower = plant.reset(State(3.0, -2.0, 2.5)), PathFollower(controller, SHORT)
+    command, steps = (0.0, 0.0), round(0.01 / plant.dt)
+
+    def seen() -> Observation:
+        return Observation(state.x, state.y, math.remainder(state.yaw, 2.0 * math.pi), state.v_x, state.yaw_rate)
+
+    begin = started(follower, seen(), 5.0, 0.01)
+    k = 0
+    while follower.phase == "driving":
+        if k:
+            follower.update(begin + 0.01 * k, seen(), begin + 0.01 * k)
+        if k % 5 == 0:
+            command = follower.command(begin + 0.01 * k)
+        for _ in range(steps):
+            state = plant.step(command, plant.dt)
+        k += 1
+    run = follower.run()
+    np.testing.assert_allclose(run.columns("x", "y"), expected.xy, atol=1e-3)
+    np.testing.assert_allclose(run.column("yaw"), expected.yaw, atol=2e-3)
+
+
+def test_it_waits_for_a_robot_that_stands_and_speaks_steadily(lab: Profile) -> None:
+    follower = follower_of(lab)
+    assert follower.command(0.0) == (0.0, 0.0)
+    fast, turning = REST._replace(v=0.3), REST._replace(w=-0.1)
+    for why, at, stamp, period in (("moves", fast, 10, 0.02), ("moves", turning, 12, 0.02), ("steadily", REST, 20, 1.0)):
+        assert math.isnan(started(follower, at, stamp, period))
+        assert why in follower.why_waiting
+    assert started(follower, REST, 50.0) == pytest.approx(50.1)
+    with pytest.raises(StoppedError, match="not driven"):
+        follower_of(lab).run()
+
+
+def test_it_starts_where_the_robot_stands_or_at_the_references_place(lab: Profile) -> None:
+    away, start = REST._replace(x=2.0, y=1.0, yaw=-2.0), BEND.start
+    relative = follower_of(lab)
+    begin = started(relative, away)
+    relative.update(begin + 0.02, away, begin + 0.02)
+    assert relative.run().columns("x", "y", "yaw")[0] == pytest.approx([start.x, start.y, start.yaw])
+    absolute = follower_of(lab, absolute=True)
+    assert math.isnan(started(absolute, away))
+    assert "2.24 m from the reference's start" in absolute.why_waiting
+    backwards = Waypoints.from_path(np.array([[0.0, 0.0], [-1.0, -1e-3], [-2.0, 0.0]]), 0.2)  # heading -pi + 1e-3
+    absolute, at = follower_of(lab, backwards, absolute=True), REST._replace(x=-0.1, y=0.05, yaw=math.pi - 0.01)
+    begin = started(absolute, at)
+    absolute.update(begin + 0.02, at, begin + 0.02)
+    x, y, yaw = absolute.run().columns("x", "y", "yaw")[0]
+    assert (x, y) == pytest.approx((-0.1, 0.05))
+    assert yaw == pytest.approx(backwards.start.yaw, abs=0.02)
+
+
+def test_it_stops_on_stale_feedback_and_says_what_came_instead(lab: Profile) -> None:
+    follower = follower_of(lab)
+    now = started(follower)
+    follower.command(now + FRESH)
+    with pytest.raises(StoppedError, match=r"^no feedback for 0\.51 s$"):
+        follower.command(now + FRESH + 0.01)
+    with pytest.raises(StoppedError, match=r"no feedback that can be used for 0\.60 s: 27 messages were refused"):
+        follower.command(now + 0.6, "27 messages were refused")
+    for k in range(40):
+        follower.update(now, REST, now + 0.02 * k)
+    with pytest.raises(StoppedError, match=r"no new feedback for 0\.80 s: 40 messages repeat the stamp"):
+        follower.command(now + 0.8)
+
+
+@pytest.mark.parametrize(
+    ("jump", "x", "why"), [(-0.1, 0.0, "jumped"), (FRESH + 0.01, 0.0, "jumped"), (0.02, 5.0, "from its target")]
+)
+def test_it_stops_when_clock_or_robot_are_somewhere_else(lab: Profile, jump: float, x: float, why: str) -> None:
+    follower = follower_of(lab)
+    now = started(follower)
+    with pytest.raises(StoppedError, match=why):
+        follower.update(now + jump, REST._replace(x=x), now + 0.02)
+
+
+def test_commands_keep_their_limits(lab: Profile) -> None:
+    follower = follower_of(lab, v_limit=0.26, w_limit=0.1)
+    now = started(follower)
+    sent = []
+    for k in range(1, 100):  # a robot that does not move, while its target does
+        follower.update(now + 0.05 * k, REST, now + 0.05 * k)
+        sent.append(follower.command(now + 0.05 * k))
+    assert max(v for v, _ in sent) == 0.26
+    assert max(abs(w) for _, w in sent) == 0.1
+
+
+def test_limits_and_references_that_cannot_be_are_refused(lab: Profile) -> None:
+    with pytest.raises(ValueError, match=r"0\.24 m/s"):
+        follower_of(lab, v_limit=0.2)
+    for bad in ({"v_limit": -1.0}, {"w_limit": math.nan}, {"lookahead": -0.1}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            follower_of(lab, **bad)
+
+
+def test_a_tracking_system_judges_and_its_half_turns_are_no_jumps(lab: Profile) -> None:
+    """The tracking system's frame is its own: what counts is the way from where it was at the start (Sec. 4.2)."""
+    follower, turned = follower_of(lab), math.pi - 0.05
+    follower.track(9.99, Observation(7.0, 8.0, turned, math.nan, math.nan))
+    now = started(follower)
+    for k in range(11):
+        t, way = now + 0.02 * k, 0.01 * k
+        follower.update(t, REST._replace(x=0.5 * way), t)
+        there = 7.0 + way * math.cos(turned), 8.0 + way * math.sin(turned), math.remainder(turned + way, 2 * math.pi)
+        follower.track(t, Observation(*there, 0.0, 0.0))
+    assert follower.tracked
+    start, run = BEND.start, follower.run()
+    x, y, yaw = run.columns("x", "y", "yaw")[-1]
+    assert math.hypot(x - start.x, y - start.y) == pytest.approx(0.1, abs=1e-9)
+    assert yaw == pytest.approx(start.yaw + 0.1, abs=1e-9)
+    assert run.column("seen_x")[-1] - run.column("seen_x")[0] == pytest.approx(0.05 * math.cos(start.yaw), abs=1e-9)
+
+
+# --- the node ---
+
+
+def node_of(lab: Profile, **options: Any) -> tuple[ControlNode, FakeNode, PathFollower]:
+    node, follower = FakeNode(), follower_of(lab)
+    topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
+    return ControlNode(node, follower, Control("pid", **topics, **options), node.clock), node, follower
+
+
+def speak(node: FakeNode, until: float, begin: float = 0.0, x: float | None = None) -> None:
+    """Let odometry come at 50 Hz."""
+    for k in range(round(50.0 * begin), round(50.0 * until)):
+        node.plan(msg.FILTERED_TOPIC, 0.02 * k, odometry(0.02 * k + 1.0, 0.004 * k if x is None else x))
+
+
+def commands(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and (M, 2) commands that were sent."""
+    return np.array([t for t, _ in node.of(COMMAND)]), np.array([msg.read_twist(m) for _, m in node.of(COMMAND)])
+
+
+def stood(node: FakeNode) -> bool:
+    """Whether the robot was commanded to stand at the end, and for how long it should be."""
+    return bool(np.all(commands(node)[1][-9:] == 0.0))
+
+
+def test_commands_come_at_20_hz_and_end_in_a_stop(lab: Profile) -> None:
+    loop, node, follower = node_of(lab)
+    speak(node, 10.0)
+    loop.run()
+    assert follower.phase == "arrived"
+    t, sent = commands(node)
+    driving = t < t[-1] - STOP_TIME - 0.05
+    assert np.count_nonzero(driving) >= 20.0 * BEND.duration - 2
+    np.testing.assert_allclose(np.diff(t[driving]), VELOCITY_PERIOD, atol=1e-9)
+    assert np.count_nonzero(np.all(sent == 0.0, axis=1)) >= 9
+    assert stood(node)
+
+
+NAN, FAR = math.nan, 1e300
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "why"),
+    [
+        (2.0, None, r"^no feedback for 0\.5\d s$"),
+        (1.0, NAN, r"no feedback that can be used for 0\.5\d s: \d\d messages on \S+ were refused, .*position\.x is nan"),
+        (0.0, None, "no robot to drive after 2 s: no feedback yet"),
+        (0.0, FAR, r"no robot to drive after 2 s: \d+ messages on \S+ were refused, .* position\.x is 1e\+300"),
+    ],
+)
+def test_feedback_that_ends_or_cannot_be_used_stops_the_robot_and_the_reason_is_said(
+    lab: Profile, good: float, bad: float | None, why: str
+) -> None:
+    loop, node, _ = node_of(lab, patience=2.0)
+    speak(node, good)
+    if bad is not None:
+        speak(node, 5.0, good, bad)
+    with pytest.raises(StoppedError, match=why):
+        loop.run()
+    t, sent = commands(node) if node.sent else (np.zeros(0), np.zeros((0, 2)))
+    if good:
+        assert t[np.flatnonzero(np.any(sent != 0.0, axis=1))[-1]] < good + FRESH + 0.051
+        assert stood(node)
+    else:
+        assert not node.sent, "a robot that was not driven is not stopped either: somebody else may drive it"
+
+
+def test_nobody_is_driven_who_does_not_listen(lab: Profile) -> None:
+    loop, node, follower = node_of(lab)
+    speak(node, 10.0)
+    node.robot_at = 1.0
+    loop.run()
+    assert 1.0 <= commands(node)[0][0] < 1.2
+    assert follower.phase == "arrived"
+
+
+def test_the_law_may_see_the_tracking_systems_pose(lab: Profile) -> None:
+    loop, node, follower = node_of(lab, feedback="pose")
+    speak(node, 3.0, x=99.0)
+    for k in range(150):
+        seen = msg.pose_message(0.02 * k + 1.0, "world", np.array([5.0 + 0.002 * k, 0.0, 0.0]))
+        node.plan(POSE, 0.02 * k + 0.005, message(seen))
+    with pytest.raises(StoppedError, match="no feedback"):
+        loop.run()
+    run = follower.run()
+    way = run.columns("seen_x", "seen_y")[-1] - (BEND.start.x, BEND.start.y)
+    assert math.hypot(*way) == pytest.approx(0.1 * run.t[-1], rel=1e-6)
+    assert follower.tracked
+
+
+def test_a_flood_of_odometry_delays_no_command(lab: Profile, caplog: pytest.LogCaptureFixture) -> None:
+    loop, node, _ = node_of(lab)
+    speak(node, 10.0)
+    for k in range(3000):
+        node.plan(msg.FILTERED_TOPIC, 1.0 + 1e-3 * k, odometry(2.0, NAN))
+    with caplog.at_level(logging.INFO, "validation"):
+        loop.run()
+    assert np.diff(commands(node)[0]).max() <= 0.051
+    assert len(caplog.records) <= 10
+    assert stood(node)
+
+
+# --- the command line ---
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Drive:
+    """A robot that follows any speed on a line, and a command line that drives it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, out: Path) -> None:
+        self.out, self.path, self.node = out, out.parent / "way.csv", FakeNode()
+        self.path.write_text("x,y\n0,0\n1,0\n2,0\n", encoding="utf-8")  # 8 s
+        module = sys.modules[ControlNode.__module__]
+        monkeypatch.setattr(module, "Node", lambda name, graph: self.node)
+        monkeypatch.setattr(module, "ControlNode", functools.partial(ControlNode, clock=self.node.clock))
+
+    def speak(self, until: float) -> None:
+        """Let odometry come for some seconds."""
+        for k in range(round(50.0 * until)):
+            self.node.plan(msg.FILTERED_TOPIC, 0.02 * k, odometry(0.02 * k + 1.0, 0.25 * max(0.02 * k - 0.1, 0.0)))
+
+    def interrupt_at(self, instant: float, *numbers: int) -> None:
+        """Let signals come with the commands after some seconds."""
+        left = list(numbers)
+
+        def send(topic: str) -> None:
+            if self.node.clock() >= 100.0 + instant and left:
+                os.kill(os.getpid(), left.pop(0))
+
+        self.node.on_publish = send
+
+    def run(self) -> int:
+        """Drive; the exit status."""
+        try:
+            cli.run(PROGRAM, "ros", ("control", "pid", str(self.path), "--speed", "0.25", "--out", str(self.out)))
+        except SystemExit as ended:
+            return int(ended.code or 0)
+        return 0
+
+    def document(self) -> dict[str, Any]:
+        """What track.json holds."""
+        found: dict[str, Any] = json.loads((self.out / "track.json").read_text(encoding="utf-8"))
+        return found
+
+
+@pytest.fixture
+def handlers() -> Iterator[None]:
+    """Handlers of signals, put back afterwards."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    assert {number: signal.getsignal(number) for number in SIGNALS} == before
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def drive(handlers: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Drive:
+    return Drive(monkeypatch, tmp_path / "out")
+
+
+def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(drive: Drive, capsys: pytest.CaptureFixture[str]) -> None:
+    drive.speak(9.0)
+    assert drive.run() == 0
+    assert (drive.document()["status"], drive.document()["stopped_because"]) == ("arrived", "")
+    assert stood(drive.node)
+    assert drive.node.closed
+    drive.node = FakeNode(drive.node.clock)
+    drive.node.clock.now = 100.0
+    drive.speak(3.0)
+    assert drive.run() == 1
+    found = drive.document()
+    assert found["status"] == "stopped"
+    assert "no feedback" in found["stopped_because"]
+    assert capsys.readouterr().err.strip().splitlines()[-1] == f"run failed: {found['stopped_because']}"
+    assert stood(drive.node)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_signals_stop_the_robot_and_keep_the_drive(drive: Drive, capsys: pytest.CaptureFixture[str], number: int) -> None:
+    """Others that come while the robot is being stopped change nothing."""
+    drive.speak(9.0)
+    drive.interrupt_at(4.0, number, signal.SIGINT, signal.SIGTERM)
+    assert drive.run() == 128 + number
+    found = drive.document()
+    assert (found["status"], found["schema"]) == ("interrupted", "ssmr.track/1")
+    assert math.isfinite(found["metrics"]["d_rms_m"])
+    assert (drive.out / "track.png").is_file()
+    assert stood(drive.node)
+    said = capsys.readouterr()
+    assert "ended before the reference did (interrupted)" in " ".join(said.out.split())
+    ended = "interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}"
+    assert said.err.strip().splitlines()[-1] == ended
+
+
+def test_who_was_never_driven_leaves_nothing(drive: Drive, capsys: pytest.CaptureFixture[str]) -> None:
+    assert drive.run() == 1
+    assert not (drive.out / "track.json").exists()
+    assert "no robot to drive after 30 s" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_a_node_in_the_background_of_a_script(drive: Drive) -> None:
+    """A shell without job control has programs in the background ignore it."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        drive.speak(9.0)
+        drive.interrupt_at(4.0, signal.SIGINT)
+        assert drive.run() == cli.EXIT_INTERRUPTED
+        assert drive.document()["status"] == "interrupted"
+    finally:
+        signal.signal(signal.SIGINT, before)

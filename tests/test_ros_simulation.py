@@ -1,0 +1,172 @@
+"""The loop of the simulated robot on a node without DDS and on a clock of its own: no waiting."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import Counter
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.ros_fakes import FakeClock, FakeNode, message, pose_in, twist
+from validation.motion.driving import Pacer
+from validation.plants.profile import Profile, make_plant
+from validation.ros import messages as msg
+from validation.ros.robot import BASE_TIMEOUT, SimulatedRobot
+from validation.ros.simulation import PLACE_TOPIC, STOP_TOPIC, SimulationNode, is_due
+from validation.simulator.plant import MujocoPlant
+
+COMMAND, POSE = "/cmd_vel", msg.tracking_topic("husky")
+
+
+@given(st.sampled_from([7.0, 20.0, 50.0, 100.0, 120.0, 333.3, 500.0]))
+def test_rates_are_kept_to_the_step(rate: float) -> None:
+    dt, seen = 0.002, 0
+    for step in range(1, 2000):
+        seen += is_due(step, rate, dt)
+        assert seen == int(step * dt * rate + 1e-9), "neither early nor more than a step late"
+
+
+def test_a_sleep_that_overshoots_does_not_add_up() -> None:
+    clock = FakeClock(overshoot=0.001)
+    pacer = Pacer(clock, clock.sleep)
+    for k in range(3000):
+        pacer.wait(0.01 * k)
+        clock.now += 0.004  # work
+    assert clock.now - 100.0 == pytest.approx(29.99 + 0.001 + 0.004, abs=1e-9)
+
+
+@pytest.mark.parametrize(("stall", "most", "dropped"), [(0.5, math.inf, 0.0), (2.0, 0.5, 1.99)])
+def test_lateness_is_caught_up_with_or_dropped(stall: float, most: float, dropped: float) -> None:
+    """A loop that stalls for longer than the limit does not run fast afterwards: its time has lost the stall."""
+    clock = FakeClock()
+    pacer = Pacer(clock, clock.sleep, most)
+    late = []
+    for k in range(300):
+        late.append(pacer.wait(0.01 * k))
+        clock.now += stall if k == 50 else 0.001
+    assert max(late) == pytest.approx(stall - 0.01)
+    assert late[-1] == 0.0
+    assert np.all(np.diff(late[51:]) <= 0.0)
+    assert pacer.dropped == pytest.approx(dropped)
+    assert clock.now - 0.001 == pytest.approx(100.0 + 2.99 + dropped)
+
+
+@pytest.fixture(scope="module")
+def plant(lab: Profile) -> MujocoPlant:
+    return cast(MujocoPlant, make_plant(lab, "mujoco"))
+
+
+def simulation(plant: MujocoPlant, overshoot: float = 0.0, **options: Any) -> tuple[SimulationNode, FakeNode]:
+    node = FakeNode(FakeClock(overshoot))
+    robot = SimulatedRobot(plant, noise=False)
+    return SimulationNode(node, robot, clock=node.clock, sleep=node.clock.sleep, **options), node
+
+
+def speeds(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps [s] and speeds [m/s] by the tracking system."""
+    t, xy = np.array([(stamp, (s.x, s.y)) for stamp, s in (msg.read_pose(m) for _, m in node.of(POSE))], dtype=object).T
+    t, xy = t.astype(float), np.array(xy.tolist())
+    return t[1:], np.hypot(*np.diff(xy, axis=0).T) / np.diff(t)
+
+
+def test_every_topic_comes_at_its_rate_and_its_instants(plant: MujocoPlant) -> None:
+    loop, node = simulation(plant, overshoot=3e-4)
+    loop.run(2.0)
+    sensors = ("/platform/odom/filtered", "/platform/odom", "/sensors/imu_0/data", "/platform/joint_states", "/tf")
+    assert Counter(topic for topic, *_ in node.sent) == {
+        "/tf_static": 1, "/robot_description": 1, "/clock": 200, POSE: 240, **dict.fromkeys(sensors, 100),
+    }  # fmt: skip
+    stamps = np.array([msg.read_pose(m)[0] for _, m in node.of(POSE)])
+    assert np.all((stamps - np.arange(1, 241) / 120.0 >= -1e-9) & (stamps - np.arange(1, 241) / 120.0 < plant.dt))
+    sent = np.array([t for t, _ in node.of(POSE)])
+    assert np.all((sent - stamps >= 0.0) & (sent - stamps < 1e-3))
+    (joints,) = {tuple(m.name) for _, m in node.of("/platform/joint_states")}
+    assert joints[0] == "front_left_wheel_joint"
+
+
+def test_stamps_may_be_the_walls(plant: MujocoPlant) -> None:
+    loop, node = simulation(plant, stamp_offset=1e9)
+    loop.run(0.1)
+    assert [m.clock.sec for _, m in node.of("/clock")] == [10**9] * 10
+
+
+def test_a_stream_that_falls_silent_stops_the_robot(plant: MujocoPlant, caplog: pytest.LogCaptureFixture) -> None:
+    loop, node = simulation(plant)
+    for k in range(30):
+        node.plan(COMMAND, 0.05 * k, twist(0.25))
+    with caplog.at_level(logging.INFO, "validation"):
+        loop.run(3.0)
+    t, v = speeds(node)
+    assert v[np.searchsorted(t, 1.6)] > 0.2
+    drive = plant.drive
+    braking = 1.45 + BASE_TIMEOUT + drive.hold  # as late as its own 20 Hz reads it
+    rest = braking + drive.delay_v + 0.25 / drive.acceleration_v + 5 * drive.wheel_lag
+    assert np.all(v[t > rest] < 0.01)
+    assert "nothing on /cmd_vel for 0.25 s: the robot brakes" in caplog.text
+
+
+def test_an_emergency_stop_holds_until_it_is_released(plant: MujocoPlant) -> None:
+    loop, node = simulation(plant)
+    for k in range(100):
+        node.plan(COMMAND, 0.05 * k, twist(0.25))
+    for at, stop in ((1.0, True), (3.0, False)):
+        node.plan(STOP_TOPIC, at, message({"data": stop}))
+    loop.run(4.9)
+    t, v = speeds(node)
+    assert np.all(v[(t > 2.0) & (t < 3.0)] < 0.01)
+    assert np.all(v[((t > 0.8) & (t < 1.0)) | (t > 4.0)] > 0.2)
+
+
+def test_the_pose_estimate_of_rviz_puts_the_robot_there(plant: MujocoPlant, caplog: pytest.LogCaptureFixture) -> None:
+    loop, node = simulation(plant)
+    node.plan(PLACE_TOPIC, 0.5, pose_in("odom", 2.0, 1.0, 0.3))
+    node.plan(PLACE_TOPIC, 0.6, pose_in("map", 9.0, 1.0, 0.3))
+    for k in range(10):
+        node.plan(COMMAND, 0.05 * k, twist(0.5))
+    with caplog.at_level(logging.INFO, "validation"):
+        loop.run(1.0)
+    for topic, read in (
+        (msg.FILTERED_TOPIC, msg.read_odometry),
+        ("/platform/odom", msg.read_odometry),
+        (POSE, msg.read_pose),
+    ):
+        sent = [read(m) for _, m in node.of(topic)]
+        assert np.all(np.diff([stamp for stamp, _ in sent]) > 0.0)
+        assert sent[-1][1][:3] == pytest.approx((2.0, 1.0, 0.3), abs=0.15)
+    assert "the robot was put to x 2.000 m" in caplog.text
+    assert "a pose in the frame 'map'" in caplog.text
+
+
+FLOODS: dict[str, tuple[str, Any]] = {
+    "commands": (COMMAND, twist(0.25)),
+    "commands of NaN": (COMMAND, twist(math.nan)),
+    "huge commands": (COMMAND, twist(1e300, -1e300)),
+    "a joystick": ("/joy_teleop/cmd_vel", twist(0.25)),
+    "poses of another frame": (PLACE_TOPIC, pose_in("m\x1b[31map\x07\n" + 200 * "x", 0.0)),
+    "poses far away": (PLACE_TOPIC, pose_in("odom", 1e300)),
+}
+
+
+@pytest.mark.parametrize("name", FLOODS)
+def test_a_flood_is_a_few_lines_and_the_stop_comes_all_the_same(
+    name: str, plant: MujocoPlant, caplog: pytest.LogCaptureFixture
+) -> None:
+    topic, flood = FLOODS[name]
+    loop, node = simulation(plant)
+    node.coming = [(100.0 + 1e-3 * k, topic, flood) for k in range(3000)]
+    for k in range(40):
+        node.plan(COMMAND, 0.05 * k, twist(0.25))
+    node.plan(STOP_TOPIC, 1.5, message({"data": True}))
+    with caplog.at_level(logging.INFO, "validation"):
+        loop.run(2.5)
+    t, v = speeds(node)
+    assert np.all(v[(t > 1.0) & (t < 1.5)] > 0.2)
+    assert np.all(v[t > 2.05] < 0.01)
+    assert t[-1] == pytest.approx(node.of(POSE)[-1][0], abs=1e-3), "its clock is the wall's"
+    assert len(caplog.records) <= 10
+    assert all(record.getMessage().isprintable() and len(record.getMessage()) < 400 for record in caplog.records)

@@ -1,0 +1,333 @@
+"""A node on a ROS 2 graph: DDS by cyclonedds, the extra `ros2`, without any installation of ROS.
+
+What ROS 2 adds to DDS is kept here. A type is a name, a layout of bytes (CDR, version 1) and, since Iron, a hash of its
+definition in the user data of each reader and writer (`RIHS01_…`, REP 2011); the definitions are those of Jazzy that rosbags
+ships. Writers are reliable and keep the last ten messages, so that everybody can listen. Readers of sensors ask for best
+effort, so that they hear everybody; readers of commands ask for reliable writers, as a robot's own multiplexer does.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import re
+import struct
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from validation import cli
+from validation.ros.messages import Fields
+from validation.words import shortened
+
+_logger = logging.getLogger(__name__)
+
+_MOST_DOMAIN = 232
+"""Greatest domain whose ports exist (DDSI-RTPS, 9.6.2: 7400 + 250 each)."""
+_NAME = re.compile(r"(/?[A-Za-z][A-Za-z0-9_]*)*", re.ASCII)
+_INTERFACE = re.compile(r"[A-Za-z0-9_.:-]*", re.ASCII)
+_GLOBAL = ("/clock", "/vrpn_mocap/")
+"""Beginnings of topics outside of a robot's namespace: time, and the node of the tracking system."""
+_KEPT = 10
+"""Messages that a writer keeps for slow readers: ROS 2's default."""
+_SENSORS = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped")
+"""Types that are listened to with best effort."""
+_ALSO_AS = {"geometry_msgs/msg/Twist": "geometry_msgs/msg/TwistStamped"}
+"""Types that come and go in two forms: robots of Humble take Twist, and those of Jazzy TwistStamped, under one name."""
+_LOG_PERIOD = 1.0
+"""Least time between two lines of one kind in the log [s]."""
+_LONGEST = 300
+"""Most characters of a line in the log: it may hold foreign text."""
+_UNREADABLE = (struct.error, ValueError, TypeError, IndexError, OverflowError, MemoryError)
+"""What decoding raises of bytes that are no message of their type."""
+_CONFIGURATION = (
+    "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface {interface}/></Interfaces>{multicast}</General>"
+    "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>{peers}"
+    "</Discovery></Domain></CycloneDDS>"
+)
+
+
+class NoGraphError(ValueError):
+    """There is no graph to join: cyclonedds is not installed, or the network interface is not there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Graph:
+    """A graph of ROS 2: the options of every node."""
+
+    ros: Annotated[str, cli.option(metavar="2")] = "2"
+    """Version of ROS; there is 2 alone, with the extra `ros2`."""
+    domain: Annotated[int | None, cli.option(metavar="N", default="ROS_DOMAIN_ID, or 0")] = None
+    """Number of the domain."""
+    namespace: Annotated[str, cli.option(metavar="NAME", default="none")] = ""
+    """Namespace of the robot, such as a200_0000."""
+    interface: Annotated[str, cli.option(metavar="NAME|ADDRESS", default="loopback, or what CYCLONEDDS_URI says")] = ""
+    """Network interface."""
+
+    def domain_number(self) -> int:
+        """Return the number of the domain.
+
+        Raises:
+            ValueError: another ROS than 2, or a domain, a namespace or an interface that cannot be.
+        """
+        if self.ros != "2":
+            raise ValueError(
+                f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone (tag 1.7 keeps them); there is ROS 2"
+            )
+        number = os.environ.get("ROS_DOMAIN_ID") or "0" if self.domain is None else str(self.domain)
+        if not number.isdecimal() or not number.isascii() or int(number[:9]) > _MOST_DOMAIN:
+            raise ValueError(f"the domain (--domain, ROS_DOMAIN_ID) is {shortened(number, 20)}, must be 0 to {_MOST_DOMAIN}")
+        if not _NAME.fullmatch(self.namespace):
+            raise ValueError("a namespace has letters, digits and underscores, a letter first, and '/' between its parts")
+        if not _INTERFACE.fullmatch(self.interface):
+            raise ValueError("an interface is a name such as eth0, or an address")
+        return int(number)
+
+    def topic(self, name: str) -> str:
+        """Return the name of a topic on this graph: in the robot's namespace, unless it belongs to all robots."""
+        own = self.namespace.strip("/")
+        return name if not own or name.startswith(_GLOBAL) else f"/{own}{name}"
+
+
+def configuration(interface: str) -> str:
+    """Return Cyclone's configuration for one network interface, by name or address; for loopback alone if that is empty.
+
+    On loopback, peers are found on the ports of up to 33 participants: containers have no multicast.
+    """
+    if interface:
+        by = "address" if "." in interface or ":" in interface else "name"
+        return _CONFIGURATION.format(interface=f"{by}='{interface}'", multicast="", peers="")
+    return _CONFIGURATION.format(
+        interface="address='127.0.0.1' multicast='false'",
+        multicast="<AllowMulticast>false</AllowMulticast>",
+        peers="<Peers><Peer address='127.0.0.1'/></Peers>",
+    )
+
+
+def load_dds() -> SimpleNamespace:
+    """Return the modules of cyclonedds by their names.
+
+    Raises:
+        NoGraphError: it is not installed.
+    """
+    try:
+        names = ("core", "domain", "internal", "pub", "qos", "sub", "topic", "util")
+        return SimpleNamespace(**{name: importlib.import_module(f"cyclonedds.{name}") for name in names})
+    except ImportError as error:
+        raise NoGraphError(
+            f"ROS 2 needs cyclonedds ({error}): pip install 'ssmr-testbed[ros2]' (in a source tree: '.[ros2]')"
+        ) from None
+
+
+@cache
+def definitions() -> Typestore:
+    """Return the definitions of ROS 2's messages by `package/msg/Type`."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def user_data(kind: str) -> bytes:
+    """Return the user data of a reader or writer of a type, `package/msg/Type`: the hash of its definition."""
+    return f"typehash={definitions().hash_rihs01(kind)};".encode()
+
+
+@cache
+def idl_class(kind: str) -> type[Any]:
+    """Return cyclonedds' class of a type; its name on the wire is `package::msg::dds_::Type_`."""
+    package, _, name = kind.split("/")
+    fields = {field: _idl_type(node, what) for field, (node, what) in definitions().fielddefs[kind][1]}
+    idl: Any = importlib.import_module("cyclonedds.idl")
+    made: type[Any] = idl.make_idl_struct(name, f"{package}::msg::dds_::{name}_", fields)
+    return made
+
+
+def _idl_type(node: Any, what: Any) -> Any:
+    types = importlib.import_module("cyclonedds.idl.types")
+    if node is Nodetype.NAME:
+        return idl_class(what)
+    if node is Nodetype.BASE:
+        return {"string": str, "bool": bool}.get(what[0]) or getattr(types, what[0])
+    element, count = _idl_type(*what[0]), what[1]
+    return types.array[element, count] if node is Nodetype.ARRAY else types.sequence[element]
+
+
+def idl_message(kind: str, values: Mapping[str, Any]) -> Any:
+    """Return a message of a type with values by its fields; a field that is left out is zero or empty."""
+    fields = definitions().fielddefs[kind][1]
+    return idl_class(kind)(*[_field_value(node, what, values.get(name)) for name, (node, what) in fields])
+
+
+def _field_value(node: Any, what: Any, value: Any) -> Any:
+    if node is Nodetype.NAME:
+        return idl_message(what, value or {})
+    if node is Nodetype.BASE:
+        return {"string": "", "bool": False}.get(what[0], 0) if value is None else value
+    (element, of_what), count = what
+    if value is None:
+        value = [None] * (count if node is Nodetype.ARRAY else 0)
+    return [_field_value(element, of_what, v) for v in value]
+
+
+@dataclass
+class _Subscription:
+    read: Callable[[Any], Any]
+    depth: int
+    readers: list[Any] = field(default_factory=list)
+    refused: int = 0
+    """Messages refused since the last good one."""
+    why: str = ""
+
+
+class Node:
+    """Topics of a node, whose messages come when it asks for them; types are named `package/msg/Type`."""
+
+    def __init__(self, name: str, graph: Graph) -> None:
+        """Join the graph's domain.
+
+        Raises:
+            ValueError: the graph cannot be; cyclonedds is missing, or the network interface is not there.
+        """
+        domain = graph.domain_number()
+        self._dds = dds = load_dds()
+        self.graph, self._clock = graph, time.monotonic
+        self._subscriptions: dict[str, _Subscription] = {}
+        self._said: dict[str, tuple[float, int]] = {}
+        if graph.interface:
+            os.environ["CYCLONEDDS_URI"] = configuration(graph.interface)
+        where = os.environ.setdefault("CYCLONEDDS_URI", configuration(""))
+        policy = dds.qos.Policy
+        try:
+            qos = dds.qos.Qos(policy.Userdata(b"enclave=/;"), policy.EntityName(name))
+            self._participant = dds.domain.DomainParticipant(domain, qos=qos)
+        except dds.core.DDSException as error:
+            tried = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {where}"
+            raise NoGraphError(f"no ROS 2 graph in domain {domain} by {tried}: {error.msg}") from None
+        self._waitset = dds.core.WaitSet(self._participant)
+        self._writers: dict[str, list[tuple[Any, str]]] = {}
+
+    def say(self, kind: str, text: str, level: int = logging.WARNING) -> None:
+        """Log a line, at most once a second for each kind; kinds come from this program and never from a message."""
+        now, (before, left_out) = self._clock(), self._said.get(kind, (float("-inf"), 0))
+        if now - before < _LOG_PERIOD:
+            self._said[kind] = before, left_out + 1
+            return
+        self._said[kind] = now, 0
+        _logger.log(level, "%s%s", shortened(text, _LONGEST), f" ({left_out} more before)" if left_out else "")
+
+    def _qos(self, kind: str, depth: int, *, reliable: bool, latch: bool = False) -> Any:
+        policy = self._dds.qos.Policy
+        patience = self._dds.util.duration(milliseconds=1)
+        return self._dds.qos.Qos(
+            policy.Reliability.Reliable(patience) if reliable else policy.Reliability.BestEffort,
+            policy.Durability.TransientLocal if latch else policy.Durability.Volatile,
+            policy.History.KeepLast(depth),
+            policy.Userdata(user_data(kind)),
+            policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+            policy.WriterDataLifecycle(autodispose=False),
+        )
+
+    def _topics(self, topic: str, kind: str) -> list[tuple[str, Any]]:
+        """Return the types of a topic and DDS' topics."""
+        forms = [kind, _ALSO_AS[kind]] if kind in _ALSO_AS else [kind]
+        return [(form, self._dds.topic.Topic(self._participant, f"rt{topic}", idl_class(form))) for form in forms]
+
+    def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
+        """Open a topic for sending, one of Twist for TwistStamped too; with `latch`, late joiners get the last message."""
+        self._writers[topic] = []
+        for form, place in self._topics(topic, kind):
+            qos = self._qos(form, 1 if latch else _KEPT, reliable=True, latch=latch)
+            self._writers[topic].append((self._dds.pub.DataWriter(self._participant, place, qos=qos), form))
+
+    def publish(self, topic: str, values: Fields) -> None:
+        """Send a message without waiting for slow subscribers; in two forms, each only to those who listen to it.
+
+        A TwistStamped has the stamp 0, which robots take as the time of its arrival.
+        """
+        forms = self._writers[topic]
+        for k, (writer, form) in enumerate(forms):
+            if len(forms) == 1 or writer.get_matched_subscriptions():
+                try:
+                    writer.write(idl_message(form, {"twist": values} if k else values))
+                except self._dds.core.DDSException as error:
+                    self.say(f"send {topic}", f"{topic}: a message could not be sent: {error.msg}")
+
+    def subscribers(self, topic: str) -> int:
+        """Return the number of subscribers of a topic that is open for sending."""
+        return sum(len(writer.get_matched_subscriptions()) for writer, _ in self._writers[topic])
+
+    def subscribe(self, topic: str, kind: str, read: Callable[[Any], Any], depth: int = 1) -> None:
+        """Receive the last `depth` messages of a topic; on one of Twist, TwistStamped is heard too.
+
+        `read` returns what the node needs of a message, and raises a ValueError if that cannot be.
+        """
+        found = self._subscriptions[topic] = _Subscription(read, depth)
+        core = self._dds.core
+        states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.Any
+        for form, place in self._topics(topic, kind):
+            qos = self._qos(form, depth, reliable=form not in _SENSORS)
+            reader = self._dds.sub.DataReader(self._participant, place, qos=qos)
+            self._waitset.attach(core.ReadCondition(reader, states))
+            found.readers.append(reader)
+
+    def receive(self, timeout: float = 0.0) -> list[tuple[str, Any]]:
+        """Return what came, topic and value; if nothing did, wait for it for at most `timeout` [s].
+
+        Topics come in the order of their subscriptions, the messages of each in that of their arrival. A message that cannot
+        be is logged, and changes nothing.
+        """
+        found = []
+        for topic, message in self._take(timeout):
+            subscription = self._subscriptions[topic]
+            try:
+                found.append((topic, subscription.read(message)))
+                subscription.refused = 0
+            except ValueError as error:
+                subscription.refused, subscription.why = subscription.refused + 1, str(error)
+                self.say(topic, f"{topic}: {error}; ignored")
+        return found
+
+    def refusals(self, topic: str) -> str:
+        """Return how many messages of a topic were refused since its last good one, and why; empty if none was."""
+        s = self._subscriptions[topic]
+        return f"{s.refused} messages on {topic} were refused, the last one because {s.why}" if s.refused else ""
+
+    def _take(self, timeout: float) -> list[tuple[str, Any]]:
+        """Return the messages that came, as they are."""
+        if not self._waitset.wait(self._dds.util.duration(seconds=timeout)):
+            return []
+        return [
+            (topic, message.twist if stamped else message)
+            for topic, subscription in self._subscriptions.items()
+            for stamped, reader in enumerate(subscription.readers)
+            for message in self._samples(topic, reader, subscription.depth)
+        ]
+
+    def _samples(self, topic: str, reader: Any, depth: int) -> list[Any]:
+        found = []
+        for _ in range(depth):  # one by one: of a batch, one that cannot be decoded would lose all
+            try:
+                came = reader.take()
+            except _UNREADABLE as error:
+                self.say(f"unreadable {topic}", f"{topic}: a message that cannot be decoded ({error}); ignored")
+                continue
+            if not came:
+                break
+            (sample,) = came
+            if sample.sample_info.instance_state == self._dds.core.InstanceState.NotAliveNoWriters:
+                self.say(f"left {topic}", f"{topic}: nobody sends any more")
+            if not isinstance(sample, self._dds.internal.InvalidSample):  # the last message, or the end alone
+                found.append(sample)
+        return found
+
+    def close(self) -> None:
+        """Leave the domain; what was sent last is still delivered."""
+        self._writers.clear()  # cyclonedds deletes what nobody refers to
+        self._subscriptions.clear()
+        del self._waitset, self._participant

@@ -1,0 +1,253 @@
+"""A controller on its reference for a robot that answers by messages: when to start, what to command and when to stop.
+
+The position loop runs with each message that has the robot's pose, the velocity loop at the instants of a clock
+(Sec. 4.3.2). Mission time is counted by the messages' stamps, so target and observation belong to one instant, however long
+the message took. The receiver's own clock watches that messages still come. There is no ROS and no clock in this module.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ssmr.control.law import Command, Observation
+from ssmr.control.loop import VELOCITY_PERIOD, Clock, ClosedRun, LoopSettings, make_trackers, tracker_of
+from ssmr.control.mission import PythonController
+from ssmr.control.steered import Steered, mission_of
+from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, LOST, Truth, is_lost, position_tick, record, velocity_tick
+from ssmr.control.waypoints import Waypoints
+from ssmr.errors import SsmrError
+from ssmr.geometry import compose, invert, wrap_angle
+from ssmr.types import FloatArray
+from validation.bench.loops import AnyController
+from validation.ros.messages import STAND_STILL, Twist
+
+FRESH = 0.5
+"""Age from which feedback is too old to drive by [s]."""
+_SETTLED = 5
+"""Number of fresh messages in a row from a standing robot before it is driven."""
+_MOVING = 0.05
+"""A robot faster than this is not taken over [m/s, rad/s]."""
+_AT_START = 0.5
+"""Greatest distance of the robot from the reference's start with `absolute` [m]."""
+_SAME_CLOCK = 5.0
+"""Greatest difference between the stamps of a tracking system and of the feedback, if they are of one clock [s]."""
+
+
+class StoppedError(SsmrError):
+    """The robot was stopped before the reference's end; the message says why."""
+
+
+class PathFollower:
+    """A controller on its reference, fed with the states of a robot, without ROS and without a clock."""
+
+    def __init__(
+        self,
+        controller: AnyController,
+        waypoints: Waypoints,
+        *,
+        v_limit: float = 1.0,
+        w_limit: float = 1.0,
+        lookahead: float = 0.0,
+        absolute: bool = False,
+    ) -> None:
+        """Design the law and compile the loops, so that nothing is slow once the robot moves.
+
+        A controller that is a Python object is made twice: the first one computes one command and is thrown away.
+
+        Args:
+            controller: the law.
+            waypoints: the reference.
+            v_limit: greatest speed ever commanded [m/s]; the robot's own limit if that is less.
+            w_limit: greatest yaw rate ever commanded [rad/s], likewise.
+            lookahead: distance that the robot keeps behind its target [m].
+            absolute: take waypoints as places in the feedback's frame; else the reference begins at the robot's pose.
+
+        Raises:
+            ControllerError: the object cannot be made, or gives no command.
+            ValueError: a number out of its range, gains that the law refuses, or a reference faster than the limit.
+        """
+        for name, number in (("v_limit", v_limit), ("w_limit", w_limit)):
+            if not 0.0 < number <= 10.0:
+                raise ValueError(f"{name} = {number:g} must be positive and at most 10")
+        drive, fastest = controller.drive, float(waypoints.segment_speeds.max())
+        self.v_limit, self.w_limit, self.lookahead = min(drive.v_max, v_limit), min(drive.w_max, w_limit), lookahead
+        if fastest > self.v_limit:
+            raise ValueError(f"the reference asks for {fastest:.3g} m/s; the limit is {self.v_limit:g} m/s")
+        self.controller, self.waypoints = controller.on(replace(drive, v_max=self.v_limit, w_max=self.w_limit)), waypoints
+        self._absolute = absolute
+        self.phase = "waiting"
+        """Phase of the drive: waiting, driving or arrived."""
+        self.why_waiting = "no feedback yet"
+        self._arrival = self._stamp = -math.inf
+        self._fresh, self._repeated, self._begin = 0, 0, 0.0
+        self._to_reference, self._yaw = np.zeros(3), 0.0
+        self._times: list[float] = []
+        self._rows: list[FloatArray] = []
+        self._poses: list[tuple[float, float, float, float]] = []
+        self._pose_to_reference: FloatArray | None = None
+        self._start_law()
+        self._run_position_loop(FRESH_MIND.seen, 0.0, 0.02)
+        self._run_velocity_loop(0.0)
+        is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._start_law()
+
+    def _start_law(self) -> None:
+        law = self.controller
+        loop = LoopSettings("truth", disturbance=False, lookahead=self.lookahead)
+        clock = Clock(VELOCITY_PERIOD, 1, 1, 1)  # the messages' stamps give the time, so only the law and the course matter
+        self._tracker = tracker_of(make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start), 0)
+        self._mind, self._steered = FRESH_MIND, None
+        if isinstance(law, PythonController):
+            self._steered = Steered(self._tracker, law, mission_of(law, self.waypoints, loop))
+
+    def _run_velocity_loop(self, t: float) -> Command:
+        if self._steered is not None:
+            self._steered.command(t)
+            self._mind = self._steered.mind
+        else:
+            self._mind = velocity_tick(self._tracker, self._mind, t, VELOCITY_PERIOD)
+        return self._mind.command
+
+    def _run_position_loop(self, seen: Observation, t: float, dt: float) -> FloatArray:
+        """Return what a run records of this step; lateral speed, wheels and torques are not known."""
+        if self._steered is not None:
+            self._steered.see(seen, t)
+            self._mind = self._steered.mind
+        else:
+            self._mind = position_tick(self._tracker, self._mind, seen, t, dt)
+        row = np.empty(len(LOG_COLUMNS))
+        record(row, Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0), self._mind)
+        return row
+
+    def track(self, stamp: float, seen: Observation) -> bool:
+        """Take a pose from a tracking system, for the record and not for the controller.
+
+        Return False for one whose stamp does not increase, or is of another clock than the feedback's.
+        """
+        if self.phase == "waiting":
+            self._poses.clear()  # the last one before the start counts
+        elif self._pose_to_reference is None:
+            return True  # it came too late to judge
+        elif abs(stamp - self._stamp) > _SAME_CLOCK or stamp <= self._poses[-1][0]:
+            return False
+        self._poses.append((stamp, seen.x, seen.y, seen.yaw))
+        return True
+
+    def update(self, stamp: float, seen: Observation, now: float) -> None:
+        """Take pose and speeds, measured at `stamp` [s] and arrived at `now` [s], and run the position loop.
+
+        A message with the stamp of the last one is the same message again.
+
+        Raises:
+            StoppedError: the sender's clock jumped, or the robot is farther from its target than it may be.
+            ControllerError: the controller failed.
+        """
+        dt, self._stamp = stamp - self._stamp, stamp
+        if dt == 0.0:
+            self._repeated += 1
+            return
+        self._arrival, self._repeated = now, 0
+        if self.phase == "waiting":
+            self._start_if_settled(seen, dt)
+        if self.phase != "driving":
+            return
+        if not 0.0 < dt < FRESH:
+            raise StoppedError(f"the stamps of the feedback jumped by {dt:.3f} s")
+        t = stamp - self._begin
+        self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped from the last one (Sec. 4.2)
+        x, y, yaw = map(float, compose(self._to_reference, np.array([seen.x, seen.y, self._yaw])))
+        self._rows.append(self._run_position_loop(Observation(x, y, yaw, seen.v, seen.w), t, dt))
+        self._times.append(t)
+        aim = self._mind.target
+        if is_lost(x, y, seen.w, aim.x, aim.y):
+            away = math.hypot(x - aim.x, y - aim.y)
+            raise StoppedError(f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)")
+        if t >= self.waypoints.duration - 1e-9:
+            self.phase = "arrived"
+
+    def _start_if_settled(self, seen: Observation, dt: float) -> None:
+        """Drive a robot that stands and whose feedback comes steadily."""
+        start = self.waypoints.start
+        away = math.hypot(seen.x - start.x, seen.y - start.y)
+        self._fresh += 1
+        if not 0.0 < dt < FRESH:
+            self.why_waiting, self._fresh = "the feedback does not come steadily", 0
+        elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
+            self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
+        elif self._absolute and away > _AT_START:
+            self.why_waiting, self._fresh = f"the robot stands {away:.2f} m from the reference's start", 0
+        if self._fresh < _SETTLED:
+            return
+        here = np.array([seen.x, seen.y, seen.yaw])
+        origin = np.array([start.x, start.y, start.yaw])
+        if self._absolute:  # as it is, but for whole turns: yaw begins near the reference's
+            origin = np.array([seen.x, seen.y, start.yaw + float(wrap_angle(seen.yaw - start.yaw))])
+            self._to_reference = np.array([0.0, 0.0, origin[2] - seen.yaw])
+        else:
+            self._to_reference = compose(origin, invert(here))
+        self._yaw, self._begin, self.phase = seen.yaw, self._stamp, "driving"
+        if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
+            self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
+
+    def command(self, now: float, fault: str = "") -> Twist:
+        """Run one step of the velocity loop; return v [m/s] and omega [rad/s] to send at `now` [s].
+
+        `fault` says what is wrong with feedback that came and could not be used.
+
+        Raises:
+            StoppedError: the feedback is too old to drive by, or the law's output is not finite.
+            ControllerError: the controller failed.
+        """
+        if self.phase != "driving":
+            return STAND_STILL
+        age = now - self._arrival
+        if age > FRESH:
+            if fault:
+                raise StoppedError(f"no feedback that can be used for {age:.2f} s: {fault}")
+            again = f": {self._repeated} messages repeat the stamp {self._stamp:.3f} s" if self._repeated else ""
+            raise StoppedError(f"no {'new ' if again else ''}feedback for {age:.2f} s{again}")
+        v, w = self._run_velocity_loop(self._stamp - self._begin + max(age, 0.0))
+        if not (math.isfinite(v) and math.isfinite(w)):
+            raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
+        limits = self.v_limit, self.w_limit
+        sent = Command(*(float(np.clip(asked, -most, most)) for asked, most in zip((v, w), limits, strict=True)))
+        self._mind = self._mind._replace(command=sent)
+        if self._tracker.predicts:
+            self._tracker.past[-1] = sent
+        return sent
+
+    @property
+    def has_run(self) -> bool:
+        """True if the robot was driven long enough for a run."""
+        return len(self._times) > 1
+
+    @property
+    def tracked(self) -> bool:
+        """True if a tracking system saw the whole drive."""
+        return len(self._poses) > 1 and self._poses[-1][0] - self._begin >= self._times[-1] - FRESH
+
+    def run(self) -> ClosedRun:
+        """Return the drive at even instants: the motion by the tracking system if there was one, else by the feedback.
+
+        Lateral speed, wheel rates and torques are not known, and 0.
+
+        Raises:
+            StoppedError: the robot was never driven.
+        """
+        if not self.has_run:
+            raise StoppedError("the robot was not driven")
+        times, rows = np.array(self._times), np.array(self._rows)
+        period = float(np.median(np.diff(times)))
+        t = period * np.arange(int(times[-1] / period + 1e-6) + 1, dtype=np.float64)
+        table: FloatArray = rows[np.searchsorted(times, t + 1e-9, side="right") - 1]
+        motion = rows[:, :3]
+        if self.tracked and self._pose_to_reference is not None:
+            poses = np.array(self._poses)
+            poses[:, 3] = np.unwrap(poses[:, 3])
+            times, motion = poses[1:, 0] - self._begin, compose(self._pose_to_reference, poses[1:, 1:])
+        for k in range(3):
+            table[:, k] = np.interp(t, times, motion[:, k])
+        return ClosedRun(t, table, lost=False)

@@ -1,0 +1,182 @@
+"""The node that simulates a robot with MuJoCo: its topics, at their rates, in real time."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, cast
+
+import numpy as np
+
+from ssmr.robot.sensors import SensorModel
+from ssmr.types import State
+from validation import cli
+from validation.bench.commissioning import chosen_filter
+from validation.motion.driving import Pacer
+from validation.plants.profile import choose_profile, make_plant
+from validation.ros import messages as msg
+from validation.ros.dds import Graph, Node
+from validation.ros.robot import COMMAND_TOPICS, SENSOR_RATE, CommandMultiplexer, SimulatedRobot
+from validation.simulator.description import WHEELS
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.urdf_writing import urdf_text
+
+_logger = logging.getLogger(__name__)
+
+STOP_TOPIC = "/platform/emergency_stop"
+PLACE_TOPIC = "/initialpose"
+"""Topic of RViz' 2D Pose Estimate."""
+_STOPS_KEPT = 32
+"""Messages of the emergency stop that wait for the loop: none that stops may be lost. Of others the last one counts."""
+_BEHIND = 0.1
+"""Lateness from which the simulation reports that it is not at real time [s]."""
+_MOST_BEHIND = 2.0
+"""Lateness that is caught up with [s], as after the stalls of a busy machine; a greater one is dropped. After a long time on
+too slow a machine, the simulation would otherwise run fast for as long, once the machine has time again."""
+
+
+@dataclass(frozen=True)
+class Sim(Graph):
+    """Options of `sim`."""
+
+    robot: cli.AnyRobot = None
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+    start: Annotated[tuple[float, float, float], cli.option(metavar="X Y YAW", default="the origin")] = (0.0, 0.0, 0.0)
+    """Pose of the robot in the tracking system's frame [m, m, rad]."""
+    duration: Annotated[float, cli.option(metavar="SECONDS", default="until Ctrl-C")] = math.inf
+    """Time after which to end."""
+    no_noise: cli.Flag = False
+    """Simulate encoders and gyro without noise."""
+    disturbance: cli.Flag = False
+    """Push the robot's yaw at random (Sec. 3.4.5)."""
+    wall_time: cli.Flag = False
+    """Stamp with the wall's time; else time begins at 0."""
+    filter: Annotated[str, cli.option(metavar="thesis|commissioned|learning|FILE.toml")] = "thesis"
+    """State filter on the robot, as in validation.track."""
+    gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
+    """Reading of the gyro at rest, which no filter knows; one that learns has listened for 5 s before the start."""
+    seed: cli.Seed = 0
+
+
+def is_due(step: int, rate: float, dt: float) -> bool:
+    """Return whether a sample of a rate [Hz] is due with a step of `dt` [s]: the k-th is with the first at or after k/rate.
+
+    So a rate whose period is no whole number of steps is kept on average, to the step.
+    """
+    before, after = (math.floor(k * dt * rate + 1e-9) for k in (step - 1, step))
+    return after > before
+
+
+class SimulationNode:
+    """The loop of the node: takes commands, advances the physics and sends sensor messages, each at its instant."""
+
+    def __init__(
+        self,
+        node: Node,
+        robot: SimulatedRobot,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+        stamp_offset: float = 0.0,
+    ) -> None:
+        """Open the robot's topics and publish its description; `clock` returns monotonic time [s], and `sleep` waits [s].
+
+        Simulated time zero has the stamp `stamp_offset` [s], which is not zero if stamps are to be the wall's time.
+        """
+        self._node, self._robot, self._clock, self._sleep, self._offset = node, robot, clock, sleep, stamp_offset
+        topic, joints = node.graph.topic, {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS}
+        self._topics: dict[str, tuple[float, Callable[[float], msg.Fields]]] = {}
+        """Rate of each topic [Hz] (Tab. 3.5, Sec. 4.2), and the message of a stamp [s]."""
+        for name, kind, rate, message in (
+            ("/clock", "rosgraph_msgs/msg/Clock", 100.0, msg.clock_message),
+            (msg.FILTERED_TOPIC, "nav_msgs/msg/Odometry", SENSOR_RATE,
+             lambda t: msg.odometry_message(t, *robot.filtered_odometry())),
+            ("/platform/odom", "nav_msgs/msg/Odometry", SENSOR_RATE,
+             lambda t: msg.odometry_message(t, *robot.wheel_odometry())),
+            ("/sensors/imu_0/data", "sensor_msgs/msg/Imu", SENSOR_RATE, lambda t: msg.imu_message(t, *robot.imu())),
+            ("/platform/joint_states", "sensor_msgs/msg/JointState", SENSOR_RATE,
+             lambda t: msg.joint_message(t, list(joints.values()), *robot.joints())),
+            ("/tf", "tf2_msgs/msg/TFMessage", SENSOR_RATE,
+             lambda t: msg.transform_message(t, (msg.ODOM, msg.BASE), robot.filtered_odometry()[0])),
+            (msg.tracking_topic(robot.description.name), "geometry_msgs/msg/PoseStamped", 120.0,
+             lambda t: msg.pose_message(t, msg.WORLD, robot.pose)),
+        ):  # fmt: skip
+            node.advertise(topic(name), kind)
+            self._topics[topic(name)] = rate, message
+        x, y, z = robot.description.geometry.imu
+        mount = msg.transform_message(0.0, (msg.BASE, msg.IMU), np.array([x, y, 0.0]), z)
+        description = {"data": urdf_text(robot.description, joints, msg.BASE, msg.IMU)}
+        node.advertise(topic("/tf_static"), "tf2_msgs/msg/TFMessage", latch=True)
+        node.publish(topic("/tf_static"), mount)
+        node.advertise(topic("/robot_description"), "std_msgs/msg/String", latch=True)
+        node.publish(topic("/robot_description"), description)
+        commands = {topic(name): priority for name, priority in COMMAND_TOPICS.items()}
+        self._multiplexer = CommandMultiplexer(commands, self._say)
+        for name in commands:
+            node.subscribe(name, "geometry_msgs/msg/Twist", msg.read_twist)
+        self._stop, self._place = topic(STOP_TOPIC), topic(PLACE_TOPIC)
+        node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), _STOPS_KEPT)
+        node.subscribe(self._place, "geometry_msgs/msg/PoseWithCovarianceStamped", msg.read_pose_in_odom)
+
+    def run(self, duration: float = math.inf) -> None:
+        """Simulate for `duration` [s]; a DivergedError says that the simulator gave up."""
+        robot, node, pacer = self._robot, self._node, Pacer(self._clock, self._sleep, _MOST_BEHIND)
+        for step in itertools.count(1):
+            if step * robot.dt > duration + 1e-9:
+                return
+            due = [name for name, (rate, _) in self._topics.items() if is_due(step, rate, robot.dt)]
+            if not due:
+                continue
+            for name, value in node.receive():
+                self._take(name, value)
+            robot.advance(step - robot.steps, self._multiplexer.command(self._clock()))
+            if is_due(step, SENSOR_RATE, robot.dt):
+                robot.sense()
+            if (late := pacer.wait(robot.time)) > _BEHIND:
+                self._say(f"{late:.2f} s behind real time: this machine is too slow, or busy", "late", logging.WARNING)
+            passed = pacer.dropped if self._offset else 0.0  # the wall's time goes on while the robot's is dropped
+            for name in due:
+                node.publish(name, self._topics[name][1](robot.time + self._offset + passed))
+
+    def _say(self, text: str, kind: str = "", level: int = logging.INFO) -> None:
+        self._node.say(kind or text, f"{self._robot.time:.2f} s: {text}", level)
+
+    def _take(self, topic: str, value: Any) -> None:
+        if topic == self._stop:
+            self._multiplexer.emergency_stop(value)
+        elif topic == self._place:
+            self._robot.place(value)
+            self._say("the robot was put to x {:.3f} m, y {:.3f} m, yaw {:.3f} rad of odom".format(*value), "placed")
+        else:
+            self._multiplexer.offer(topic, value, self._clock())
+
+
+def sim(options: Sim) -> None:
+    """Put a MuJoCo robot on a ROS 2 graph, in real time, until Ctrl-C.
+
+    Its topics are those of a Clearpath robot of its name; docs/ros.md lists them.
+
+    Raises:
+        ValueError: an option that cannot be; cyclonedds is missing, or the network interface is not there.
+        DivergedError: the simulator gave up.
+    """
+    o = options
+    o.domain_number()
+    if not o.duration > 0.0 or not all(map(math.isfinite, o.start)):
+        raise ValueError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
+    profile = choose_profile(o.profile, o.robot, "thesis-lab")
+    plant, used = cast(MujocoPlant, make_plant(profile, "mujoco")), chosen_filter(o.filter, profile, "mujoco")
+    sensors = SensorModel(gyro_bias=o.gyro_bias)
+    noise = {"noise": not o.no_noise, "disturbance": o.disturbance}
+    robot = SimulatedRobot(plant, State(*o.start), sensors, **noise, seed=o.seed, filter=used.settings)
+    node = Node(f"{msg.ros_name(profile.robot.name)}_simulation", o)
+    try:
+        simulation = SimulationNode(node, robot, stamp_offset=time.time() if o.wall_time else 0.0)
+        _logger.info("the robot %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", profile.robot.name, *o.start)
+        simulation.run(o.duration)
+    finally:
+        node.close()

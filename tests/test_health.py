@@ -112,7 +112,7 @@ def spinning(calibration: Calibration, slip: float, model: mujoco.MjModel, rest:
         (husky(friction=0.5, gain=2000.0, wheel_shape="capsule", friction_ratio=1.24), SHIPPED, None),
         (husky(friction=0.5, gain=2000.0), PhysicsSettings(impratio=1.0), None),
         (husky(friction=0.5, gain=2000.0), PhysicsSettings(solref=(0.006, 1.0)), None),
-        (husky(friction=0.5, gain=2000.0), PhysicsSettings(solref=(0.006, 1.0), tangent_ratio=1.0), 105.0),
+        (husky(friction=0.5, gain=2000.0), PhysicsSettings(solref=(0.006, 1.0)), 105.0),
         (husky(friction=0.5, gain=2000.0), PhysicsSettings(solimp=(0.3, 0.9, 0.004, 0.4, 3.0)), None),
     ],
 )

@@ -14,8 +14,8 @@ from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 
 EVERYTHING = PhysicsSettings(
-    cone="pyramidal", impratio=7.0, noslip=2, condim=4, solimp=(0.5, 0.9, 0.002, 0.5, 2.0), solref=(0.03, 0.8),
-    solver="PGS", iterations=9, integrator="Euler", tangent_ratio=0.5,
+    cone="pyramidal", impratio=7.0, solimp=(0.5, 0.9, 0.002, 0.5, 2.0), solref=(0.03, 0.8),
+    solver="PGS", iterations=9, integrator="Euler",
 )  # fmt: skip
 
 
@@ -33,13 +33,10 @@ def test_everything_said_is_in_the_model_and_the_calibration_stays() -> None:
     assert model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_PGS
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
-    assert (model.opt.impratio, model.opt.noslip_iterations, model.opt.iterations) == (7.0, 2, 9)
+    assert (model.opt.impratio, model.opt.iterations) == (7.0, 9)
     for kind, rows in (("geom", tires), ("pair", range(model.npair))):
         assert np.allclose(getattr(model, f"{kind}_solimp")[list(rows)], EVERYTHING.solimp)
         assert np.allclose(getattr(model, f"{kind}_solref")[list(rows)], EVERYTHING.solref)
-    assert (model.geom_condim[tires] == 4).all()
-    assert (model.pair_dim == 4).all()
-    assert np.allclose(model.pair_friction[:, :2], [0.2, 0.4])
     for name in ("body_mass", "body_inertia", "geom_size", "actuator_gainprm", "dof_armature"):
         assert np.array_equal(getattr(model, name), getattr(shipped, name)), name
 
@@ -48,10 +45,10 @@ def test_prescribed_wheels_have_the_settings_too() -> None:
     """A recording's wheel rates drive another model than commands do."""
     commands = Commands(0.05, np.tile([-3.0, 3.0], (40, 1)), kind="wheels")
     ends = []
-    for settings in (SHIPPED, PhysicsSettings(tangent_ratio=0.3)):
+    for settings in (SHIPPED, PhysicsSettings(solver="PGS", iterations=1)):
         plant = MujocoPlant(husky(), Drive(), settings=settings)
         ends.append(plant.run(commands, State(), 0.05).yaw[-1])
-    assert abs(ends[0] - ends[1]) > 0.05
+    assert abs(ends[0] - ends[1]) > 0.005
 
 
 def test_half_a_millisecond_suffices_for_prescribed_wheels() -> None:

@@ -171,9 +171,8 @@ def set_numbers(
     Raises:
         ValueError: as `robot_model`; the model may then be unfit for use until numbers are set that go together.
     """
-    for name, ratio in (("friction_ratio", calibration.friction_ratio), ("tangent_ratio", settings.tangent_ratio)):
-        if ratio not in (None, 1.0) and terrain.kind == "split":
-            raise ValueError(f"{name} {ratio} cannot be had on {terrain.words}: it needs one plane")
+    if calibration.friction_ratio != 1.0 and terrain.kind == "split":
+        raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
     terrain.require_room(calibration.wheel_radius)
     model.opt.gravity = terrain.gravity(GRAVITY)
     set_motors(model, calibration, drive)  # first: what `calibrate` lets MuJoCo derive depends on the shafts' inertia

@@ -29,10 +29,6 @@ class PhysicsSettings:
     """Shape of the friction cone -> opt.cone."""
     impratio: float | None = None
     """Impedance of friction over that of the normal [1] -> opt.impratio."""
-    noslip: int | None = None
-    """Iterations of the solver that takes the softness out of friction afterwards -> opt.noslip_iterations."""
-    condim: int | None = None
-    """3: sliding friction; 4: torsional besides; 6: rolling besides -> geom_condim, pair_dim."""
     solimp: Impedance | None = None
     """Impedance of tyre on ground: at no depth, at full depth [1], that depth [m], its midpoint and power [1]."""
     solref: tuple[float, float] | None = None
@@ -43,22 +39,13 @@ class PhysicsSettings:
     """Greatest number of solver iterations -> opt.iterations; None for those of `SOLVING`."""
     integrator: Integrator | None = None
     """Integrator -> opt.integrator."""
-    tangent_ratio: float | None = None
-    """Friction along MuJoCo's first tangent over that along its second [1] -> pair_friction. On every shape but the capsule
-    the tangents are the world's axes, which no tyre knows of; a robot's own is `Calibration.friction_ratio`."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that MuJoCo has no meaning for."""
-        for name in ("impratio", "tangent_ratio"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} is {value}, must be positive")
-        for name, least in (("noslip", 0), ("iterations", 1)):
-            value = getattr(self, name)
-            if value is not None and value < least:
-                raise ValueError(f"{name} is {value}, must be at least {least}")
-        if self.condim not in (None, 3, 4, 6):
-            raise ValueError(f"condim is {self.condim}, must be 3, 4 or 6: a tyre without friction drives nowhere")
+        if self.impratio is not None and not (math.isfinite(self.impratio) and self.impratio > 0.0):
+            raise ValueError(f"impratio is {self.impratio}, must be positive")
+        if self.iterations is not None and self.iterations < 1:
+            raise ValueError(f"iterations is {self.iterations}, must be at least 1")
 
 
 MUJOCO_IMPEDANCE: Impedance = (0.9, 0.95, 0.001, 0.5, 2.0)
@@ -108,17 +95,14 @@ def apply_settings(
         ("tolerance", tolerance),
         ("integrator", settings.integrator and getattr(mujoco.mjtIntegrator, f"mjINT_{settings.integrator.upper()}")),
         ("impratio", settings.impratio),
-        ("noslip_iterations", settings.noslip),
         ("iterations", iterations if settings.iterations is None else settings.iterations),
     ):
         if value is not None:
             setattr(model.opt, name, value)
-    for name, numbers in (("condim", settings.condim), ("solimp", settings.solimp), ("solref", settings.solref)):
+    for name, numbers in (("solimp", settings.solimp), ("solref", settings.solref)):
         if numbers is not None:
             getattr(model, f"geom_{name}")[list(tires)] = numbers
-            getattr(model, "pair_dim" if name == "condim" else f"pair_{name}")[:] = numbers
-    if settings.tangent_ratio is not None:
-        model.pair_friction[:, 0] = settings.tangent_ratio * model.pair_friction[:, 1]
+            getattr(model, f"pair_{name}")[:] = numbers
 
 
 def stop_the_stopwatch() -> None:

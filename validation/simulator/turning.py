@@ -106,14 +106,11 @@ def contact_half_width(calibration: Calibration) -> float:
     )
 
 
-def closed_form(
-    calibration: Calibration, ratio: float | None = None, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-) -> SkidTurn:
+def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> SkidTurn:
     """Return the turn on the spot of a robot with this centre of mass and these wheels by mechanics.
 
     Args:
         calibration: parameters of the robot.
-        ratio: lateral over longitudinal friction [1]; the calibration's if not given.
         shift: four shares by which loads differ from those at rest, as `turn_on_the_spot` has them [1].
     """
     share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
@@ -122,15 +119,15 @@ def closed_form(
         2.0 * calibration.half_track,
         share * calibration.com_x,
         share * calibration.com_y,
-        calibration.friction_ratio if ratio is None else ratio,
+        calibration.friction_ratio,
         contact_half_width(calibration),
         (shift[0], shift[1], shift[2], shift[3]),
     )
 
 
-def measure_spin(found: Spin, calibration: Calibration, tangent_ratio: float | None = None) -> dict[str, float]:
+def measure_spin(found: Spin, calibration: Calibration) -> dict[str, float]:
     """Return the measures of a turn on the spot, by name; those of whole turns only if there was one."""
-    motion, expected = found.motion, closed_form(calibration, tangent_ratio).multiplier
+    motion, expected = found.motion, closed_form(calibration).multiplier
     tail = motion.t >= SPIN_LEAD - 1e-9
     loads, rate = motion.channels["wheel_load_N"][tail], motion.twist[tail, 2]
     wheels = motion.wheels[tail, 1] - motion.wheels[tail, 0]

@@ -204,6 +204,8 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
     command: str, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In this process, for speed; the status of real ones is looked at in other files."""
+    if "--namespace" in command and not find_spec("cyclonedds"):
+        pytest.skip("the extra 'ros2' is not installed")
     if "--scheduler" in command and not find_spec("distributed"):
         pytest.skip("the extra 'cluster' is not installed")
     monkeypatch.setattr("validation.fit.executors.CONNECT_TIMEOUT", 0.5)

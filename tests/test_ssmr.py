@@ -46,7 +46,7 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
     [
         (("compere", "traj4"), "error: there is no 'ssmr compere'; there are: compare, fit,"),
         (("study", "contacts"), "error: there is no 'ssmr study contacts'; there are: "),
-        (("study", "gains", "--seeds", "1"), "error: there is no 'ssmr study gains'; 'ssmr study transfer' took its place;"),
+        (("study", "gains", "--seeds", "1"), "error: there is no 'ssmr study gains';"),
         (("compare", "traj9"), "error: no source 'traj9'"),
         (("completion", "fish"), "error: invalid choice 'fish'"),
     ],

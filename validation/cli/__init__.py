@@ -14,9 +14,7 @@ from validation.cli.options import Limits as Limits
 from validation.cli.options import Names as Names
 from validation.cli.options import Number as Number
 from validation.cli.options import Numbers as Numbers
-from validation.cli.options import Output as Output
 from validation.cli.options import RobotName as RobotName
-from validation.cli.options import Run as Run
 from validation.cli.options import Seed as Seed
 from validation.cli.options import Topics as Topics
 from validation.cli.options import UserError as UserError
@@ -34,12 +32,12 @@ from validation.cli.options import text_of as text_of
 from validation.cli.program import Common as Common
 from validation.cli.program import Filmed as Filmed
 from validation.cli.program import Program as Program
+from validation.cli.program import finish as finish
 from validation.cli.program import program as program
 from validation.cli.reporting import report_console as report_console
 from validation.cli.reporting import report_result as report_result
 from validation.cli.reporting import shown as shown
 from validation.cli.reporting import warn as warn
-from validation.cli.running import EXIT_FAILED_RUN as EXIT_FAILED_RUN
 from validation.cli.running import EXIT_FAULT as EXIT_FAULT
 from validation.cli.running import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.running import EXIT_USER_ERROR as EXIT_USER_ERROR

@@ -8,25 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import tyro
-from rich.text import Text
 from tyro.constructors import PrimitiveConstructorSpec
 
 from ssmr.parameters import MOST_SEED
-from validation.cli.reporting import report_console, shown
 from validation.logs.limits import USUAL, LogLimits
 from validation.plants.profile import Profile
-from validation.progress import Report
 from validation.simulator.description import Robot
 from validation.simulator.terrain import Terrain, parse_terrain
-from validation.store import make_folder
-from validation.words import shortened, visible
+from validation.words import shortened
 
 T = TypeVar("T")
 
@@ -279,21 +274,6 @@ def out_option(default: str) -> object:
     return option(metavar="DIR", default=f"the folder {default}", help="Folder that the files are written to.")
 
 
-@dataclass(frozen=True)
-class Run:
-    """Options of every program that computes with random numbers."""
-
-    seed: Seed = 0
-    workers: Workers = None
-
-
-class FilmedResult(Protocol):
-    """A result that can be seen in motion."""
-
-    def write_video(self, path: Path, progress: Report) -> None:
-        """Write it as a video."""
-
-
 def require_rerun(what: str, remedy: str = "install it") -> None:
     """Refuse what needs rerun where it is not installed.
 
@@ -302,46 +282,3 @@ def require_rerun(what: str, remedy: str = "install it") -> None:
     """
     if find_spec("rerun") is None:
         raise UserError(f"{what} needs the package rerun-sdk, which is missing: {remedy}")
-
-
-@dataclass(frozen=True)
-class Output:
-    """Options for what is written and shown by a program that makes a recording; each program says its own folder."""
-
-    out: Path | None = None
-    view: View = False
-    view_web: ViewWeb = False
-    no_rerun: NoRerun = False
-    video: Annotated[Path | None, option(metavar="FILE", default="none")] = None
-    """Video for slides to write (.mp4, .gif): MuJoCo's robot, the others as ghosts; drawn without a window."""
-
-    def check(self) -> None:
-        """Refuse to show a recording that is not written, and to write one without rerun, or a video that cannot be."""
-        if (self.view or self.view_web) and self.no_rerun:
-            raise UserError("--view shows the rerun recording; leave out --no-rerun")
-        if not self.no_rerun:
-            require_rerun("the recording", "install it, or add --no-rerun")
-        if self.video is not None:
-            require_rerun("a video")
-            from validation.report.video import check_video
-
-            check_video(self.video)
-            make_folder(self.video.parent)
-
-    def draw(self, result: FilmedResult) -> None:
-        """Write the video if it is asked for, and print its path."""
-        if self.video is not None:
-            with shown("drawing") as progress:
-                result.write_video(self.video, progress)
-            report_console().print(Text(f"written: {visible(self.video)}"), soft_wrap=True)
-
-    def show(self, recording: Path) -> None:
-        """Open the recording in the viewer if that is asked for."""
-        if self.view:
-            from validation.report.viewer import open_viewer
-
-            open_viewer(recording)
-        elif self.view_web:
-            from validation.report.viewer import serve_viewer
-
-            serve_viewer(recording)

@@ -92,7 +92,7 @@ class Program(Generic[P, R]):
                 require_writable(folder)
                 with shown(self.__name__) as show:
                     report = self._function(replace(options, progress=show))
-            _finish(report, options, output_folder(folder))
+            finish(report, options, output_folder(folder))
 
         main.__doc__ = (inspect.getdoc(self._function) or "").partition("\n\nRaises:")[0]
         main.__annotations__ = {"options": self.options}
@@ -115,10 +115,17 @@ def _field_text(options: Any, name: str) -> str:
     return " ".join((get_field_docstring(options, name, ()) or "").split())
 
 
-def _finish(report: Report, options: Common, folder: Path) -> None:
-    """Save and print a report, make its video, show its recording, and raise what it says went wrong."""
+def finish(report: Report, options: Common, folder: Path, *before: Path) -> None:
+    """Save and print a report, make its video, show its recording, and raise what it says went wrong.
+
+    Args:
+        report: what was found.
+        options: options of the program.
+        folder: folder for the files.
+        before: files that were written before.
+    """
     film = options if isinstance(options, Filmed) else None
-    written = report.save(folder, recording=film is None or not film.no_rerun)
+    written = [*before, *report.save(folder, recording=film is None or not film.no_rerun)]
     for sentence in report.alarms:
         warn(sentence)
     if film is not None and film.video is not None:

@@ -39,8 +39,6 @@ EXIT_USER_ERROR = 2
 EXIT_FAULT = 70
 """The program itself is at fault; BSD calls it EX_SOFTWARE."""
 EXIT_INTERRUPTED = 130
-MOVED = {"gains": "transfer"}
-"""Subcommands that are no more, and what took their place."""
 _COLOUR = re.compile(r"\x1b\[[\d;]*m")
 
 
@@ -211,8 +209,7 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
     for at in [i for i, pair in enumerate(itertools.pairwise(words)) if pair == ("--view", "web")]:
         words[at : at + 2] = ["--view-web"]
     if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
-        successor = f"; '{program} {MOVED[words[0]]}' took its place" if MOVED.get(words[0]) in main else ""
-        raise UserError(f"there is no '{program} {shortened(words[0], 40)}'{successor}; there are: {', '.join(main)}")
+        raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
     said = io.StringIO()
     read = functools.partial(tyro.cli, prog=program, args=words, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
     try:

@@ -3,39 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from ssmr.errors import SsmrError
 from validation import cli
+from validation.simulator.terrain import FLAT
 from validation.words import visible
 
 
 @dataclass(frozen=True)
-class DriveOutput(cli.Output):
-    """Options for what is written and shown."""
-
-    out: Annotated[Path | None, cli.out_option("runs/drive")] = None
-
-
-@dataclass(frozen=True)
-class HandOptions:
+class HandOptions(cli.Filmed):
     """The options of `python -m validation.drive`."""
 
-    robot: cli.RobotName = None
-    profile: Annotated[str | None, cli.profile_option("thesis-lab")] = None
+    robot: cli.AnyRobot = None
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="the planar models")] = ()
     """Plants that run beside the MuJoCo robot, separated by commas; `mujoco` for none."""
-    terrain: Annotated[str, cli.option(metavar="GROUND")] = "flat"
-    """Ground under the MuJoCo robot, as in validation.compare: flat, ramp:DEG, rough:MM or split:RATIO."""
+    terrain: cli.Ground = FLAT
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="until the window is closed")] = None
     """Time after which the drive ends."""
     keys: Annotated[Path | None, cli.option(metavar="FILE", default="a window")] = None
     """Script of keys, to drive without a window and without waiting: lines `TIME KEY ...`, such as 2.5 up up left, or
     `TIME M/S RAD/S`."""
-    run: cli.Run = field(default_factory=cli.Run)
-    output: DriveOutput = DriveOutput()
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        return Path("runs") / "drive"
 
 
 def main(options: HandOptions) -> None:
@@ -51,11 +46,10 @@ def main(options: HandOptions) -> None:
     from validation.drive.run import drive_by_hand, prepare_drive, unused
     from validation.drive.window import NoWindowError
     from validation.plants.table import USUAL_PLANTS
-    from validation.simulator.terrain import parse_terrain
 
-    output, folder = options.output, options.output.out or Path("runs") / "drive"
+    folder = options.out or options.folder()
     with cli.mistakes_are_users():
-        output.check()
+        options.check()
         if options.until is not None and not options.until > 0.0:
             raise cli.UserError(f"--until {options.until:g} s must be positive")
         script = None
@@ -65,8 +59,8 @@ def main(options: HandOptions) -> None:
             except (OSError, ValueError) as error:
                 raise cli.UserError(f"--keys {options.keys}: {getattr(error, 'strerror', None) or error}") from error
         prepared = prepare_drive(
-            options.profile, options.plants or USUAL_PLANTS, options.run.seed, robot=options.robot,
-            terrain=parse_terrain(options.terrain),
+            options.profile, options.plants or USUAL_PLANTS, options.seed, robot=options.robot,
+            terrain=options.terrain,
         )  # fmt: skip
     cli.output_folder(folder)
     for left in sorted({*folder.glob("unsaved*.keys")} - {options.keys}):
@@ -87,19 +81,17 @@ def main(options: HandOptions) -> None:
     journal.unlink(missing_ok=True)
     try:
         with cli.shown("comparing") as progress:
-            comparison = driven.compare(options.run.workers, progress)
+            comparison = driven.compare(options.workers, progress)
     except BaseException:
         cli.warn(f"the drive is saved as {visible(recording)}, and was not compared")
         raise
-    cli.report_result(comparison, [recording, *comparison.save(folder, recording=not output.no_rerun)])
     if driven.dropped:
         cli.warn(f"the drive took {driven.dropped:.1f} s longer than its log says: this machine is too slow for real time")
     which = "".join(f" --{k} {visible(v)}" for k, v in (("profile", options.profile), ("robot", options.robot)) if v)
     which = which or f" --profile {prepared.profile.name}"
-    ground = "" if options.terrain == "flat" else f" --terrain {visible(options.terrain)}"
+    ground = "" if options.terrain == FLAT else f" --terrain {visible(options.terrain.spec)}"
     print(f"next: ssmr compare {visible(recording)}{which}{ground}, or ssmr fit improved --to {visible(recording)}{which}")
-    output.draw(comparison)
-    output.show(folder / "compare.rrd")
+    cli.finish(comparison, options, folder, recording)
     if driven.failure:
         raise SsmrError(f"the drive ended before this: {driven.failure}")
     if driven.interrupted:

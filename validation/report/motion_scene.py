@@ -12,7 +12,6 @@ from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 from validation.report.motions import Comparison
 from validation.report.palette import Rgb, colour, mix
-from validation.report.scene import Scene, write_scene
 from validation.report.tracks import BLACK, WHITE, History, Series, Track
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
@@ -34,6 +33,8 @@ def write_comparison(comparison: Comparison, path: Path, text: str | None = None
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
+    from validation.report.scene import Scene, write_scene  # here: rerun may be missing
+
     c, tracks = comparison, compared_tracks(comparison)
     plots = _command_plots(c)
     for track in tracks:

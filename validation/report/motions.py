@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -290,8 +289,3 @@ def headline_error(result: PlantResult) -> str:
     d_rms = result.metrics["d_rms_m"]
     length = length_unit([d_rms])
     return f"d_rms {length.text(d_rms)} {length.symbol}"
-
-
-def seconds_of(pieces: Sequence[Trajectory]) -> float:
-    """Return the time that pieces of a motion take together [s]."""
-    return math.fsum(float(piece.t[-1] - piece.t[0]) for piece in pieces)

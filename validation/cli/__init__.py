@@ -1,7 +1,4 @@
-"""Everything that the command lines of the programs share; only the programs' `__main__` modules import it.
-
-A program declares its options as a frozen dataclass, and hands the function that takes them to `run`.
-"""
+"""Everything that the command lines of the programs share; only programs import it."""
 
 from validation.cli.options import NUMBERS as NUMBERS
 from validation.cli.options import AnyProfile as AnyProfile

@@ -6,21 +6,16 @@ import contextlib
 import os
 import signal
 import subprocess
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
-
-if os.name == "posix":
-    import fcntl
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported: threads cost more than small matrices
 
 import numpy as np
 import pytest
 from hypothesis import settings
-from numba.core.compiler_lock import global_compiler_lock
 
 from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.types import Plant
@@ -66,32 +61,6 @@ def pytest_testnodedown(node: Any, error: object | None) -> None:
     """A worker that dies fails the run, also where it had no test to fail."""
     if error:
         node.config.pluginmanager.get_plugin("session").testsfailed += 1
-
-
-class OneCompiler:
-    """Numba's compiler lock, held by one process at a time: the others then find in the cache what it compiled."""
-
-    def __init__(self) -> None:
-        self._lock, self._depth, self._file = threading.RLock(), 0, os.open(__file__, os.O_RDONLY)
-        self._is_owned = self._lock._is_owned  # type: ignore[attr-defined]  # numba asks for it
-
-    def acquire(self) -> None:
-        """Wait until neither a thread nor another process compiles."""
-        self._lock.acquire()
-        if self._depth == 0:
-            fcntl.flock(self._file, fcntl.LOCK_EX)
-        self._depth += 1
-
-    def release(self) -> None:
-        """Let others compile."""
-        self._depth -= 1
-        if self._depth == 0:
-            fcntl.flock(self._file, fcntl.LOCK_UN)
-        self._lock.release()
-
-
-if os.name == "posix" and "PYTEST_XDIST_WORKER" in os.environ:
-    global_compiler_lock._lock = OneCompiler()
 
 
 def data_folder() -> Path:

@@ -41,7 +41,7 @@ MISTAKES = {
     "compare traj4 --workers 0": "--workers: '0' must be a whole number from 1 on",
     "compare traj4 --plant mujoco": "--plant",
     "compare": "SOURCE",
-    "compare traj4 --plants improved --reference improved --out file": "cannot be made",
+    "compare traj4 --plants improved --reference improved --out file": "no folder that can be written",
     "compare traj4 --view --no-rerun": "--view",
     "fit coulomb --to traj9": "no source 'traj9'",
     "fit coulomb --to traj4@gazebo": "unknown plant 'gazebo'",

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from ssmr.geometry import integral
 from ssmr.metrics.poses import horizon_windows
 from ssmr.types import FloatArray, IndexArray
-from validation.logs.recording_csv import read_csv
+from validation.files.csv_logs import read_csv
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS
+from validation.files.signals import fresh_poses
 from validation.plants.profile import PLANTS, load_profile
 from validation.report.palette import colour
 
@@ -119,21 +121,21 @@ def _least_sizes(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def table_floor(path: str) -> None:
     """Print how much of the heading after 6 s the gyro explains, and how much a constant map of wheel rotation can."""
-    recording = read_csv(path)
+    log = read_csv(path)
     rows = []
-    for piece in recording.segments():
-        t, wheels = piece.t, piece.inputs("wheels")
-        gyro = recording.columns["gyro_z"][piece.start : piece.stop]
+    for stretch in log.stretches():
+        t, wheels = log.t[stretch], log.table(COMMAND_COLUMNS["wheels"])[stretch]
+        gyro, pose = log.columns["gyro_z"][stretch], log.table(POSE_COLUMNS)[stretch]
         turned = integral(t, gyro)
         rolled = np.cumulative_sum(wheels[: len(t) - 1] * np.diff(t)[:, None], axis=0, include_initial=True)
-        for i, j in zip(*_overlapping(t, piece.fresh, 6.0), strict=True):
+        for i, j in zip(*_overlapping(t, fresh_poses(t, pose), 6.0), strict=True):
             if t[i] - GYRO_LAG >= t[0]:
                 by_gyro = np.interp(t[j] - GYRO_LAG, t, turned) - np.interp(t[i] - GYRO_LAG, t, turned)
                 difference = wheels[[j - 1, i], 1] - wheels[[j - 1, i], 0]
                 rows.append(
                     [
                         t[i],
-                        piece.pose[j, 2] - piece.pose[i, 2],
+                        pose[j, 2] - pose[i, 2],
                         by_gyro,
                         t[j] - t[i],
                         *(rolled[j] - rolled[i]),

@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from ssmr.geometry import integral, relative, rotate_body_to_world, wrap_angle
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.motion.driving import drive
-from validation.motion.sources import Piece, Source, open_source
+from validation.bench.sources import Piece, Source, drive, open_source
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import plant_kind
 

@@ -20,8 +20,7 @@ from ssmr.geometry import integral
 from ssmr.metrics.poses import relative_pose_error
 from ssmr.metrics.windows import OverlappingErrors, WindowErrors, overlapping_windows
 from ssmr.types import FloatArray
-from validation.motion.driving import drive
-from validation.motion.sources import Source, open_source
+from validation.bench.sources import Source, drive, open_source
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ssmr.robot.drivetrain import SetPointLaw, battery_current, quasi_static_twist, rim_speeds, side_forces
 from ssmr.types import FloatArray
-from validation.logs.recording import Recording
+from validation.files.log import Log
 from validation.study.drivetrain.logs import Chassis, chassis_of
 
 HUSKY, WARTHOG = chassis_of("husky"), chassis_of("warthog", mass=470.0)
@@ -42,9 +42,7 @@ def random_drive(seed: int, commands: int, chassis: Chassis, law: SetPointLaw = 
     return Motion(_FINE * np.arange(len(speeds)), np.vstack([held, held[-1:]]), speeds.T / chassis.command_radius)
 
 
-def bridge_log(
-    name: str, motion: Motion, current: FloatArray, ripple: float, seed: int, yaw: FloatArray | None
-) -> Recording:
+def bridge_log(name: str, motion: Motion, current: FloatArray, ripple: float, seed: int, yaw: FloatArray | None) -> Log:
     """Return the log of a Husky: set points in steps, and |I| while the bridge drives, both from messages."""
     rng, chassis = np.random.default_rng(seed), HUSKY
     step = 0.01 / chassis.command_radius
@@ -67,10 +65,10 @@ def bridge_log(
     }  # fmt: skip
     if yaw is not None:
         columns["yaw"] = yaw[now] + 0.005 * rng.standard_normal(len(rows))
-    return Recording.from_columns(name, columns)
+    return Log.of_columns(f"{name}.csv", columns)
 
 
-def in_the_air(seed: int = 1, commands: int = 30, name: str = "up") -> Recording:
+def in_the_air(seed: int = 1, commands: int = 30, name: str = "up") -> Log:
     """Return a log of a Husky whose wheels are in the air."""
     motion = random_drive(seed, commands, HUSKY)
     slope = np.gradient(motion.rates, _FINE, axis=1)
@@ -78,7 +76,7 @@ def in_the_air(seed: int = 1, commands: int = 30, name: str = "up") -> Recording
     return bridge_log(name, motion, current, 0.05, seed, None)
 
 
-def on_grass(seed: int = 2, commands: int = 40, name: str = "grass", slip: float = SLIP) -> Recording:
+def on_grass(seed: int = 2, commands: int = 40, name: str = "grass", slip: float = SLIP) -> Log:
     """Return a log of a Husky on grass that does not accelerate."""
     chassis = HUSKY
     motion = random_drive(seed, commands, chassis, most=0.5)
@@ -87,7 +85,7 @@ def on_grass(seed: int = 2, commands: int = 40, name: str = "grass", slip: float
     return bridge_log(name, motion, current, RIPPLE, seed, yaw)
 
 
-def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -> Recording:
+def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -> Log:
     """Return a log of a Warthog: measured rates, a gyro, and currents of the battery once a second."""
     rng, chassis = np.random.default_rng(seed), WARTHOG
     motion = random_drive(seed, commands, chassis, LAW._replace(yaw_rate_limit=3.0, half_track=0.55), most=1.2)
@@ -106,7 +104,7 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
         "enc_left": rates[0], "enc_right": rates[1], "gyro_z": np.gradient(yaw, _FINE)[now],
         "current_left": drawn[0], "current_right": drawn[1], "voltage_left": voltage, "voltage_right": voltage,
     }  # fmt: skip
-    return Recording.from_columns(name, columns)
+    return Log.of_columns(f"{name}.csv", columns)
 
 
 def _effort(rates: FloatArray, chassis: Chassis, slip: float) -> tuple[FloatArray, FloatArray]:

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from tests.conftest import data_folder
+from validation.bench.sources import open_source
 from validation.compare import compare
 from validation.fit import fit
-from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load_profile
 from validation.report.motions import PlantResult
 from validation.thesis import published

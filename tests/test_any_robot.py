@@ -14,7 +14,7 @@ import pytest
 import tomli_w
 
 from tests.conftest import EXACT, exit_status
-from validation import load_profile, load_robot
+from validation import load_profile, load_robot, recordings
 from validation.compare import compare
 from validation.fit import __main__ as fit_program
 from validation.fit import fit
@@ -23,8 +23,6 @@ from validation.learning import tracking
 from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile, make_plant
 from validation.plants.searchable import find, searchable
 from validation.plants.table import plant_kind
-from validation.recordings import ConvertSettings, convert, info
-from validation.recordings import __main__ as recordings_program
 from validation.simulator.description import Robot
 from validation.study import __main__ as study_program
 from validation.study.terrain import PLANAR, TerrainAxes, study_terrain
@@ -110,7 +108,7 @@ def test_fit_of_a_planar_model(tmp_path: Path) -> None:
 def test_recordings(robot: str, tmp_path: Path) -> None:
     """A simulated log of the robot, converted, is a log that a comparison takes."""
     log = tmp_path / "log.csv"
-    commands = recordings_program.PROGRAM
+    commands = recordings.PROGRAM
     assert exit_status(commands, "convert", "traj4@mujoco", "--robot", robot, "--out", str(log), "--rate", "50") == 0
     found = run(compare, robot, tmp_path / "out", str(log), "--no-rerun")
     errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in found["plants"].items()}
@@ -120,10 +118,10 @@ def test_recordings(robot: str, tmp_path: Path) -> None:
 def test_dead_reckoning_takes_the_robots_wheels(robot: str, tmp_path: Path) -> None:
     """Encoders tell the way only over the wheel radius: a Husky's is 1.7 times that of a Jackal."""
     log = tmp_path / "log.csv"
-    convert("traj4@mujoco", ConvertSettings(rate=50.0), robot=robot).save(log)
+    recordings.convert("traj4@mujoco", rate=50.0, robot=robot).write(log)
 
     def error(of: str | None) -> float:
-        reckoned = info(log, robot=of).reckoning
+        reckoned = recordings.info(log, robot=of).reckoning
         assert reckoned is not None
         return min(row.rms for row in reckoned.rows)
 

@@ -11,13 +11,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ssmr.robot.localiser import Localiser
 from tests.bag_factory import KINDS, Maker, Message, circle, write
 from tests.conftest import ROUNDOFF
-from validation.logs.bag_recording import choose_topics, to_local, vertical
-from validation.logs.bags import read_bag
-from validation.logs.formats import is_log, read_log, read_recording
-from validation.logs.log import Log, ReadOptions
-from validation.logs.recording import RecordingError
+from validation.bench.sources import drive, open_source
+from validation.files.bags import choose_topics, read_topics, to_local, vertical
+from validation.files.formats import is_log, read_log
+from validation.files.log import RECORDED, Log, ReadOptions, Topic
+from validation.files.reading import FileError
+from validation.plants.profile import Profile, make_plant
 
 STAMP = 1e-6
 """Stamps of bags are whole nanoseconds of a Unix time, which a double of seconds keeps to 0.2 microseconds."""
@@ -30,30 +32,10 @@ def bag_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 # ------------------------------------------------------------------------------------------- what is read
-def test_every_kind_of_bag_gives_the_same_streams(bag_path: Path) -> None:
-    assert is_log(bag_path)
-    bag = read_bag(bag_path)
-    assert {s.topic for s in bag.streams} == {
-        "/cmd_vel",
-        "/fix",
-        "/husky_velocity_controller/odom",
-        "/imu/data",
-        "/joint_states",
-        "/tf:odom->base_link",
-        "/vrpn_client_node/husky/pose",
-    }
-    assert bag.others["/rosout"] == ("std_msgs/msg/String", 60)
-    for stream in bag.streams:
-        assert len(stream) == 60
-        assert np.median(np.diff(stream.t)) == pytest.approx(0.05, abs=STAMP)
-        assert stream.stamps == ("bag" if stream.topic == "/cmd_vel" else "header")
-        assert not stream.jumps
-        assert stream.late == 0
-
-
 def test_a_bag_is_the_motion_that_was_recorded(bag_path: Path) -> None:
-    recording = read_recording(bag_path)
-    assert set(recording.columns) == {"cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw"}
+    assert is_log(bag_path)
+    recording = read_log(bag_path).on_one_clock()
+    assert set(RECORDED) <= set(recording.columns)
     yaw = 0.4 * (1.0 + recording.t)
     np.testing.assert_allclose(recording.columns["yaw"], yaw, atol=STAMP)
     np.testing.assert_allclose(recording.columns["x"], 1.25 * np.sin(yaw), atol=STAMP)
@@ -63,26 +45,48 @@ def test_a_bag_is_the_motion_that_was_recorded(bag_path: Path) -> None:
     assert recording.columns["cmd_w"][0] == 0.0  # nobody had commanded yet: the stamp of writing is 10 ms later
     np.testing.assert_allclose(recording.columns["cmd_w"][1:], 0.4, rtol=ROUNDOFF)
     east = 1.25 * (np.sin(yaw) - math.sin(0.4))
-    np.testing.assert_allclose(recording.channels["gps_east"], east, atol=1e-4)  # the factory's degrees have six digits
-    np.testing.assert_allclose(recording.channels["odom_v"], 0.5, rtol=ROUNDOFF)
+    np.testing.assert_allclose(recording.columns["gps_east"], east, atol=1e-4)  # the factory's degrees have six digits
+    np.testing.assert_allclose(recording.columns["odom_v"], 0.5, rtol=ROUNDOFF)
 
 
-def test_joint_angles_are_differentiated(tmp_path: Path) -> None:
+def test_compare_and_fit_take_bags_for_recordings(bag_path: Path, lab: Profile) -> None:
+    source = open_source(str(bag_path), "wheels", stop=2.0)
+    (piece,) = source.pieces
+    assert piece.t is not None
+    assert piece.t[-1] <= 2.0
+    motion = drive(make_plant(lab, "kinematic"), piece, Localiser(), source.sample_dt)
+    assert len(motion) == len(piece.t)
+
+
+TOPICS = {"/cmd_vel", "/fix", "/husky_velocity_controller/odom", "/imu/data", "/joint_states", "/tf:odom->base_link",
+          "/vrpn_client_node/husky/pose"}  # fmt: skip
+
+
+def topics_of(path: Path, **options: object) -> dict[str, Topic]:
+    return {topic.name: topic for topic in read_topics(path, ReadOptions(**options))[0]}
+
+
+def test_every_kind_of_bag_gives_the_same_topics(bag_path: Path) -> None:
+    topics = topics_of(bag_path)
+    assert {name for name, topic in topics.items() if topic.columns is not None} == TOPICS
+    assert (topics["/rosout"].type, len(topics["/rosout"].t)) == ("std_msgs/msg/String", 60)
+    for topic in (topics[name] for name in TOPICS):
+        assert (len(topic.t), topic.jumps, topic.late) == (60, [], 0)
+        assert np.median(np.diff(topic.t)) == pytest.approx(0.05, abs=STAMP)
+        assert topic.stamps == ("bag" if topic.name == "/cmd_vel" else "header")
+
+
+def test_joint_angles_are_differentiated_and_a_transform_from_a_map_is_a_pose(tmp_path: Path) -> None:
     def turning(make: Maker) -> list[Message]:
-        rows = [(0.1 * k, {"left_wheel": 0.3 * k, "right_wheel": -0.2 * k}) for k in range(20)]
-        return [("/joints", t, make.joints(t, angles, angles=True)) for t, angles in rows]
+        rows = [(0.1 * k, {"left_wheel": 0.3 * k, "right_wheel": -0.2 * k}) for k in range(30)]
+        joints = [("/joints", t, make.joints(t, angles, angles=True)) for t, angles in rows]
+        poses = [("/tf", t, make.transform(t, "map", "base_link", 0.0, 0.0, 5.0 * t)) for t, _ in rows]
+        return sorted([*joints, *poses], key=lambda m: m[1])
 
-    recording = read_recording(write(tmp_path, "mcap", turning))
-    np.testing.assert_allclose(recording.columns["enc_left"], 3.0, atol=1e-4)  # stamps of 0.1 s, known to 0.2 microseconds
-    np.testing.assert_allclose(recording.columns["enc_right"], -2.0, atol=1e-4)
-
-
-def test_yaw_is_unwrapped_and_a_transform_from_a_map_is_a_pose(tmp_path: Path) -> None:
-    def spinning(make: Maker) -> list[Message]:
-        return [("/tf", 0.1 * k, make.transform(0.1 * k, "map", "base_link", 0.0, 0.0, 0.5 * k)) for k in range(30)]
-
-    recording = read_recording(write(tmp_path, "sqlite", spinning))
-    np.testing.assert_allclose(recording.columns["yaw"], 0.5 * np.arange(30), atol=STAMP)
+    log = read_log(write(tmp_path, "mcap", turning))
+    np.testing.assert_allclose(log.columns["enc_left"], 3.0, atol=1e-4)  # stamps of 0.1 s, known to 0.2 microseconds
+    np.testing.assert_allclose(log.columns["enc_right"], -2.0, atol=1e-4)
+    np.testing.assert_allclose(log.columns["yaw"], 0.5 * np.arange(30), atol=STAMP)
 
 
 def test_commands_count_as_zero_once_they_are_old(tmp_path: Path) -> None:
@@ -92,29 +96,16 @@ def test_commands_count_as_zero_once_they_are_old(tmp_path: Path) -> None:
             [*poses, *[("/cmd_vel", t, make.twist_stamped(t, 1.0, 0.0)) for t in (0.55, 0.65)]], key=lambda m: m[1]
         )
 
-    recording = read_recording(write(tmp_path, "ros1", silent))
+    recording = read_log(write(tmp_path, "ros1", silent)).on_one_clock()
     driven = recording.columns["cmd_v"] > 0.0
     np.testing.assert_array_equal(driven, (recording.t > 0.55) & (recording.t < 1.15))
-
-
-def test_gaps_of_a_topic_are_gaps_of_the_recording(tmp_path: Path) -> None:
-    def broken(make: Maker) -> list[Message]:
-        ticks = [0.05 * k for k in range(100)]
-        poses = [("/pose", t, make.pose_stamped(t, t, 0.0, 0.0)) for t in ticks]
-        gyro = [("/imu", t, make.imu(t, (0.0, 0.0, 0.1))) for t in ticks if not 1.0 < t < 2.0]
-        return sorted([*poses, *gyro], key=lambda m: m[1])
-
-    recording = read_recording(write(tmp_path, "mcap", broken))
-    assert len(recording.segments()) == 2
-    assert not np.any((recording.t > 1.01) & (recording.t < 1.99))
 
 
 # ------------------------------------------------------------------------------------------- topics
 def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
     def many(make: Maker) -> list[Message]:
         out: list[Message] = []
-        for k in range(20):
-            t = 0.1 * k
+        for t in 0.1 * np.arange(20):
             out += [
                 ("/odometry/filtered", t, make.odometry(t, (0.0, 0.0, 0.0), 9.0, 0.0)),
                 ("/husky_velocity_controller/odom", t, make.odometry(t, (0.0, 0.0, 0.0), 1.0, 0.0)),
@@ -124,17 +115,33 @@ def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
             ]
         return out
 
-    bag = read_bag(write(tmp_path, "mcap", many))
-    chosen = {role: stream.topic for role, stream in choose_topics(bag).items()}
+    path = write(tmp_path, "mcap", many)
+    topics = list(topics_of(path).values())
+    chosen = {role: topic.name for role, topic in choose_topics(path, topics, {}).items()}
     assert chosen == {"cmd": "/husky/cmd_vel", "odom": "/husky_velocity_controller/odom"}
-    named = choose_topics(bag, {"odom": "/odometry/filtered", "cmd": "none"})
-    assert {role: stream.topic for role, stream in named.items()} == {"odom": "/odometry/filtered"}
+    named = choose_topics(path, topics, {"odom": "/odometry/filtered", "cmd": "none"})
+    assert {role: topic.name for role, topic in named.items()} == {"odom": "/odometry/filtered"}
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ({"odometry": "/odom"}, "unknown role 'odometry'; there are: cmd, odom"),
+        ({"odom": "/nowhere"}, "no topic /nowhere; there are: /cmd_vel"),
+        ({"gps": "/cmd_vel"}, "topic /cmd_vel of geometry_msgs/msg/Twist cannot be gps: wanted latitude or longitude"),
+        ({"cmd": "/rosout"}, "nothing can be read from topic /rosout: 60 messages of std_msgs/msg/String"),
+    ],
+)
+def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message: str) -> None:
+    with pytest.raises(FileError, match=message) as refused:
+        read_log(bag_path, ReadOptions(named))
+    assert str(refused.value).startswith(str(bag_path))
 
 
 # ------------------------------------------------------------------------------------------- faults
 def fault(path: Path) -> str:
-    with pytest.raises(RecordingError) as refused:
-        read_recording(path)
+    with pytest.raises(FileError) as refused:
+        read_log(path).on_one_clock()
     text = str(refused.value)
     assert "\n" not in text
     assert str(path) in text
@@ -147,28 +154,45 @@ def poses(ticks: Sequence[tuple[float, float]], value: float = 0.0):
 
 
 def test_a_clock_that_jumps_is_refused_with_the_way_round(tmp_path: Path) -> None:
-    ticks = [(0.1 * k + (0.0 if k < 10 else 30.0), 0.1 * k) for k in range(20)]
-    path = write(tmp_path, "ros1", poses(ticks))
-    said = fault(path)
-    assert "the clock of topic /pose jumps by +30.000 s after 1.000 s" in said
-    assert "stamps bag takes the times of writing" in said
-    assert len(read_log(path, ReadOptions(stamps="bag")).recording()) == 20
+    path = write(tmp_path, "ros1", poses([(0.1 * k + (0.0 if k < 10 else 30.0), 0.1 * k) for k in range(20)]))
+    message = fault(path)
+    assert "the clock of topic /pose jumps by +30.000 s after 1.000 s" in message
+    assert "stamps bag takes the times of writing; topics pose=none leaves it out" in message
+    assert len(read_log(path, ReadOptions(stamps="bag")).t) == 20
 
 
 def test_late_samples_are_sorted_and_stamps_of_another_clock_are_not_believed(tmp_path: Path) -> None:
     ticks = [(0.1 * k, 0.1 * k + (0.25 if k == 7 else 0.0)) for k in range(20)]
-    bag = read_bag(write(tmp_path, "mcap", poses(sorted(ticks, key=lambda m: m[1]))))
-    assert bag.streams[0].late == 1
-    assert np.all(np.diff(bag.streams[0].t) > 0.0)
-    booted = [(0.1 * k - 1e6, 0.1 * k) for k in range(20)]
-    assert read_bag(write(tmp_path, "mcap", poses(booted), "booted")).streams[0].stamps == "bag"
+    topic = topics_of(write(tmp_path, "mcap", poses(sorted(ticks, key=lambda m: m[1]))))["/pose"]
+    assert topic.late == 1
+    assert np.all(np.diff(topic.t) > 0.0)
+    booted = write(tmp_path, "mcap", poses([(0.1 * k - 1e6, 0.1 * k) for k in range(20)]), "booted")
+    assert topics_of(booted)["/pose"].stamps == "bag"
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_bags_without_a_message_or_without_one_of_use(tmp_path: Path, kind: str) -> None:
+def test_what_is_no_bag_or_an_empty_one_is_said_so(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "folder").mkdir()
+    assert "no ROS 2 bag: there is no metadata.yaml in it" in fault(tmp_path / "folder")
+    for name in ("text.bag", "text.mcap"):
+        (tmp_path / name).write_text("hello, this is no bag at all")
+        assert "no bag that can be read, or a damaged one" in fault(tmp_path / name)
     assert "empty" in fault(write(tmp_path, kind, lambda make: [], "empty"))
     talk = write(tmp_path, kind, lambda make: [("/rosout", 0.1 * k, make.text("hello")) for k in range(3)], "talk")
     assert "nothing of use" in fault(talk)
+
+
+def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, "sqlite", poses([(0.1 * k, 0.1 * k) for k in range(5)], math.nan))
+    assert "/pose, 0.000 s: x is nan, wanted a finite number [m]; topics pose=none leaves it out" in fault(path)
+
+
+def test_topics_that_do_not_overlap_are_refused(tmp_path: Path) -> None:
+    def apart(make: Maker) -> list[Message]:
+        first = [("/pose", 0.1 * k, make.pose_stamped(0.1 * k, 0.0, 0.0, 0.0)) for k in range(10)]
+        return [*first, *[("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) for k in range(10)]]
+
+    assert "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s" in fault(write(tmp_path, "mcap", apart))
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
@@ -192,7 +216,7 @@ def test_damaged_bags_are_read_or_refused_in_one_line(
         path = path.parent
     try:
         log = read_log(path)
-    except RecordingError as refused:
+    except FileError as refused:
         assert "\n" not in str(refused)  # noqa: PT017
     else:
         assert isinstance(log, Log)

@@ -16,10 +16,9 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import data_folder, metrics_of
 from validation import cli
+from validation.bench.sources import drive, horizons_of, open_source
 from validation.compare import compare
-from validation.logs.recording_csv import write_csv
-from validation.motion.driving import drive, horizons_of
-from validation.motion.sources import open_source
+from validation.files.csv_logs import write_csv
 from validation.plants.profile import Profile, load_profile, make_plant
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -14,9 +14,8 @@ from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, State
 from tests.robots import SAME_PATH, TRACK, WHEELBASE
 from tests.test_robustness import run_program
-from validation.logs.recording import Recording
-from validation.motion.driving import drive
-from validation.motion.sources import Piece, source_of
+from validation.bench.sources import Piece, drive, source_of
+from validation.files.log import Log
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.calibration import Calibration
@@ -190,7 +189,7 @@ def test_a_recording_is_judged_from_its_wheel_rates(lab: Profile, tmp_path: Path
     piece = Piece(Commands(0.05, np.tile([0.4, 0.5], (400, 1))), State(), None, None)
     made = drive(EVERY[BASELINE].plant(section), piece, section.localiser, 0.05)
     names, columns = ("t", "enc_left", "enc_right", "x", "y", "yaw"), np.column_stack([made.t, made.wheels, made.pose])
-    recording = Recording.from_columns("made", dict(zip(names, columns.T, strict=True)))
+    recording = Log.of_columns("made.csv", dict(zip(names, columns.T, strict=True)))
     bench = make_bench(lab, lab, source_of(recording, "made", "wheels"))
     shipped, elsewhere = (Trial(bench, EVERY[n]).recording() for n in (BASELINE, "centre of mass: maker's"))
     assert shipped["recording_m"] < 0.02

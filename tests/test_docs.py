@@ -26,7 +26,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
 from tests.robots import HUSKY
 from tests.test_architecture import modules, room_of
-from validation.recordings.simulated_log import LogSettings
+from validation.bench.simulated_logs import SensorFaults
 from validation.robots.numbers import unit_of_key
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS, Geometry, Masses, Simulation
@@ -44,7 +44,7 @@ DOCUMENTED = (
     SensorNoise,
     EkfSettings,
     SensorModel,
-    LogSettings,
+    SensorFaults,
     *(law.gains for law in LAWS.values()),
 )
 GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}

@@ -26,7 +26,7 @@ from tests.drive_train_logs import (
     on_grass,
     warthog_on_grass,
 )
-from validation.logs.recording import Recording
+from validation.files.log import Log
 from validation.study.drivetrain import DriveTrainOptions, DriveTrainStudy, study_drivetrain
 from validation.study.drivetrain.evidence import rate_evidence
 from validation.study.drivetrain.logs import drive_log
@@ -182,10 +182,10 @@ def test_each_log_alone_tells_its_share() -> None:
 # ------------------------------------------------------------------------------------------------- evidence on its own
 
 
-def changed(recording: Recording, **columns: Any) -> Recording:
+def changed(recording: Log, **columns: Any) -> Log:
     """The recording with other columns; None leaves one out."""
-    kept = {**recording.all_columns(), **columns}
-    return Recording.from_columns(recording.name, {n: a for n, a in kept.items() if a is not None})
+    kept = {"t": recording.t, **recording.columns, **columns}
+    return Log.of_columns(recording.path, {n: a for n, a in kept.items() if a is not None})
 
 
 def test_rates_with_noise_are_measured_and_steps_are_set_points() -> None:

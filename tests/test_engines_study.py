@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from tests.conftest import installed_plant
+from validation.bench.sources import drive, open_source
 from validation.engines.body import EngineMissingError
-from validation.motion.driving import drive
-from validation.motion.sources import open_source
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.progress import silent

@@ -25,7 +25,7 @@ import pytest
 from PIL import Image
 
 from tests.drive_train_logs import in_the_air, on_grass
-from validation.logs.recording_csv import write_csv
+from validation.files.csv_logs import write_csv
 from validation.plants.profile import load_profile
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of libraries, on damaged files

@@ -13,8 +13,8 @@ from ssmr.control.references import circle
 from ssmr.robot.sensors import SensorModel, simulate_sensors, tracker_swing
 from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF
+from validation.bench.simulated_logs import SensorFaults, simulated_log
 from validation.plants.profile import load_profile
-from validation.recordings.simulated_log import LogSettings, simulated_log
 from validation.track import track
 
 T = np.arange(0.0, 20.0, 0.008)
@@ -54,7 +54,7 @@ def test_a_simulated_log_has_the_faults_and_otherwise_stays_as_it_was() -> None:
     lab = load_profile("thesis-lab")
     sound, faulty = (
         simulated_log("traj4@kinematic", lab, 7, settings)
-        for settings in (None, LogSettings(missed_right=0.05, swing=0.003, swing_hz=2.0))
+        for settings in (None, SensorFaults(missed_right=0.05, swing=0.003, swing_hz=2.0))
     )
     for group, column in (("wheels", "enc_left"), ("imu", "gyro_z"), ("pose", "yaw"), ("cmd", "cmd_v")):
         assert np.array_equal(sound[group].columns[column], faulty[group].columns[column])

@@ -19,8 +19,7 @@ from validation import cli
 from validation.bench.commissioning import chosen_filter
 from validation.plants.filters import load_filter
 from validation.plants.profile import Profile, load_profile, make_plant
-from validation.recordings.__main__ import PROGRAM
-from validation.recordings.run import ConvertSettings, commission_log, convert, info
+from validation.recordings import PROGRAM, commission, convert, info
 from validation.ros.robot import SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 from validation.track import track
@@ -84,9 +83,9 @@ def test_a_robot_over_ros_has_the_filter_that_is_asked_for(tile: Profile) -> Non
 @pytest.mark.skipif(not TILE.is_file(), reason=f"no recording {TILE}")
 def test_a_filter_that_half_a_log_commissioned_reckons_the_other_half(tmp_path: Path) -> None:
     halves = [tmp_path / "first.csv", tmp_path / "second.csv"]
-    convert(TILE, ConvertSettings(sync=True, stop=325.0), target=halves[0]).save(halves[0])
-    convert(TILE, ConvertSettings(sync=True, start=325.0), target=halves[1]).save(halves[1])
-    made = commission_log(halves[0])
+    convert(TILE, sync=True, until=325.0).write(halves[0])
+    convert(TILE, sync=True, start=325.0).write(halves[1])
+    made = commission(halves[0]).filter
     assert made.settings.bias == pytest.approx(-0.0156, abs=0.001)  # as the recording's own page has it
     assert 1.7 < made.settings.turning < 2.2
     reckoning = info(halves[1], filter=made.save(tmp_path / "tile.toml")).reckoning

@@ -19,6 +19,7 @@ from ssmr.search.jde import Jde, JdeSettings
 from tests.conftest import EXACT, Launch, exit_status
 from tests.robots import HUSKY
 from tests.test_objective import recorded, scenario
+from validation.files.csv_logs import write_csv
 from validation.fit import __main__ as fit
 from validation.fit import run as fit_run
 from validation.fit.objective import FitCost
@@ -26,7 +27,6 @@ from validation.fit.problem import FitProblem
 from validation.fit.run import fit as fit_plant
 from validation.fit.search import CheckpointError, Search, SearchOptions, search_for
 from validation.fit.uncertainty import VAGUE
-from validation.logs.recording_csv import write_csv
 from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import make_space
 from validation.progress import Progress

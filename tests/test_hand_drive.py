@@ -17,7 +17,7 @@ from ssmr.types import State
 from validation.drive import run as driving
 from validation.drive.hands import KEYS, STEPS, Hands, read_keys
 from validation.drive.run import TICK, HandDrive, drive_by_hand, prepare_drive
-from validation.logs.formats import read_recording
+from validation.files.formats import read_log
 from validation.plants.profile import Profile
 from validation.report.stage import Stage
 
@@ -78,7 +78,7 @@ def test_the_log_holds_the_drive_and_replaces_none(driven: HandDrive, tmp_path: 
     first, second = driven.write_recording(tmp_path / "new"), driven.write_recording(tmp_path / "new")
     assert [first.name, second.name] == ["drive.csv", "drive-2.csv"]
     assert first.read_bytes() == second.read_bytes()  # one seed, one noise
-    log = read_recording(first)
+    log = read_log(first)
     assert {"cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw"} <= set(log.columns)
     assert log.t[-1] == pytest.approx(14.0, abs=0.1)  # rest before and after
     assert log.columns["cmd_v"].max() == pytest.approx(0.3)
@@ -158,4 +158,4 @@ def test_a_plant_that_diverges_ends_the_drive_and_loses_nothing(lab: Profile, tm
     found = drive_by_hand(replace(prepared, plants={**prepared.plants, "kinematic": ghost}), script=read_keys(SCRIPT))
     assert found.failure == "kinematic: it gave up"
     assert found.prepared.source.pieces[0].commands.n == 60
-    assert read_recording(found.write_recording(tmp_path)).t[-1] == pytest.approx(10.0 + 60 * TICK, abs=0.1)
+    assert read_log(found.write_recording(tmp_path)).t[-1] == pytest.approx(10.0 + 60 * TICK, abs=0.1)

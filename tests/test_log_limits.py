@@ -12,20 +12,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from ssmr.parameters import described
 from tests.bag_factory import poses_at, write
-from validation.bench.waypoint_files import WaypointError, read_waypoints
-from validation.logs.csv_table import read_csv_table
-from validation.logs.formats import read_log, read_recording
-from validation.logs.groups import Group
-from validation.logs.limits import USUAL, LogLimits, find_time_fault
-from validation.logs.recording import RecordingError
-from validation.logs.recording_csv import read_csv
-from validation.motion.sources import open_source
-from validation.recordings import info
+from validation import cli
+from validation.bench.sources import open_source
+from validation.bench.waypoint_files import read_waypoints
+from validation.files import formats
+from validation.files.csv_logs import read_csv
+from validation.files.formats import LogFormat, read_log
+from validation.files.limits import USUAL, LogLimits, find_time_fault
+from validation.files.log import Log, ReadOptions
+from validation.files.reading import FileError
+from validation.recordings import PROGRAM, info
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "logs.md"
 
@@ -66,7 +65,7 @@ def test_what_is_no_file_is_refused_at_once(
     else:
         kind(path)
     began = time.perf_counter()
-    with pytest.raises((RecordingError, WaypointError), match=r"a (pipe|device|socket)|cannot be read \(No such device"):
+    with pytest.raises(FileError, match=r"a (pipe|device|socket)|cannot be read \(No such device"):
         read_waypoints(path, 0.25) if name == "way.csv" else read_log(path)
     assert time.perf_counter() - began < 5.0
 
@@ -76,37 +75,21 @@ def test_sizes_are_limited_before_anything_is_held(tmp_path: Path) -> None:
     huge = tmp_path / "huge.csv"
     with huge.open("wb") as file:
         file.truncate(10**12)  # a hole, which takes no space
-    with pytest.raises(RecordingError, match=r"more than the 500 MB allowed \(limit table_size\)"):
+    with pytest.raises(FileError, match=r"more than the 500 MB allowed \(limit table_size\)"):
         read_csv(huge)
     wide = tmp_path / "wide.csv"
     wide.write_text("t," + ",".join(f"x{k}" for k in range(20_000)) + "\n")
-    with pytest.raises(RecordingError, match=r"line 1: there are 20001 columns, but the limit columns is 1000"):
-        read_csv(wide)
-    wide.write_text("t,x\n0" + "," * 300_000)
-    with pytest.raises(RecordingError, match=r"line 2: there are 300000 commas, but the limit columns is 1000"):
+    with pytest.raises(FileError, match=r"line 1: there are 20001 columns, but the limit columns is 1000"):
         read_csv(wide)
     path = drive(tmp_path, np.arange(100.0))
     for limits, line in (({"samples": 50}, 52), ({"cells": 150}, 77)):
-        with pytest.raises(RecordingError, match=f"line {line}: there are too many rows: the limit {next(iter(limits))} is"):
-            read_csv(path, limits=USUAL.changed(limits))
+        with pytest.raises(FileError, match=f"line {line}: there are too many rows: the limit {next(iter(limits))} is"):
+            read_csv(path, ReadOptions(limits=USUAL.changed(limits)))
     bag = write(tmp_path, "mcap", poses_at)
-    with pytest.raises(RecordingError, match=r"too many messages or topics: the limit samples is 7"):
-        read_recording(bag, USUAL.changed({"samples": 7}))
-    with pytest.raises(RecordingError, match=r"more than the 100 bytes allowed \(limit bag_size\)"):
-        read_recording(bag, USUAL.changed({"bag_size": 1e-4}))
-
-
-@given(st.integers(1, 40), st.integers(1, 9), st.integers(1, 30))
-def test_a_table_is_the_same_in_whatever_pieces_it_is_read(rows: int, width: int, at_once: int) -> None:
-    values = np.arange(rows * width, dtype=np.float64).reshape(rows, width)
-    text = "\n".join([",".join(f"c{k}" for k in range(width)), *(",".join(map(repr, r)) for r in values.tolist())])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("validation.logs.csv_table._AT_ONCE", at_once)
-        patch.setattr("validation.logs.csv_table.read_regular", lambda *_: text.encode())
-        table = read_csv_table(Path("table.csv"), RecordingError)
-    got = [table.numbers(k, f"c{k}", {}) for k in range(width)]
-    np.testing.assert_array_equal(np.column_stack([g for g in got if g is not None]), values)
-    assert list(table.lines) == list(range(2, rows + 2))
+    with pytest.raises(FileError, match=r"too many messages or topics: the limit samples is 7"):
+        read_log(bag, ReadOptions(limits=USUAL.changed({"samples": 7})))
+    with pytest.raises(FileError, match=r"more than the 100 bytes allowed \(limit bag_size\)"):
+        read_log(bag, ReadOptions(limits=USUAL.changed({"bag_size": 1e-4})))
 
 
 # --------------------------------------------------------------------------------------------------- time
@@ -136,17 +119,10 @@ T = 0.05 * np.arange(1200)
     ],
 )
 def test_what_is_no_time_in_seconds_is_refused_with_its_line(tmp_path: Path, t: np.ndarray, line: int, said: str) -> None:
-    with pytest.raises(RecordingError) as refused:
+    with pytest.raises(FileError) as refused:
         read_csv(drive(tmp_path, t))
     assert (refused.value.line, refused.value.column) == (line, "t")
     assert said in str(refused.value)
-
-
-@pytest.mark.parametrize("start", [0.0, -40.0, 1.7e9, -1e9, 4.2e9])
-@pytest.mark.parametrize("period", [1e-4, 0.02, 1.0])
-def test_any_usual_time_is_fine(start: float, period: float) -> None:
-    t = start + period * np.arange(500)
-    assert find_time_fault(t, USUAL) is None
 
 
 @pytest.mark.parametrize("t", [(-1e308, -1e308), (1e308, -1e308, 1e308), (-1.7e308, 1.7e308)])
@@ -155,15 +131,12 @@ def test_stamps_too_large_to_be_added_are_one_fault(t: tuple[float, ...]) -> Non
         assert find_time_fault(np.array(t), USUAL) is not None
 
 
-def test_gaps_are_found_at_once_as_one_by_one() -> None:
-    rng = np.random.default_rng(7)
-    group = Group("g", np.cumsum(rng.choice([0.1, 0.1, 0.1, 1.0, 3.0], 300)), {})
-    t = np.sort(np.concatenate([rng.uniform(0.0, group.t[-1] + 1.0, 2000), group.t, group.t + 1e-6, group.t - 1e-6]))
-    for margin, least in ((0.0, 0.0), (1e-6, 0.0), (1e-6, 2.0)):
-        slow = np.zeros(len(t), dtype=bool)
-        for start, stop in group.gaps():
-            slow |= (t > start + margin) & (t < stop - margin) & (stop - start > least)
-        np.testing.assert_array_equal(group.in_gaps(t, margin, least), slow)
+def test_a_bag_with_a_stray_stamp_names_the_topic_and_the_sample(tmp_path: Path) -> None:
+    def stray(make):
+        return [*poses_at(make), ("/pose", 1e6, make.pose_stamped(1e6, 0.0, 0.0, 0.0))]
+
+    with pytest.raises(FileError, match=r"/pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"):
+        read_log(write(tmp_path, "ros1", stray))
 
 
 # --------------------------------------------------------------------------------------------------- numbers
@@ -174,12 +147,76 @@ def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path,
     values[700] = value
     path = drive(tmp_path, T, {name: values})
     for read in (read_csv, info, lambda p: open_source(str(p))):
-        with pytest.raises(RecordingError, match=r"there is .* but the limit") as refused:
+        with pytest.raises(FileError, match=r"there is .* but the limit") as refused:
             read(path)
         assert (refused.value.line, refused.value.column) == (702, name)
 
 
+def test_channels_that_cannot_be_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    odd = np.where(np.arange(1200) == 700, 1e308, 0.0)
+    path = drive(tmp_path, T, {"x": np.sin(T), "odom_v": odd, "odom_w": odd, "battery": odd, "acc": 1e30 * (odd > 0.0)})
+    assert list(read_csv(path).groups["channels"].columns) == ["acc"]
+    assert (
+        "line 702, column odom_v: there is 1e+308 m/s, but the limit speed is 100 m/s; the column is left out" in caplog.text
+    )
+    assert info(path).log.groups["channels"].columns.keys() == {"acc"}
+
+
+@pytest.mark.parametrize("value", [1e308, 1e200])
+def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_path: Path, value: float) -> None:
+    def far(make):
+        return [
+            (topic, 0.1 * k, message)
+            for k in range(20)
+            for topic, message in (
+                ("/pose", make.pose_stamped(0.1 * k, value, 0.0, 0.0)),
+                ("/odom", make.odometry(0.1 * k, (0.0, 0.0, 0.0), value, 0.0)),
+                ("/imu", make.imu(0.1 * k, (0.0, 0.0, value), (value, value, -value))),
+                ("/joints", make.joints(0.1 * k, {"left_wheel": value * k, "right_wheel": -value}, angles=True)),
+                ("/fix", make.fix(0.1 * k, value, -value * k)),
+            )
+        ]
+
+    bag = write(tmp_path, "mcap", far)
+    with pytest.raises(FileError, match=r"/odom, 0.000 s: odom_v is 1e\+\d+, but the limit speed is 100 m/s"):
+        read_log(bag)
+    found = info(bag)
+    assert len(found.log.left_out) == 5
+    assert not found.log.groups
+
+
+@pytest.mark.parametrize(
+    ("t", "x", "said"),
+    [
+        (T, 1e9 * T, "drive.odd, 0.150 s: x is 1.5e+08, but the limit position is 1e+08 m"),
+        (1e9 * T, T, "drive.odd, sample 1: the median step is 5e+07 s"),
+    ],
+)
+def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, t: np.ndarray, x: np.ndarray, said: str
+) -> None:
+    def read(path: Path, options: ReadOptions) -> Log:
+        return Log.of_columns(path, {"t": t, "x": x}, options.limits)
+
+    monkeypatch.setattr(formats, "FORMATS", (LogFormat((".odd",), read=read),))
+    (tmp_path / "drive.odd").touch()
+    with pytest.raises(FileError) as refused:
+        read_log(tmp_path / "drive.odd")
+    assert said in str(refused.value)
+    assert len(read_log(tmp_path / "drive.odd", ReadOptions(limits=USUAL.changed({"position": 1e12, "period": 1e9,
+           "stamp": 1e12, "gap": 1e9, "span": 1e12}))).groups) == 1  # fmt: skip
+
+
 # --------------------------------------------------------------------------------------------------- the limits themselves
+def test_limits_can_be_raised_by_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = drive(tmp_path, 10.0 * np.arange(100))
+    with pytest.raises(SystemExit):
+        cli.run(PROGRAM, "recordings", ["info", str(path)])
+    assert "the limit period is 5 s" in capsys.readouterr().err
+    cli.run(PROGRAM, "recordings", ["info", str(path), "--limits", "period=20"])
+    assert "drive.csv" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="span"):
+        LogLimits(span=0.0)
 
 
 def test_every_limit_is_documented_with_its_default() -> None:

@@ -14,7 +14,7 @@ from tests.bag_factory import poses_at, write
 from tests.drive_train_logs import in_the_air
 from validation import cli
 from validation.cli.__main__ import program_named
-from validation.logs.recording_csv import write_csv
+from validation.files.csv_logs import write_csv
 
 FIT = "fit coulomb --to traj4"
 FIVE = "--wheelbase 0.5 --track 0.6 --wheel-radius 0.15 --wheel-width 0.1 --mass 60"

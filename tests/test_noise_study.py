@@ -8,8 +8,8 @@ from scipy import signal
 
 from ssmr.robot.sensors import SensorModel
 from tests.conftest import ROUNDOFF, data_folder
-from validation.logs.groups import Group
-from validation.recordings.simulated_log import LogSettings
+from validation.bench.simulated_logs import SensorFaults
+from validation.files.log import Group
 from validation.study.noise import HighPass, NoiseOptions, NoiseStudy, study_noise
 from validation.study.noise.filtering import ATTENUATION, PASSBAND, STEEPNESS, estimate_noise
 from validation.study.noise.run import noise_of
@@ -93,7 +93,7 @@ def test_white_noise_on_a_smooth_motion_is_found_again_within_its_error(rate: fl
 
 def test_the_noise_of_a_simulated_log_is_that_of_its_sensors() -> None:
     """The encoders, the gyro and the localiser of a drive, each at its own rate; the motion is MuJoCo's."""
-    found, sensors, pose = study_noise(NoiseOptions("traj4@mujoco", seed=3)), SensorModel(), LogSettings()
+    found, sensors, pose = study_noise(NoiseOptions("traj4@mujoco", seed=3)), SensorModel(), SensorFaults()
     known = {"enc_left": sensors.variance_encoder, "enc_right": sensors.variance_encoder, "gyro_z": sensors.variance_gyro,
              "x": pose.pose_std**2, "y": pose.pose_std**2, "yaw": pose.yaw_std**2}  # fmt: skip
     assert [s.name for s in found.signals] == list(known)

@@ -12,18 +12,17 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
+from validation.bench.sources import drive, horizons_of, open_source, source_of
+from validation.files.log import Log
 from validation.fit.objective import FitCost, FitTarget, make_raters, windows
 from validation.fit.problem import FitProblem
 from validation.fit.uncertainty import estimate
-from validation.logs.recording import Recording
-from validation.motion.driving import drive, horizons_of
-from validation.motion.sources import open_source, source_of
 from validation.plants.profile import PLANTS, Profile, make_plant
 from validation.plants.searchable import find, make_space, searchable, with_values
 from validation.plants.table import plant_kind
 
 
-def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Recording:
+def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Log:
     """A drive of a planar plant as a log at 20 Hz with one gap in it."""
     rng = np.random.default_rng(2)
     t = 0.05 * np.arange(round(seconds / 0.05))
@@ -37,7 +36,7 @@ def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Re
         "x": motion.pose[:-1, 0], "y": motion.pose[:-1, 1], "yaw": motion.pose[:-1, 2],
     }  # fmt: skip
     keep = np.abs(t - 0.4 * seconds) > 0.2
-    return Recording.from_columns("log", {k: c[keep] for k, c in columns.items()})
+    return Log.of_columns("log.csv", {k: c[keep] for k, c in columns.items()})
 
 
 def scenario(lab: Profile, name: str = "traj4@improved") -> FitTarget:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 
 from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
-from validation.logs.groups import Group, groups_of, merge
-from validation.logs.offsets import Offset, estimate_offsets, synchronised
+from validation.files.log import Group, Log
+from validation.files.offsets import Offset, estimate_offsets, synchronised
 
 SECONDS = 120.0
 FEW_MS = 0.004
@@ -27,9 +28,7 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.interp(t, fine, a) for a in (v, w, x, y, yaw))
 
 
-def log(
-    wheels: float, position: float, yaw: float, seed: int = 0, gyro: bool = True, repeated: bool = False
-) -> dict[str, Group]:
+def made(wheels: float, position: float, yaw: float, seed: int = 0, repeated: bool = False) -> Log:
     """A log whose sensors are late by so much [s]: 20 Hz, poses of 10 Hz that are logged twice, all of them noisy.
 
     With `repeated` the wheels are measured at 10 Hz and logged twice too.
@@ -50,11 +49,12 @@ def log(
         "pose": Group("log", t, pose),
         "wheels": Group("log", t, {"enc_left": noisy(left, 0.05, every), "enc_right": noisy(right, 0.05, every)}),
     }
-    return {**groups, "imu": Group("log", t, {"gyro_z": noisy(motion(t)[1], 0.02)})} if gyro else groups
+    gyro = {"imu": Group("log", t, {"gyro_z": noisy(motion(t)[1], 0.02)})}
+    return Log(Path("log.csv"), {**groups, **gyro})
 
 
-def found_in(groups: dict[str, Group]) -> dict[str, Offset]:
-    return {offset.late: offset for offset in estimate_offsets(groups)}
+def found_in(log: Log) -> dict[str, Offset]:
+    return {offset.late: offset for offset in estimate_offsets(log)}
 
 
 def error_beyond(offset: Offset, true: float) -> bool:
@@ -64,28 +64,23 @@ def error_beyond(offset: Offset, true: float) -> bool:
 
 @pytest.mark.parametrize(("wheels", "position", "yaw"), [(0.2, 0.1, 0.22), (0.0, 0.15, -0.05), (-0.1, -0.1, 0.3)])
 def test_each_delay_is_recovered(wheels: float, position: float, yaw: float) -> None:
-    found = found_in(log(wheels, position, yaw))
+    found = found_in(made(wheels, position, yaw))
     for name, true in (("wheels", wheels), ("position", position), ("pose_yaw", yaw)):
         assert found[name].behind == "imu"
         assert not error_beyond(found[name], true), found[name]
         assert found[name].standard_error < 0.02
 
 
-def test_without_a_gyro_the_wheels_are_the_clock() -> None:
-    found = found_in(log(0.2, 0.1, 0.22, gyro=False))
-    assert set(found) == {"pose_yaw", "position"}
-    assert {offset.behind for offset in found.values()} == {"wheels"}
-    assert not error_beyond(found["position"], -0.1)
-    assert not error_beyond(found["pose_yaw"], 0.02)
+def with_group(log: Log, name: str, columns: dict[str, np.ndarray]) -> Log:
+    return replace(log, groups={**log.groups, name: replace(log.groups[name], columns=columns)})
 
 
 def test_sides_that_are_refreshed_in_turn_are_no_later_for_that() -> None:
     """Each side is measured at 4 Hz and logged at 20 Hz, the right one 0.1 s after the left."""
-    groups = log(0.1, 0.3, 0.3)
-    wheels, rows = groups["wheels"], np.arange(len(groups["wheels"].t))
+    log = made(0.1, 0.3, 0.3)
+    wheels, rows = log.groups["wheels"], np.arange(len(log.t))
     last = {"enc_left": rows // 5 * 5, "enc_right": np.maximum((rows - 2) // 5 * 5 + 2, 0)}
-    columns = {side: wheels.columns[side][last[side]] for side in last}
-    found = found_in({**groups, "wheels": Group("log", wheels.t, columns)})
+    found = found_in(with_group(log, "wheels", {side: wheels.columns[side][last[side]] for side in last}))
     for name, true in (("wheels", 0.1), ("position", 0.3), ("pose_yaw", 0.3)):
         assert not error_beyond(found[name], true), found[name]
 
@@ -93,7 +88,7 @@ def test_sides_that_are_refreshed_in_turn_are_no_later_for_that() -> None:
 def test_standard_errors_are_as_large_as_the_errors() -> None:
     errors, told = [], []
     for seed in range(8):
-        found = found_in(log(0.0, 0.1, 0.2, seed))
+        found = found_in(made(0.0, 0.1, 0.2, seed))
         errors.append([found["position"].seconds - 0.1, found["pose_yaw"].seconds - 0.2])
         told.append([found["position"].standard_error, found["pose_yaw"].standard_error])
     ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(told), axis=0))
@@ -101,69 +96,41 @@ def test_standard_errors_are_as_large_as_the_errors() -> None:
 
 
 def test_jumps_of_the_localiser_move_no_offset() -> None:
-    groups = log(0.2, 0.1, 0.22)
-    t, columns = groups["pose"].t, groups["pose"].columns
+    log = made(0.2, 0.1, 0.22)
+    t, columns = log.t, log.groups["pose"].columns
     jumps = sum(3.0 * (t >= at) for at in (20.0, 33.0, 71.0))
     lost = (t >= 50.0) & (t < 52.0)  # for two seconds it looks somewhere else
     jumped = {**columns, "x": columns["x"] + jumps, "yaw": columns["yaw"] - 0.8 * lost}
-    found = found_in({**groups, "pose": Group("log", t, jumped)})
+    found = found_in(with_group(log, "pose", jumped))
     assert not error_beyond(found["position"], 0.1)
     assert not error_beyond(found["pose_yaw"], 0.22)
 
 
 def test_sync_takes_each_delay_out() -> None:
-    groups = log(0.2, 0.1, 0.22)
-    told = [Offset(name, "imu", s, 1.0) for name, s in (("wheels", 0.2), ("position", 0.1), ("pose_yaw", 0.22))]
-    after = synchronised(groups, told)
-    pose = after["pose"]
+    log = made(0.2, 0.1, 0.22)
+    offsets = [Offset(name, "imu", s, 1.0) for name, s in (("wheels", 0.2), ("position", 0.1), ("pose_yaw", 0.22))]
+    after = synchronised(log, offsets)
+    pose = after.groups["pose"]
     x, y, yaw = motion(pose.t)[2:]
     for name, true, noise in (("x", x, 0.007), ("y", y, 0.007), ("yaw", yaw, 0.01)):
         assert np.sqrt(np.mean((pose.columns[name] - true) ** 2)) < 1.1 * noise
-    assert len(pose.t) > len(groups["pose"].t) - 10
+    assert len(pose.t) > len(log.t) - 10
     assert all(abs(offset.seconds) < 2.0 * FEW_MS for offset in estimate_offsets(after))
 
 
 @pytest.mark.parametrize("rate", [15.0, 33.0, 50.0])
 def test_another_clock_makes_no_signal_later(rate: float) -> None:
     """Interpolation between samples that were logged twice would make them late by a quarter of a period of theirs."""
-    groups = log(0.2, 0.1, 0.22, repeated=True)
-    resampled = found_in(groups_of(merge(Path("log.csv"), groups, rate), "log"))
-    for name, offset in found_in(groups).items():
+    log = made(0.2, 0.1, 0.22, repeated=True)
+    resampled = found_in(log.on_one_clock(rate))
+    for name, offset in found_in(log).items():
         assert resampled[name].seconds == pytest.approx(offset.seconds, abs=FEW_MS)
 
 
-def test_no_value_beside_a_gap_is_taken_from_beyond_it() -> None:
-    t = np.delete(np.arange(0.0, 4.0, 0.05), slice(30, 50))
-    steps = np.repeat(np.arange(len(t) / 2.0), 2)  # measured every tenth of a second
-    steps[t > 2.0] += 100.0
-    wheels = Group("log", t, {"enc_left": steps, "enc_right": steps})
-    found = merge(Path("log.csv"), {"wheels": wheels}, 40.0)
-    before = found.t < 2.0
-    assert found.columns["enc_left"][before].max() == steps[t < 2.0].max()
-    assert found.columns["enc_left"][~before].min() == steps[t > 2.0].min()
-
-
-def test_a_synchronised_recording_has_no_offsets() -> None:
-    groups = log(0.2, 0.1, 0.22, repeated=True)
-    after = merge(Path("log.csv"), synchronised(groups, estimate_offsets(groups)))
-    assert all(abs(offset.seconds) < FEW_MS for offset in estimate_offsets(groups_of(after, "log")))
-
-
 def test_a_heading_is_not_taken_out_of_a_gap() -> None:
-    groups = log(0.0, 0.0, 0.3)
-    t = groups["pose"].t
-    keep = (t < 40.0) | (t > 45.0)
-    gap = Group("log", t[keep], {name: values[keep] for name, values in groups["pose"].columns.items()})
-    pose = synchronised({**groups, "pose": gap}, [Offset("pose_yaw", "imu", 0.3, 1.0), Offset("position", "imu", 0.0, 1.0)])[
-        "pose"
-    ]
-    assert not np.any((pose.t > 39.75) & (pose.t < 45.0))
-    assert np.abs(pose.columns["yaw"] - motion(pose.t)[4]).max() < 0.06  # five times the noise
-
-
-def test_a_short_log_has_no_standard_error() -> None:
-    groups = {
-        name: Group("log", g.t[:160], {n: a[:160] for n, a in g.columns.items()}) for name, g in log(0.1, 0.1, 0.1).items()
-    }
-    found = found_in(groups)
-    assert found["wheels"].standard_error is None
+    log = made(0.0, 0.0, 0.3)
+    pose = log.groups["pose"].where((log.t < 40.0) | (log.t > 45.0))
+    offsets = [Offset("pose_yaw", "imu", 0.3, 1.0), Offset("position", "imu", 0.0, 1.0)]
+    after = synchronised(replace(log, groups={**log.groups, "pose": pose}), offsets).groups["pose"]
+    assert not np.any((after.t > 39.75) & (after.t < 45.0))
+    assert np.abs(after.columns["yaw"] - motion(after.t)[4]).max() < 0.06  # five times the noise

@@ -48,8 +48,8 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     data = {
         "_models/husky.xml",
         "thesis/published.toml",
-        "logs/sample.csv",
-        "recordings/foxglove.json",
+        "files/sample.csv",
+        "files/foxglove.json",
         "thesis/verdicts.toml",
         "replicate/templates/replicate.html",
     }

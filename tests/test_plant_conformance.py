@@ -15,7 +15,7 @@ from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.simulation import simulate
 from ssmr.types import Commands, Plant, State, Trajectory
 from tests.conftest import DRAKE_SYMMETRY, EXACT, SYMMETRY
-from validation.motion.sources import RECORDING_GRID
+from validation.bench.sources import RECORDING_GRID
 from validation.plants.profile import Profile
 from validation.plants.table import plant_kind
 

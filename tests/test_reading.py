@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from validation import reading
 from validation.bench.gains import load_gains
+from validation.files import reading
 from validation.plants.profile import load_profile
 
 LOADERS: dict[str, Callable[[Path], object]] = {

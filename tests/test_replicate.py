@@ -21,13 +21,13 @@ from ssmr.search.jde import JdeSettings
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import State, Trajectory
 from tests.conftest import ROUNDOFF, installed_plant
+from validation.bench.sources import drive as drive_plant
+from validation.bench.sources import open_source
 from validation.engines.body import EngineMissingError
+from validation.files.csv_logs import write_csv
+from validation.files.log import Log
 from validation.fit.problem import FitProblem
 from validation.fit.result import FitResult
-from validation.logs.recording import Recording
-from validation.logs.recording_csv import write_csv
-from validation.motion.driving import drive as drive_plant
-from validation.motion.sources import open_source
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.progress import Progress
 from validation.replicate import QUICK_SETTINGS, Replication, ReplicationSettings, replicate
@@ -319,12 +319,12 @@ def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
         assert set(evidence_control.GAIN_NAMES[controller]) == set(published.table(number)["rows"])
 
 
-def drive(t: np.ndarray, speed: float, rate: float) -> Recording:
+def drive(t: np.ndarray, speed: float, rate: float) -> Log:
     yaw = rate * t
     x, y = speed / rate * np.sin(yaw), speed / rate * (1.0 - np.cos(yaw))
     turn = rate * 0.5708 / 2.0 * 1.8
     wheels = {"enc_left": np.full_like(t, (speed - turn) / 0.165), "enc_right": np.full_like(t, (speed + turn) / 0.165)}
-    return Recording.from_columns("drive", {"t": t, "x": x, "y": y, "yaw": yaw, **wheels})
+    return Log.of_columns("drive.csv", {"t": t, "x": x, "y": y, "yaw": yaw, **wheels})
 
 
 def test_a_recording_without_commands_is_driven_by_its_wheels(tmp_path: Path) -> None:

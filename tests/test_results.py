@@ -22,8 +22,8 @@ from tests.test_objective import recorded
 from tests.test_rerun_log import run_rerun
 from tests.test_robustness import hopeless
 from validation.compare import compare
+from validation.files.csv_logs import write_csv
 from validation.fit import fit
-from validation.logs.recording_csv import write_csv
 from validation.plants.profile import Profile
 from validation.progress import Progress
 from validation.report.drawing import save_figure

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.ros_fakes import FakeClock, FakeNode, message, pose_in, twist
-from validation.motion.driving import Pacer
+from validation.bench.sources import Pacer
 from validation.plants.profile import Profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.robot import BASE_TIMEOUT, SimulatedRobot

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ssmr.types import Commands, State
+from validation.bench.sources import Piece, Source
 from validation.compare import compare
-from validation.motion.sources import Piece, Source
 from validation.plants.profile import Profile
 from validation.progress import Progress
 from validation.report import video

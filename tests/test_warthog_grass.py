@@ -13,7 +13,7 @@ import pytest
 
 from ssmr.metrics.windows import WindowErrors
 from tests.conftest import data_folder
-from validation.motion.sources import Source, open_source
+from validation.bench.sources import Source, open_source
 from validation.plants.profile import PLANTS, Profile, load_profile
 
 page = SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_warthog_figure.py")))

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from ssmr.control.waypoints import Waypoints
 from tests.conftest import ROUNDOFF
 from validation import cli
-from validation.bench.waypoint_files import REFERENCES, WaypointError, open_reference, read_waypoints
-from validation.logs.limits import USUAL
+from validation.bench.waypoint_files import REFERENCES, open_reference, read_waypoints
+from validation.files.limits import USUAL
+from validation.files.reading import FileError
 
 HEADER = "t,x,y\n"
 
@@ -26,7 +27,7 @@ def on_file(folder: Path, text: str | bytes, name: str = "way.csv") -> Path:
 
 def refused(path: Path, speed: float | None = None) -> str:
     """The one line that a file is refused with; a command line would leave with status 2 on it."""
-    with pytest.raises(WaypointError) as caught:
+    with pytest.raises(FileError) as caught:
         read_waypoints(path, speed)
     with pytest.raises(cli.UserError), cli.mistakes_are_users():
         read_waypoints(path, speed)
@@ -69,7 +70,7 @@ def test_what_has_no_waypoints_is_refused_in_one_line(case: str, tmp_path: Path)
 def test_a_file_beyond_limits_that_were_asked_for_is_refused(tmp_path: Path) -> None:
     path = on_file(tmp_path, HEADER + "0,0,0\n1,1,0\n2,2,0\n")
     for limits, message in (({"samples": 2}, "line 4: there are too many rows"), ({"columns": 2}, "there are 3 columns")):
-        with pytest.raises(WaypointError, match=message):
+        with pytest.raises(FileError, match=message):
             read_waypoints(path, limits=USUAL.changed(limits))
 
 
@@ -105,7 +106,7 @@ def test_waypoints_at_one_place_are_a_wait_that_a_speed_leaves_as_long_as_it_is(
 def test_places_that_repeat_without_times_are_refused(tmp_path: Path) -> None:
     path = on_file(tmp_path, "x,y\n0,0\n3,4\n3,4\n")
     expected = "line 4: it is where the one before is, at \\(3, 4\\) m; give times, to wait, or leave out one of them"
-    with pytest.raises(WaypointError, match=expected):
+    with pytest.raises(FileError, match=expected):
         read_waypoints(path, 0.5)
 
 

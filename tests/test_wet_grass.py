@@ -11,8 +11,7 @@ from ssmr.metrics.poses import relative_pose_error
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.types import FloatArray, IndexArray
 from tests.conftest import data_folder
-from validation.motion.driving import drive
-from validation.motion.sources import Source, open_source
+from validation.bench.sources import Source, drive, open_source
 from validation.plants.profile import PLANTS, load_profile, make_plant
 from validation.simulator.description import load_robot
 

@@ -1,4 +1,4 @@
-from .motion.sources import open_source as open_source
+from .bench.sources import open_source as open_source
 from .plants.profile import load_profile as load_profile
 from .simulator.description import load_robot as load_robot
 

@@ -18,9 +18,17 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.types import Commands, Plant, State, Trajectory
 from validation import cli
-from validation.logs.limits import USUAL
-from validation.motion.driving import drive, horizons_of, scoring_windows, standing_sentences, window_errors_of
-from validation.motion.sources import RECORDING, Source, open_source
+from validation.bench.sources import (
+    RECORDING,
+    Source,
+    drive,
+    horizons_of,
+    open_source,
+    scoring_windows,
+    standing_sentences,
+    window_errors_of,
+)
+from validation.files.limits import USUAL
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
 from validation.progress import Progress, Report

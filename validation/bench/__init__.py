@@ -1,1 +1,1 @@
-"""What programs drive and judge: references, gains, controllers and robots in closed loops."""
+"""What programs drive and judge: sources, references, gains, controllers, and robots in open and closed loops."""

@@ -19,7 +19,8 @@ import tomli_w
 
 from ssmr.control.laws import LAWS
 from ssmr.parameters import described
-from validation import reading, store
+from validation import store
+from validation.files import reading
 
 SCHEMA = "ssmr.gains/1"
 

@@ -15,21 +15,15 @@ import numpy as np
 from ssmr.control.references import circle, eight, line, long_line, sine, slalom, spiral, square, stop_and_go, u_turn
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
-from validation.logs.csv_table import CellTable, read_csv_table
-from validation.logs.files import TableError, quoted
-from validation.logs.limits import USUAL, LogLimits
+from validation.files.csv_logs import CsvTable, read_csv_table
+from validation.files.limits import USUAL, LogLimits
+from validation.files.reading import FileError, quoted
 
+_HEADER = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
 _UNITS = {"x": "m", "y": "m", "t": "s"}
 
 DEFAULT_SPEED = 0.25
 """Speed of the sample trajectories where none is given [m/s]; the slower of the thesis' two."""
-
-
-class WaypointError(TableError):
-    """A file has no waypoints that a robot could follow."""
-
-    wanted = "waypoints (.csv)"
-    header = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
 
 
 def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimits = USUAL) -> Waypoints:
@@ -44,31 +38,29 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
         limits: greatest sizes of a file; the usual ones if not given.
 
     Raises:
-        WaypointError: the file cannot be read, has no waypoints, no times while there is no speed, or is beyond the limits.
+        FileError: the file cannot be read, has no waypoints, no times while there is no speed, or is beyond the limits.
         ValueError: the speed is not positive and finite.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv" and not path.is_dir():
-        raise WaypointError(path, f"files ending in '{path.suffix}' are not read; wanted {WaypointError.wanted}")
-    table = read_csv_table(path, WaypointError, limits)
+        raise FileError(path, f"files ending in '{path.suffix}' are not read; wanted waypoints (.csv)")
+    table = read_csv_table(path, limits)
     places = _places_of_columns(table, speed is None)
 
     def column(name: str) -> FloatArray:
-        values = table.numbers(places[name], name, _UNITS)
-        assert values is not None  # x, y and t are numbers, or an error
-        return values
+        return table.numbers(places[name], _UNITS[name])
 
     t = column("t") if speed is None else None
     xy = np.column_stack([column("x"), column("y")])
     if len(xy) < 2:
         some = "is one waypoint" if len(xy) else "are no waypoints"
-        raise WaypointError(path, f"there {some} after the header; a trajectory needs at least two")
+        raise FileError(path, f"there {some} after the header; a trajectory needs at least two")
     fault = find_fault(t, xy)
     if t is None and fault is not None and fault.column is None and "t" in places:  # it waits: the times say how long
         t = column("t")
         fault = find_fault(t, xy)
     if fault is not None:
-        raise WaypointError(path, fault.what, table.lines[fault.row], fault.column)
+        raise FileError(path, fault.what, table.lines[fault.row], fault.column)
     if speed is None:
         assert t is not None  # the file has times, or an error
         return Waypoints(t, xy)
@@ -146,17 +138,17 @@ def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, 
     return path.stem, read_waypoints(path, speed)
 
 
-def _places_of_columns(table: CellTable, times: bool) -> dict[str, int]:
+def _places_of_columns(table: CsvTable, times: bool) -> dict[str, int]:
     """Return the places of the columns x, y and, if it is there, t; without it there is an error if `times` are needed."""
-    path, line, error = table.path, table.header_line, table.error
-    names = [cell.strip().lower() for cell in table.header]
+    path, line = table.path, table.header_line
+    names = [name.lower() for name in table.header]
     for name in ("x", "y"):
         if name not in names:
-            what = f"there is no column {name} among {quoted(map(str.strip, table.header))}; {error.header}"
-            raise error(path, what, line)
+            what = f"there is no column {name} among {quoted(table.header)}; {_HEADER}"
+            raise FileError(path, what, line)
     if times and "t" not in names:
-        raise error(path, "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s", line)
+        raise FileError(path, "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s", line)
     for name in ("x", "y", "t") if times else ("x", "y"):
         if names.count(name) > 1:
-            raise error(path, "the header names this column twice; each needs a name of its own", line, name)
+            raise FileError(path, "the header names this column twice; each needs a name of its own", line, name)
     return {name: names.index(name) for name in ("x", "y", "t") if names.count(name) == 1}

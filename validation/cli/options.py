@@ -17,7 +17,7 @@ import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
 from ssmr.parameters import MOST_SEED
-from validation.logs.limits import USUAL, LogLimits
+from validation.files.limits import USUAL, LogLimits
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot
 from validation.simulator.terrain import Terrain, parse_terrain

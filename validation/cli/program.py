@@ -71,7 +71,7 @@ class Program(Generic[P, R]):
     def __init__(self, options: Any, function: Callable[[Any], R]) -> None:
         """Keep the dataclass of the options and the function that takes it."""
         self.options = options
-        self._function = function
+        self.function = function
         self.__name__, self.__module__ = function.__name__, function.__module__
         self.__signature__ = inspect.signature(options)
         documents = [f"    {f.name}: {_field_text(self.options, f.name)}" for f in fields(self.options)]
@@ -79,7 +79,7 @@ class Program(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Return the report of a run with these options."""
-        return self._function(self.options(*args, **kwargs))
+        return self.function(self.options(*args, **kwargs))
 
     def command(self) -> Callable[[Any], None]:
         """Return the function behind the command line: it shows progress, prints, saves and says what went wrong."""
@@ -91,10 +91,10 @@ class Program(Generic[P, R]):
                 folder = options.out or options.folder()
                 require_writable(folder)
                 with shown(self.__name__) as show:
-                    report = self._function(replace(options, progress=show))
+                    report = self.function(replace(options, progress=show))
             finish(report, options, output_folder(folder))
 
-        main.__doc__ = (inspect.getdoc(self._function) or "").partition("\n\nRaises:")[0]
+        main.__doc__ = (inspect.getdoc(self.function) or "").partition("\n\nRaises:")[0]
         main.__annotations__ = {"options": self.options}
         return main
 

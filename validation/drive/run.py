@@ -16,17 +16,15 @@ import numpy as np
 from ssmr.errors import SsmrError
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, Plant, State
+from validation.bench.simulated_logs import log_of_drive
+from validation.bench.sources import Pacer, Piece, Source
 from validation.compare import Compare, PreparedComparison, prepare
 from validation.drive.hands import Hands, Press, script_line
 from validation.drive.window import DriveWindow
-from validation.logs.formats import write_log
-from validation.logs.log import Log
-from validation.motion.driving import Pacer
-from validation.motion.sources import Piece, Source
+from validation.files.formats import write_log
 from validation.plants.profile import Profile
 from validation.plants.table import STANDARD, USUAL_PLANTS
 from validation.progress import Report, silent
-from validation.recordings.simulated_log import log_of_drive
 from validation.report.motions import Comparison
 from validation.report.stage import Stage
 from validation.simulator.description import Robot
@@ -74,7 +72,7 @@ class HandDrive:
         make_folder(folder)
         path, options = unused(folder, "drive.csv"), self.prepared.options
         commands, profile = self.prepared.source.pieces[0].commands, self.prepared.profile
-        write_log(Log(path, log_of_drive(commands, STANDARD, profile, options.seed, terrain=options.terrain)), path)
+        write_log(log_of_drive(path, commands, STANDARD, profile, options.seed, terrain=options.terrain), path)
         return path
 
     def compare(self, workers: int | None = None, progress: Report = silent) -> Comparison:

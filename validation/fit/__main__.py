@@ -10,11 +10,11 @@ from typing import Annotated
 import tyro
 
 from validation import cli
+from validation.files.limits import USUAL
 from validation.fit.objective import FitCost, Objective
 from validation.fit.run import FitParameters, FitSearch, Method, fit
 from validation.fit.search import CHECKPOINT
 from validation.fit.targets import FitSources
-from validation.logs.limits import USUAL
 from validation.plants.table import PLANTS
 from validation.words import file_name
 

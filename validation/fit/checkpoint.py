@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from validation import reading, store
-from validation.logs.files import DAMAGE
+from validation import store
+from validation.files import reading
 
 _MOST_BYTES = 1 << 28
 """Greatest size of a checkpoint; one of a thousand candidates and generations has less than a million."""
@@ -44,7 +44,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             return dict(file)
-    except (zipfile.BadZipFile, *DAMAGE) as error:
+    except (zipfile.BadZipFile, *reading.DAMAGE) as error:
         raise damaged(path, error) from error
 
 

@@ -17,7 +17,7 @@ from ssmr.metrics.paths import measured_length, one_sided_kernel
 from ssmr.metrics.poses import horizon_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.motion.sources import Piece, Source
+from validation.bench.sources import Piece, Source
 
 Objective = Literal["path", "sync", "horizon"]
 

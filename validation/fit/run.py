@@ -17,6 +17,7 @@ from ssmr.metrics.declared import compare_pieces
 from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
+from validation.bench.sources import drive, horizons_of, standing_sentences, window_errors_of
 from validation.fit.data import Scored
 from validation.fit.executors import dask_executor
 from validation.fit.objective import FitCost, FitTarget
@@ -26,7 +27,6 @@ from validation.fit.result import FitResult
 from validation.fit.search import FreeParameters, Search, SearchOptions, put_options, search_for
 from validation.fit.targets import FitSources, is_scenario, open_targets
 from validation.fit.uncertainty import Uncertainty, estimate, found_parameters, sentences
-from validation.motion.driving import drive, horizons_of, standing_sentences, window_errors_of
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.searchable import find, make_space, with_values

@@ -11,10 +11,9 @@ from typing import Literal, get_args
 from ssmr.parameters import require_within
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
+from validation.bench.sources import Source, drive, open_source
+from validation.files.limits import USUAL, LogLimits
 from validation.fit.objective import FitTarget
-from validation.logs.limits import USUAL, LogLimits
-from validation.motion.driving import drive
-from validation.motion.sources import Source, open_source
 from validation.plants.profile import Profile, make_plant
 
 Input = Literal["commands", "wheels", "both"]

@@ -14,7 +14,8 @@ import tomli_w
 from ssmr.estimation.settings import EkfSettings, learning
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive
-from validation import reading, store
+from validation import store
+from validation.files import reading
 
 SCHEMA = "ssmr.filter/1"
 THESIS, LEARNING = "thesis", "learning"

@@ -23,10 +23,11 @@ import tomli_w
 
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Plant
-from validation import reading, store
+from validation import store
+from validation.files import reading
+from validation.files.reading import is_number
 from validation.plants.kind import PlantProfile
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kind
-from validation.reading import is_number
 from validation.simulator.description import USUAL_ROBOT, Robot, load_robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain

@@ -21,7 +21,8 @@ from matplotlib.figure import Figure
 
 from ssmr.parameters import MOST_SEED, require_within
 from ssmr.search.jde import JdeSettings
-from validation import reading, store
+from validation import store
+from validation.files import reading
 from validation.fit.checkpoint import CheckpointError
 from validation.fit.data import SearchData
 from validation.fit.targets import MOST_TIME

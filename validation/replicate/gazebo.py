@@ -18,12 +18,11 @@ from matplotlib.figure import Figure
 
 from ssmr.metrics.declared import compare_paths
 from ssmr.types import Trajectory
+from validation.bench.sources import drive, open_source
 from validation.engines.body import EngineMissingError
 from validation.engines.ode import GAZEBO, MAKERS_HUSKY, FrictionDirection, FrictionLaw, OdeBody
 from validation.engines.ode_library import ode
 from validation.engines.plant import EnginePlant
-from validation.motion.driving import drive
-from validation.motion.sources import open_source
 from validation.plants.profile import load_profile, make_plant
 from validation.progress import Progress
 from validation.replicate.evidence import Context, Findings, Section, Table

@@ -14,7 +14,8 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ssmr.errors import SsmrError
-from validation import reading, store
+from validation import store
+from validation.files import reading
 from validation.replicate.evidence import FIGURE_FOLDER, SECTION_FOLDER, Answer, Context, Findings, Section
 
 _log = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorNoise, measure, simulate_s
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, FloatArray, State, Trajectory
-from validation.logs.groups import Group
+from validation.files.log import Group
 from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate.evidence import Context, Findings, Section, Table

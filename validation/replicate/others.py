@@ -20,13 +20,12 @@ from ssmr.robot.sensors import SensorNoise
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import Trajectory
+from validation.bench.sources import Source, drive, open_source, source_of
 from validation.compare import compare
+from validation.files.formats import read_log
+from validation.files.signals import moving_mean
 from validation.fit.objective import FitCost, FitTarget
 from validation.fit.problem import FitProblem
-from validation.logs.formats import read_recording
-from validation.logs.rest import moving_mean
-from validation.motion.driving import drive
-from validation.motion.sources import Source, open_source, source_of
 from validation.plants.four_wheel import tyred_defaults
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space
@@ -208,13 +207,13 @@ def _causes_grid(found: Mapping[str, Mapping[str, Metrics]]) -> Grid:
 
 def _recorded_grid(path: str) -> Grid:
     """Return the metrics of chapter 3 over stretches of a recording, those that `husky-tile` was fitted to and others."""
-    profile, recording = load_profile("husky-tile"), read_recording(path)
+    profile, recording = load_profile("husky-tile"), read_log(path).on_one_clock()
     until = float(profile.provenance.get("mujoco", {}).get("until", recording.t[-1]))
     plants = ("coulomb", "improved", "linear", "mujoco")
     found: dict[tuple[str, str], list[Metrics]] = {}
     for start in np.arange(recording.t[0], recording.t[-1] - _STRETCH, _STRETCH):
         part = recording.cut(float(start), float(start + _STRETCH))
-        if len(part.segments()) != 1 or float(part.t[-1] - part.t[0]) < 0.9 * _STRETCH:
+        if len(part.stretches()) != 1 or float(part.t[-1] - part.t[0]) < 0.9 * _STRETCH:
             continue
         source = source_of(part, "recording", "twist")
         result = compare(source, profile, plants, input="commands", horizons=(6.0,))

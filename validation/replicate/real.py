@@ -12,10 +12,11 @@ from ssmr.metrics.paths import path_length
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.types import CommandKind, FloatArray
 from validation import store
+from validation.bench.sources import Source, source_of
 from validation.compare import compare
-from validation.logs.formats import read_recording
-from validation.logs.recording import Recording
-from validation.motion.sources import Source, source_of
+from validation.files.formats import read_log
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log
+from validation.files.signals import fresh_poses
 from validation.plants.profile import Profile, load_profile
 from validation.plants.table import USUAL_PLANTS
 from validation.replicate.evidence import Context, Findings, Section
@@ -48,7 +49,7 @@ def _real(context: Context) -> Findings:
     settings = context.settings
     if not settings.recording:
         return Findings(notes=(NOT_RUN,))
-    profile, recording = load_profile(_PROFILE), read_recording(settings.recording)
+    profile, recording = load_profile(_PROFILE), read_log(settings.recording).on_one_clock()
     split = settings.split
     if split is None:  # the end of what the profile was fitted to, if its provenance says it
         until = profile.provenance.get("mujoco", {}).get("until")
@@ -106,17 +107,16 @@ def require_usable(path: str | Path) -> None:
     Raises:
         ValueError: it cannot be read, or lacks signals or poses.
     """
-    inputs_of(read_recording(path))
+    inputs_of(read_log(path).on_one_clock())
 
 
-def inputs_of(recording: Recording) -> list[tuple[Literal["wheels", "commands"], CommandKind, str]]:
+def inputs_of(recording: Log) -> list[tuple[Literal["wheels", "commands"], CommandKind, str]]:
     """Return which signals of a recording can drive the plants.
 
     Raises:
         ValueError: it has neither wheel rates nor commands, or no poses to compare with.
     """
-    there = {"wheels": recording.has_wheels, "commands": recording.has_commands}
-    found = [each for each in _DRIVEN_BY if there[each[0]]]
+    found = [each for each in _DRIVEN_BY if recording.has(COMMAND_COLUMNS[each[1]])]
     if not found:
         raise ValueError(f"{recording.name} has neither wheel rates (enc_left, enc_right) nor commands (cmd_v, cmd_w)")
     for _, kind, _ in found:
@@ -152,16 +152,17 @@ def _horizon_grid(found: Mapping[tuple[str, str], Comparison]) -> Grid:
     return Grid(tuple(header), tuple(groups), left=3)
 
 
-def _data_grid(recording: Recording, parts: Mapping[str, Recording]) -> Grid:
+def _data_grid(recording: Log, parts: Mapping[str, Log]) -> Grid:
     """Return duration, length and rates of the recording and of its parts."""
     header = (("part", ""), ("time", "s"), ("pieces", "1"), ("path", "m"), ("poses", "Hz"), ("speed p95", "m/s"),
               ("yaw rate p95", "rad/s"))  # fmt: skip
     rows = []
     for name, part in {**parts, **({"all": recording} if len(parts) > 1 else {})}.items():
-        segments = part.segments()
-        time = sum(float(s.t[-1] - s.t[0]) for s in segments)
-        length = sum(path_length(s.pose[s.fresh, :2]) for s in segments if int(np.sum(s.fresh)) > 1)
-        fresh = sum(int(np.sum(s.fresh)) for s in segments)
+        pose, segments = part.table(POSE_COLUMNS), part.stretches()
+        new = [fresh_poses(part.t[s], pose[s]) for s in segments]
+        time = sum(float(part.t[s][-1] - part.t[s][0]) for s in segments)
+        length = sum(path_length(pose[s][f, :2]) for s, f in zip(segments, new, strict=True) if int(np.sum(f)) > 1)
+        fresh = sum(int(np.sum(f)) for f in new)
         speed, rate = _speeds(part)
         numbers = (f"{time:.0f}", str(len(segments)), f"{length:.0f}", f"{fresh / max(time, 1e-9):.1f}",
                    f"{np.percentile(speed, 95.0):.2f}", f"{np.percentile(rate, 95.0):.2f}")  # fmt: skip
@@ -169,7 +170,7 @@ def _data_grid(recording: Recording, parts: Mapping[str, Recording]) -> Grid:
     return Grid(header, (tuple(rows),), left=1)
 
 
-def _speeds(recording: Recording) -> tuple[FloatArray, FloatArray]:
+def _speeds(recording: Log) -> tuple[FloatArray, FloatArray]:
     """Return the (M,) sizes of speed [m/s] and yaw rate [rad/s] of all recorded poses."""
     pieces = source_of(recording, "recording", inputs_of(recording)[0][1]).pieces
     twist = np.concatenate([p.reference.twist for p in pieces if p.reference is not None])
@@ -242,10 +243,10 @@ def _straight_of(residuals: BinnedErrors, profile: Profile, words: str) -> list[
     ]
 
 
-def _limits_of_data(recording: Recording, parts: Mapping[str, Recording]) -> list[str]:
+def _limits_of_data(recording: Log, parts: Mapping[str, Log]) -> list[str]:
     """Return sentences on what the recording cannot show."""
     speed, rate = _speeds(recording)
-    gaps = len(recording.segments()) - 1
+    gaps = len(recording.stretches()) - 1
     out = [
         f"Limits of the data: one robot on one floor, {gaps} gap{'s' * (gaps != 1)}; half of the time it moves at less than "
         f"{np.median(speed):.2f} m/s and turns at less than {np.median(rate):.2f} rad/s, and speed hardly exceeds "

@@ -37,8 +37,8 @@ class Report(Result):
     """Tables, the most important one first."""
     document: Mapping[str, Any]
     """What the JSON file holds before its tables: the schema, and what was asked for and found."""
-    draw: Callable[[Any], Figure]
-    """Function of the report that draws its picture."""
+    draw: Callable[[Any], Figure] | None = None
+    """Function of the report that draws its picture; None where it has none."""
     sentences: Sequence[str] = ()
     """Sentences below the tables."""
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -82,7 +82,13 @@ class Report(Result):
         raise ValueError(f"there is no table '{title}'; there are: {', '.join(table.title for table in self.tables)}")
 
     def figure(self) -> Figure:
-        """Return its picture, drawn anew."""
+        """Return its picture, drawn anew.
+
+        Raises:
+            ValueError: it has none.
+        """
+        if self.draw is None:
+            raise ValueError(f"a report of {self.program} has no picture")
         return self.draw(self)
 
     def markdown(self) -> str:

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation import reading
+from validation.files import reading
 from validation.simulator.description import RobotError
 from validation.words import one_line
 

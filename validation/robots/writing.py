@@ -10,7 +10,8 @@ from typing import Any
 
 import tomli_w
 
-from validation import reading, store
+from validation import store
+from validation.files import reading
 from validation.robots.numbers import SECTION_KINDS, unit_of_key
 from validation.simulator.description import SCHEMA, Robot, parse_robot
 from validation.words import one_line

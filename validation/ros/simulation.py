@@ -16,7 +16,7 @@ from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from validation import cli
 from validation.bench.commissioning import chosen_filter
-from validation.motion.driving import Pacer
+from validation.bench.sources import Pacer
 from validation.plants.profile import choose_profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node

@@ -19,8 +19,8 @@ from typing import Any, Literal, get_args
 
 from ssmr.parameters import check_parameters, described, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
-from validation import reading
-from validation.reading import is_number
+from validation.files import reading
+from validation.files.reading import is_number
 from validation.words import one_line
 
 SCHEMA = "ssmr.robot/1"

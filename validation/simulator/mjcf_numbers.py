@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation import reading
+from validation.files import reading
 
 MOST_MJCF = 1 << 20
 """Greatest size of a MJCF file [bytes]; models/husky.xml has 21 000."""

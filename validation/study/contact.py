@@ -22,8 +22,7 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import FloatArray, State, Trajectory
 from validation import cli
-from validation.motion.driving import drive, horizons_of
-from validation.motion.sources import Piece, Source, open_source
+from validation.bench.sources import Piece, Source, drive, horizons_of, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of, unit_of

@@ -17,13 +17,12 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation import cli
+from validation.bench.sources import Piece, Source, drive, horizons_of, open_source
 from validation.engines import ode_library
 from validation.engines.body import EngineMissingError
 from validation.engines.drake import DrakeBody, DrakeSettings
 from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
-from validation.motion.driving import drive, horizons_of
-from validation.motion.sources import Piece, Source, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS, STANDARD
 from validation.progress import Report as Progressing

@@ -10,8 +10,8 @@ from ssmr.metrics.poses import horizon_windows
 from ssmr.parameters import require_within
 from ssmr.types import CommandKind
 from validation import cli
+from validation.bench.sources import Source, open_source
 from validation.fit.targets import MOST_TIME
-from validation.motion.sources import Source, open_source
 from validation.plants.profile import Profile, choose_profile
 
 HORIZON = 6.0

@@ -11,8 +11,8 @@ import numpy as np
 
 from ssmr.robot.drivetrain import SkidGeometry
 from ssmr.types import FloatArray
-from validation.logs.formats import read_recording
-from validation.logs.recording import Recording
+from validation.files.formats import read_log
+from validation.files.log import Log
 from validation.plants.profile import Profile, choose_profile
 from validation.simulator.description import Robot
 
@@ -106,14 +106,14 @@ _BELIEVED: Mapping[str, float] = {
 _COLUMNS = ("t", "rates", "commands", "currents", "voltages", "yaw", "gyro")
 
 
-def drive_log(source: str | Recording) -> DriveLog:
+def drive_log(source: str | Log) -> DriveLog:
     """Return the columns of a recording, or of the file at a path, that the study uses.
 
     Raises:
         ValueError: it cannot be read, has no wheel rates, has numbers of no robot, or is longer than `MOST_SECONDS`.
     """
-    recording = source if isinstance(source, Recording) else read_recording(source)
-    columns = recording.all_columns()
+    recording = source if isinstance(source, Log) else read_log(source).on_one_clock()
+    columns = recording.columns
 
     def pair(first: str, second: str) -> FloatArray | None:
         both = first in columns and second in columns

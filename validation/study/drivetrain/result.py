@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from ssmr.parameters import MOST_SEED, require_within
-from validation.logs.recording import Recording
+from validation.files.log import Log
 from validation.plants.profile import Profile
 from validation.report.tables import Cell, Grid
 from validation.simulator.description import Robot
@@ -29,12 +29,12 @@ _GRAVITY = 9.81
 class DriveTrainOptions:
     """Options of the study of a drive train."""
 
-    recording: str | Recording | None = None
+    recording: str | Log | None = None
     """Path of a recording with commands and wheel rates, the robot standing with its wheels in the air; with currents, it
     tells the inertia too."""
-    ground: str | Recording | None = None
+    ground: str | Log | None = None
     """Path of a recording on the ground with wheel rates and currents (current_left, current_right)."""
-    held_out: tuple[str | Recording, ...] = ()
+    held_out: tuple[str | Log, ...] = ()
     """Paths of recordings that only judge: those with a heading or a gyro the currents, others the wheel rates. Without
     any, the last third of each log judges what is fitted to the rest."""
     robot: str | Robot | None = None

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from ssmr.types import FloatArray
-from validation.logs.groups import Group, Groups, cut_groups
-from validation.logs.recording import POSE_COLUMNS, RECORDING_COLUMNS, TIME_ROUNDOFF
+from validation.bench.simulated_logs import open_log
+from validation.files.log import ANY_COLUMN, COLUMNS, POSE_COLUMNS, Group
+from validation.files.signals import TIME_ROUNDOFF
 from validation.progress import Progress, Report, silent
-from validation.recordings.run import open_log
 from validation.study.noise.filtering import HIGHEST, PASSBAND, HighPass, estimate_noise
 from validation.study.noise.result import NoiseOptions, NoiseStudy, NoisySignal
 from validation.study.result import keeping
@@ -28,9 +28,6 @@ _SHOWN = 3.0
 """Duration of the stretch that is drawn [s]."""
 _SEGMENT = 512
 """Greatest number of samples in a segment of a spectrum."""
-_UNITS: Mapping[str, str] = {**RECORDING_COLUMNS, "odom_v": "m/s", "odom_w": "rad/s", "odom_x": "m", "odom_y": "m",
-                             "odom_yaw": "rad", "gps_east": "m", "gps_north": "m"}  # fmt: skip
-"""Units of columns by name."""
 
 
 def study_noise(options: NoiseOptions | None = None, *, workers: int | None = None, progress: Report = silent) -> NoiseStudy:
@@ -49,11 +46,10 @@ def study_noise(options: NoiseOptions | None = None, *, workers: int | None = No
     if o.recording is None:
         raise ValueError("the study of noise needs a log: recording, a path or a drive such as traj4@mujoco")
     log = open_log(o.recording, profile=o.profile, seed=o.seed, robot=o.robot)
-    groups = cut_groups(log.path, log.groups, o.start, o.until)
-    return noise_of(groups, log.path.stem, o, progress)
+    return noise_of(log.cut(o.start, o.until).groups, log.name, o, progress)
 
 
-def noise_of(groups: Groups, name: str, options: NoiseOptions, progress: Report = silent) -> NoiseStudy:
+def noise_of(groups: Mapping[str, Group], name: str, options: NoiseOptions, progress: Report = silent) -> NoiseStudy:
     """Return the study of a log that was read.
 
     Args:
@@ -102,7 +98,9 @@ def _noise(group: Group, column: str, passband: float | None) -> NoisySignal:
     middle, half = len(inner) // 2, max(2, round(0.5 * _SHOWN * rate))
     window = slice(max(0, middle - half), middle + half)
     shown = t[inner[window]], values[inner[window]], noise[window]
-    return NoisySignal(column, _UNITS.get(column, ""), filter, estimate, _tilt(spectrum, begin, rate), spectrum, shown)
+    return NoisySignal(
+        column, COLUMNS.get(column, ANY_COLUMN).unit, filter, estimate, _tilt(spectrum, begin, rate), spectrum, shown
+    )
 
 
 def _measured_anew(group: Group, column: str) -> NDArray[np.bool_]:

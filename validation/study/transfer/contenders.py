@@ -12,7 +12,8 @@ from ssmr.parameters import require_within
 from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
 from validation.bench.loops import AnyController, ClosedLoopRobot, chosen_controller, within_reach
 from validation.bench.user_law import is_user_law
-from validation.bench.waypoint_files import REFERENCES, WaypointError, open_reference, split_speed
+from validation.bench.waypoint_files import REFERENCES, open_reference, split_speed
+from validation.files.reading import FileError
 from validation.plants.profile import PLANTS, Profile
 from validation.simulator.description import Robot
 from validation.study.result import require_seeds
@@ -168,7 +169,7 @@ def _opened(named: str, speeds: Sequence[float]) -> list[tuple[str, Waypoints]]:
     if name not in REFERENCES:
         try:
             return [open_reference(named)]
-        except WaypointError:  # it has no times, or is said to be wrong by the next line too
+        except FileError:  # it has no times, or is said to be wrong by the next line too
             pass
     return [open_reference(named, speed) for speed in speeds]
 

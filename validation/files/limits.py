@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +16,8 @@ _BUNCHED = 1e-4
 """Shortest single step of time, in periods of the limit `rate`: messages come in bunches, but a step must not underflow."""
 _USUAL_PERIOD = 0.02
 """Period of a usual log [s]: time in another unit is recognised by the factor that brings its steps near to this."""
-_PLAUSIBLE = math.log(1000.0)
-"""Logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by."""
-_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+_PLAUSIBLE = math.log(1000.0)  # logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by
+_UNITS = {"seconds": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
 def _limit(default: float, unit: str) -> Any:
@@ -93,39 +91,14 @@ class LogLimits:
         """Return a limit that is given in MB, in bytes."""
         return int(min(1e6 * float(getattr(self, name)), 2.0**62))
 
-    def of_column(self, name: str) -> Bound:
-        """Return the limit of a column's numbers: of a recording, or of a stream of a bag."""
-        limit = _OF_COLUMNS.get(name, "channel")
-        return Bound(getattr(self, limit), self.says(limit))
+    def first_beyond(self, name: str, values: FloatArray) -> int | None:
+        """Return the index of the first of (M,) values that is not within a limit, NaN included; None if all are."""
+        beyond = np.flatnonzero(~(np.abs(values) <= getattr(self, name)))
+        return int(beyond[0]) if len(beyond) else None
 
 
 USUAL = LogLimits()
 """The limits of logs for which nobody asked for others."""
-
-
-class Bound(NamedTuple):
-    """Greatest size of the numbers in a column."""
-
-    most: float
-    says: str
-    """The limit in words, for messages."""
-
-    def first_beyond(self, values: FloatArray) -> int | None:
-        """Return the index of the first of (M,) values that is not within the bound, NaN included; None if all are."""
-        beyond = np.flatnonzero(~(np.abs(values) <= self.most))
-        return int(beyond[0]) if len(beyond) else None
-
-
-_OF_COLUMNS: Mapping[str, str] = MappingProxyType(
-    {"t": "stamp"}
-    | dict.fromkeys(("cmd_v", "odom_v", "v", "vy"), "speed")
-    | dict.fromkeys(("cmd_w", "odom_w", "w", "gyro_x", "gyro_y", "gyro_z"), "turning")
-    | dict.fromkeys(("enc_left", "enc_right", "rate_left", "rate_right"), "wheel_rate")
-    | dict.fromkeys(("x", "y", "odom_x", "odom_y", "gps_east", "gps_north"), "position")
-    | dict.fromkeys(("yaw", "odom_yaw", "angle_left", "angle_right", "latitude", "longitude"), "angle")
-    | dict.fromkeys(("acc_x", "acc_y", "acc_z"), "acceleration")
-)
-"""Names of limits by the columns of recordings and of bags' streams; all others are channels."""
 
 
 class TimeFault(NamedTuple):
@@ -139,13 +112,12 @@ class TimeFault(NamedTuple):
 
 def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     """Return what is wrong with (M,) finite stamps [s], M at least 2; None if they can be the time of a log."""
-    largest = Bound(limits.stamp, limits.says("stamp"))
-    beyond = largest.first_beyond(t)
+    beyond = limits.first_beyond("stamp", t)
     with np.errstate(over="ignore", invalid="ignore"):  # what is infinite then is beyond every limit
         middle, steps = float(np.median(np.abs(t))), np.diff(t)
         usual = float(np.median(steps))
     if beyond is not None and middle <= limits.stamp:  # one among others: those say that the unit is right
-        return TimeFault(beyond, f"there is {t[beyond]:.9g} s, but {largest.says}")
+        return TimeFault(beyond, f"there is {t[beyond]:.9g} s, but {limits.says('stamp')}")
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
         k = int(back[0])
@@ -168,7 +140,7 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
 
 def _other_unit(step: float) -> str:
     """Return which unit a step looks as if it were in, as the end of a sentence; nothing if it looks like seconds."""
-    distance = {(name, factor): abs(math.log(step / factor / _USUAL_PERIOD)) for name, factor in (("seconds", 1.0), *_UNITS)}
-    name, factor = min(distance, key=lambda unit: distance[unit])
-    plausible = factor > 1.0 and distance[name, factor] < _PLAUSIBLE
-    return f"; t looks like {name}: divide it by {factor:g}" if plausible else ""
+    away = {name: abs(math.log(step / factor / _USUAL_PERIOD)) for name, factor in _UNITS.items()}
+    name = min(away, key=lambda unit: away[unit])
+    plausible = name != "seconds" and away[name] < _PLAUSIBLE
+    return f"; t looks like {name}: divide it by {_UNITS[name]:g}" if plausible else ""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -12,20 +12,19 @@ from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorModel, simulate_sensors, t
 from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State
-from validation.logs.groups import Group
-from validation.logs.recording import POSE_COLUMNS
-from validation.motion.driving import drive
-from validation.motion.sources import Piece
-from validation.plants.profile import Profile, make_plant
+from validation.bench.sources import Piece, drive
+from validation.files.formats import read_log
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, ReadOptions
+from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, STANDARD
+from validation.simulator.description import Robot
 from validation.simulator.terrain import FLAT, Terrain
 
-_STANDING = 5.0
-"""Time at rest before and after a logged drive [s], in which the gyro's bias shows."""
+_STANDING = 5.0  # time at rest before and after a logged drive [s], in which the gyro's bias shows
 
 
 @dataclass(frozen=True)
-class LogSettings:
+class SensorFaults:
     """Faults of a simulated log, besides the noise of encoders and gyro."""
 
     gyro_bias: float = -0.0156
@@ -53,27 +52,19 @@ def varied() -> Commands:
     return Commands(COMMAND_PERIOD, np.column_stack([v, 0.5 * np.sin(0.7 * t) + 0.4 * np.sin(1.9 * t)]))
 
 
-def scenarios() -> Mapping[str, Commands]:
-    """Return the commands that can be driven, by name."""
-    return {**{name: made.commands() for name, made in TRAJECTORIES.items()}, "varied": varied()}
-
-
 def is_simulated(name: str) -> bool:
     """Return whether a name is a drive to be simulated, SCENARIO or SCENARIO@PLANT."""
-    return name.partition("@")[0] in scenarios()
+    return name.partition("@")[0] in (*TRAJECTORIES, "varied")
 
 
-def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings | None = None) -> dict[str, Group]:
-    """Drive a plant and log it.
+def simulated_log(name: str, profile: Profile, seed: int, faults: SensorFaults | None = None) -> Log:
+    """Drive a plant from the origin and log it; see `log_of_drive`.
 
     Args:
         name: SCENARIO@PLANT; mujoco if no plant is named.
         profile: parameters of the plant.
         seed: seed of all noise.
-        settings: faults of the log; `LogSettings()` if not given.
-
-    Returns:
-        Groups of columns: commands at 20 Hz, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
+        faults: faults of the log; `SensorFaults()` if not given.
 
     Raises:
         ValueError: an unknown scenario or plant.
@@ -81,38 +72,40 @@ def simulated_log(name: str, profile: Profile, seed: int, settings: LogSettings 
     """
     scenario, _, plant = name.partition("@")
     plant = plant or STANDARD
-    if scenario not in scenarios() or plant not in ALL_PLANTS:
-        raise ValueError(
-            f"no drive '{name}'; there are: {', '.join(scenarios())}, each with @ and any of {', '.join(ALL_PLANTS)}"
-        )
-    return log_of_drive(scenarios()[scenario], plant, profile, seed, settings)
+    if not is_simulated(name) or plant not in ALL_PLANTS:
+        known = ", ".join((*TRAJECTORIES, "varied"))
+        raise ValueError(f"no drive '{name}'; there are: {known}, each with @ and any of {', '.join(ALL_PLANTS)}")
+    commands = TRAJECTORIES[scenario].commands() if scenario in TRAJECTORIES else varied()
+    return log_of_drive(Path(name), commands, plant, profile, seed, faults)
 
 
 def log_of_drive(
+    path: Path,
     driven: Commands,
     plant: str,
     profile: Profile,
     seed: int,
-    settings: LogSettings | None = None,
+    faults: SensorFaults | None = None,
     terrain: Terrain = FLAT,
-) -> dict[str, Group]:
+) -> Log:
     """Drive a plant from the origin, at rest before and after, and log it.
 
     Args:
+        path: what the log is called after.
         driven: commands.
         plant: name of the plant.
         profile: parameters of the plant.
         seed: seed of all noise.
-        settings: faults of the log; `LogSettings()` if not given.
+        faults: faults of the log; `SensorFaults()` if not given.
         terrain: ground of MuJoCo's robot.
 
     Returns:
-        Groups of columns: commands at their own rate, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
+        Commands at their own rate, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
 
     Raises:
         SsmrError: the plant diverged.
     """
-    faults = settings or LogSettings()
+    faults = faults or SensorFaults()
     rest = np.zeros((math.ceil(_STANDING / driven.dt), 2))
     commands = Commands(driven.dt, np.concatenate([rest, driven.values, rest]))
     piece = Piece(commands, State(), None, None)
@@ -123,9 +116,41 @@ def log_of_drive(
     pose = motion.pose + rng.standard_normal(motion.pose.shape) * [faults.pose_std, faults.pose_std, faults.yaw_std]
     pose[:, :2] += tracker_swing(motion.t, faults.swing, faults.swing_hz, np.random.default_rng([seed, 1]))
     stamps = np.asarray(np.arange(len(commands.values)) * commands.dt, dtype=np.float64)
-    return {
-        "cmd": Group("commands", stamps, dict(zip(("cmd_v", "cmd_w"), commands.values.T, strict=True))),
+    groups = {
+        "cmd": Group("commands", stamps, dict(zip(COMMAND_COLUMNS["twist"], commands.values.T, strict=True))),
         "wheels": Group("encoders", shown.t, {"enc_left": shown.left, "enc_right": shown.right}),
         "imu": Group("gyro", shown.t, {"gyro_z": shown.gyro}),
         "pose": Group("localiser", motion.t + faults.pose_late, dict(zip(POSE_COLUMNS, pose.T, strict=True))),
     }
+    return Log(path, groups)
+
+
+def open_log(
+    source: str | Path,
+    options: ReadOptions | None = None,
+    profile: str | Path | Profile | None = None,
+    seed: int = 0,
+    *,
+    robot: str | Path | Robot | None = None,
+    faults: SensorFaults | None = None,
+) -> Log:
+    """Read a log, or drive a plant and log it.
+
+    Args:
+        source: path of a log, or a drive to be simulated, such as traj4@mujoco.
+        options: choices for logs with topics; all guessed if not given.
+        profile: profile of the plant that is driven; None for `thesis-lab`, or the robot's own numbers if that is of another
+            robot than `robot`.
+        seed: seed of its sensors' noise.
+        robot: the robot that is driven, its name or its path; None for that of the profile.
+        faults: faults of its log; `SensorFaults()` if not given.
+
+    Raises:
+        ValueError: the log cannot be opened, or the seed is negative.
+        SsmrError: the plant diverged.
+    """
+    if seed < 0:
+        raise ValueError(f"seed {seed} must not be negative")
+    if is_simulated(str(source)):
+        return simulated_log(str(source), choose_profile(profile, robot, "thesis-lab"), seed, faults)
+    return read_log(source, options)

@@ -8,29 +8,67 @@ import math
 import os
 import reprlib
 import stat
+import struct
 import tomllib
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from validation.words import one_line
+
+DAMAGE = (OSError, EOFError, struct.error, zlib.error, SyntaxError, LookupError, ValueError, TypeError, AttributeError,
+          ArithmeticError, AssertionError, RuntimeError, MemoryError)  # fmt: skip
+"""Errors that readers of foreign formats raise on damaged files, besides their own; they promise nothing narrower."""
 MOST_TEXT = 1 << 18
 """Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have less than ten thousand."""
 _MOST_DEEP = 32
 """Greatest depth of tables and lists inside one another; what comes out of the parsers is walked by recursion later."""
-_MOST_DOTS = 500
-"""Greatest number of dots in a line of TOML: the parser's time grows with the square of those in a key."""
-_MOST_NAMED = 5
-"""Greatest number of unknown keys that a message names."""
+_MOST_DOTS = 500  # greatest number of dots in a line of TOML: the parser's time grows with the square of those in a key
+_MOST_NAMED = 5  # greatest number of unknown keys that a message names
 _WHOLE = 2**63
 """Whole numbers lie below this in size, as TOML wants it; Python's own have no end, and floats cannot hold them."""
 
 
+class FileError(ValueError):
+    """A file is not what it should be: what is wrong, where, and what would be right, in one line."""
+
+    def __init__(self, path: str | Path, what: str, line: int | None = None, column: str | None = None) -> None:
+        """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""
+        super().__init__(path, what, line, column)
+        self.path, self.what, self.line, self.column = path, what, line, column
+
+    def __str__(self) -> str:
+        line = "" if self.line is None else f", line {self.line}"
+        column = "" if self.column is None else f", column {self.column}"
+        return one_line(f"{self.path}{line}{column}: {self.what}")
+
+
+def quoted(texts: Iterable[str]) -> str:
+    """Return foreign texts for a message: quoted, shortened and on one line."""
+    short = [repr(s if len(s) <= 30 else s[:27] + "...") for s in texts]
+    return ", ".join(short if len(short) <= 12 else [*short[:12], "..."])
+
+
+def exists(path: Path) -> bool:
+    """Return whether there is a file or folder of that name; False for a name that there cannot be."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 @contextlib.contextmanager
-def opened(path: str | Path, most_bytes: int) -> Iterator[BinaryIO]:
+def opened(path: str | Path, most_bytes: int, limit: str = "") -> Iterator[BinaryIO]:
     """Yield a regular file, open for reading bytes; neither a pipe nor a device is waited for, or read without end.
 
+    Args:
+        path: the file; links are followed.
+        most_bytes: greatest size.
+        limit: name by which a user can raise that size, for the message; empty where there is none.
+
     Raises:
-        ValueError: there is no such file, it is none, cannot be read, or is larger than `most_bytes`.
+        FileError: there is no such file, it is none, cannot be read, or is larger than `most_bytes`.
     """
     careful = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
     try:
@@ -38,17 +76,17 @@ def opened(path: str | Path, most_bytes: int) -> Iterator[BinaryIO]:
         try:
             about = os.fstat(number)
             if not stat.S_ISREG(about.st_mode):
-                raise ValueError(f"{path}: this is {_kind(about.st_mode)}, wanted a file")
+                raise FileError(path, f"this is {_kind(about.st_mode)}, wanted a file")
             if about.st_size > most_bytes:
-                raise ValueError(f"{path}: the file has {_size(about.st_size)}, more than the {_size(most_bytes)} allowed")
+                raise FileError(path, f"the file has {_size(about.st_size)}, more than {_allowed(most_bytes, limit)}")
             with os.fdopen(number, "rb", closefd=False) as stream:
                 yield stream
         finally:
             os.close(number)
     except FileNotFoundError:
-        raise ValueError(f"{path}: there is no such file") from None
+        raise FileError(path, "there is no such file") from None
     except OSError as error:
-        raise ValueError(f"{path}: the file cannot be read ({error.strerror or error})") from error
+        raise FileError(path, f"the file cannot be read ({error.strerror or error})") from error
 
 
 def is_number(value: object) -> bool:
@@ -67,16 +105,18 @@ def _size(count: int) -> str:
     return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
 
 
-def read_file(path: str | Path, most_bytes: int) -> bytes:
-    """Return what a regular file holds.
+def _allowed(most_bytes: int, limit: str) -> str:
+    """Return a size that is allowed in words, and the name of its limit."""
+    return f"the {_size(most_bytes)} allowed{f' (limit {limit})' if limit else ''}"
 
-    Raises:
-        ValueError: there is no such file, it is none, cannot be read, or is larger than `most_bytes`.
-    """
-    with opened(path, most_bytes) as stream:
-        data = stream.read(most_bytes + 1)
+
+def read_file(path: str | Path, most_bytes: int, limit: str = "") -> bytes:
+    """Return what a regular file holds; the arguments and errors are those of `opened`."""
+    with opened(path, most_bytes, limit) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        data = stream.read(min(most_bytes, max(size, MOST_TEXT)) + 1)
     if len(data) > most_bytes:  # it grew, or its size is not told, as below /proc
-        raise ValueError(f"{path}: the file has more than the {_size(most_bytes)} allowed")
+        raise FileError(path, f"the file has more than {_allowed(most_bytes, limit)}")
     return data
 
 

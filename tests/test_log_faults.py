@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ssmr.estimation.settings import EkfSettings
-from ssmr.metrics.poses import horizon_windows
-from ssmr.metrics.windows import overlapping_windows
+from ssmr.metrics.windows import WindowErrors
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from validation.compare import compare
+from validation.files.csv_logs import write_csv
+from validation.files.faults import AFTER_COMMAND_S, JUMP_M, JUMP_RAD, Faults, find_faults
+from validation.files.log import Log
 from validation.fit import fit
-from validation.fit.objective import windows
-from validation.logs.groups import groups_of
-from validation.logs.health import AFTER_COMMAND_S, JUMP_M, JUMP_RAD, LogHealth, find_faults
-from validation.logs.recording import Recording
-from validation.logs.recording_csv import write_csv
-from validation.motion.driving import standing_sentences, standing_share
-from validation.motion.sources import WindowCut, source_of
+from validation.recordings import info
+from validation.report.motions import alike_plants, alike_sentences
 
 DT = 0.05
 
@@ -39,8 +38,8 @@ def drive(seconds: float = 60.0, slow: float = 1.0) -> dict[str, FloatArray]:
     return {"t": t, **named, **dict(zip(("x", "y", "yaw"), pose, strict=True))}
 
 
-def faults_of(columns: dict[str, FloatArray]) -> LogHealth:
-    return find_faults(groups_of(Recording.from_columns("log", columns), "log.csv"))
+def faults_of(columns: dict[str, FloatArray]) -> Faults:
+    return find_faults(Log.of_columns("log.csv", columns))
 
 
 def with_jumps(columns: dict[str, FloatArray], jumps: dict[float, float], name: str = "x") -> dict[str, FloatArray]:
@@ -118,18 +117,6 @@ def test_a_column_that_never_changes_is_dead_only_while_the_robot_moves(name: st
     assert faults_of(standing).dead_columns == ()
 
 
-def test_straight_driving_has_no_dead_gyro() -> None:
-    columns = drive()
-    zeros = np.zeros_like(columns["t"])
-    straight = {
-        "t": columns["t"],
-        "enc_left": columns["enc_left"] ** 2,
-        "enc_right": columns["enc_left"] ** 2,
-        "gyro_z": zeros,
-    }
-    assert faults_of(straight).dead_columns == ()
-
-
 def test_numbers_in_other_units_are_said_to_be_hard_to_believe() -> None:
     columns = drive()
     wrong = {**columns, "gyro_z": np.degrees(columns["gyro_z"]), "cmd_v": 1e3 * columns["cmd_v"]}
@@ -165,21 +152,6 @@ def test_wheels_of_another_size_are_no_other_unit(scale: float) -> None:
     assert faults_of(other).implausible == ()
 
 
-@pytest.mark.parametrize("cut", [horizon_windows, overlapping_windows, windows])
-def test_windows_span_no_jump(cut: WindowCut) -> None:
-    columns, at = drive(), [7.3, 20.0, 20.1, 41.5]
-    sound, jumped = (
-        source_of(Recording.from_columns("log", c), "log").pieces[0]
-        for c in (columns, with_jumps(columns, dict.fromkeys(at, 1.0)))
-    )
-    for horizon in (2.0, 6.0):
-        whole = sound.windows(cut, sound.t, horizon)
-        np.testing.assert_array_equal(whole, cut(sound.t, horizon, sound.fresh))
-        starts, ends = jumped.windows(cut, jumped.t, horizon)
-        assert len(starts) > 0.5 * len(whole[0])
-        assert not any(np.any((jumped.t[starts] < a) & (jumped.t[ends] >= a)) for a in at)
-
-
 def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     errors, costs = [], []
     settings = {"input": "wheels", "horizons": (6.0,)}
@@ -197,36 +169,46 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path,
     assert abs(costs[1] - costs[0]) < 0.15  # every fifth window of 6 s would span a jump: 0.5 m on average
 
 
-@pytest.mark.parametrize("wheels", [True, False])
-def test_windows_without_motion_are_counted(wheels: bool) -> None:
-    """The robot stands for the last half; commands tell that where a log has no wheel rates."""
-    columns = drive()
-    stands = columns["t"] >= 30.0
-    for name in ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z"):
-        columns[name] = np.where(stands, 0.0, columns[name])
-    for name in ("x", "y", "yaw"):
-        columns[name] = np.where(stands, columns[name][600], columns[name])
-    kept = columns if wheels else {n: v for n, v in columns.items() if not n.startswith("enc")}
-    source = source_of(Recording.from_columns("log", kept), "log")
-    share = standing_share(source, 6.0)
-    assert share == pytest.approx(24.0 / 54.0, abs=0.05)
-    assert f"{100.0 * share:.0f} % of the windows of 6 s" in standing_sentences(source, 6.0)[0]
-    assert standing_share(source, 100.0) is None
-    moving = source_of(Recording.from_columns("log", drive()), "log")
-    assert standing_share(moving, 6.0) == 0.0
-    assert standing_sentences(moving, 6.0) == []
+def test_windows_of_the_picture_span_no_jump_either(tmp_path: Path) -> None:
+    at = [float(a) for a in np.arange(4.0, 60.0, 8.0)]
+    write_csv(with_jumps(drive(), dict.fromkeys(at, 2.0)), tmp_path / "log.csv")
+    settings = {"input": "wheels", "horizons": (6.0,)}
+    found = compare(str(tmp_path / "log.csv"), plants=("kinematic",), workers=1, **settings)
+    titles = [ax.get_title(loc="left") for ax in found.figure().axes if ax.get_xlabel() == "ahead [m]"]
+    assert titles
+    for title in titles:
+        start, end = (float(word) for word in title.removesuffix(" s").split(" to "))
+        assert not any(start < a <= end for a in at), title
+    assert found.plants["kinematic"].horizons[6.0].n == sum(len(starts) for starts, _ in found.scoring[6.0])
 
 
-def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> None:
-    t = 0.1 * np.arange(50)
-    columns = {"t": t, "x": 0.5 * t, "y": 0.0 * t, "yaw": 0.0 * t, "odom_v": 0.5 + 0.01 * t, "odom_w": 0.02 * t}
-    source = source_of(Recording.from_columns("bag", columns), "bag.csv")
-    assert np.array_equal(
-        source.pieces[0].commands.values[::10], np.column_stack([columns["odom_v"], columns["odom_w"]])[:-1]
-    )
-    assert ["the odometry's speeds" in warning for warning in source.warnings] == [True]
-    own = source_of(Recording.from_columns("bag", {**columns, "cmd_v": 0.0 * t, "cmd_w": 0.0 * t}), "bag.csv")
-    assert not own.pieces[0].commands.values.any()
-    assert not any("odometry" in warning for warning in own.warnings)
-    with pytest.raises(ValueError, match="no column cmd_v, cmd_w"):
-        source_of(Recording.from_columns("bag", {n: a for n, a in columns.items() if n != "odom_w"}), "bag.csv")
+def test_info_writes_what_it_found(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    write_csv({**with_jumps(drive(), {10.0: 5.0}), "gyro_z": np.zeros(1200)}, path)
+    found = info(path)
+    found.write(tmp_path / "new" / "info.json")
+    document = json.loads((tmp_path / "new" / "info.json").read_text())
+    assert document["schema"] == "ssmr.info/1"
+    assert document["pose_jumps"] == 1
+    assert document["uncommanded_share"] == 0.0
+    assert document["dead_columns"] == ["gyro_z"]
+    assert set(document["offsets_s"]) == {"wheels", "pose_yaw", "position"}
+    assert "gyro_z" in found.table()
+    with pytest.raises(ValueError, match="the log itself"):
+        found.write(path)
+
+
+def test_plants_that_a_recording_cannot_tell_apart_are_said(tmp_path: Path) -> None:
+    write_csv(drive(), tmp_path / "log.csv")
+    settings = {"input": "wheels", "horizons": (6.0,)}
+    found = compare(str(tmp_path / "log.csv"), plants=("improved", "coulomb", "linear"), workers=1, **settings)
+    rng, yaws = np.random.default_rng(1), {"improved": 0.1, "coulomb": 0.1, "linear": 0.2}
+    errors = {n: (np.abs(rng.normal(0.0, 0.1, 100)), np.abs(rng.normal(yaw, 0.01, 100))) for n, yaw in yaws.items()}
+    plants = {n: replace(r, windows={6.0: WindowErrors(6.0, *errors[n])}) for n, r in found.plants.items()}
+    alike = alike_plants(plants)
+    assert alike is not None
+    assert (alike["horizon_s"], alike["yaw"], len(alike["position"])) == (6.0, [["improved", "coulomb"]], 3)
+    assert alike_sentences(plants, alike) == [
+        "After 6 s the recording cannot tell any two of these plants apart in position.",
+        "After 6 s the recording cannot tell apart in yaw: improved and coulomb.",
+    ]

@@ -14,23 +14,22 @@ from ssmr.estimation.ekf import aiding_by, run_ekf
 from ssmr.estimation.settings import EkfSettings, SeenPose, commission, learning, zeroed
 from ssmr.geometry import align_rigidly, integral, rotate_body_to_world, travelled
 from ssmr.metrics.paths import path_length
-from ssmr.robot.drive import wheel_rates
+from ssmr.robot.drive import Sides, wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
-from validation.logs.files import quoted
-from validation.logs.groups import POSES, Group, Groups, smoothed, stacked_columns
-from validation.logs.rest import STOCK, standing, wheel_twist
+from validation.files.faults import STOCK, WheelTwist, standing, wheel_twist
+from validation.files.log import POSE_COLUMNS, POSES, Group, Log
+from validation.files.reading import quoted
+from validation.files.signals import smoothed
 
 _UNKNOWN_SPEED = (0.0, 0.0, 0.0, 1.0, 1.0)
 """Standard deviations of the start of a filter that learns [m, m, rad, m/s, rad/s]: a log may begin while the robot
 moves, and a yaw rate that is taken for none would be believed to be the gyro's bias."""
-_FIRST_WAY = 20.0
-"""Way by whose GPS positions the heading at the start is found [m]."""
-_PIECES = 10
-"""Number of pieces of a log whose means tell how sure a gyro's bias is."""
+_FIRST_WAY = 20.0  # way by whose GPS positions the heading at the start is found [m]
+_PIECES = 10  # number of pieces of a log whose means tell how sure a gyro's bias is
 _SMOOTHING, _LEAST_STRETCH = 0.15, 2.0
 """Standard deviation of the Gaussian that smooths poses before they are differentiated, and the least stretch without a gap
 from which a robot is commissioned [s]."""
-_TRUTHS = (("gps", ("gps_east", "gps_north")), ("pose", ("x", "y")))
+_TRUTHS = {"gps": ("gps_east", "gps_north"), "pose": ("x", "y")}
 """Groups and columns whose positions dead reckoning is compared with: the first that a log has."""
 
 
@@ -59,16 +58,16 @@ class Reckoning:
 
 
 def filtered_motion(
-    groups: Groups, *, gyro: bool = True, bias: bool = True, settings: EkfSettings = STOCK, gps_std: float = 0.0
+    log: Log, *, gyro: bool = True, bias: bool = True, settings: EkfSettings = STOCK, gps_std: float = 0.0
 ) -> Trajectory | None:
     """Run the state filter over a log, from pose 0 on.
 
     It runs at the gyro's stamps, where there is one, and interpolates the wheels' rates linearly between theirs.
 
     Args:
-        groups: the log.
+        log: the log.
         gyro: True if the filter takes in the gyro.
-        bias: True if what the gyro shows whenever the robot stands tells its bias, see `stood`, from the log's beginning on.
+        bias: True if what the gyro shows whenever the robot stands tells its bias, see `zeroed`, from the log's beginning on.
             The bias is subtracted, or a filter that learns begins with it.
         settings: the filter's, with wheel radius and half-track of the robot's driver.
         gps_std: standard deviation of the log's GPS positions, which the filter takes in by their stamps [m]; 0 to take in
@@ -77,14 +76,13 @@ def filtered_motion(
     Returns:
         The filter's motion; None without wheels or, if `gyro`, without a gyro.
     """
-    wheels = wheel_twist(groups, settings)
-    within = None if wheels is None or not gyro else _gyro_within(groups, wheels[0])
+    wheels = wheel_twist(log, settings)
+    within = None if wheels is None or not gyro else _gyro_within(log, wheels[0])
     if wheels is None or (gyro and within is None):
         return None
-    stamps, v, w = wheels
-    t, turning = (stamps, None) if within is None else within
-    left, right = source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
-    still = standing(groups, t)
+    t, turning = (wheels[0], None) if within is None else within
+    left, right = _rates_at(t, wheels, settings)
+    still = standing(log, t)
     std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
     if turning is not None and bias and settings.learns:
         settings, turning = zeroed(settings, turning[still]), np.where(still, np.nan, turning)
@@ -92,15 +90,30 @@ def filtered_motion(
         turning = turning - zeroed(learning(settings), turning[still]).bias
     aiding = aiding_by(still) if settings.learns else None
     motion = run_ekf(t, left, right, turning, settings, State(), std, aiding)
-    fixes = groups.get("gps") if gps_std else None
-    if fixes is None:
+    fixes = log.groups.get("gps") if gps_std else None
+    points = None if fixes is None else fixes.table(_TRUTHS["gps"])
+    if fixes is None or points is None:
         return motion
-    points = np.column_stack([fixes.columns[name] for name in _TRUTHS[0][1]])
     seen = zip(fixes.t.tolist(), points.tolist(), strict=True)
     poses = {at: SeenPose(x, y, math.nan, gps_std**2, math.inf) for at, (x, y) in seen}
     std = (gps_std, gps_std, 0.5, 1.0, 1.0)
     aiding = aiding_by(still if settings.learns else np.zeros_like(still), poses)
     return run_ekf(t, left, right, turning, settings, _start_in(motion, fixes.t, points), std, aiding)
+
+
+def _rates_at(t: FloatArray, wheels: WheelTwist, settings: EkfSettings) -> Sides:
+    """Return the (N,) rates of the left and right wheels at instants [s], interpolated."""
+    stamps, v, w = wheels
+    return source(wheel_rates)(np.interp(t, stamps, v), np.interp(t, stamps, w), settings.half_track, settings.radius)
+
+
+def _gyro_within(log: Log, stamps: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Return the gyro's stamps [s] and yaw rates [rad/s] within `stamps` [s]; None for fewer than two."""
+    imu = log.groups.get("imu")
+    if imu is None:
+        return None
+    within = (imu.t >= stamps[0]) & (imu.t <= stamps[-1])
+    return (imu.t[within], imu.columns["gyro_z"][within]) if np.count_nonzero(within) > 1 else None
 
 
 def _start_in(motion: Trajectory, t: FloatArray, points: FloatArray) -> State:
@@ -117,14 +130,14 @@ def _start_in(motion: Trajectory, t: FloatArray, points: FloatArray) -> State:
     return State(x, y, yaw)
 
 
-def commissioned_on(groups: Groups, odometry: EkfSettings = STOCK) -> EkfSettings | None:
+def commissioned_on(log: Log, odometry: EkfSettings = STOCK) -> EkfSettings | None:
     """Return a filter that knows the constants of the robot of a log, from its wheels and the poses of a better sensor.
 
     Poses are smoothed, and gaps left out. Offsets of time have to be taken out before. Where there is a gyro, its bias is
     the mean of what it shows beside the poses, with the standard error of such means over pieces of the log.
 
     Args:
-        groups: the log.
+        log: the log.
         odometry: wheel radius and half-track of the robot's driver.
 
     Returns:
@@ -133,16 +146,13 @@ def commissioned_on(groups: Groups, odometry: EkfSettings = STOCK) -> EkfSetting
     Raises:
         ValueError: the robot does not move, or does not turn.
     """
-    wheels, pose = wheel_twist(groups, odometry), groups.get("pose")
-    columns = None if pose is None else stacked_columns(pose.columns, POSES[0])
+    wheels, pose = wheel_twist(log, odometry), log.groups.get("pose")
+    columns = None if pose is None else pose.table(POSE_COLUMNS)
     if wheels is None or pose is None or columns is None:
         return None
-    stamps, v, w = wheels
-    gyro = _gyro_within(groups, stamps)
-    rims = np.column_stack(
-        source(wheel_rates)(np.interp(pose.t, stamps, v), np.interp(pose.t, stamps, w), odometry.half_track, odometry.radius)
-    )
-    drives, off, within = list[Trajectory](), list[FloatArray](), (pose.t >= stamps[0]) & (pose.t <= stamps[-1])
+    gyro = _gyro_within(log, wheels[0])
+    rims = np.column_stack(_rates_at(pose.t, wheels, odometry))
+    drives, off, within = list[Trajectory](), list[FloatArray](), (pose.t >= wheels[0][0]) & (pose.t <= wheels[0][-1])
     for part in np.split(np.arange(len(pose.t)), np.flatnonzero(np.diff(pose.t) > pose.longest_step()) + 1):
         kept = part[within[part]]
         t = pose.t[kept]
@@ -160,31 +170,24 @@ def commissioned_on(groups: Groups, odometry: EkfSettings = STOCK) -> EkfSetting
     return replace(settings, bias=float(np.mean(means)), bias_std=float(np.std(means) / np.sqrt(_PIECES - 1)))
 
 
-def integrated(groups: Groups, settings: EkfSettings = STOCK) -> Group | None:
-    """Integrate the wheels' speed along the integral of the gyro, with the midpoint rule; None without wheels or gyro."""
-    wheels = wheel_twist(groups, settings)
-    within = None if wheels is None else _gyro_within(groups, wheels[0])
+def integrated(log: Log, settings: EkfSettings = STOCK) -> tuple[FloatArray, FloatArray] | None:
+    """Integrate the wheels' speed along the integral of the gyro, with the midpoint rule.
+
+    Returns:
+        (M,) stamps [s] and (M, 2) positions [m]; None without wheels or gyro.
+    """
+    wheels = wheel_twist(log, settings)
+    within = None if wheels is None else _gyro_within(log, wheels[0])
     if wheels is None or within is None:
         return None
     (stamps, v, _), (t, rate) = wheels, within
-    dt = np.diff(t)
-    yaw = integral(t, rate)
+    dt, yaw = np.diff(t), integral(t, rate)
     speed, heading = np.interp(t[:-1] + 0.5 * dt, stamps, v), 0.5 * (yaw[1:] + yaw[:-1])
-    x, y = (np.cumulative_sum(dt * speed * along(heading), include_initial=True) for along in (np.cos, np.sin))
-    return Group("", t, {"x": x, "y": y})
-
-
-def _gyro_within(groups: Groups, stamps: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Return the gyro's stamps [s] and yaw rates [rad/s] within `stamps` [s]; None for fewer than two."""
-    imu = groups.get("imu")
-    if imu is None:
-        return None
-    within = (imu.t >= stamps[0]) & (imu.t <= stamps[-1])
-    return (imu.t[within], imu.columns["gyro_z"][within]) if np.count_nonzero(within) > 1 else None
+    return t, np.column_stack([np.cumulative_sum(dt * speed * f(heading), include_initial=True) for f in (np.cos, np.sin)])
 
 
 def reckon(
-    groups: Groups, settings: EkfSettings = STOCK, more: Mapping[str, EkfSettings] = MappingProxyType({})
+    log: Log, settings: EkfSettings = STOCK, more: Mapping[str, EkfSettings] = MappingProxyType({})
 ) -> Reckoning | None:
     """Compare all ways of dead reckoning that a log allows with its positions by satellite or by a localiser.
 
@@ -193,12 +196,12 @@ def reckon(
     Returns:
         None where the log has no such positions, or no wheels.
     """
-    positions = {n: stacked_columns(groups[n].columns, names) for n, names in _TRUTHS if n in groups}
+    positions = {n: log.groups[n].table(names) for n, names in _TRUTHS.items() if n in log.groups}
     name, points = next(((n, xy) for n, xy in positions.items() if xy is not None), ("", None))
-    tracks = list(_tracks(groups, settings, more)) if points is not None else []
+    tracks = list(_tracks(log, settings, more)) if points is not None else []
     if points is None or not tracks:
         return None
-    truth = groups[name]
+    truth = log.groups[name]
     start, stop = max(t[0] for _, t, _ in tracks), min(t[-1] for _, t, _ in tracks)
     within = (truth.t >= start) & (truth.t <= stop)
     if np.count_nonzero(within) < 3:
@@ -214,29 +217,28 @@ def reckon(
 
 
 def _tracks(
-    groups: Groups, settings: EkfSettings, more: Mapping[str, EkfSettings]
+    log: Log, settings: EkfSettings, more: Mapping[str, EkfSettings]
 ) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield name, stamps [s] and positions [m] of each way; the odometry's own pose comes first."""
-    if "odom" in groups:
-        for names in POSES:
-            xy = stacked_columns(groups["odom"].columns, names[:2])
-            if xy is not None:
-                yield "odometry's own pose", groups["odom"].t, xy
-    plain = integrated(groups, settings)
+    for names in POSES:
+        xy = log.groups["odom"].table(names[:2]) if "odom" in log.groups else None
+        if xy is not None:
+            yield "odometry's own pose", log.groups["odom"].t, xy
+    plain = integrated(log, settings)
     if plain is not None:
-        yield "wheels' speed, gyro's heading", plain.t, np.column_stack(list(plain.columns.values()))
+        yield "wheels' speed, gyro's heading", *plain
     for name, gyro, bias, used in (
         ("filter of wheels", False, False, settings),
         ("filter of wheels and gyro", True, False, settings),
         ("filter, bias learned at rest", True, True, settings),
         *((name, True, True, further) for name, further in more.items()),
     ):
-        motion = filtered_motion(groups, gyro=gyro, bias=bias, settings=used)
+        motion = filtered_motion(log, gyro=gyro, bias=bias, settings=used)
         if motion is not None:
-            yield name, motion.t, motion.pose[:, :2]
+            yield name, motion.t, motion.xy
 
 
-def with_filter(groups: Groups, settings: EkfSettings = STOCK, gps_std: float = 0.0) -> dict[str, Group] | None:
+def with_filter(log: Log, settings: EkfSettings = STOCK, gps_std: float = 0.0) -> Log | None:
     """Return the log with the filter's pose as its x, y, yaw, see `filtered_motion`; None without wheels.
 
     Columns that had these names before are called odom_x ... or pose_x ... in the result.
@@ -244,19 +246,19 @@ def with_filter(groups: Groups, settings: EkfSettings = STOCK, gps_std: float = 
     Raises:
         ValueError: there is a column of such a name already.
     """
-    motion = filtered_motion(groups, settings=settings, gps_std=gps_std)
-    motion = motion or filtered_motion(groups, gyro=False, settings=settings, gps_std=gps_std)
+    motion = filtered_motion(log, settings=settings, gps_std=gps_std)
+    motion = motion or filtered_motion(log, gyro=False, settings=settings, gps_std=gps_std)
     if motion is None:
         return None
-    renamed = {
-        name: replace(g, columns={(f"{name}_{n}" if n in POSES[0] else n): a for n, a in g.columns.items()})
-        for name, g in groups.items()
+    groups = {
+        name: replace(g, columns={(f"{name}_{n}" if n in POSE_COLUMNS else n): a for n, a in g.columns.items()})
+        for name, g in log.groups.items()
     }
-    named = [name for group in renamed.values() for name in group.columns]
+    named = [name for group in groups.values() for name in group.columns]
     if twice := sorted({name for name in named if named.count(name) > 1}):
         raise ValueError(
             f"the log has a column {quoted(twice)} already, which ekf would write the former pose to; rename it"
         )
-    old = renamed.pop("pose", None)
-    pose = dict(zip(POSES[0], motion.pose.T, strict=True))
-    return {"pose": Group("state filter", motion.t, pose), **renamed, **({"localiser": old} if old is not None else {})}
+    old = {"localiser": groups.pop("pose")} if "pose" in groups else {}
+    pose = Group("state filter", motion.t, dict(zip(POSE_COLUMNS, motion.pose.T, strict=True)))
+    return replace(log, groups={"pose": pose, **groups, **old})

@@ -7,38 +7,32 @@ speed along the heading: a localiser may filter the two differently, so they are
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
-from validation.logs.groups import Group, Groups, held, stacked_columns
-from validation.logs.health import find_jumps
-from validation.logs.recording import COMMAND_COLUMNS, POSE_COLUMNS, fresh_poses, refreshed
-from validation.logs.rest import wheel_twist
+from validation.files.faults import find_jumps, twist_of
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
+from validation.files.signals import fresh_poses, held, refreshed
 
-_OFFSET_STEP = 0.01
-"""Period on which signals are correlated [s]; a parabola through the best three lags is finer than that."""
+_OFFSET_STEP = 0.01  # period on which signals are correlated [s]; a parabola through the best three lags is finer than that
 _OFFSET_SMOOTHING = 0.1
 """Standard deviation of the Gaussian that smooths both signals first [s]: the slope of a noisy pose is noisier."""
-_OFFSET_LIMIT = 1.0
-"""Longest offset that is looked for [s]."""
-_OFFSET_SPAN = 5.0
-"""Shortest overlap of two signals that are correlated [s]."""
+_OFFSET_LIMIT = 1.0  # longest offset that is looked for [s]
+_OFFSET_SPAN = 5.0  # shortest overlap of two signals that are correlated [s]
 _OFFSET_SAMPLES = 1_000_000
 """Greatest number of periods that are correlated: of a log that is longer than three hours, the beginning suffices."""
-_OFFSET_CORRELATION = 0.5
-"""Least correlation from which an offset is taken; below it the two signals are not alike enough."""
+_OFFSET_CORRELATION = 0.5  # least correlation from which an offset is taken; below it the two signals are not alike enough
 _CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
 """The first of these groups that a log has is the clock for the others: a gyro measures its yaw rate at once."""
 _BLOCK_S, _BLOCKS = 30.0, 8
 """Length of the blocks of time whose errors are taken as independent [s], and the number of them in a log that is too short
 for so many."""
-_SHORTEST_BLOCK_S = 3.0
-"""Shortest block [s]: within less, errors of two blocks are alike."""
+_SHORTEST_BLOCK_S = 3.0  # shortest block [s]: within less, errors of two blocks are alike
 
 
 @dataclass(frozen=True)
@@ -67,16 +61,16 @@ class _Signal:
     """(M,) rates."""
     group: Group
     """Group whose gaps are its own."""
-    unknown: FloatArray
-    """(K, 2) beginnings and ends of spans in which it tells nothing, besides gaps [s]."""
+    jumps: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    """(K, 2) beginnings and ends of jumps of the localiser, in which it tells nothing [s]."""
     is_held: bool = False
     """True for commands, which hold until the next one."""
 
     def known(self, grid: FloatArray) -> NDArray[np.bool_]:
         """Return (N,) whether it tells anything at instants `grid` [s]."""
         inside = np.zeros(len(grid) + 1, dtype=np.int64)
-        np.add.at(inside, np.searchsorted(grid, self.unknown[:, 0]), 1)
-        np.add.at(inside, np.searchsorted(grid, self.unknown[:, 1]), -1)
+        np.add.at(inside, np.searchsorted(grid, self.jumps[:, 0]), 1)
+        np.add.at(inside, np.searchsorted(grid, self.jumps[:, 1]), -1)
         return ~self.group.in_gaps(grid) & (np.cumsum(inside[:-1]) == 0)
 
     def at(self, grid: FloatArray) -> FloatArray:
@@ -91,6 +85,7 @@ class _Signal:
 class _Poses:
     """New poses of a log, K of them, and the steps between them."""
 
+    group: Group
     t: FloatArray
     """(K,) stamps [s]."""
     pose: FloatArray
@@ -98,69 +93,67 @@ class _Poses:
     jumped: NDArray[np.bool_]
     """(K - 1,) whether the localiser jumped in that step."""
 
+    def slopes(self) -> FloatArray:
+        """Return the (K - 1, 3) rates of change of the steps."""
+        return np.diff(self.pose, axis=0) / np.diff(self.t)[:, None]
+
     @property
     def middle(self) -> FloatArray:
         """(K - 1,) middles of the steps [s]."""
         return 0.5 * (self.t[1:] + self.t[:-1])
 
-    def signal(self, group: Group, rates: FloatArray) -> _Signal:
-        """Return (K - 1,) rates of the steps; jumps tell nothing."""
+    def signal(self, rates: FloatArray) -> _Signal:
+        """Return (K - 1,) rates of the steps as a signal; jumps tell nothing."""
         at = np.flatnonzero(self.jumped)
         spans = np.column_stack([self.t[at], self.t[at + 1]])
-        return _Signal(self.middle[~self.jumped], rates[~self.jumped], group, spans)
+        return _Signal(self.middle[~self.jumped], rates[~self.jumped], self.group, spans)
 
 
-def _poses(groups: Groups) -> _Poses | None:
+def _poses(log: Log) -> _Poses | None:
     """Return the new poses of a log; None where it has none."""
-    pose = None if "pose" not in groups else stacked_columns(groups["pose"].columns, POSE_COLUMNS)
-    if pose is None:
+    group = log.groups.get("pose")
+    pose = None if group is None else group.table(POSE_COLUMNS)
+    if group is None or pose is None:
         return None
-    t = groups["pose"].t
-    new = np.flatnonzero(fresh_poses(t, pose))
-    jumps = find_jumps(groups)
-    after = np.isin(new[1:], () if jumps is None else jumps.index)
-    return _Poses(t[new], pose[new], after) if len(new) > 2 else None
+    new = np.flatnonzero(fresh_poses(group.t, pose))
+    jumps = find_jumps(log)
+    jumped = np.isin(new[1:], () if jumps is None else jumps.index)
+    return _Poses(group, group.t[new], pose[new], jumped) if len(new) > 2 else None
 
 
-_NOTHING = np.empty((0, 2))
+def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[str, _Signal]]:
+    """Return the yaw rates that a log tells, by group, in `_CLOCK_ORDER` and then commands; and the speeds of its wheels."""
+    turning, speeds = dict[str, _Signal](), dict[str, _Signal]()
+    for name in (n for n in (*_CLOCK_ORDER, "cmd") if n in log.groups):
+        group = log.groups[name]
+        twist = twist_of(group) if name in ("wheels", "odom") else None
+        rate = group.columns.get({"imu": "gyro_z", "cmd": "cmd_w"}.get(name, ""))
+        if name == "pose" and poses is not None:
+            turning[name] = poses.signal(poses.slopes()[:, 2])
+        elif twist is not None:
+            new = refreshed(group.t, np.column_stack(twist[1:]))
+            speeds[name], turning[name] = (_Signal(group.t[new], values[new], group) for values in twist[1:])
+        elif rate is not None:
+            turning[name] = _Signal(group.t, rate, group, is_held=name == "cmd")
+    return turning, speeds
 
 
-def _yaw_rates(groups: Groups, poses: _Poses | None) -> dict[str, _Signal]:
-    """Return the yaw rates that a log tells, by group, in `_CLOCK_ORDER` and then commands."""
-    found = {}
-    for name in (*_CLOCK_ORDER, "cmd"):
-        group = groups.get(name)
-        if group is None:
-            continue
-        if name == "pose":
-            if poses is not None:
-                found[name] = poses.signal(group, np.diff(poses.pose[:, 2]) / np.diff(poses.t))
-            continue
-        twist = wheel_twist({name: group}) if name in ("wheels", "odom") else None
-        rate = twist[2] if twist is not None else group.columns.get({"imu": "gyro_z", "cmd": "cmd_w"}.get(name, ""))
-        if rate is not None:
-            new = refreshed(group.t, np.column_stack(twist[1:])) if twist is not None else slice(None)
-            found[name] = _Signal(group.t[new], rate[new], group, _NOTHING, name == "cmd")
-    return found
-
-
-def _each_side_for_itself(groups: Groups) -> dict[str, Group]:
-    """Return the groups with wheel rates interpolated from one fresh sample of a side to its next.
+def _each_side_for_itself(log: Log) -> Log:
+    """Return the log with wheel rates interpolated from one fresh sample of a side to its next.
 
     Where the sides are refreshed in turn, a row has a rate that is new and one that is old.
     """
-    wheels = groups.get("wheels")
+    wheels = log.groups.get("wheels")
     if wheels is None:
-        return dict(groups)
+        return log
     columns = dict(wheels.columns)
-    for side in COMMAND_COLUMNS["wheels"]:
-        if side in columns:
-            new = refreshed(wheels.t, columns[side][:, None])
-            columns[side] = np.interp(wheels.t, wheels.t[new], columns[side][new])
-    return {**groups, "wheels": replace(wheels, columns=columns)}
+    for side in (n for n in COMMAND_COLUMNS["wheels"] if n in columns):
+        new = refreshed(wheels.t, columns[side][:, None])
+        columns[side] = np.interp(wheels.t, wheels.t[new], columns[side][new])
+    return replace(log, groups={**log.groups, "wheels": replace(wheels, columns=columns)})
 
 
-def estimate_offsets(groups: Groups) -> list[Offset]:
+def estimate_offsets(log: Log) -> list[Offset]:
     """Estimate delays behind the first group of `_CLOCK_ORDER`.
 
     The delay is the lag at which the correlation of two rates is greatest, refined by a parabola. Yaw rates are compared
@@ -168,76 +161,65 @@ def estimate_offsets(groups: Groups) -> list[Offset]:
     added. The delay of commands is negative, because a robot follows them. What does not resemble the other, or is zero, is
     left out. Samples that were only logged again do not count, nor do jumps of the localiser.
     """
-    groups = _each_side_for_itself(groups)
-    poses = _poses(groups)
-    rates = _yaw_rates(groups, poses)
-    reference, *others = list(rates) or [""]
+    log = _each_side_for_itself(log)
+    poses = _poses(log)
+    turning, speeds = _signals(log, poses)
+    reference, *others = list(turning) or [""]
     found: list[Offset] = []
     for name in others:
-        lag = _lag(rates[reference], rates[name])
+        lag = _lag(turning[reference], turning[name])
         if lag is not None:
             found.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
-    position = None if poses is None else _position_offset(groups, poses, found)
+    position = None if poses is None or not speeds else _position_offset(*next(iter(speeds.items())), poses, found)
     return found if position is None else [*found, position]
 
 
-def _position_offset(groups: Groups, poses: _Poses, found: Iterable[Offset]) -> Offset | None:
+def _position_offset(wheels: str, speed: _Signal, poses: _Poses, found: Sequence[Offset]) -> Offset | None:
     """Return the delay of positions behind the first clock, or behind the wheels where those have no delay."""
-    twist = wheel_twist(groups)
-    if twist is None:
-        return None
-    t, v, w = twist
-    wheels = next(name for name in ("wheels", "odom") if name in groups and np.array_equal(groups[name].t, t))
-    new = refreshed(t, np.column_stack([v, w]))
-    speed = _Signal(t[new], v[new], groups[wheels], _NOTHING)
     delays = {offset.late: offset for offset in found}
-    behind_first = delays[wheels].seconds if wheels in delays else 0.0
-    yaw_delay = delays["pose_yaw"].seconds - behind_first if "pose_yaw" in delays else 0.0
-    late, lag = yaw_delay, None
+    own = delays.get(wheels)
+    yaw_delay = delays["pose_yaw"].seconds - (own.seconds if own else 0.0) if "pose_yaw" in delays else 0.0
+    late, steps = yaw_delay, poses.slopes()
     for _ in range(3):  # the heading at the time of a position is known once the delay between them is
         yaw = np.interp(poses.middle + yaw_delay - late, poses.t, poses.pose[:, 2])
-        steps = np.diff(poses.pose[:, :2], axis=0) / np.diff(poses.t)[:, None]
-        lag = _lag(speed, poses.signal(groups["pose"], steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)))
+        lag = _lag(speed, poses.signal(steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)))
         if lag is None:
             return None
-        late = lag[0]
-    assert lag is not None
-    if wheels not in delays:
-        return Offset("position", wheels, *lag)
-    own = delays[wheels]
-    error = None if lag[2] is None or own.standard_error is None else math.hypot(lag[2], own.standard_error)
-    return Offset("position", own.behind, lag[0] + own.seconds, lag[1], error)
+        late, likeness, error = lag
+    if own is None:
+        return Offset("position", wheels, late, likeness, error)
+    both = None if error is None or own.standard_error is None else math.hypot(error, own.standard_error)
+    return Offset("position", own.behind, late + own.seconds, likeness, both)
 
 
-def synchronised(groups: Groups, offsets: Iterable[Offset]) -> dict[str, Group]:
-    """Return the groups with offsets taken out of the measurements; commands stay, for their delay is the robot's.
+def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
+    """Return the log with offsets taken out of the measurements; commands stay, for their delay is the robot's.
 
     Positions and headings are corrected one by one, and stay together: at each corrected stamp of a position the heading is
     interpolated between new ones. Samples that would need a heading from a gap or from beyond the ends are left out. Where
     only one of the two delays is known, it is that of both.
     """
     late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
-    found = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in groups.items()}
+    groups = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in log.groups.items()}
     known = [late[name] for name in ("position", "pose_yaw") if name in late]
-    poses = _poses(groups)
+    poses = _poses(log)
     if poses is not None and known:
-        found["pose"] = _moved(groups["pose"], poses, known[0], known[-1])
-    return found
+        groups["pose"] = _moved(poses, known[0], known[-1])
+    return replace(log, groups=groups)
 
 
-def _moved(group: Group, poses: _Poses, position: float, yaw: float) -> Group:
-    """Return a pose group whose positions and headings were late by so much [s]."""
+def _moved(poses: _Poses, position: float, yaw: float) -> Group:
+    """Return the group of poses whose positions and headings were late by so much [s]."""
+    group = poses.group
     keep = np.ones(len(group.t), dtype=bool)
     columns = dict(group.columns)
-    for names, delay in ((POSE_COLUMNS[:2], 0.0), (POSE_COLUMNS[2:], yaw - position)):
+    for name, delay, values in zip(POSE_COLUMNS, (0.0, 0.0, yaw - position), poses.pose.T, strict=True):
         at = group.t + delay
         keep &= (at >= poses.t[0]) & (at <= poses.t[-1]) & ~group.in_gaps(at)
         before = np.clip(np.searchsorted(poses.t, at, side="right") - 1, 0, len(poses.t) - 2)
         jumps = poses.jumped[before] & (at < poses.t[before + 1])  # a jump stays one step
-        for name in names:
-            values = poses.pose[:, POSE_COLUMNS.index(name)]
-            columns[name] = np.where(jumps, values[before], np.interp(at, poses.t, values))
-    return replace(group, t=(group.t - position)[keep], columns={n: a[keep] for n, a in columns.items()})
+        columns[name] = np.where(jumps, values[before], np.interp(at, poses.t, values))
+    return replace(group, t=group.t - position, columns=columns).where(keep)
 
 
 def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:

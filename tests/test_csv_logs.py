@@ -1,0 +1,218 @@
+"""Logs in CSV files: what is refused and how it is said, what survives a round trip, and where time has gaps."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.parameters import described
+from tests.conftest import data_folder
+from validation.files.csv_logs import read_csv, write_csv
+from validation.files.limits import USUAL, LogLimits
+from validation.files.log import RECORDED, Group, Log, ReadOptions, is_column_name
+from validation.files.reading import FileError
+from validation.files.signals import TIME_ROUNDOFF
+
+HEADER = "t,cmd_v,cmd_w,x,y,yaw\n"
+TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"
+
+
+def on_file(folder: Path, text: str | bytes) -> Path:
+    path = folder / "drive.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8"))
+    return path
+
+
+def timed(t: list[float], **columns: list[float]) -> Log:
+    """A log with these times and, unless given, commands of zero."""
+    return Log.of_columns("drive.csv", {"t": t, **(columns or {"cmd_v": [0.0] * len(t)})})
+
+
+# ---------------------------------------------------------------------------------------------------------- bad files
+BAD_FILES: dict[str, tuple[str | bytes, int | None, str | None, str]] = {
+    "empty": ("", None, None, "the file is empty; wanted a header line"),
+    "only blank lines": ("\n \r\n\n", None, None, "empty"),
+    "byte order mark alone": (b"\xef\xbb\xbf", None, None, "empty"),
+    "header alone": (HEADER, None, None, "there are no samples after the header; a log needs at least two"),
+    "one row": (HEADER + "0,0,0,0,0,0\n", None, None, "there is one sample after the header"),
+    "no time below blank lines": ("\n\ncmd_v,cmd_w\n0,0\n1,1\n", 3, None, "no column t among 'cmd_v', 'cmd_w'"),
+    "no header": ("0,0.1,0.2\n1,0.1,0.2\n", 1, None, "no column t among '0', '0.1', '0.2'"),
+    "nothing known": ("t,foo,bar\n0,1,2\n1,1,2\n", 1, None, "no known column among 't', 'foo', 'bar'"),
+    "same name twice": ("t,x,foo, x\n0,0,0,0\n1,0,0,0\n", 1, "x", "twice"),
+    "column without a name": ("t,,x\n0,0,0\n1,0,0\n", 1, "number 2", "'' names no column"),
+    "name with a control character": ("t,x,a\tb\n0,0,0\n1,0,0\n", 1, "number 3", r"'a\tb' names no column"),
+    "text for a number": (HEADER + "0,0,0,0,0,0\n1,0,abc,0,0,0\n", 3, "cmd_w", "'abc', wanted a finite number [rad/s]"),
+    "text for a time": (HEADER + "0,0,0,0,0,0\nnow,0,0,0,0,0\n", 3, "t", "'now', wanted a finite number [s]"),
+    "grouped digits": (HEADER + "0,0,0,0,0,0\n1,1_0,0,0,0,0\n", 3, "cmd_v", "'1_0'"),
+    "text too long to show": (HEADER + f"0,{'a' * 10_000},0,0,0,0\n", 2, "cmd_v", "aaa...', wanted"),
+    "nothing": (HEADER + "0,0,0,0,0,0\n1,0,0,0, ,0\n", 3, "y", "there is nothing, wanted a finite number [m]"),
+    "inf": (HEADER + "0,0,0,0,0,0\n0.1,0,0,0,0,-inf\n", 3, "yaw", "'-inf', wanted a finite number [rad]"),
+    "too large": (HEADER + "0,0,0,1e999,0,0\n1,0,0,0,0,0\n", 2, "x", "'1e999'"),
+    "time stands": (HEADER + "0,0,0,0,0,0\n1,0,0,0,0,0\n1,0,0,0,0,0\n", 4, "t", "increase, but 1 s follows 1 s"),
+    "time turns back": (HEADER + "0,0,0,0,0,0\n\n-1,0,0,0,0,0\n", 4, "t", "increase, but -1 s follows 0 s"),
+    "semicolons and decimal commas": ("t;cmd_v;cmd_w\n0;1,5;2\n", 1, None, "semicolons separate the columns; wanted commas"),
+    "too few fields": (HEADER + "0,0,0,0,0,0\n1,0,0\n", 3, None, "3 fields, wanted 6 as in the header"),
+    "too many fields": (HEADER + "0,0,0,0,0,0\r\n1,0,0,0,0,0,0\r\n", 3, None, "7 fields, wanted 6"),
+    "quote never closed": (HEADER + '0,0,0,0,0,0\n1,"0,0,0,0,0\n2,0,0,0,0,0\n', 3, None, "no CSV"),
+    "line counted past a quoted line break": ('t,x,note\n0,0,"a\nb"\n1,?,c\n', 4, "x", "'?'"),
+    "line counted in a file of old": ("t,x\r0,0\r1,?\r", 3, "x", "'?'"),
+    "binary": (b"\x00\x01\x02\xff", 1, None, "a NUL byte; wanted a CSV file"),
+    "NUL byte": (HEADER + "0,0,0,0,0,0\n1,0,\0,0,0,0\n", 3, "cmd_w", "wanted a finite number"),
+    "not UTF-8": (HEADER.encode() + b"0,0,0,0,0,0\n1,\xb5,0,0,0,0\n", 3, "cmd_v", "wanted a finite number"),
+    "UTF-16": ((HEADER + "0,0,0,0,0,0\n").encode("utf-16"), 1, None, "plain UTF-8 text"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_file_says_what_and_where_in_one_line(tmp_path: Path, case: str) -> None:
+    text, line, column, what = BAD_FILES[case]
+    path = on_file(tmp_path, text)
+    with pytest.raises(FileError) as caught:
+        read_csv(path)
+    error, message = caught.value, str(caught.value)
+    assert (error.path, error.line, error.column) == (path, line, column)
+    assert what in message
+    assert line is None or f"{path}, line {line}" in message
+    assert column is None or f"column {column}:" in message
+    assert message.isprintable()
+    assert len(message) < 500 + len(str(path))
+
+
+def test_error_survives_a_process_boundary() -> None:
+    error = FileError(Path("drive.csv"), "wrong", 3, "x")
+    assert str(copy.deepcopy(error)) == str(error) == "drive.csv, line 3, column x: wrong"
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"t": [0.0], "x": [0.0]}, "at least two samples"),
+        ({"x": [0.0, 1.0]}, "needs a column t"),
+        ({"t": [0.0, 1.0, 1.0], "x": [0.0] * 3}, "t must increase; it does not after sample 1"),
+        ({"t": [0.0, 1.0], "x": [0.0]}, "x has shape"),
+        ({"t": [0.0, 1.0], "x": [0.0, math.inf]}, "x is not finite"),
+        ({"t": [0.0, 1.0], "foo": [0.0, 1.0]}, "none of the columns cmd_v"),
+        ({"t": [0.0, 1.0], "x": [0.0, 1.0], " a": [0.0, 1.0]}, "' a' is no name of a column"),
+    ],
+)
+def test_logs_that_cannot_be_are_not_made(columns: dict[str, list[float]], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Log.of_columns("drive.csv", columns)
+
+
+# --------------------------------------------------------------------------------------------------------- good files
+def test_mark_line_endings_blank_lines_and_spaces_are_fine(tmp_path: Path) -> None:
+    log = read_csv(on_file(tmp_path, "\ufefft, x ,y,yaw,acc_x\r\n0, 1,2,3,4\r\n\r\n0.5,5,6,7,8\r\n\r\n  \r\n\r\n"))
+    assert (log.name, log.t.tolist()) == ("drive", [0.0, 0.5])
+    turned = 7.0 - 2.0 * math.pi  # yaw is unwrapped
+    assert {n: a.tolist() for n, a in log.columns.items()} == {
+        "x": [1.0, 5.0], "y": [2.0, 6.0], "yaw": [3.0, pytest.approx(turned)], "acc_x": [4.0, 8.0],
+    }  # fmt: skip
+    assert list(log.groups) == ["pose", "channels"]
+
+
+@pytest.mark.parametrize("cells", [("a", "b", "c"), ("1", "hm", "3"), ("1", "nan", "3"), ("1", "2", "-inf"), ("1", "", "3")])
+def test_columns_that_are_no_numbers_throughout_are_left_out_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, cells: tuple[str, ...]
+) -> None:
+    path = on_file(tmp_path, "t,x,note,acc_x\n" + "".join(f"{k},0,{cell},{k}\n" for k, cell in enumerate(cells)))
+    with caplog.at_level(logging.WARNING, logger="validation.files"):
+        assert list(read_csv(path).columns) == ["x", "acc_x"]
+    (said,) = caplog.messages
+    assert "column note: there is" in said
+    assert said.endswith("the column is left out")
+
+
+def test_columns_cannot_be_changed() -> None:
+    source = np.array([0.0, 1.0, 2.0])
+    log = Log.of_columns("drive.csv", {"t": source, "x": source, "a": source})
+    source[0] = 9.0
+    for array in (log.t, *log.columns.values(), log.table(("x",))):
+        assert array.ravel()[0] == 0.0
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+@given(data=st.data(), n=st.integers(2, 12))
+def test_round_trip_is_bit_identical(data: st.DataObject, n: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    finite = st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=n, max_size=n)
+    moment = st.floats(-1e9, 1e9).map(lambda v: v + 0.0)  # 0.0 and -0.0 are one instant
+    names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(is_column_name)
+    t = sorted(data.draw(st.lists(moment, min_size=n, max_size=n, unique=True)))
+    known = data.draw(st.dictionaries(st.sampled_from(RECORDED), finite, min_size=1))
+    others = data.draw(st.dictionaries(names.filter(lambda s: s != "t"), finite, max_size=3))
+    path = tmp_path_factory.mktemp("round") / "drive.csv"
+    columns = {n: np.zeros(len(t)) if n.endswith("yaw") else a for n, a in {**known, **others}.items()}
+    written = Log.of_columns("drive.csv", {"t": t, **columns})
+    write_csv(written, path)
+    got = read_csv(path, ReadOptions(limits=USUAL.changed(dict.fromkeys(described(LogLimits), math.inf))))
+    assert got.t.tobytes() == written.t.tobytes()
+    assert {k: a.tobytes() for k, a in got.columns.items()} == {k: a.tobytes() for k, a in written.columns.items()}
+
+
+def test_columns_are_written_as_a_log_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
+    write_csv({"acc": [1, 2], "x": [0.1, 0.2], "t": [0, 1]}, path)
+    assert path.read_bytes() == b"t,x,acc\n0.0,0.1,1.0\n1.0,0.2,2.0\n"
+    with pytest.raises(ValueError, match=r"other\.csv: a log needs a column t"):
+        write_csv({"x": [0.0, 1.0]}, tmp_path / "other.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["drive.csv"]
+
+
+# ------------------------------------------------------------------------------------------------- gaps, cuts, columns
+@given(steps=st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40))
+def test_stretches_span_no_gap_and_lose_only_lone_samples(steps: list[float]) -> None:
+    log = timed(np.cumsum([0.0, *steps]).tolist())
+    limit = 2.5 * float(np.median(np.diff(log.t))) + TIME_ROUNDOFF
+    inside = np.zeros(len(log.t), dtype=bool)
+    for stretch in log.stretches():
+        assert np.all(np.diff(log.t[stretch]) <= limit)
+        assert not inside[stretch].any()
+        inside[stretch] = True
+    step = np.concatenate([[np.inf], np.diff(log.t), [np.inf]])
+    assert np.array_equal(inside, (step[:-1] <= limit) | (step[1:] <= limit))
+
+
+def test_gaps_are_found_at_once_as_one_by_one() -> None:
+    rng = np.random.default_rng(7)
+    group = Group("g", np.cumsum(rng.choice([0.1, 0.1, 0.1, 1.0, 3.0], 300)), {})
+    t = np.sort(np.concatenate([rng.uniform(0.0, group.t[-1] + 1.0, 2000), group.t, group.t + 1e-6, group.t - 1e-6]))
+    for margin, least in ((0.0, 0.0), (1e-6, 0.0), (1e-6, 2.0)):
+        slow = np.zeros(len(t), dtype=bool)
+        for start, stop in group.gaps():
+            slow |= (t > start + margin) & (t < stop - margin) & (stop - start > least)
+        np.testing.assert_array_equal(group.in_gaps(t, margin, least), slow)
+
+
+def test_a_cut_keeps_both_ends_and_moves_no_gap() -> None:
+    log = timed([0.0, 1.0, 2.0, 6.0, 7.0], x=list(np.arange(5.0)), a=list(np.arange(5.0)))
+    part = log.cut(1.0, 6.0)
+    assert part.t.tolist() == [1.0, 2.0, 6.0]
+    assert {n: a.tolist() for n, a in part.columns.items()} == {"x": [1.0, 2.0, 3.0], "a": [1.0, 2.0, 3.0]}
+    assert [part.t[s].tolist() for s in part.stretches()] == [[1.0, 2.0]]  # by its own median step there would be no gap
+    assert log.cut(None, 1.5).t.tolist() == [0.0, 1.0]
+    assert log.cut().t.tolist() == log.t.tolist()
+    with pytest.raises(ValueError, match="nothing but gaps between 2 and 6 s"):
+        log.cut(2.0, 6.0).stretches()
+    for start, stop in ((8.0, None), (None, -1.0), (3.0, 1.0), (2.0, 3.0), (math.nan, None)):
+        with pytest.raises(FileError, match=r"nothing was logged in .*; there is drive\.csv 0 to 7 s"):
+            log.cut(start, stop)
+
+
+def test_missing_columns_are_named() -> None:
+    with pytest.raises(ValueError, match="log drive has no column y, yaw; it has x, cmd_v"):
+        timed([0.0, 1.0], x=[0.0, 1.0], cmd_v=[0.0, 0.0]).table(("x", "y", "yaw"))
+
+
+@pytest.mark.skipif(not TILE.is_file(), reason=f"there is no log at {TILE}")
+def test_tile_is_read_whole() -> None:
+    log = read_csv(TILE)
+    assert (len(log.t), log.t[0], log.t[-1]) == (12_851, 0.0, 649.95)
+    assert set(log.columns) == {*RECORDED, "acc_x", "acc_y", "acc_z", "calib_step"}

@@ -1,0 +1,181 @@
+"""Logs on one clock: what resampling, smoothing, cutting and aligning keep; rests, and what dead reckoning makes of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssmr.estimation.settings import learning
+from ssmr.geometry import compose, relative, rotate_body_to_world
+from ssmr.types import FloatArray
+from tests.conftest import EXACT, ROUNDOFF
+from validation.bench.reckoning import filtered_motion, reckon, with_filter
+from validation.files.faults import STOCK, find_rest, unbiased
+from validation.files.log import POSE_COLUMNS, Group, Log
+from validation.files.offsets import estimate_offsets, synchronised
+from validation.files.reading import FileError
+from validation.files.signals import smoothed
+
+
+def weaving(t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Yaw [rad] and yaw rate [rad/s] of a robot that weaves, never twice alike, after 5 s of standing."""
+    s = np.maximum(t - 5.0, 0.0)
+    yaw = 0.8 * (1.0 - np.cos(0.7 * s)) + 0.3 * (1.0 - np.cos(1.9 * s))
+    return yaw, 0.56 * np.sin(0.7 * s) + 0.57 * np.sin(1.9 * s)
+
+
+def made(bias: float = 0.0, **groups: Group) -> Log:
+    """A weaving robot of 0.5 m/s: gyro at 50 Hz, wheels at 20 Hz, poses at 30 Hz."""
+    fast, slow, seen = np.arange(0.0, 40.0, 0.02), np.arange(0.003, 40.0, 0.05), np.arange(0.007, 40.0, 1.0 / 30.0)
+    fine = np.arange(0.0, 40.0, 1e-3)
+    steps = 0.5e-3 * (fine >= 5.0) * np.stack([np.cos(weaving(fine)[0]), np.sin(weaving(fine)[0])])
+    x, y = (np.interp(seen, fine, np.cumsum(a)) for a in steps)
+    own = {
+        "odom": Group("/odom", slow, {"odom_v": 0.5 * (slow >= 5.0), "odom_w": 0.6 * weaving(slow)[1]}),
+        "imu": Group("/imu", fast, {"gyro_z": weaving(fast)[1] + bias}),
+        "pose": Group("/pose", seen, {"x": x, "y": y, "yaw": weaving(seen)[0]}),
+    }
+    return Log(Path("drive.bag"), {**own, **groups})
+
+
+# ------------------------------------------------------------------------------------------- rest
+@settings(max_examples=20)
+@given(bias=st.floats(-0.05, 0.05))
+def test_the_bias_at_rest_is_found_and_taken_out(bias: float) -> None:
+    log = made(bias)
+    rest = find_rest(log)
+    assert rest is not None
+    assert rest.bias == pytest.approx(bias, abs=ROUNDOFF)
+    assert 3.5 < rest.seconds < 5.0  # of five; half a second before the motion, and what the mean sees of it, do not count
+    cleared = find_rest(unbiased(log))
+    assert cleared is not None
+    assert cleared.bias == pytest.approx(0.0, abs=ROUNDOFF)
+    assert find_rest(log.cut(6.0)) is None
+    with pytest.raises(FileError, match="wheels that stand for 2 s"):
+        unbiased(log.cut(6.0))
+
+
+# ------------------------------------------------------------------------------------------- smoothing
+@given(st.floats(-5.0, 5.0), st.floats(0.01, 0.5), st.lists(st.floats(0.01, 0.3), min_size=2, max_size=60))
+def test_smoothing_keeps_constants_and_never_overshoots(level: float, sigma: float, steps: list[float]) -> None:
+    t = np.cumsum(steps)
+    np.testing.assert_allclose(smoothed(t, np.full(len(t), level), sigma), level, rtol=ROUNDOFF, atol=ROUNDOFF)
+    jagged = np.where(np.arange(len(t)) % 2, 1.0, -1.0)
+    assert np.all(np.abs(smoothed(t, jagged, sigma)) <= 1.0 + ROUNDOFF)
+
+
+def test_smoothing_of_noise_has_the_variance_that_theory_says() -> None:
+    """White noise of variance 1 and period h, under a Gaussian of sigma >> h, keeps the variance h/(2 sqrt(pi) sigma)."""
+    t = np.arange(20_000) * 0.01
+    left = smoothed(t, np.random.default_rng(2).standard_normal(len(t)), 0.1)[100:-100]
+    assert np.var(left) == pytest.approx(0.01 / (2.0 * math.sqrt(math.pi) * 0.1), rel=0.05)  # 2800 independent samples
+
+
+def test_smoothing_does_not_reach_over_a_gap() -> None:
+    t = np.concatenate([np.arange(10) * 0.1, 1.5 + np.arange(10) * 0.1])
+    values = np.where(t < 1.2, 0.0, 1.0)
+    np.testing.assert_array_equal(smoothed(t, values, 1.0, 0.25), values)
+
+
+# ------------------------------------------------------------------------------------------- one clock
+def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> None:
+    a, b = np.arange(0.0, 10.0, 0.13), np.arange(1.0, 12.0, 0.07)
+    groups = {"imu": Group("/imu", a, {"gyro_z": 0.3 * a}), "gps": Group("/fix", b, {"gps_east": 2.0 * b})}
+    log = Log(Path("drive.bag"), groups).on_one_clock(25.0)
+    assert log.t[0] == 1.0
+    assert log.t[-1] == pytest.approx(a[-1], abs=0.04)
+    np.testing.assert_allclose(np.diff(log.t), 0.04, rtol=1e-9)
+    np.testing.assert_allclose(log.columns["gyro_z"], 0.3 * log.t, rtol=1e-9)
+    np.testing.assert_allclose(log.columns["gps_east"], 2.0 * log.t, rtol=1e-9)
+
+
+def test_no_value_beside_a_gap_is_taken_from_beyond_it() -> None:
+    t = np.delete(np.arange(0.0, 4.0, 0.05), slice(30, 50))
+    steps = np.repeat(np.arange(len(t) / 2.0), 2)  # measured every tenth of a second
+    steps[t > 2.0] += 100.0
+    wheels = Group("log", t, {"enc_left": steps, "enc_right": steps})
+    found = Log(Path("log.csv"), {"wheels": wheels}).on_one_clock(40.0)
+    before = found.t < 2.0
+    assert found.columns["enc_left"][before].max() == steps[t < 2.0].max()
+    assert found.columns["enc_left"][~before].min() == steps[t > 2.0].min()
+
+
+@pytest.mark.parametrize(
+    ("rate", "message"),
+    [(1e9, "too many samples of 6 columns, for the limit samples is 1e.07; ask for a lower rate"), (1e-3, "do not overlap")],
+)
+def test_rates_that_make_no_log_are_refused(rate: float, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        made().on_one_clock(rate)
+
+
+# ------------------------------------------------------------------------------------------- frames
+@settings(max_examples=20)
+@given(st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-3.0, 3.0)))
+def test_aligned_poses_do_not_depend_on_the_frame(moved: tuple[float, float, float]) -> None:
+    log = made()
+    pose = log.groups["pose"]
+    there = dict(zip(POSE_COLUMNS, compose(np.array(moved), pose.table(POSE_COLUMNS)).T, strict=True))
+    one, other = log.aligned(), made(pose=replace(pose, columns=there)).aligned()
+    for name in POSE_COLUMNS:
+        np.testing.assert_allclose(one.columns[name], other.columns[name], atol=1e-12 * 100.0)  # of 50 m
+        assert one.columns[name][0] == EXACT
+        np.testing.assert_array_equal(one.aligned().columns[name], one.columns[name])
+
+
+# ------------------------------------------------------------------------------------------- dead reckoning
+def test_the_filter_with_the_bias_learned_is_nearest() -> None:
+    found = reckon(made(bias=0.02))
+    assert found is not None
+    rms = {row.name: row.rms for row in found.rows}
+    assert found.truth == "/pose (pose)"
+    assert rms["filter, bias learned at rest"] < 0.05 < rms["wheels' speed, gyro's heading"]
+    assert rms["filter, bias learned at rest"] < rms["filter of wheels"]
+    assert found.rows[0].length == pytest.approx(17.5, rel=0.01)
+
+
+def test_gps_corrects_the_scales_the_bias_and_the_frame() -> None:
+    """Positions of a receiver in a frame that is turned by 2 rad: the filter's pose lies in it, nearer than they do."""
+    pose, rng = made().groups["pose"], np.random.default_rng(4)
+    true = rotate_body_to_world(pose.table(("x", "y")), 2.0) + np.array([100.0, -50.0])
+    east, north = (true[::20] + 0.3 * rng.standard_normal((len(true[::20]), 2))).T
+    gps = Group("/fix", pose.t[::20], {"gps_east": east, "gps_north": north})
+    motion = filtered_motion(made(bias=0.02, gps=gps), settings=learning(STOCK), gps_std=0.3)
+    assert motion is not None
+    there = np.column_stack([np.interp(pose.t, motion.t, column) for column in motion.xy.T])
+    late = pose.t > 0.5 * pose.t[-1]
+    assert np.sqrt(np.mean(np.sum((there - true)[late] ** 2, axis=1))) < 0.3
+    assert motion.channels["constants"][-1, 0] == pytest.approx(0.02, abs=4.0 * motion.channels["constants_std"][-1, 0])
+
+
+def test_the_filter_replaces_the_pose_and_keeps_the_old_one() -> None:
+    log = made()
+    found, motion = with_filter(log), filtered_motion(log)
+    assert found is not None
+    assert motion is not None
+    merged = found.on_one_clock()
+    assert {"pose_x", "pose_y", "pose_yaw", "odom_v"} <= set(merged.columns)
+    away = relative(motion.pose[-1], merged.table(POSE_COLUMNS)[-1])
+    assert np.all(np.abs(away) < 0.05)  # the merged one ends up to two periods earlier: 1 cm, and as much a turn
+    blind = replace(log, groups={"imu": log.groups["imu"]})
+    assert with_filter(blind) is None
+    assert reckon(blind) is None
+
+
+def test_a_synchronised_log_has_no_offsets_and_commands_stay() -> None:
+    t = np.arange(0.0, 40.0, 0.05)
+    log = made(cmd=Group("/cmd_vel", t, {"cmd_v": np.full(len(t), 0.5), "cmd_w": weaving(t + 0.3)[1]}))
+    pose = log.groups["pose"]
+    late = replace(log, groups={**log.groups, "pose": replace(pose, t=pose.t + 0.2)})
+    found = {o.late: o.seconds for o in estimate_offsets(late)}
+    assert found["pose_yaw"] == pytest.approx(0.2, abs=2e-3)
+    assert found["cmd"] == pytest.approx(-0.3 + 0.025, abs=2e-3)  # a held command is half a period late on the whole
+    after = synchronised(late, estimate_offsets(late))
+    np.testing.assert_array_equal(after.groups["cmd"].t, t)
+    assert abs({o.late: o.seconds for o in estimate_offsets(after)}["pose_yaw"]) < 2e-3

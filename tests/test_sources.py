@@ -1,0 +1,167 @@
+"""Logs as sources: commands on a grid, the state that a drive begins with, windows that span no jump."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssmr.geometry import rotate_body_to_world
+from ssmr.metrics.poses import horizon_windows
+from ssmr.metrics.windows import overlapping_windows
+from ssmr.types import FloatArray
+from tests.test_log_faults import drive, with_jumps
+from validation.bench import sources
+from validation.bench.sources import WindowCut, commands_on_grid, open_source, source_of, standing_sentences, standing_share
+from validation.files.csv_logs import write_csv
+from validation.files.limits import USUAL
+from validation.files.log import Log, fresh_poses
+from validation.fit.objective import windows
+
+EXACT_FIT = 1e-9
+"""A least-squares fit of noise-free poses: rounding of 1e-16 over a span of half a second, with room to spare."""
+
+
+def ticks(n: int, step: float, start: float = 0.0) -> FloatArray:
+    return np.asarray(start + step * np.arange(n), dtype=np.float64)
+
+
+def driven(t: FloatArray, twist: tuple[float, float, float], start: tuple[float, float, float]) -> dict[str, FloatArray]:
+    """Pose columns of a robot that keeps its body twist (v_x, v_y, yaw rate not zero) from `start` on, in closed form."""
+    v_x, v_y, rate = twist
+    turn = rate * (t - t[0])
+    body = np.stack([v_x * np.sin(turn) - v_y * (1.0 - np.cos(turn)), v_x * (1.0 - np.cos(turn)) + v_y * np.sin(turn)], -1)
+    x, y = rotate_body_to_world(body / rate, start[2]).T
+    return {"x": start[0] + x, "y": start[1] + y, "yaw": start[2] + turn}
+
+
+# --------------------------------------------------------------------------------------------------- commands and poses
+def test_zero_order_hold() -> None:
+    t, v = np.array([10.0, 10.1, 10.25, 10.3 + 4e-7, 10.4]), np.arange(1.0, 6.0)
+    inputs = np.column_stack([v, -v])
+    made = commands_on_grid(t, inputs, "twist", 0.1)
+    assert (made.kind, made.dt) == ("twist", 0.1)
+    assert made.values.tolist() == [[1.0, -1.0], [2.0, -2.0], [2.0, -2.0], [4.0, -4.0]]  # the last sample ends the motion
+    assert commands_on_grid(t, inputs, "twist", 0.05).values[:, 0].tolist() == [1.0, 1.0, 2.0, 2.0, 2.0, 3.0, 4.0, 4.0]
+    assert commands_on_grid(t, inputs, "twist", 5.0).values.tolist() == [[1.0, -1.0]]
+
+
+@given(n=st.integers(1, 400), substeps=st.integers(1, 20), start=st.floats(0.0, 1e5))
+def test_a_uniform_log_is_held_sample_by_sample(n: int, substeps: int, start: float) -> None:
+    v = np.arange(n + 1.0)
+    made = commands_on_grid(ticks(n + 1, 0.05, start), np.column_stack([v, -v]), "twist", 0.05 / substeps)
+    assert made.values[:, 0].tolist() == np.repeat(v[:-1], substeps).tolist()
+
+
+def test_measured_wheel_rates_go_on_between_samples() -> None:
+    """A rate that rises steadily is not late, though it is refreshed at half the log's rate."""
+    logged = np.floor(np.arange(41) / 2) * 0.1  # the time of the last refresh
+    made = commands_on_grid(ticks(41, 0.05), np.outer(logged, [3.0, -2.0]), "wheels", 0.01)
+    np.testing.assert_allclose(made.values, np.outer((np.arange(made.n) + 0.5) * 0.01, [3.0, -2.0]), atol=1e-12)
+
+
+def test_sides_that_are_refreshed_in_turn_are_interpolated_one_by_one() -> None:
+    """A side is not measured anew when the other one is: Warthogs log each side four times a second, 0.1 s apart."""
+    left, right = (np.maximum(np.floor((np.arange(101) - k) / 5) * 5 + k, 0) * 0.05 for k in (0, 2))
+    made = commands_on_grid(ticks(101, 0.05), np.column_stack([3.0 * left, 1.0 - 2.0 * right]), "wheels", 0.01)
+    middle = (np.arange(made.n) + 0.5) * 0.01
+    ends = (middle > 0.1) & (middle < 4.8)  # until the last sample that is new to a side
+    truth = np.column_stack([3.0 * middle, 1.0 - 2.0 * middle])
+    np.testing.assert_allclose(made.values[ends], truth[ends], atol=1e-12)
+
+
+def test_fresh_poses() -> None:
+    x = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 2.0, *[2.0] * 12, 3.0, 3.0])
+    yaw = np.array([0.0] * 4 + [1.0] * 16)  # a turn on the spot, at the fifth sample
+    fresh = fresh_poses(ticks(20, 0.1), np.column_stack([x, 0.0 * x, yaw]))
+    assert np.flatnonzero(fresh).tolist() == [0, 2, 4, 5, 16, 17, 18]  # still since 0.5 s, so from 1.6 s on all count
+
+
+@pytest.mark.parametrize("twist", [(0.4, 0.0, 1e-9), (0.4, -0.1, 1.5), (-0.3, 0.2, -2.0)])
+@pytest.mark.parametrize("repeat", [1, 2, 5])
+def test_a_source_begins_with_the_twist_of_its_first_poses(twist: tuple[float, float, float], repeat: int) -> None:
+    t = ticks(40, 0.05, 100.0)
+    rows = np.arange(40) // repeat * repeat  # a localiser slower than the log: its pose is logged `repeat` times
+    pose = {n: a[rows] for n, a in driven(t, twist, (3.0, -2.0, 3.0)).items()}
+    wrapped = np.angle(np.exp(1j * pose["yaw"]))
+    log = Log.of_columns("drive.csv", {"t": t, **pose, "yaw": wrapped, "enc_left": t, "enc_right": -t})
+    state = source_of(log, "drive.csv", "wheels").pieces[0].start
+    assert (state.x, state.y, state.wheel_left, state.wheel_right) == (3.0, -2.0, 100.0, -100.0)
+    assert state.yaw == pytest.approx(3.0)
+    # a twist of 1e-9 rad/s makes the closed form above lose digits: 1e-16 / 1e-9 of a metre
+    loss = EXACT_FIT if abs(twist[2]) > 1e-6 else 1e-6
+    np.testing.assert_allclose((state.v_x, state.v_y, state.yaw_rate), twist, atol=loss)
+
+
+def test_the_beginning_does_not_look_past_half_a_second_or_a_gap() -> None:
+    t = np.concatenate([ticks(12, 0.1), ticks(3, 0.1, 5.0)])
+    x = np.where(t <= 0.55, 0.2 * t, 50.0 - t)
+    log = Log.of_columns("drive.csv", {"t": t, "x": x, **dict.fromkeys(("y", "yaw", "cmd_v", "cmd_w"), 0.0 * x)})
+    first, second = (piece.start for piece in source_of(log, "drive.csv").pieces)
+    assert first.v_x == pytest.approx(0.2, abs=EXACT_FIT)
+    assert second.v_x == pytest.approx(-1.0, abs=EXACT_FIT)
+    assert first.wheel_left == first.wheel_right == 0.0
+
+
+def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> None:
+    t = 0.1 * np.arange(50)
+    columns = {"t": t, "x": 0.5 * t, "y": 0.0 * t, "yaw": 0.0 * t, "odom_v": 0.5 + 0.01 * t, "odom_w": 0.02 * t}
+    source = source_of(Log.of_columns("bag.csv", columns), "bag.csv")
+    speeds = np.column_stack([columns["odom_v"], columns["odom_w"]])
+    assert np.array_equal(source.pieces[0].commands.values[::10], speeds[:-1])
+    assert ["the odometry's speeds" in warning for warning in source.warnings] == [True]
+    own = source_of(Log.of_columns("bag.csv", {**columns, "cmd_v": 0.0 * t, "cmd_w": 0.0 * t}), "bag.csv")
+    assert not own.pieces[0].commands.values.any()
+    assert not any("odometry" in warning for warning in own.warnings)
+    with pytest.raises(ValueError, match="no column cmd_v, cmd_w"):
+        source_of(Log.of_columns("bag.csv", {n: a for n, a in columns.items() if n != "odom_w"}), "bag.csv")
+
+
+def test_what_would_take_hours_is_refused_before_it_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, names = tmp_path / "drive.csv", ("cmd_v", "cmd_w", "x", "y", "yaw")
+    monkeypatch.setattr(sources, "_MOST_PIECES", 10)
+    write_csv({"t": np.cumsum(np.tile([0.01, 0.01, 0.1], 20)), **dict.fromkeys(names, np.zeros(60))}, path)
+    with pytest.raises(ValueError, match="20 stretches between gaps, wanted at most 10"):
+        open_source(str(path))
+    write_csv({"t": 2.0 * np.arange(1000), **dict.fromkeys(names, np.zeros(1000))}, path)
+    with pytest.raises(ValueError, match=r"has 1.998e\+05 periods of 0.01 s, but the limit samples is 100000; cut it"):
+        open_source(str(path), limits=USUAL.changed({"samples": 1e5}))
+
+
+# --------------------------------------------------------------------------------------------------- windows
+@pytest.mark.parametrize("cut", [horizon_windows, overlapping_windows, windows])
+def test_windows_span_no_jump(cut: WindowCut) -> None:
+    columns, at = drive(), [7.3, 20.0, 20.1, 41.5]
+    sound, jumped = (
+        source_of(Log.of_columns("log.csv", c), "log").pieces[0]
+        for c in (columns, with_jumps(columns, dict.fromkeys(at, 1.0)))
+    )
+    for horizon in (2.0, 6.0):
+        whole = sound.windows(cut, sound.t, horizon)
+        np.testing.assert_array_equal(whole, cut(sound.t, horizon, sound.fresh))
+        starts, ends = jumped.windows(cut, jumped.t, horizon)
+        assert len(starts) > 0.5 * len(whole[0])
+        assert not any(np.any((jumped.t[starts] < a) & (jumped.t[ends] >= a)) for a in at)
+
+
+@pytest.mark.parametrize("wheels", [True, False])
+def test_windows_without_motion_are_counted(wheels: bool) -> None:
+    """The robot stands for the last half; commands tell that where a log has no wheel rates."""
+    columns = drive()
+    stands = columns["t"] >= 30.0
+    for name in ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z"):
+        columns[name] = np.where(stands, 0.0, columns[name])
+    for name in ("x", "y", "yaw"):
+        columns[name] = np.where(stands, columns[name][600], columns[name])
+    kept = columns if wheels else {n: v for n, v in columns.items() if not n.startswith("enc")}
+    source = source_of(Log.of_columns("log.csv", kept), "log")
+    share = standing_share(source, 6.0)
+    assert share == pytest.approx(24.0 / 54.0, abs=0.05)
+    assert f"{100.0 * share:.0f} % of the windows of 6 s" in standing_sentences(source, 6.0)[0]
+    assert standing_share(source, 100.0) is None
+    moving = source_of(Log.of_columns("log.csv", drive()), "log")
+    assert standing_share(moving, 6.0) == 0.0
+    assert standing_sentences(moving, 6.0) == []

@@ -1,0 +1,342 @@
+"""Sources: a scenario or a log as commands that drive plants, and as the motion to compare the plants with."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr.geometry import rotate_body_to_world, rotate_world_to_body
+from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
+from ssmr.metrics.windows import WindowErrors, overlapping_windows
+from ssmr.robot.localiser import Localiser
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.simulation import SAMPLE_DT
+from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, Plant, State, Trajectory
+from validation.files.faults import ASKS_FOR_MOTION, WHEELS_MEAN_S, WHEELS_TURN, find_faults
+from validation.files.formats import is_log, log_path, read_log, readable
+from validation.files.limits import USUAL, LogLimits
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
+from validation.files.reading import exists
+from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, refreshed
+from validation.plants.table import ALL_PLANTS, STANDARD
+
+_logger = logging.getLogger(__name__)
+
+RECORDING_GRID = 0.01
+"""Period at which a log's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any log of
+ours."""
+_MOST_PIECES = 10_000  # greatest number of gap-free stretches of a log: one that has more has no rate of its own
+RECORDING = "recording"
+"""The name of the reference where plants are compared with a log."""
+STANDING_SHARE = 0.1
+"""Share of windows without any motion from which they are worth a sentence: they lower every median."""
+_BEGIN = 0.5
+"""Length of the beginning whose poses say how a robot moves at first, and of the spans of which slopes are taken [s]."""
+
+WindowCut = Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]]
+"""Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of windows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One gap-free stretch of a source."""
+
+    commands: Commands
+    """Commands of the plants, from the first stamp on."""
+    start: State
+    """State of the tracked point at the first stamp."""
+    t: FloatArray | None
+    """(M,) stamps at which plants are compared [s]; None for a scenario, whose stamps are the simulation's."""
+    reference: Trajectory | None
+    """The recorded motion at those stamps; None for a scenario, whose reference is a plant."""
+    fresh: NDArray[np.bool_] | None = None
+    """(M,) where the recorded pose was new: scoring windows begin and end there."""
+    jumps: tuple[int, ...] = ()
+    """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring window spans one."""
+
+    def windows(self, cut: WindowCut, t: FloatArray, horizon: float) -> tuple[IndexArray, IndexArray]:
+        """Return (W,) starts and (W,) ends of scoring windows in this piece: `cut` for each stretch between jumps.
+
+        Args:
+            cut: function that cuts windows, such as `horizon_windows`.
+            t: (M,) the piece's stamps, for a scenario the simulation's [s].
+            horizon: length of a window [s].
+        """
+        found = []
+        for a, b in pairwise((0, *self.jumps, len(t))):
+            starts, ends = cut(t[a:b], horizon, None if self.fresh is None else self.fresh[a:b])
+            found.append((a + starts, a + ends))
+        return np.concatenate([starts for starts, _ in found]), np.concatenate([ends for _, ends in found])
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A motion to compare plants on."""
+
+    name: str
+    """Name that the user gave it."""
+    pieces: tuple[Piece, ...]
+    """Gap-free stretches, at least one."""
+    reference: str
+    """`recording`, or the plant that a scenario is compared with unless the user names another."""
+    sample_dt: float
+    """Period at which plants are sampled [s]."""
+    warnings: tuple[str, ...] = ()
+    """Sentences about what is wrong with a log."""
+    title: str = ""
+    """Name of a log in sentences, with its span of time where it was cut."""
+
+
+# ------------------------------------------------------------------------------------------ opening
+def open_source(
+    name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None, limits: LogLimits = USUAL
+) -> Source:
+    """Open a scenario or a log by its name.
+
+    Args:
+        name: `traj1` ... `traj4`, one of them with `@PLANT`, the path of a log, or `sample`.
+        kind: which of a log's inputs drives the plants.
+        start: leave out what was logged before [s].
+        stop: leave out what was logged after [s].
+        limits: greatest sizes and numbers of a log; the usual ones if not given.
+
+    Raises:
+        ValueError: an unknown name, a log that cannot be read or lacks what is asked for.
+    """
+    scenario, _, plant = name.partition("@")
+    if scenario in TRAJECTORIES:
+        if plant and plant not in ALL_PLANTS:
+            raise ValueError(f"unknown plant '{plant}' in '{name}'; there are: {', '.join(ALL_PLANTS)}")
+        if kind == "wheels":
+            raise ValueError(f"{name} is a scenario and has no measured wheel rates; input by wheels needs a recording")
+        if start is not None or stop is not None:
+            raise ValueError(f"a time span cuts recordings; {name} is a scenario")
+        piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
+        return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
+    path = log_path(name)
+    if not exists(path) and not is_log(path):
+        others = f"sample, and paths of recordings ({readable()})"
+        raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, {others}")
+    log = read_log(path, ReadOptions(limits=limits)).on_one_clock().cut(start, stop)
+    periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
+    if periods > limits.samples:
+        raise ValueError(f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it")
+    if (many := len(log.stretches())) > _MOST_PIECES:
+        raise ValueError(f"{name} has {many} stretches between gaps, wanted at most {_MOST_PIECES}: its steps of time vary")
+    span = "" if start is None and stop is None else f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
+    return source_of(log, name, kind, log.name + span)
+
+
+def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | None = None) -> Source:
+    """Return a log on one clock as a motion to compare plants on; what is wrong with it is logged as a warning too.
+
+    Where the log has no commands, the speeds of its odometry stand for them, and a warning says so.
+
+    Args:
+        log: the log.
+        name: name that the user gave it.
+        kind: which of its inputs drives the plants.
+        title: name in sentences; the log's own if not given.
+
+    Raises:
+        ValueError: it lacks the inputs or the pose.
+    """
+    faults, names, sentences = find_faults(log), COMMAND_COLUMNS[kind], list[str]()
+    if kind == "twist" and not log.has(names) and log.has(("odom_v", "odom_w")):
+        names = ("odom_v", "odom_w")
+        sentences.append("no commands were recorded, so the odometry's speeds, odom_v and odom_w, drive the plants instead")
+    inputs, pose, gyro = log.table(names), log.table(POSE_COLUMNS), log.columns.get("gyro_z")
+    sides = COMMAND_COLUMNS["wheels"]
+    wheels = log.table(sides) if log.has(sides) else np.zeros((len(pose), 2))
+    jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
+    pieces = []
+    for s in log.stretches():
+        t, fresh = log.t[s], fresh_poses(log.t[s], pose[s])
+        commands = commands_on_grid(t, inputs[s], kind, RECORDING_GRID)
+        commands = replace(commands, before=(float(commands.values[0, 0]), float(commands.values[0, 1])))
+        motion = _recorded_motion(t, pose[s], fresh, wheels[s], None if gyro is None else gyro[s])
+        inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
+        start = initial_state(t, pose[s], fresh, wheels[s][0])
+        pieces.append(Piece(commands, start, t, motion, fresh, tuple(inside.tolist())))
+    title = title or log.name
+    warnings = tuple(f"{title}: {sentence}" for sentence in [*sentences, *faults.sentences()])
+    for warning in warnings:
+        _logger.warning("%s", warning)
+    return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title)
+
+
+def commands_on_grid(t: FloatArray, inputs: FloatArray, kind: CommandKind, dt: float) -> Commands:
+    """Return (M, 2) inputs at stamps [s] on a uniform grid that begins with the first stamp.
+
+    Commands are held until the next sample (zero-order hold): each grid time takes the last sample at or before it,
+    where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are measurements of something that goes on
+    between samples: each side is interpolated linearly from one fresh sample of its own to the next and taken in the
+    middle of each period. Holding them would make the wheels late by half a sample.
+
+    Returns:
+        ceil(duration / dt) commands, so that only the last may end after the last sample; command k is held over
+        [t_0 + k dt, t_0 + (k + 1) dt).
+    """
+    t = t - t[0]
+    n = max(1, math.ceil((float(t[-1]) - TIME_ROUNDOFF) / dt))
+    if kind == "wheels":
+        middle = (np.arange(n) + 0.5) * dt
+        known = [refreshed(t, side[:, None]) for side in inputs.T]
+        sides = [np.interp(middle, t[new], side[new]) for new, side in zip(known, inputs.T, strict=True)]
+        return Commands(dt, np.column_stack(sides), kind)
+    return Commands(dt, inputs[np.searchsorted(t, np.arange(n) * dt + TIME_ROUNDOFF, side="right") - 1], kind)
+
+
+def initial_state(t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray) -> State:
+    """Return the first of (M, 3) poses at stamps [s], and the constant twist that fits the first poses best.
+
+    A straight line is fitted to yaw; then, along that yaw, the arc p(t) = p_0 + t sinc(w t / 2) R(yaw_0 + w t / 2) v to
+    the positions. Both are linear least squares, and exact for a constant twist. Only fresh samples of the first `_BEGIN`
+    are used, or three of them; the twist is zero where no pose is new. `wheels` are the (2,) rates of that moment [rad/s].
+    """
+    first = np.flatnonzero(fresh)
+    first = first[: max(3, np.count_nonzero(t[first] - t[0] <= _BEGIN + TIME_ROUNDOFF))]
+    v, yaw_rate = np.zeros(2), 0.0
+    if len(first) >= 2:
+        at, moved = t[first] - t[0], pose[first] - pose[0]
+        centred = at - at.mean()
+        yaw_rate = float(centred @ moved[:, 2] / (centred @ centred))
+        half_turn = 0.5 * yaw_rate * at
+        chord = (at * np.sinc(half_turn / np.pi))[:, None, None] * np.eye(2)  # of unit v_x and of unit v_y, in the body
+        yaw = pose[0, 2] + moved[:, 2].mean() - yaw_rate * at.mean() + half_turn
+        arcs = rotate_body_to_world(chord, yaw[:, None])  # (n, which of v, which of xy)
+        design = np.swapaxes(arcs - arcs.mean(axis=0), 1, 2).reshape(-1, 2)
+        v = np.linalg.lstsq(design, (moved[:, :2] - moved[:, :2].mean(axis=0)).ravel())[0]
+    x, y, yaw_0 = map(float, pose[0])
+    return State(x, y, yaw_0, float(v[0]), float(v[1]), yaw_rate, float(wheels[0]), float(wheels[1]))
+
+
+def _recorded_motion(
+    t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray, gyro: FloatArray | None
+) -> Trajectory:
+    """Return recorded poses; speeds are slopes over `_BEGIN`, from fresh samples; yaw rate is the gyro's if there is one."""
+    velocity, known = np.zeros_like(pose), t[fresh]
+    if len(known) > 1:
+        low, high = (np.clip(t + half, known[0], known[-1]) for half in (-0.5 * _BEGIN, 0.5 * _BEGIN))
+        rise = [np.interp(high, known, column) - np.interp(low, known, column) for column in pose[fresh].T]
+        velocity = np.column_stack(rise) / np.maximum(high - low, 1e-9)[:, None]
+    turning = velocity[:, 2] if gyro is None else gyro
+    twist = np.column_stack([rotate_world_to_body(velocity[:, :2], pose[:, 2]), turning])
+    return Trajectory(t, pose, twist, wheels)
+
+
+# ------------------------------------------------------------------------------------------ driving and scoring
+class Pacer:
+    """Waits for instants counted from one start, and catches up after lateness, unless that is too much."""
+
+    def __init__(self, clock: Callable[[], float], sleep: Callable[[float], object], most_behind: float = math.inf) -> None:
+        """Start now; `clock` returns monotonic time [s], and `sleep` waits for some time [s] or a little longer.
+
+        A lateness greater than `most_behind` [s] is dropped, so that time does not run fast for long after a stall.
+        """
+        self._clock, self._sleep, self._most_behind = clock, sleep, most_behind
+        self._start = clock()
+        self.dropped = 0.0
+        """Time that was dropped [s]."""
+
+    def wait(self, instant: float) -> float:
+        """Sleep until `instant` [s] after the start, unless that has passed, and return the lateness [s]."""
+        deadline = self._start + instant
+        while (left := deadline - self._clock()) > 0.0:
+            self._sleep(left)
+        late = self._clock() - deadline
+        if late > self._most_behind:
+            self._start += late
+            self.dropped += late
+        return late
+
+
+def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
+    """Drive a plant over one piece and return its motion as the reference tells its own, at the reference's stamps.
+
+    Args:
+        plant: what to drive; reset first.
+        piece: commands, start and stamps.
+        localiser: the frame in the plant's body that is compared, and its delays.
+        sample_dt: period at which the plant is sampled [s].
+        push: (n,) disturbing yaw acceleration of each physics step [rad/s2].
+    """
+    return localiser.seen(plant.run(piece.commands, localiser.body_state(piece.start), sample_dt, push), piece.t)
+
+
+DrivenSources = Sequence[tuple[Source, Sequence[Trajectory]]]
+"""Sources, each with a plant's motion over its pieces."""
+
+
+def horizons_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
+    """Return errors of the relative pose by horizon [s] over several sources together; only logs have windows.
+
+    Windows follow one another and never span a gap or a jump of the localiser. A horizon without any is left out.
+    """
+    errors = {horizon: _errors_of(driven, horizon, horizon_windows) for horizon in horizons}
+    return {horizon: horizon_errors(*found) for horizon, found in errors.items() if found is not None}
+
+
+def window_errors_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, WindowErrors]:
+    """Return errors of the relative pose over windows that begin every second, by horizon [s], as `horizons_of` does."""
+    errors = {horizon: _errors_of(driven, horizon, overlapping_windows) for horizon in horizons}
+    return {horizon: WindowErrors(horizon, *found) for horizon, found in errors.items() if found is not None}
+
+
+def _errors_of(driven: DrivenSources, horizon: float, windows: WindowCut) -> tuple[FloatArray, FloatArray] | None:
+    """Return (W,) position errors [m] and yaw errors [rad] over all windows; None where there is none."""
+    found = [
+        relative_pose_error(motion.pose, piece.reference.pose, *piece.windows(windows, piece.t, horizon))
+        for source, motions in driven
+        for motion, piece in zip(motions, source.pieces, strict=True)
+        if piece.reference is not None and piece.t is not None
+    ]
+    if not sum(len(position) for position, _ in found):
+        return None
+    return np.concatenate([position for position, _ in found]), np.concatenate([yaw for _, yaw in found])
+
+
+def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, IndexArray], ...]:
+    """Return starts and ends of the windows of `horizons_of`, piece by piece; none for a piece without stamps."""
+    nothing = np.empty(0, dtype=np.intp)
+    return tuple((nothing, nothing) if p.t is None else p.windows(horizon_windows, p.t, horizon) for p in source.pieces)
+
+
+def standing_share(source: Source, horizon: float) -> float | None:
+    """Return the share of the windows of `window_errors_of` in which the robot never moves [1]; None without windows.
+
+    Wheel rates say whether it moves, commands where there are no wheel rates.
+    """
+    still = []
+    for piece in source.pieces:
+        if piece.t is not None and piece.reference is not None:
+            moved = np.cumulative_sum(_moves(piece, piece.t, piece.reference), include_initial=True)
+            starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
+            still.append(moved[ends + 1] == moved[starts])
+    found = np.concatenate(still) if still else np.empty(0)
+    return float(found.mean()) if len(found) else None
+
+
+def _moves(piece: Piece, t: FloatArray, recorded: Trajectory) -> NDArray[np.intp]:
+    """Return (M,) 1 where the robot moves, else 0."""
+    if np.any(recorded.wheels):
+        rates = np.column_stack([moving_mean(t, side, WHEELS_MEAN_S) for side in recorded.wheels.T])
+        return (np.abs(rates).max(axis=1) > WHEELS_TURN).astype(np.intp)
+    values = piece.commands.values
+    at = np.minimum(((t - t[0]) / piece.commands.dt).astype(np.intp), len(values) - 1)
+    return (np.abs(values[at]).max(axis=1) > ASKS_FOR_MOTION).astype(np.intp)
+
+
+def standing_sentences(source: Source, horizon: float) -> list[str]:
+    """Return a sentence on a log in which the robot often stands; none for one in which it drives."""
+    share = standing_share(source, horizon)
+    if share is None or share < STANDING_SHARE:
+        return []
+    windows = f"{100.0 * share:.0f} % of the windows of {horizon:g} s"
+    return [f"{source.title}: the robot stands still throughout {windows}, which lowers all medians"]

@@ -1,0 +1,1 @@
+"""Files from outside and for outside: logs of robots as one `Log`, read safely and written whole."""

@@ -1,0 +1,188 @@
+"""CSV files: tables of numbers below a header, and logs that have a column `t` [s] and any of `RECORDED` and others."""
+
+from __future__ import annotations
+
+import csv
+import io
+import logging
+import math
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssmr.types import FloatArray
+from validation.files.limits import USUAL, LogLimits, find_time_fault
+from validation.files.log import ANY_COLUMN, COLUMNS, RECORDED, Log, ReadOptions, is_column_name
+from validation.files.reading import FileError, opened, quoted
+from validation.store import write_atomic
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """Columns of numbers below a header; blank lines are left out."""
+
+    path: Path
+    header: Sequence[str]
+    """Names of the columns."""
+    header_line: int
+    """Line on which the header begins, counted from 1."""
+    lines: Sequence[int]
+    """Line on which each row begins."""
+    columns: Sequence[FloatArray]
+    """(M,) numbers of each column, not finite where there is none."""
+    bad: Sequence[tuple[int, str] | None]
+    """Row and text of each column's first cell that is no finite number; None for a column without one."""
+
+    limits: LogLimits
+    """Limits that it was read with."""
+
+    def numbers(self, place: int, unit: str, limit: str | None = None) -> FloatArray:
+        """Return a column as (M,) finite numbers.
+
+        Args:
+            place: index of the column.
+            unit: unit of its numbers, for messages.
+            limit: name of the limit of its numbers; None for none.
+
+        Raises:
+            FileError: a cell is no finite number, or beyond the limit.
+        """
+        values, what = self.columns[place], ""
+        if (bad := self.bad[place]) is not None:
+            row, cell = bad
+            what = f"there is {quoted([cell.strip()]) if cell.strip() else 'nothing'}, wanted a finite number [{unit}]"
+        elif limit is not None and (beyond := self.limits.first_beyond(limit, values)) is not None:
+            row, what = beyond, f"there is {f'{values[beyond]:g} {unit}'.strip()}, but {self.limits.says(limit)}"
+        if what:
+            raise FileError(self.path, what, self.lines[row], self.header[place])
+        return values
+
+
+def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
+    """Read a CSV file. A UTF-8 byte order mark, any line ending and blank lines are accepted.
+
+    Raises:
+        FileError: the file is no CSV file, is empty, has rows that differ in length or is beyond the limits.
+    """
+    rows = _rows(path, limits)
+    header_line, header = next(rows, (0, []))
+    width = len(header)
+    if not width:
+        raise FileError(path, "the file is empty; wanted a header line with the names of columns, and lines of numbers")
+    if "\0" in "".join(header):
+        raise FileError(path, "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text", header_line)
+    if width == 1 and ";" in header[0]:
+        what = "semicolons separate the columns; wanted commas between them, and points in numbers"
+        raise FileError(path, what, header_line)
+    if width > limits.columns:
+        raise FileError(path, f"there are {width} columns, but {limits.says('columns')}", header_line)
+    most = min(limits.samples, limits.cells // width)
+    columns, lines = [array("d") for _ in header], array("q")
+    bad: list[tuple[int, str] | None] = [None] * width
+    for line, row in rows:
+        if len(row) != width:
+            raise FileError(path, f"there are {len(row)} fields, wanted {width} as in the header", line)
+        if len(lines) >= most:
+            what = limits.says("samples" if most == limits.samples else "cells")
+            raise FileError(path, f"there are too many rows: {what}", line)
+        for place, cell in enumerate(row):
+            value = _number(cell)
+            columns[place].append(value)
+            if bad[place] is None and not math.isfinite(value):
+                bad[place] = (len(lines), cell)
+        lines.append(line)
+    numbers = [np.array(column, dtype=np.float64) for column in columns]
+    return CsvTable(path, [name.strip() for name in header], header_line, lines, numbers, bad, limits)
+
+
+def _number(cell: str) -> float:
+    """Return the number that a cell holds, NaN where it holds none."""
+    try:
+        return math.nan if "_" in cell else float(cell)  # Python reads 1_0 as 10, which no logger writes
+    except ValueError:
+        return math.nan
+
+
+def _rows(path: Path, limits: LogLimits) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line and the cells of each row that is not blank; what is not UTF-8 will be no number."""
+    line = 1
+    with opened(path, limits.bytes_of("table_size"), "table_size") as file:
+        try:
+            text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="surrogateescape", newline="")
+            reader = csv.reader(text, strict=True)
+            for row in reader:
+                if len(row) > 1 or any(map(str.strip, row)):
+                    yield line, row
+                line = reader.line_num + 1
+        except csv.Error as cause:
+            raise FileError(path, f"this is no CSV: {cause}", line) from cause
+
+
+def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
+    """Read a log. A column besides `t` and `RECORDED` that is not made of numbers throughout is left out with a warning.
+
+    Raises:
+        FileError: the file cannot be read, is no valid log or is beyond the limits.
+    """
+    path, options = Path(path), options or ReadOptions()
+    if options.topics:
+        raise FileError(path, "topics names the topics of a bag; this is a CSV file, whose columns have names")
+    table = read_csv_table(path, options.limits)
+    _check_names(table)
+    columns: dict[str, FloatArray] = {}
+    for place, name in enumerate(table.header):
+        known = COLUMNS.get(name, ANY_COLUMN)
+        unit, limit = ("s", None) if name == "t" else (known.unit, known.limit)
+        try:
+            columns[name] = table.numbers(place, unit, limit)
+        except FileError as fault:
+            if name == "t" or name in RECORDED:
+                raise
+            _logger.warning("%s; the column is left out", fault)
+    if len(table.lines) < 2:
+        some = "is one sample" if table.lines else "are no samples"
+        raise FileError(path, f"there {some} after the header; a log needs at least two")
+    if time := find_time_fault(columns["t"], options.limits):
+        raise FileError(path, time.what, table.lines[time.row], "t")
+    return Log.of_columns(path, columns, options.limits)
+
+
+def _check_names(table: CsvTable) -> None:
+    """Refuse a header without `t`, without any of `RECORDED`, or with names that are none or stand there twice."""
+    names, path, line = table.header, table.path, table.header_line
+    for wanted, some in (("column t", ("t",)), ("known column", RECORDED)):
+        if not any(n in some for n in names):
+            what = f"there is no {wanted} among {quoted(names)}; a log's header names t and any of {', '.join(RECORDED)}"
+            raise FileError(path, what, line)
+    for k, name in enumerate(names):
+        if not is_column_name(name):
+            raise FileError(path, f"{quoted([name])} names no column; wanted printable text", line, f"number {k + 1}")
+        if name in names[:k]:
+            raise FileError(path, "the header names this column twice; each needs a name of its own", line, name)
+
+
+def write_csv(log: Log | Mapping[str, ArrayLike], path: str | Path) -> None:
+    """Write a log on one clock, or (M,) columns by name, whole or not at all; `read_csv` gets equal bits back.
+
+    Raises:
+        FileError: the log cannot be brought onto one clock, or the columns make none.
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    made = log.on_one_clock() if isinstance(log, Log) else Log.of_columns(path, log)
+    names = sorted(made.columns, key=lambda name: name not in RECORDED)
+    table = [made.t.tolist(), *(made.columns[name].tolist() for name in names)]
+
+    def write(beside: Path) -> None:
+        with beside.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["t", *names])
+            writer.writerows(zip(*table, strict=True))
+
+    write_atomic(path, write)

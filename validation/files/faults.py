@@ -1,0 +1,331 @@
+"""Faults that a log shows by itself: a localiser that jumps, driving without commands, dead columns, numbers of no robot.
+
+`LogLimits` refuses what cannot be. Nothing here is certain enough to refuse a log; it says what is not to be trusted. The
+wheels say when the robot moves, and what the gyro shows while it stands is the gyro's bias.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr._jit import source
+from ssmr.estimation.settings import EkfSettings
+from ssmr.geometry import integral
+from ssmr.robot.drive import body_rates
+from ssmr.types import FloatArray, IndexArray
+from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
+from validation.files.reading import FileError
+from validation.files.signals import fresh_poses, moving_mean, nearest
+
+STOCK = EkfSettings()
+"""The state filter of a stock Husky, whose wheel radius and half-track convert encoders of a robot that nobody named."""
+_REST_V = 0.01
+"""A robot stands if its wheels' speed, averaged over `2 _REST_MARGIN`, is below this [m/s]; noisy encoders show a third."""
+_REST_W = 0.02  # a robot stands if its wheels' yaw rate, averaged likewise, is below this [rad/s]
+_REST_MARGIN = 0.5  # samples that lie nearer to a motion than this do not count as rest [s]: odometry may be late
+REST_LEAST = 2.0
+"""Shortest total rest from which a bias is taken [s]."""
+WHEELS_MEAN_S = 0.25
+"""Time before and after an instant over which wheel rates are averaged, against the noise of encoders [s]."""
+WHEELS_TURN = 0.1
+"""Wheel rate above which a wheel turns [rad/s]: 16 mm/s of a Husky, well above the noise of means of encoders."""
+ASKS_FOR_MOTION = 0.01
+"""Size of a command above which it asks for motion [m/s, rad/s]."""
+JUMP_M = 0.2
+"""Step of position beyond what the wheels explain from which it is a jump [m]: over twenty times the noise of lidar odometry
+(6 to 9 mm), under what a robot of this size drives in a third of a second."""
+JUMP_RAD = 0.2
+"""Step of heading beyond what the wheels explain from which it is a jump [rad]: ten times the noise of lidar odometry."""
+_CLOCKS_S, _BIN_S = 1.0, 0.1
+"""Time around a step in which the wheels' fastest motion counts [s], for clocks of a log may be that far apart; and the
+width of the bins in which it is looked for [s]."""
+_FASTER = 1.25  # speeds may be this many times those of the wheels: their radius is known roughly, and a robot slides on
+AFTER_COMMAND_S, _BEFORE_COMMAND_S = 2.0, 0.5
+"""Time after a command in which wheels may still turn because of it [s]: a dead time of 0.4 s, and a ramp of 1 m/s² from the
+speed of a fast robot. And before it, where clocks of a log differ."""
+_TURNED = 0.3  # change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it
+_SLOW_RATE, _FAST_RATE = 2.0, 2000.0
+"""Sampling rates of measured groups between which they are of use [Hz]: a skid-steered robot starts and stops within half a
+second, and no controller of one runs faster."""
+_TOO_FAR = 8.0
+"""Ratio of two measures of the same motion from which one of them may be in another unit [1]: wheels of half or twice the
+size, and wheels that slip by three quarters, stay below it; millimetres (1000) and degrees (57) do not."""
+_RATIO_S, _RATIO_LEAST, _RATIO_COUNT = 1.0, 0.1, 10
+"""Length of the intervals over which motions are compared [s], long enough that the localiser's noise does not count; least
+motion of the wheels in one [m, rad], and least number of such intervals."""
+
+WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
+"""(M,) stamps [s], speed [m/s] and yaw rate [rad/s]."""
+
+
+# ------------------------------------------------------------------------------------------ what the wheels say
+def twist_of(group: Group | None, settings: EkfSettings = STOCK) -> WheelTwist | None:
+    """Return the motion by a group's encoders or odometry; None without either.
+
+    Encoders are converted with the radius and half-track of a state filter's settings.
+    """
+    if group is None:
+        return None
+    if (rates := group.table(COMMAND_COLUMNS["wheels"])) is not None:
+        left, right = rates.T
+        return group.t, *source(body_rates)(left, right, settings.half_track, settings.radius)
+    odometry = group.table(("odom_v", "odom_w"))
+    return None if odometry is None else (group.t, *odometry.T)
+
+
+def wheel_twist(log: Log, settings: EkfSettings = STOCK) -> WheelTwist | None:
+    """Return the motion by a log's encoders or else its odometry; None without either."""
+    return twist_of(log.groups.get("wheels"), settings) or twist_of(log.groups.get("odom"), settings)
+
+
+def standing(log: Log, t: FloatArray) -> NDArray[np.bool_]:
+    """Return (N,) whether the robot stood at instants `t` [s], by its wheels; False throughout where there are none."""
+    wheels = wheel_twist(log)
+    if wheels is None:
+        return np.zeros(len(t), dtype=bool)
+    stamps, v, w = wheels
+    mean = [moving_mean(stamps, a, _REST_MARGIN) for a in (v, w)]
+    before, after = nearest(stamps[(np.abs(mean[0]) > _REST_V) | (np.abs(mean[1]) > _REST_W)], t)
+    return (np.minimum(before, after) > _REST_MARGIN) & (t >= stamps[0]) & (t <= stamps[-1])
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Readings of a gyro while the wheels stand."""
+
+    bias: float
+    """Mean of the readings [rad/s]."""
+    std: float
+    """Standard deviation of single readings [rad/s]."""
+    seconds: float
+    """Total time at rest [s]."""
+
+
+def find_rest(log: Log) -> Rest | None:
+    """Return the gyro's readings at rest; None without a gyro, or where the wheels stand for less than `REST_LEAST`."""
+    imu = log.groups.get("imu")
+    if imu is None:
+        return None
+    still = standing(log, imu.t)
+    seconds = float(np.count_nonzero(still)) * imu.period
+    shown = imu.columns["gyro_z"][still]
+    return Rest(float(np.mean(shown)), float(np.std(shown)), seconds) if seconds >= REST_LEAST else None
+
+
+def unbiased(log: Log) -> Log:
+    """Return a log with the gyro's mean at rest taken out.
+
+    Raises:
+        FileError: that mean is unknown.
+    """
+    rest = find_rest(log)
+    if rest is None:
+        raise FileError(log.path, f"unbias needs a gyro, and wheels that stand for {REST_LEAST:g} s in all")
+    imu = log.groups["imu"]
+    columns = {**imu.columns, "gyro_z": imu.columns["gyro_z"] - rest.bias}
+    return replace(log, groups={**log.groups, "imu": replace(imu, columns=columns)})
+
+
+# ------------------------------------------------------------------------------------------ faults
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """Steps of a localiser's pose that the robot's speed cannot explain, K of them."""
+
+    index: IndexArray
+    """(K,) indices, in the group that holds x, y and yaw, of the first sample after each jump."""
+    t: FloatArray
+    """(K,) stamps of these samples [s]."""
+    metres: FloatArray
+    """(K,) lengths of the steps [m]."""
+    radians: FloatArray
+    """(K,) sizes of the turns [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Faults:
+    """Faults of a log."""
+
+    jumps: Jumps | None
+    """Jumps of the pose; None where there is no pose, or nothing says how fast the robot was."""
+    uncommanded_share: float | None
+    """Share of the time in which wheels turn without a command [1]; None without commands or wheels."""
+    dead_columns: tuple[str, ...]
+    """Columns that stay the same although the robot moves."""
+    implausible: tuple[str, ...]
+    """Sentences about rates and magnitudes that no robot of this kind has."""
+
+    def sentences(self) -> list[str]:
+        """Return what is wrong with the log, a sentence each; none for a sound one."""
+        found = []
+        if self.jumps is not None and (n := len(self.jumps.t)):
+            worst = f"up to {self.jumps.metres.max():.2f} m and {self.jumps.radians.max():.2f} rad"
+            what = "once" if n == 1 else f"{n} times"
+            found.append(f"the localiser jumps {what}, {worst}, first at {self.jumps.t[0]:.2f} s: no window spans a jump")
+        if (share := self.uncommanded_share) is not None and share >= 0.01:
+            found.append(f"the wheels turn without a command for {100.0 * share:.0f} % of the time, as by joystick")
+        if self.dead_columns:
+            found.append(f"the same number all the time, although the robot moves: {', '.join(self.dead_columns)}")
+        return [*found, *self.implausible]
+
+
+def find_faults(log: Log) -> Faults:
+    """Return what is wrong with a log."""
+    implausible = tuple(_implausible(log)) or tuple(_mismatches(log))
+    return Faults(find_jumps(log), _uncommanded_share(log), _dead_columns(log), implausible)
+
+
+def find_jumps(log: Log) -> Jumps | None:
+    """Return the jumps of the pose.
+
+    A step from one new pose to the next is a jump if it is longer than the fastest wheel's path in that time by `JUMP_M`, or
+    turns further than the wheels by `JUMP_RAD`; slipping wheels only make a robot slower. Gaps are no steps. Without wheels
+    the commands say how fast the robot was.
+    """
+    group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
+    pose = None if group is None else group.table(POSE_COLUMNS)
+    twist = wheel_twist(log) or _commanded(log)
+    if group is None or pose is None or twist is None:
+        return None
+    stamps, v, w = twist
+    turning = np.abs(w)
+    rim = np.abs(v) + STOCK.half_track * turning  # no point between the wheels is faster, for a stock Husky's size
+    new = np.flatnonzero(fresh_poses(group.t, pose))
+    t, steps = group.t[new], np.diff(pose[new], axis=0)
+    metres, radians, dt = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2]), np.diff(t)
+    path = _FASTER * _scale(rim, stamps, t, metres) * _greatest_around(t, stamps, rim) * dt
+    turn = _FASTER * _greatest_around(t, stamps, turning) * dt
+    beyond = (metres - path > JUMP_M) | (radians - turn > JUMP_RAD)
+    piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
+    at = np.flatnonzero(beyond & (np.diff(piece) == 0))
+    return Jumps(new[at + 1], t[at + 1], metres[at], radians[at])
+
+
+def _commanded(log: Log) -> WheelTwist | None:
+    command = log.groups.get("cmd")
+    table = None if command is None else command.table(COMMAND_COLUMNS["twist"])
+    return None if command is None or table is None else (command.t, *table.T)
+
+
+def _scale(rim: FloatArray, stamps: FloatArray, t: FloatArray, metres: FloatArray) -> float:
+    """Return how many times faster than a stock Husky with these wheel rates the robot is, at least 1.
+
+    Wheels of another robot are larger. The median of the driven steps' own ratios says by how much, jumps or not.
+    """
+    at = np.interp(0.5 * (t[1:] + t[:-1]), stamps, rim)
+    driven = at > 0.5 * np.percentile(rim, 90.0)
+    if not np.any(driven & (at > 0.0)):
+        return 1.0
+    return max(1.0, float(np.median(metres[driven] / np.diff(t)[driven] / at[driven])))
+
+
+def _greatest_around(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the (K - 1,) greatest of (M,) values at `stamps` within `_CLOCKS_S` of the steps between (K,) instants [s]."""
+    from scipy import ndimage  # here: it takes a tenth of a second to import
+
+    bins = ((stamps - stamps[0]) / _BIN_S).astype(np.intp)
+    greatest = np.zeros(bins[-1] + 1)
+    np.maximum.at(greatest, bins, values)
+    around = ndimage.maximum_filter1d(greatest, 2 * round(_CLOCKS_S / _BIN_S) + 3, mode="nearest")
+    at = np.clip((t - stamps[0]) / _BIN_S, 0, bins[-1]).astype(np.intp)
+    ends = np.maximum(around[at], np.interp(t, stamps, values))
+    return np.maximum(ends[:-1], ends[1:])
+
+
+def _fastest_wheel(log: Log) -> tuple[FloatArray, FloatArray] | None:
+    """Return (M,) stamps [s] and the rate of the faster side [rad/s]; None without wheels."""
+    group = log.groups.get("wheels")
+    rates = None if group is None else group.table(COMMAND_COLUMNS["wheels"])
+    if group is None or rates is None:
+        return None
+    return group.t, np.abs([moving_mean(group.t, side, WHEELS_MEAN_S) for side in rates.T]).max(axis=0)
+
+
+def _uncommanded_share(log: Log) -> float | None:
+    """Return the share of time in which wheels turn although nothing was commanded for `AFTER_COMMAND_S`."""
+    wheels, command = _fastest_wheel(log), _commanded(log)
+    if wheels is None or command is None:
+        return None
+    t, rate = wheels
+    stamps, v, w = command
+    since, until = nearest(stamps[np.maximum(np.abs(v), np.abs(w)) > ASKS_FOR_MOTION], t)
+    quiet = (since > AFTER_COMMAND_S + WHEELS_MEAN_S) & (until > _BEFORE_COMMAND_S)
+    return float(np.mean(quiet & (rate > WHEELS_TURN)))
+
+
+def _dead_columns(log: Log) -> tuple[str, ...]:
+    """Return the names of columns that stay the same although others say that the robot moves or turns."""
+    there, wheels, twist = log.columns, _fastest_wheel(log), wheel_twist(log)
+    drives = wheels is not None and np.mean(wheels[1] > WHEELS_TURN) > 0.05
+    posed = log.has(POSE_COLUMNS)
+    moved = posed and max(np.ptp(there["x"]), np.ptp(there["y"])) > 0.5
+    wheels_turn = twist is not None and np.ptp(integral(twist[0], twist[2])) > _TURNED
+    turned = wheels_turn or (posed and np.ptp(there["yaw"]) > _TURNED)
+    asked = any(np.abs(there[name]).max() > ASKS_FOR_MOTION for name in COMMAND_COLUMNS["twist"] if name in there)
+    noisy = [name for name, known in COLUMNS.items() if known.usual < math.inf and known.group in ("odom", "channels")]
+    suspects = [
+        (COMMAND_COLUMNS["twist"], drives or moved),
+        *(((name,), moved or asked) for name in COMMAND_COLUMNS["wheels"]),
+        (("gyro_z",), turned),
+        (("x", "y"), drives),
+        (("yaw",), wheels_turn),
+        *(((name,), drives or moved) for name in noisy),
+    ]
+    zero = {name for names in COMMAND_COLUMNS.values() for name in names}  # a robot may be driven, but not by nothing
+    found = list[str]()
+    for names, moves in suspects:
+        if moves and log.has(names) and all(np.ptp(there[n]) == 0.0 and not (n in zero and there[n][0]) for n in names):
+            found += names
+    return tuple(found)
+
+
+def _implausible(log: Log) -> Iterator[str]:
+    """Yield sentences about rates and magnitudes that no robot of this kind has."""
+    for name, group in log.groups.items():
+        rate = 1.0 / group.period
+        if name in ("pose", "wheels", "odom", "imu") and not _SLOW_RATE <= rate <= _FAST_RATE:
+            yield f"{name} has {rate:.4g} samples a second, where {_SLOW_RATE:g} to {_FAST_RATE:g} are of use"
+        for column, known in COLUMNS.items():
+            if column in group.columns and (greatest := float(np.abs(group.columns[column]).max())) > known.usual:
+                more = f"more than {known.usual:g}: it may be in {known.others}"
+                yield f"{column} reaches {greatest:.4g} {known.unit}, {more}"
+
+
+def _mismatches(log: Log) -> Iterator[str]:
+    """Yield sentences about measures of the same motion that no slip and no size of wheels can tell so differently."""
+    wheels = wheel_twist(log)
+    if wheels is None:
+        return
+    t, v, w = wheels
+    grid = np.arange(t[0], t[-1], _RATIO_S)
+    there = {name: (group.t, values) for group in log.groups.values() for name, values in group.columns.items()}
+
+    def steps(stamps: FloatArray, values: FloatArray) -> FloatArray:
+        return np.abs(np.diff(np.interp(grid, stamps, values)))
+
+    rolled, turned = steps(t, integral(t, np.abs(v))), steps(t, integral(t, w))
+    if "x" in there and "y" in there:
+        ratio = _median_ratio(np.hypot(steps(*there["x"]), steps(*there["y"])), rolled)
+        if ratio > _TOO_FAR:
+            yield f"x and y move {ratio:.3g} times as far as the wheels roll: they may be in mm or cm"
+        elif ratio < 1.0 / _TOO_FAR:
+            far = f"{1.0 / ratio:.3g} times as far as x and y move"
+            yield f"the wheels roll {far}: rates may be in rpm or degrees per second"
+    if "yaw" in there and (ratio := _median_ratio(steps(*there["yaw"]), turned)) > _TOO_FAR:
+        yield f"yaw turns {ratio:.3g} times as far as the wheels say: it may be in degrees"
+    if "gyro_z" in there:
+        stamps, rate = there["gyro_z"]
+        if (ratio := _median_ratio(steps(stamps, integral(stamps, rate)), turned)) > _TOO_FAR:
+            yield f"gyro_z turns {ratio:.3g} times as far as the wheels say: it may be in degrees per second"
+
+
+def _median_ratio(moved: FloatArray, wheels: FloatArray) -> float:
+    """Return the median of the ratio over the intervals in which the wheels move [1]; 1 where there are few."""
+    driven = wheels > _RATIO_LEAST
+    if np.count_nonzero(driven) < _RATIO_COUNT:
+        return 1.0
+    return max(float(np.median(moved[driven] / wheels[driven])), 1e-9)

@@ -1,0 +1,174 @@
+"""The table of log formats, and reading and writing a log in whichever of them its path asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
+from validation.files.bag_writing import bag_losses, write_bag
+from validation.files.bags import METADATA, read_bag
+from validation.files.csv_logs import read_csv, write_csv
+from validation.files.log import POSE_COLUMNS, Log, ReadOptions, check_group
+from validation.files.reading import FileError, exists, quoted
+from validation.store import write_atomic
+
+SAMPLE_LOG = "sample"
+"""Name, where the path of a log is wanted, of the one that travels with the package: 70 s of the MuJoCo Husky of profile
+husky-tile at 20 Hz, as `recordings convert varied@mujoco --profile husky-tile --rate 20` writes it, rounded."""
+
+
+def write_tum(log: Log, path: Path) -> None:
+    """Write the poses of a log as evo reads them, `t x y z qx qy qz qw` on each line, whole or not at all.
+
+    Raises:
+        FileError: there is no pose.
+        OSError: the file cannot be written.
+    """
+    made = log.on_one_clock()
+    if not made.has(POSE_COLUMNS):
+        raise FileError(log.path, f"there is no pose for {path.name}; ekf makes one from wheels and gyro")
+    x, y, yaw = made.table(POSE_COLUMNS).T
+    table = np.column_stack([made.t, x, y, np.zeros(len(x)), quat_wxyz_to_xyzw(yaw_to_quat_wxyz(yaw))])
+    write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
+
+
+def tum_losses(log: Log, path: Path) -> list[str]:
+    """Return a sentence about the columns that a trajectory does not hold."""
+    left_out = [name for name in log.columns if name not in POSE_COLUMNS]
+    return [f"{path.name} holds the pose to nine decimals, and not: {quoted(left_out)}"] if left_out else []
+
+
+@dataclass(frozen=True)
+class LogFormat:
+    """A file format of logs."""
+
+    endings: tuple[str, ...]
+    """Endings of its files, in lower case, such as `.csv`."""
+    read: Callable[[Path, ReadOptions], Log] | None = None
+    """Function that reads such a file and raises `FileError`, with the place of the fault, if it cannot; None for a format
+    that is only written. A format with one clock returns `Log.of_columns(path, columns)`."""
+    write: Callable[[Log, Path], None] | None = None
+    """Function that writes a log whole or not at all; None for a format that is only read."""
+    losses: Callable[[Log, Path], Sequence[str]] | None = None
+    """Function that returns sentences about what such a file would not hold of a log, or hold under other names, and raises
+    ValueError if it cannot hold the log; None for a format that holds everything."""
+    folder: str = ""
+    """Name of the folders that are read as well, such as `the folder of a ROS 2 bag`; empty where only files are."""
+    own_stamps: bool = False
+    """Whether its files hold the own stamps of each group."""
+
+    def recognises(self, path: Path) -> bool:
+        """Return whether a path looks like this format: by its ending, or as a folder."""
+        return bool(self.folder) if path.is_dir() else path.suffix.lower() in self.endings
+
+
+FORMATS = (
+    LogFormat((".csv",), read_csv, write_csv),
+    LogFormat((".tum",), None, write_tum, tum_losses),
+    LogFormat((".bag", ".mcap"), read_bag, write_bag, bag_losses, "the folder of a ROS 2 bag", own_stamps=True),
+)
+"""Every format of logs. A new one is a module with a function that reads or writes it, and its line here."""
+
+
+def log_path(name: str | Path) -> Path:
+    """Return the path of a log: `sample` is the one that travels with the package, unless there is a file of that name."""
+    path = Path(name)
+    return Path(__file__).with_name("sample.csv") if str(name) == SAMPLE_LOG and not exists(path) else path
+
+
+def readable() -> str:
+    """Return the endings that can be read, as a sentence names them: `.csv, .mcap or a folder`."""
+    known = [f for f in FORMATS if f.read is not None]
+    names = [ending for f in known for ending in f.endings] + [f.folder for f in known if f.folder]
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def is_log(path: Path) -> bool:
+    """Return whether a path looks like a log that can be read; it need not exist."""
+    return any(f.read is not None and f.recognises(path) for f in FORMATS)
+
+
+def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
+    """Read a log of any format in `FORMATS`; `Log.on_one_clock` brings it onto one clock.
+
+    Args:
+        path: a file or folder, whose ending says which format it has, or `sample`.
+        options: choices for formats with topics, and limits; all guessed or usual if not given.
+
+    Raises:
+        FileError: no format has that ending, or the log cannot be read, or is beyond the limits.
+    """
+    path, options = log_path(path), options or ReadOptions()
+    if not exists(path):
+        raise FileError(path, f"there is no such file; wanted a log ({readable()})")
+    read = next((f.read for f in FORMATS if f.read is not None and f.recognises(path)), None)
+    if read is None:
+        raise FileError(path, f"this is no log by its ending; logs are {readable()}")
+    log = read(path, options)
+    for group in log.groups.values():
+        check_group(path, group, options.limits)
+    return log
+
+
+def format_of_target(path: str | Path) -> LogFormat:
+    """Return the format that the ending of a file says, which is to be written; a ValueError lists those that there are."""
+    known = {ending: f for f in FORMATS if f.write is not None for ending in f.endings}
+    suffix = Path(path).suffix
+    if suffix.lower() not in known:
+        raise ValueError(f"{path}: no format has the ending '{suffix}'; there are: {', '.join(known)}")
+    return known[suffix.lower()]
+
+
+def write_log(log: Log, path: str | Path) -> None:
+    """Write a log in the format that the ending of `path` names, whole or not at all.
+
+    Raises:
+        ValueError: no format that can be written has that ending, the log lacks what the format needs, or `path` is the log
+            itself or lies in it.
+        OSError: the file cannot be written.
+    """
+    path, write = Path(path), format_of_target(path).write
+    assert write is not None
+    check_apart(path, log.path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write(log, path)
+
+
+def losses(log: Log, path: str | Path) -> Sequence[str]:
+    """Return sentences about what the file at `path` would not hold of a log, or hold under other names.
+
+    Raises:
+        ValueError: no format that can be written has that ending, or it cannot hold the log.
+    """
+    find = format_of_target(path).losses
+    return () if find is None else find(log, Path(path))
+
+
+def check_apart(target: str | Path, source: str | Path) -> None:
+    """Refuse to write a file of any kind over a log or into it, before any work is done.
+
+    Args:
+        target: file that is to be written.
+        source: log that is read; it need not exist, as a simulated drive does not.
+
+    Raises:
+        ValueError: the target is a folder, the source itself, or lies in the folder of a ROS 2 bag that is the source.
+    """
+    target, source = Path(target), Path(source)
+    if exists(target) and target.is_dir():
+        raise ValueError(f"{target} is a folder; name a file")
+    if not exists(source):
+        return
+    if exists(target) and target.samefile(source):
+        raise ValueError(f"{target} is the log itself; name another file")
+    bag = source if source.is_dir() else source.parent
+    try:
+        inside = (bag / METADATA).is_file() and bag.resolve() in target.absolute().resolve().parents
+    except (OSError, RuntimeError) as cause:  # a link that leads to itself
+        raise ValueError(f"{target}: where it lies cannot be seen ({cause})") from cause
+    if inside:
+        raise ValueError(f"{target} lies in the bag {bag}; name a file outside of it")

@@ -1,0 +1,395 @@
+"""A log: what a robot's sensors said, as columns of numbers with units, in groups that have stamps of their own.
+
+Every reader returns a `Log`. `Log.on_one_clock` brings its groups onto one clock. There measurements are interpolated
+linearly between samples that were not only logged again, and commands are held until the next one; they count as zero once
+they are older than half a second, as in a robot's driver. A gap in a group becomes a gap of the log, which nothing
+bridges. Groups that share their stamps keep them, unless another rate is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ssmr.geometry import relative
+from ssmr.types import CommandKind, FloatArray, frozen_array
+from validation.files.limits import USUAL, LogLimits, find_time_fault
+from validation.files.reading import FileError
+from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, refreshed, smoothed
+
+
+class Column(NamedTuple):
+    """What is known of a column by its name."""
+
+    unit: str
+    group: str
+    """Group of the columns that are sampled together with it."""
+    limit: str
+    """Name of the limit of its numbers in `LogLimits`."""
+    usual: float = math.inf
+    """Greatest size that it has on a ground robot."""
+    others: str = ""
+    """Units that it may be in where it is larger."""
+
+
+_RPM, _DEGREES = "rpm, ticks or degrees per second", "degrees per second"
+COLUMNS: Mapping[str, Column] = MappingProxyType(
+    {
+        **dict.fromkeys(("x", "y"), Column("m", "pose", "position")),
+        "yaw": Column("rad", "pose", "angle"),
+        **dict.fromkeys(("enc_left", "enc_right"), Column("rad/s", "wheels", "wheel_rate", 100.0, _RPM)),
+        "odom_v": Column("m/s", "odom", "speed", 10.0, "mm/s or km/h"),
+        "odom_w": Column("rad/s", "odom", "turning", 15.0, _DEGREES),
+        **dict.fromkeys(("odom_x", "odom_y"), Column("m", "odom", "position")),
+        "odom_yaw": Column("rad", "odom", "angle"),
+        "gyro_z": Column("rad/s", "imu", "turning", 15.0, _DEGREES),
+        **dict.fromkeys(("gps_east", "gps_north"), Column("m", "gps", "position")),
+        "cmd_v": Column("m/s", "cmd", "speed", 10.0, "mm/s or km/h"),
+        "cmd_w": Column("rad/s", "cmd", "turning", 15.0, _DEGREES),
+        **dict.fromkeys(("acc_x", "acc_y", "acc_z"), Column("m/s²", "channels", "acceleration", 160.0, "mg")),
+        **dict.fromkeys(("current_left", "current_right"), Column("A", "channels", "channel", 1000.0, "mA")),
+        **dict.fromkeys(("voltage_left", "voltage_right"), Column("V", "channels", "channel", 200.0, "mV")),
+    }
+)
+"""Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is asked for."""
+ANY_COLUMN = Column("", "channels", "channel")
+"""Any other column."""
+GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {g: tuple(n for n, c in COLUMNS.items() if c.group == g) for g in dict.fromkeys(c.group for c in COLUMNS.values())}
+)
+"""Names of the groups, and the known columns of each."""
+RECORDED = ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw")
+"""Columns of a robot's motion: a log on one clock has at least one of them."""
+_NOTHING = f"there is none of the columns {', '.join(RECORDED)}"
+POSE_COLUMNS = ("x", "y", "yaw")
+POSES = (POSE_COLUMNS, ("odom_x", "odom_y", "odom_yaw"))
+"""Triples of columns that are x [m], y [m] and yaw [rad] of one motion."""
+COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
+    {"twist": ("cmd_v", "cmd_w"), "wheels": ("enc_left", "enc_right")}
+)
+"""The two columns that drive a plant, by kind of command."""
+
+_GAP_FACTOR = 2.5  # A step longer than this many periods is a gap: one dropped sample is tolerated, two are not
+
+
+def is_column_name(name: str) -> bool:
+    """Return whether a file's header can hold this name and give it back."""
+    return bool(name) and name.isprintable() and name == name.strip()
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Columns that were sampled together, M samples."""
+
+    source: str
+    """Topic or file that the samples come from."""
+    t: FloatArray
+    """(M,) strictly increasing [s]; M is at least 2."""
+    columns: Mapping[str, FloatArray]
+    """Columns by name, each (M,), finite; angles are unwrapped."""
+    period: float = math.nan
+    """Median step of time [s], that of `t` unless it is given; a cut keeps it, so that it moves no gap."""
+
+    def __post_init__(self) -> None:
+        """Take the period from the stamps where it is not given."""
+        if math.isnan(self.period):
+            object.__setattr__(self, "period", float(np.median(np.diff(self.t))))
+
+    def table(self, names: Sequence[str]) -> FloatArray | None:
+        """Return (M, len(names)) columns side by side; None where one is missing."""
+        return np.column_stack([self.columns[n] for n in names]) if all(n in self.columns for n in names) else None
+
+    def where(self, keep: NDArray[np.bool_]) -> Group:
+        """Return the samples for which the (M,) `keep` is true."""
+        return replace(self, t=self.t[keep], columns={name: a[keep] for name, a in self.columns.items()})
+
+    def longest_step(self, period: float = 0.0) -> float:
+        """Return the longest step of time [s] that is no gap, at the group's own period or at a longer `period` [s]."""
+        return _GAP_FACTOR * max(self.period, period) + TIME_ROUNDOFF
+
+    def gaps(self) -> list[tuple[float, float]]:
+        """Return the beginning and the end of each gap [s]."""
+        at = np.flatnonzero(np.diff(self.t) > self.longest_step())
+        return [(float(self.t[k]), float(self.t[k + 1])) for k in at]
+
+    def in_gaps(self, t: FloatArray, margin: float = 0.0, least: float = 0.0) -> NDArray[np.bool_]:
+        """Return (N,) whether instants `t` [s] lie in gaps.
+
+        Args:
+            t: (N,) instants [s].
+            margin: time after the beginning and before the end of a gap that does not count as in it [s].
+            least: shorter gaps, or equal ones, do not count [s].
+        """
+        at = np.flatnonzero(np.diff(self.t) > max(self.longest_step(), least))
+        if not len(at):
+            return np.zeros(len(t), dtype=bool)
+        start, stop = self.t[at] + margin, self.t[at + 1] - margin
+        last = np.searchsorted(start, t, side="left") - 1
+        return (last >= 0) & (t < stop[last])
+
+
+Stamps = Literal["header", "bag"]
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Choices for formats with topics; a format without topics ignores them or refuses them."""
+
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named are guessed."""
+    stamps: Stamps = "header"
+    """Clock that counts: `header`, when a message was measured, or `bag`, when it was written."""
+    lenient: bool = False
+    """Leave out topics that cannot be used, and say so in `Log.left_out`, instead of raising an error."""
+    limits: LogLimits = USUAL
+    """Greatest sizes and numbers that a log may have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Topic:
+    """A topic of a file that has topics, M samples."""
+
+    name: str
+    type: str
+    """Message type as ROS 2 writes it, such as nav_msgs/msg/Odometry."""
+    t: FloatArray
+    """(M,) stamps, not decreasing, counted from the file's epoch [s]; zeros where the topic cannot be read."""
+    columns: Mapping[str, FloatArray] | None
+    """Columns as they were sent, each (M,), NaN is possible; None where the topic cannot be read."""
+    stamps: Stamps = "header"
+    """Clock that `t` comes from."""
+    jumps: Sequence[tuple[float, float]] = ()
+    """Jumps of its clock: the time of writing and the size [s]."""
+    late: int = 0
+    """Number of samples that had to be sorted."""
+    role: str = ""
+    """Role that it is taken for; empty for none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log of one robot."""
+
+    path: Path
+    """File that it was read from."""
+    groups: Mapping[str, Group]
+    """Groups of columns by name."""
+    topics: Sequence[Topic] = ()
+    """Topics of the file, where its format has any."""
+    remarks: Sequence[str] = ()
+    """Sentences about the file's clocks."""
+    left_out: Sequence[str] = ()
+    """Sentences about topics that cannot be used."""
+    limits: LogLimits = USUAL
+    """Limits that it was read with; they hold for its common clock as well."""
+    description: str = ""
+    """URDF of its robot, which goes into bags; empty where it is not known."""
+
+    @classmethod
+    def of_columns(cls, path: str | Path, columns: Mapping[str, ArrayLike], limits: LogLimits = USUAL) -> Log:
+        """Return a log of (M,) columns by name on one clock, `t` [s] among them; they are copied and read-only.
+
+        Raises:
+            FileError: there is no `t`, it does not increase, there are fewer than two samples, lengths differ, numbers are
+                not finite, a name cannot stand in a file, or no column is one of `RECORDED`.
+        """
+        path, arrays = Path(path), {n: np.asarray(a, dtype=np.float64) for n, a in columns.items()}
+        if "t" not in arrays or len(arrays["t"]) < 2:
+            raise FileError(path, "a log needs a column t, and at least two samples")
+        if unknown := [name for name in arrays if not is_column_name(name)]:
+            raise FileError(path, f"{unknown[0]!r} is no name of a column")
+        if not any(name in RECORDED for name in arrays):
+            raise FileError(path, _NOTHING)
+        try:
+            t = frozen_array(arrays.pop("t"), "t", (None,))
+            angles = {name: np.unwrap(a) for name, a in arrays.items() if COLUMNS.get(name, ANY_COLUMN).unit == "rad"}
+            arrays = {name: frozen_array(angles.get(name, a), name, (len(t),)) for name, a in arrays.items()}
+        except ValueError as cause:
+            raise FileError(path, str(cause)) from cause
+        if np.any(t[1:] <= t[:-1]):
+            raise FileError(path, f"t must increase; it does not after sample {int(np.argmax(t[1:] <= t[:-1]))}")
+        groups: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
+        for name, a in arrays.items():
+            groups[COLUMNS.get(name, ANY_COLUMN).group][name] = a
+        return cls(path, {name: Group(path.name, t, found) for name, found in groups.items() if found}, limits=limits)
+
+    @property
+    def name(self) -> str:
+        """Name in tables and pictures: the file's name without its ending."""
+        return self.path.stem
+
+    @property
+    def columns(self) -> dict[str, FloatArray]:
+        """All columns of all groups by name."""
+        return {name: a for group in self.groups.values() for name, a in group.columns.items()}
+
+    def has(self, names: Iterable[str]) -> bool:
+        """Return whether it has all of these columns."""
+        return set(names) <= set(self.columns)
+
+    # ----------------------------------------------------------------------------------------- on one clock
+    @property
+    def t(self) -> FloatArray:
+        """(M,) stamps that all groups share [s]; ValueError for a log that is not on one clock."""
+        if not self.is_on_one_clock:
+            raise ValueError(f"the groups of {self.name} have stamps of their own; bring it onto one clock")
+        return next(iter(self.groups.values())).t
+
+    @property
+    def is_on_one_clock(self) -> bool:
+        """True if all groups share their stamps."""
+        first, *others = self.groups.values()
+        return all(g.t is first.t or np.array_equal(g.t, first.t) for g in others)
+
+    def table(self, names: Sequence[str]) -> FloatArray:
+        """Return (M, len(names)) columns of a log on one clock side by side.
+
+        Raises:
+            ValueError: a column is missing; the message names it.
+        """
+        there = self.columns
+        if missing := [n for n in names if n not in there]:
+            raise ValueError(f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(there)}")
+        return frozen_array(np.stack([there[n] for n in names], axis=1), self.name, (len(self.t), len(names)))
+
+    def stretches(self) -> list[slice]:
+        """Return the samples between gaps of a log on one clock, in order; a sample alone between two gaps is left out.
+
+        Raises:
+            ValueError: every step is a gap, as a cut around one may leave it.
+        """
+        t, longest = self.t, next(iter(self.groups.values())).longest_step()
+        edges = [0, *(np.flatnonzero(np.diff(t) > longest) + 1).tolist(), len(t)]
+        found = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]
+        if not found:
+            raise ValueError(f"log {self.name} is nothing but gaps between {t[0]:g} and {t[-1]:g} s")
+        return found
+
+    def on_one_clock(self, rate: float | None = None) -> Log:
+        """Return the log with all groups on one clock.
+
+        Args:
+            rate: samples a second [Hz]. None: the stamps that the groups share, or the rate of the first group of `GROUPS`.
+
+        Raises:
+            FileError: the groups do not overlap, leave nothing between their gaps, hold no column of `RECORDED`, or make
+                more samples than the limits allow.
+        """
+        if not any(name in RECORDED for name in self.columns):
+            raise FileError(self.path, _NOTHING)
+        if rate is None and self.is_on_one_clock:
+            return self
+        t = self._clock(rate)
+        period = float(np.median(np.diff(t)))
+        keep = np.ones(len(t), dtype=bool)
+        columns: dict[str, dict[str, FloatArray]] = {}
+        for name, group in self.groups.items():
+            if name == "cmd":
+                columns[name] = {n: held(t, group.t, values) for n, values in group.columns.items()}
+                continue
+            keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))  # gaps at the common period as well
+            new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
+            columns[name] = {n: np.interp(t, group.t[new], values[new]) for n, values in group.columns.items()}
+        if np.count_nonzero(keep) < 2:
+            raise FileError(self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}")
+        t, period = t[keep], float(np.median(np.diff(t[keep])))
+        groups = {
+            name: Group(self.groups[name].source, t, {n: a[keep] for n, a in found.items()}, period)
+            for name, found in columns.items()
+        }
+        return replace(self, groups=groups)
+
+    def _clock(self, rate: float | None) -> FloatArray:
+        """Return the (N,) instants of a common clock: shared stamps, or a grid over the time of all measured groups."""
+        measured = [g for name, g in self.groups.items() if name != "cmd"] or list(self.groups.values())
+        first = self.groups[min(self.groups, key=[*GROUPS, *self.groups].index)]
+        if rate is None and all(np.array_equal(g.t, first.t) for g in measured):
+            return first.t
+        dt = float(np.median(np.diff(first.t))) if rate is None else 1.0 / rate
+        start, stop = max(float(g.t[0]) for g in measured), min(float(g.t[-1]) for g in measured)
+        if stop - start < dt:
+            what = f"the topics do not overlap: {_spans(measured)}; leave one out with topics ROLE=none"
+            raise FileError(self.path, what)
+        n, width = (stop - start) / dt + TIME_ROUNDOFF, len(self.columns)
+        for limit, many in (("samples", n), ("cells", n * width)):
+            if many > getattr(self.limits, limit):
+                many_samples = f"{stop - start:.6g} s at {1.0 / dt:.6g} Hz are too many samples of {width} columns"
+                raise FileError(self.path, f"{many_samples}, for {self.limits.says(limit)}; ask for a lower rate")
+        return np.asarray(start + dt * np.arange(int(n) + 1), dtype=np.float64)
+
+    # ----------------------------------------------------------------------------------------- changes
+    def cut(self, start: float | None = None, stop: float | None = None) -> Log:
+        """Return the samples with `start` <= t <= `stop` [s]; None leaves that end as it is. Empty groups drop out.
+
+        Raises:
+            FileError: nothing is left.
+        """
+        low, high = (-math.inf if start is None else start), (math.inf if stop is None else stop)
+        within = {name: (g.t >= low) & (g.t <= high) for name, g in self.groups.items()}
+        found = {name: self.groups[name].where(keep) for name, keep in within.items() if np.count_nonzero(keep) > 1}
+        if not found:
+            what = f"nothing was logged in {low:g} to {high:g} s; there is {_spans(self.groups.values())}"
+            raise FileError(self.path, what)
+        return replace(self, groups=found)
+
+    def smoothed(self, sigma: float) -> Log:
+        """Return the log with measurements smoothed over `sigma` [s] by `smoothed`; commands stay as they were given."""
+        groups = dict(self.groups)
+        for name, g in self.groups.items():
+            if name != "cmd":
+                columns = {n: smoothed(g.t, a, sigma, g.longest_step()) for n, a in g.columns.items()}
+                groups[name] = replace(g, columns=columns)
+        return replace(self, groups=groups)
+
+    def aligned(self) -> Log:
+        """Return the log with every pose in it relative to its own first one (Sec. 4.2)."""
+        groups = dict(self.groups)
+        for name, g in self.groups.items():
+            for names in POSES:
+                if (pose := g.table(names)) is not None:
+                    aligned = dict(zip(names, relative(pose[0], pose).T, strict=True))
+                    groups[name] = replace(groups[name], columns={**groups[name].columns, **aligned})
+        return replace(self, groups=groups)
+
+
+def check_group(path: Path, group: Group, limits: LogLimits) -> None:
+    """Refuse times and numbers of a group that cannot be.
+
+    Raises:
+        FileError: they are not finite or beyond the limits; the message names the group's source, the time and the column.
+    """
+    if fault := find_time_fault(group.t, limits):
+        raise FileError(path, f"{group.source}, sample {fault.row + 1}: {fault.what}")
+    for name, values in group.columns.items():
+        known = COLUMNS.get(name, ANY_COLUMN)
+        k = limits.first_beyond(known.limit, values)
+        if k is not None:
+            wanted = (
+                f"but {limits.says(known.limit)}" if math.isfinite(values[k]) else f"wanted a finite number [{known.unit}]"
+            )
+            raise FileError(path, f"{group.source}, {group.t[k]:.3f} s: {name} is {values[k]:g}, {wanted}")
+
+
+def _spans(groups: Iterable[Group]) -> str:
+    return ", ".join(f"{g.source} {g.t[0]:.6g} to {g.t[-1]:.6g} s" for g in groups)
+
+
+def _measured(name: str, group: Group) -> NDArray[np.bool_]:
+    """Return (M,) where a group's samples were measured anew, or stand beside a gap.
+
+    A localiser or encoder that is slower than its log repeats its last value. To interpolate between repetitions would make
+    it late, by half of the time for which it is repeated.
+    """
+    if name not in ("pose", "wheels", "odom"):
+        return np.ones(len(group.t), dtype=bool)
+    new = (fresh_poses if name == "pose" else refreshed)(group.t, np.column_stack(list(group.columns.values())))
+    gap = np.diff(group.t) > group.longest_step()
+    return new | np.append(gap, True) | np.append(True, gap)

@@ -1,0 +1,98 @@
+"""Samples at stamps of their own: which are new, what holds between them, and their means over time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr.types import FloatArray
+
+TIME_ROUNDOFF = 1e-6
+"""Instants closer than this are the same one: well over rounding, well under any sample step [s]."""
+_COMMAND_TIMEOUT = 0.5
+"""Age from which a command no longer counts [s]: a driver stops a robot that gets no commands any more."""
+_STILL_AFTER = 1.0
+"""A pose that repeats for longer means that the robot stands, not that the localiser is slower than the log [s]."""
+
+
+def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the (N,) last commands at or before `t` [s]; zero where there is none or it is too old.
+
+    Args:
+        t: (N,) instants [s].
+        stamps: (M,) instants of the commands [s].
+        values: (M,) the commands.
+    """
+    last = np.searchsorted(stamps, t + TIME_ROUNDOFF, side="right") - 1
+    age = t - stamps[np.maximum(last, 0)]
+    return np.where((last >= 0) & (age <= _COMMAND_TIMEOUT + TIME_ROUNDOFF), values[np.maximum(last, 0)], 0.0)
+
+
+def fresh_poses(t: FloatArray, pose: FloatArray) -> NDArray[np.bool_]:
+    """Return (M,) bool, True for rows of (M, 3) poses that are new.
+
+    A pose equal to the one before, bit for bit, was only logged again. If that goes on for more than `_STILL_AFTER`, the
+    robot stands, and the samples after that time are new. The first sample is always new.
+    """
+    changed, last = _last_change(t, pose)
+    return changed | (t - last > _STILL_AFTER + TIME_ROUNDOFF)
+
+
+def refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+    """Return (M,) bool, True for rows of (M, k) values that were measured anew and not only logged again.
+
+    A row equal to the one before counts as new if nothing new came for longer than a usual refresh takes, or for longer than
+    `_STILL_AFTER`: then the value stayed the same.
+    """
+    changed, last = _last_change(t, values)
+    times = t[changed]
+    usual = min(float(np.median(np.diff(times))), _STILL_AFTER) if len(times) > 1 else 0.0
+    return changed | (t - last >= usual - TIME_ROUNDOFF)
+
+
+def _last_change(t: FloatArray, values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return (M,) where rows differ from the one before, and the stamp of the last such row [s]."""
+    changed = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
+    return changed, t[np.maximum.accumulate(np.where(changed, np.arange(len(t)), 0))]
+
+
+def smoothed(t: FloatArray, values: FloatArray, sigma: float, longest_step: float = math.inf) -> FloatArray:
+    """Return a Gaussian-weighted moving average over time (Sec. 3.5.2), cut off at three sigma, at the ends and at gaps.
+
+    Args:
+        t: (M,) stamps [s].
+        values: (M,) values to smooth.
+        sigma: standard deviation [s]; 0 changes nothing.
+        longest_step: a longer step is a gap [s].
+    """
+    if sigma == 0.0:
+        return values
+    piece = np.cumulative_sum(np.diff(t) > longest_step, include_initial=True)
+    total, weights = values.copy(), np.ones_like(values)
+    for lag in range(1, len(t)):
+        step = t[lag:] - t[:-lag]
+        near = (step <= 3.0 * sigma) & (piece[lag:] == piece[:-lag])
+        if not np.any(near):
+            break
+        weight = np.where(near, np.exp(-0.5 * np.minimum(step / sigma, 4.0) ** 2), 0.0)
+        total[lag:] += weight * values[:-lag]
+        total[:-lag] += weight * values[lag:]
+        weights[lag:] += weight
+        weights[:-lag] += weight
+    return total / weights
+
+
+def moving_mean(t: FloatArray, values: FloatArray, half: float) -> FloatArray:
+    """Return the (M,) means of the values whose stamps lie within `half` [s] of each of the (M,) stamps."""
+    low, high = np.searchsorted(t, t - half - TIME_ROUNDOFF), np.searchsorted(t, t + half + TIME_ROUNDOFF)
+    sums = np.cumulative_sum(values, include_initial=True)
+    return np.asarray((sums[high] - sums[low]) / (high - low))
+
+
+def nearest(stamps: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (N,) the times since the last and until the next of some stamps [s]; infinite where there is none."""
+    at = np.concatenate([[-math.inf], stamps, [math.inf]])
+    after = np.searchsorted(at, t, side="right")
+    return t - at[after - 1], at[np.minimum(after, len(at) - 1)] - t

@@ -1,1 +1,0 @@
-"""Logs of robots: files in, columns on one clock, files out."""

@@ -1,1 +1,0 @@
-"""Motions: sources of commands and recorded poses, and plants that are driven along them."""

@@ -1,0 +1,449 @@
+"""Look into a log of a robot, clean it, convert it: `python -m validation.recordings info|convert|commission SOURCE`."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from ssmr.estimation.settings import EkfSettings
+from ssmr.types import FloatArray
+from validation import cli
+from validation.bench.reckoning import Reckoning, commissioned_on, reckon, with_filter
+from validation.bench.simulated_logs import SensorFaults, is_simulated, open_log
+from validation.files.bags import SHOWN
+from validation.files.faults import REST_LEAST, STOCK, Faults, Rest, find_faults, find_rest, unbiased
+from validation.files.formats import check_apart, format_of_target, losses, write_log
+from validation.files.limits import USUAL
+from validation.files.log import Log, ReadOptions, Stamps
+from validation.files.offsets import Offset, estimate_offsets, synchronised
+from validation.files.reading import FileError
+from validation.plants.filters import LEARNING, THESIS, StateFilter, load_filter, odometry_of
+from validation.plants.profile import choose_profile
+from validation.report.columns import DEGREES, Unit
+from validation.report.report import Report
+from validation.report.table import Table
+from validation.simulator.description import WHEELS, Robot, load_robot
+from validation.simulator.urdf_writing import urdf_text
+from validation.store import write_json, write_text
+from validation.words import file_name
+
+
+# ------------------------------------------------------------------------------------------ options
+@dataclass(frozen=True)
+class LogOptions(cli.Common):
+    """How a log is opened, or simulated, whatever is done with it."""
+
+    source: Annotated[str | Path, cli.text_of("SOURCE"), tyro.conf.Positional]
+    """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a drive to be simulated and logged: traj1, traj2,
+    traj3, traj4 or varied, each with @PLANT."""
+    _: KW_ONLY
+    topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
+    """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
+    stamps: Annotated[Stamps, cli.option()] = "header"
+    """Clock that counts: header, when a message was measured; or bag, when it was written."""
+    limits: cli.Limits = USUAL
+    robot: Annotated[
+        Robot | str | Path | None,
+        cli.text_of("ROBOT"),
+        cli.option(default="the profile's; for dead reckoning on a log a stock Husky"),
+    ] = None
+    """Name of a shipped robot, or path of a robot's file (.toml)."""
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+    missed_left: Annotated[float, cli.option(metavar="SHARE")] = 0.0
+    """Share of their ticks that damaged encoders of a simulated robot's left side miss (Sec. 4.5)."""
+    missed_right: Annotated[float, cli.option(metavar="SHARE")] = 0.0
+    """Share of their ticks that damaged encoders of the right side miss (Sec. 4.5)."""
+    swing: Annotated[float, cli.option(metavar="METRES")] = 0.0
+    """Amplitude of an oscillation of a simulated localiser that is no motion of the robot (Sec. 4.5)."""
+    swing_hz: Annotated[float, cli.option(metavar="HZ")] = 1.0
+    """Frequency of that oscillation."""
+
+    def opened(self, *, lenient: bool = False) -> Log:
+        """Return the log; a `lenient` reading leaves out topics that cannot be used."""
+        faults = {name: getattr(self, name) for name in ("missed_left", "missed_right", "swing", "swing_hz")}
+        options = ReadOptions(self.topics, self.stamps, lenient, self.limits)
+        return open_log(self.source, options, self.profile, self.seed, robot=self.robot, faults=SensorFaults(**faults))
+
+    def odometry(self) -> EkfSettings:
+        """Return the state filter with the numbers of the robot's driver, a stock Husky's if no robot is named."""
+        if self.robot is None:
+            return STOCK
+        return odometry_of((self.robot if isinstance(self.robot, Robot) else load_robot(self.robot)).drive)
+
+    def target(self) -> Path | None:
+        """Return the file that the command line writes; None for none."""
+        return self.out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info(LogOptions):
+    """Options of `info`."""
+
+    out: Annotated[None, tyro.conf.Suppress, tyro.conf.Fixed] = None
+    json: Annotated[Path | None, cli.option(metavar="FILE", default="none")] = None
+    """JSON file to write the findings into as well."""
+    filter: Annotated[str | Path, cli.text_of("thesis|learning|FILE.toml"), cli.option()] = LEARNING
+    """State filter beside the thesis' in the table of dead reckoning: one that is learning on a robot that nobody has
+    commissioned, or that of a file, which commission writes."""
+
+    def target(self) -> Path | None:
+        """Return the JSON file, where one is wanted."""
+        return self.json
+
+
+@dataclass(frozen=True, kw_only=True)
+class Convert(LogOptions):
+    """Options of `convert`."""
+
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.csv")] = None
+    """File to write; its ending says in which format."""
+    rate: Annotated[cli.Number, cli.option(metavar="HZ", default="the log's own")] = None
+    """Samples a second, where it is another rate than the log's own."""
+    smooth: Annotated[float, cli.option(metavar="SECONDS")] = 0.0
+    """Standard deviation of the Gaussian that smooths measurements."""
+    align: cli.Flag = False
+    """Place the origin of the world at the first pose."""
+    unbias: cli.Flag = False
+    """Take out the gyro's mean at rest."""
+    sync: cli.Flag = False
+    """Take estimated offsets of time out of the measurements; commands stay."""
+    ekf: cli.Flag = False
+    """Let the state filter of wheels and gyro fill x, y and yaw."""
+    filter: Annotated[str | Path, cli.text_of("thesis|learning|FILE.toml"), cli.option()] = THESIS
+    """State filter for --ekf."""
+    gps_std: Annotated[float, cli.option(metavar="METRES")] = 0.0
+    """Standard deviation of GPS positions, which --ekf takes in by their stamps; --sync takes out their delay."""
+    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    """Leave out what was logged before this time."""
+    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
+    """Leave out what was logged after this time."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a rate that is not positive, or a negative width of smoothing or standard deviation."""
+        if self.rate is not None and not 0.0 < self.rate < math.inf:
+            raise ValueError(f"rate {self.rate} must be positive [Hz]")
+        for name, unit in (("smooth", "s"), ("gps_std", "m")):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} {getattr(self, name)} must not be negative [{unit}]")
+        if not self.ekf and (self.gps_std or str(self.filter) != THESIS):
+            raise ValueError("filter and gps_std are for ekf, which is not asked for")
+
+    def target(self) -> Path:
+        """Return the file to write."""
+        return self.out or Path("runs") / "recordings" / f"{file_name(Path(self.source).stem)}.csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Commission(LogOptions):
+    """Options of `commission`."""
+
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.toml")] = None
+    """TOML file to write the filter into."""
+
+    def target(self) -> Path:
+        """Return the file to write."""
+        return self.out or Path("runs") / "recordings" / f"{file_name(Path(self.source).stem)}.toml"
+
+
+# ------------------------------------------------------------------------------------------ reports
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LogReport(Report):
+    """What was found in a log, or made of it."""
+
+    program: str = "recordings"  # type: ignore[misc]  # see Report
+    log: Log
+    offsets: Sequence[Offset]
+    """Delays between its groups, before anything was changed."""
+
+    def write(self, path: str | Path) -> None:
+        """Write what it is for, whole or not at all; the folder of `path` is made if it is missing.
+
+        Raises:
+            ValueError: `path` is a folder, the log itself or a part of it, or cannot hold it.
+            OSError: the file cannot be written.
+        """
+        path = Path(path)
+        check_apart(path, self.log.path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._write(path)
+
+    def _write(self, path: Path) -> None:
+        write_json(path, self.as_dict())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LogInfo(LogReport):
+    """Contents of a log; its file is JSON."""
+
+    rest: Rest | None
+    """Readings of its gyro at rest; None where they are unknown."""
+    reckoning: Reckoning | None
+    """Ways of dead reckoning; None where the log allows none."""
+    faults: Faults
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConvertedLog(LogReport):
+    """A log after a conversion: `log` with its own stamps, unless another rate was asked for.
+
+    Its file is a log (.csv), a TUM trajectory (.tum), a ROS 2 bag (.mcap), beside which lies a layout for Foxglove, or a
+    ROS 1 bag (.bag).
+    """
+
+    on_one_clock: Log
+
+    def _write(self, path: Path) -> None:
+        write_log(self.log if format_of_target(path).own_stamps else self.on_one_clock, path)
+        if path.suffix.lower() == ".mcap":
+            layout = Path(__file__).parent / "files" / "foxglove.json"
+            write_text(path.with_suffix(".foxglove.json"), layout.read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CommissionedFilter(LogReport):
+    """A state filter that knows the robot of a log; its file is TOML."""
+
+    filter: StateFilter
+
+    def _write(self, path: Path) -> None:
+        self.filter.save(path)
+
+
+# ------------------------------------------------------------------------------------------ programs
+@cli.program(Info)
+def info(o: Info) -> LogInfo:
+    """Report what a log contains.
+
+    Prints topics or columns, rates, gaps, faults, time offsets and the gyro's bias.
+
+    Compares dead reckoning on the log with the positions in it.
+
+    Raises:
+        ValueError: the log cannot be opened.
+        SsmrError: the plant diverged.
+    """
+    log, odometry = o.opened(lenient=True), o.odometry()
+    used = load_filter(o.filter, odometry)
+    reckoning = reckon(log, odometry, {f"filter '{used.name}'": used.settings} if used.settings != odometry else {})
+    offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log)
+    seconds = {offset.behind: 0.0 for offset in offsets} | {offset.late: offset.seconds for offset in offsets}
+    jumps = faults.jumps
+    document = {
+        "schema": "ssmr.info/1",
+        "source": str(log.path),
+        "groups": {
+            name: {
+                "source": group.source,
+                "samples": len(group.t),
+                "rate_hz": 1.0 / group.period,
+                "from_s": float(group.t[0]),
+                "to_s": float(group.t[-1]),
+                "columns": list(group.columns),
+                "gaps_s": [list(gap) for gap in group.gaps()],
+            }
+            for name, group in log.groups.items()
+        },
+        "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
+        "offsets": [asdict(offset) for offset in offsets],
+        "pose_jumps": None if jumps is None else len(jumps.t),
+        "pose_jumps_at_s": None if jumps is None else jumps.t.tolist(),
+        "pose_jumps_m": None if jumps is None else jumps.metres.tolist(),
+        "pose_jumps_rad": None if jumps is None else jumps.radians.tolist(),
+        "uncommanded_share": faults.uncommanded_share,
+        "dead_columns": list(faults.dead_columns),
+        "implausible": list(faults.implausible),
+        "gyro_at_rest": None if rest is None else asdict(rest),
+        "dead_reckoning": None if reckoning is None else asdict(reckoning),
+    }
+    return LogInfo(
+        title=log.path.name, document=document, log=log, offsets=offsets, rest=rest, reckoning=reckoning, faults=faults,
+        alarms=log.left_out,
+        tables=[_contents(log), _fault_table(faults), _offset_table(offsets), _reckoning_table(reckoning)],
+        sentences=[*log.remarks, *_gap_sentences(log), *_rest_sentences(log, rest), *faults.implausible],
+    )  # fmt: skip
+
+
+@cli.program(Convert)
+def convert(o: Convert) -> ConvertedLog:
+    """Write a log in another format: .csv, .tum, .mcap or .bag.
+
+    A .tum file is a trajectory for evo, .mcap a ROS 2 bag, .bag a ROS 1 bag.
+
+    Bags keep the stamps of every group of columns, unless --rate is given.
+
+    Offsets of time, bias, filter, smoothing, cutting, one clock, alignment: that is the order of changes.
+
+    Raises:
+        ValueError: the log cannot be opened, does not hold what a change needs, or does not fit into the file.
+        SsmrError: the plant diverged.
+    """
+    if o.out is not None:
+        format_of_target(o.out)
+        check_apart(o.out, o.source)
+    log = o.opened()
+    offsets = estimate_offsets(log)
+    changed = synchronised(log, offsets) if o.sync else log
+    changed = unbiased(changed) if o.unbias else changed
+    if o.gps_std and "gps" not in changed.groups:
+        raise FileError(log.path, "gps_std needs GPS positions, which the log has none of")
+    if o.ekf:
+        filtered = with_filter(changed, load_filter(o.filter, o.odometry()).settings, o.gps_std)
+        if filtered is None:
+            raise FileError(log.path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
+        changed = filtered
+    if o.robot is not None or o.profile is not None or is_simulated(str(o.source)):
+        robot = choose_profile(o.profile, o.robot, "thesis-lab").robot
+        changed = replace(changed, description=urdf_text(robot, {wheel: f"{wheel}_wheel" for wheel in WHEELS}))
+    changed = changed.smoothed(o.smooth).cut(o.start, o.until)
+    merged = changed.on_one_clock(o.rate)
+    if o.align:
+        changed, merged = changed.aligned(), merged.aligned()
+    changed = changed if o.rate is None else merged
+    t, period = merged.t, next(iter(merged.groups.values())).period
+    names = ", ".join(merged.columns)
+    sentences = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {1.0 / period:.2f} Hz: {names}"]
+    if o.sync and offsets:
+        sentences.append("the offsets of time were taken out of the measurements; commands stay as they were")
+    if o.out is not None:
+        sentences += losses(changed if format_of_target(o.out).own_stamps else merged, o.out)
+    return ConvertedLog(
+        title=log.path.name, document={}, log=changed, on_one_clock=merged, offsets=offsets,
+        tables=[_offset_table(offsets)], sentences=sentences,
+    )  # fmt: skip
+
+
+@cli.program(Commission)
+def commission(o: Commission) -> CommissionedFilter:
+    """Write a state filter that knows the robot of a log, from its wheels and the poses of a better sensor.
+
+    Offsets of time are taken out first. Use the file with --filter, on other drives.
+
+    Raises:
+        ValueError: the log cannot be opened, has no wheels or no poses, or the robot does not move and turn.
+        SsmrError: the plant diverged.
+    """
+    log = o.opened()
+    offsets = estimate_offsets(log)
+    settings = commissioned_on(synchronised(log, offsets), o.odometry())
+    if settings is None:
+        raise FileError(log.path, "commissioning needs wheels or odometry, and poses x, y, yaw of a better sensor")
+    made = StateFilter(log.path.stem, settings)
+    return CommissionedFilter(
+        title=log.path.name, document=made.as_dict(), log=log, offsets=offsets, filter=made,
+        tables=[_offset_table(offsets)], sentences=[f"{made.name}: {made.sentence()}"],
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------------ tables and sentences
+def _contents(log: Log) -> Table:
+    """Return the topics of a log, or its groups of columns where its format has no topics."""
+    rows: list[Mapping[str, Any]] = []
+    for topic in log.topics:
+        columns = "not read" if topic.columns is None else ", ".join(topic.columns)
+        kind = {"topic": topic.name, "type": topic.type.rpartition("/")[2]}
+        rows.append({**kind, **_sampling(topic.t), "taken for": topic.role or "–", "columns": columns})
+    if not log.topics:
+        rows += [{"group": n, **_sampling(g.t), "columns": ", ".join(g.columns)} for n, g in log.groups.items()]
+    return Table(log.path.name, rows)
+
+
+def _sampling(t: FloatArray) -> Mapping[str, Any]:
+    """Return the number of samples, their rate, and the first and the last stamp."""
+    known = len(t) > 1 and t[-1] > t[0]
+    period = float(np.median(np.diff(t))) if known else 0.0
+    span = {"from_s": float(t[0]), "to_s": float(t[-1])} if known else {"from_s": math.nan, "to_s": math.nan}
+    return {"samples": len(t), "rate_Hz": 1.0 / period if period > 0.0 else math.nan, **span}
+
+
+def _fault_table(faults: Faults) -> Table:
+    """Return what the log says about itself; no rows where it has nothing that could be looked at."""
+    rows = []
+    if faults.jumps is not None:
+        t, steps, turns = faults.jumps.t, faults.jumps.metres, faults.jumps.radians
+        worst = f"up to {steps.max():.2f} m and {DEGREES.text(turns.max())}°, {t[0]:.2f} to {t[-1]:.2f} s" if len(t) else ""
+        rows.append({"fault": "jumps of the localiser", "found": str(len(t)), "where": worst})
+    if faults.uncommanded_share is not None:
+        share = f"{100.0 * faults.uncommanded_share:.1f} %"
+        rows.append({"fault": "time in which wheels turn without a command", "found": share, "where": ""})
+    if rows or faults.dead_columns:
+        dead = {"found": str(len(faults.dead_columns)), "where": ", ".join(faults.dead_columns)}
+        rows.append({"fault": "columns that stay the same while it moves", **dead})
+    return Table("Health of the log", rows)
+
+
+def _offset_table(offsets: Sequence[Offset]) -> Table:
+    """Return the delay of each signal behind the one with the surest clock; no rows where no delay is known."""
+    rows = [
+        {"signal": o.late, "behind": o.behind, "late_s": o.seconds, "standard_error_s": o.standard_error,
+         "correlation": o.correlation}
+        for o in offsets
+    ]  # fmt: skip
+    units = {"late_s": Unit("s", 1.0, 4), "standard_error_s": Unit("s", 1.0, 4), "correlation": Unit("1", 1.0, 3)}
+    caption = "From yaw rates, for the position from speeds. Negative: early, as commands are."
+    return Table("Offsets of time", rows, caption, units=units)
+
+
+def _reckoning_table(reckoning: Reckoning | None) -> Table:
+    """Return ways of dead reckoning beside each other; no rows where the log allows none."""
+    if reckoning is None:
+        return Table("Dead reckoning", ())
+    rows = [{"dead reckoning by": row.name, "rms_m": row.rms, "path_m": row.length} for row in reckoning.rows]
+    caption = f"Distance from {reckoning.samples} positions of {reckoning.truth} after rigid alignment."
+    return Table("Dead reckoning", rows, caption)
+
+
+def _gap_sentences(log: Log) -> list[str]:
+    sentences = []
+    for source, gaps in dict.fromkeys((g.source, tuple(g.gaps())) for g in log.groups.values()):
+        at = ", ".join(f"{a:.3f} to {b:.3f} s" for a, b in gaps[:SHOWN])
+        more = f" and {len(gaps) - SHOWN} more" if len(gaps) > SHOWN else ""
+        if gaps:
+            sentences.append(f"{source}: {len(gaps)} gap{'s' * (len(gaps) > 1)}: {at}{more}")
+    return sentences
+
+
+def _rest_sentences(log: Log, rest: Rest | None) -> list[str]:
+    if rest is None:
+        unknown = f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
+        return [unknown] if "imu" in log.groups else []
+    bias = f"{rest.bias:+.5f} rad/s ({DEGREES.text(rest.bias)}°/s)"
+    return [f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s"]
+
+
+# ------------------------------------------------------------------------------------------ the command line
+def _command(program: cli.Program[Any, Any], option: str) -> Callable[[Any], None]:
+    """Return the function behind a subcommand, which writes the file that `option` names."""
+
+    def main(options: LogOptions) -> None:
+        target = options.target()
+        with cli.mistakes_are_users():
+            if target is not None:
+                check_apart(target, options.source)
+            found: LogReport = program.function(options if isinstance(options, Info) else replace(options, out=target))
+            if target is not None:
+                with cli.writes(option, target):
+                    found.write(target)
+        for sentence in found.alarms:
+            cli.warn(sentence)
+        cli.report_result(found, [] if target is None else [target])
+
+    main.__doc__ = (inspect.getdoc(program.function) or "").partition("\n\nRaises:")[0]
+    main.__annotations__ = {"options": program.options}
+    return main
+
+
+PROGRAM = {
+    "info": _command(info, "--json"),
+    "convert": _command(convert, "--out"),
+    "commission": _command(commission, "--out"),
+}
+
+if __name__ == "__main__":
+    cli.run(PROGRAM, "python -m validation.recordings")

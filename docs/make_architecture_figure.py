@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT))
 from tests.test_architecture import room_imports  # noqa: E402
 
 OUT = ROOT / "docs" / "img" / "architecture.svg"
-WIDTH, HEIGHT, STEP, BOX = 980, 674, 62, 30
+WIDTH, HEIGHT, STEP, BOX = 980, 736, 62, 30
 INK, FLOW = "#24292f", "#0072b2"
 PANELS = {"validation": (10, 500, "#fdebcf"), "ssmr": (535, 435, "#dbeaf7")}
 """Left edge, width and colour of each package's panel."""

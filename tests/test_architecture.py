@@ -207,7 +207,7 @@ PRICES = {
     "validation/fit": (3_000, "parameters of any plant from a log, with their uncertainty"),
     "validation/learning": (800, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_580, "any log is read as one form, its faults are found, and it is written in any format"),
-    "validation/plants": (970, "every plant declared once, and profiles"),
+    "validation/plants": (980, "every plant declared once, and profiles"),
     "validation/replicate": (3_650, "the thesis beside us, row by row"),
     "validation/report": (4_030, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/robots": (2_350, "a robot's file: check, draft, import, export"),

@@ -41,56 +41,56 @@ _TF, DESCRIPTION = "tf2_msgs/msg/TFMessage", "/robot_description"
 _SHOWN = 8  # number of renamed columns that a sentence lists
 _UNKNOWN = np.array([-1.0, *[0.0] * 8])  # covariance of something that was not measured (sensor_msgs/Imu)
 
-Fields = Mapping[str, Any]
-"""Fields of a message by name, those of messages inside it likewise; what is not there is zero or empty."""
+_Fields = Mapping[str, Any]
+"""_Fields of a message by name, those of messages inside it likewise; what is not there is zero or empty."""
 
 
-def _header(t: int, frame: str) -> Fields:
+def _header(t: int, frame: str) -> _Fields:
     return {"stamp": {"sec": t // 10**9, "nanosec": t % 10**9}, "frame_id": frame}
 
 
-def _turned(yaw: float) -> Fields:
+def _turned(yaw: float) -> _Fields:
     return dict(zip("wxyz", yaw_to_quat_wxyz(yaw).tolist(), strict=True))
 
 
-def _twist(v: float, w: float) -> Fields:
+def _twist(v: float, w: float) -> _Fields:
     return {"linear": {"x": v}, "angular": {"z": w}}
 
 
-def _pose(x: float, y: float, yaw: float) -> Fields:
+def _pose(x: float, y: float, yaw: float) -> _Fields:
     return {"position": {"x": x, "y": y}, "orientation": _turned(yaw)}
 
 
-def _cmd(t: int, row: Sequence[float]) -> Fields:
+def _cmd(t: int, row: Sequence[float]) -> _Fields:
     return {"header": _header(t, _BASE), "twist": _twist(row[0], row[1])}
 
 
-def _joints(t: int, row: Sequence[float]) -> Fields:
+def _joints(t: int, row: Sequence[float]) -> _Fields:
     names = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
     return {"header": _header(t, ""), "name": names, "velocity": np.tile(row, 2)}
 
 
-def _odometry(t: int, row: Sequence[float]) -> Fields:
+def _odometry(t: int, row: Sequence[float]) -> _Fields:
     pose, twist = {"pose": _pose(*row[2:5])}, {"twist": _twist(row[0], row[1])}
     return {"header": _header(t, _ODOM), "child_frame_id": _BASE, "pose": pose, "twist": twist}
 
 
-def _imu(t: int, row: Sequence[float]) -> Fields:
+def _imu(t: int, row: Sequence[float]) -> _Fields:
     unknown = {"orientation_covariance": _UNKNOWN, "linear_acceleration_covariance": _UNKNOWN}
     return {"header": _header(t, _BASE), "orientation": {"w": 1.0}, "angular_velocity": {"z": row[0]}, **unknown}
 
 
-def _pose_stamped(t: int, row: Sequence[float]) -> Fields:
+def _pose_stamped(t: int, row: Sequence[float]) -> _Fields:
     return {"header": _header(t, _WORLD), "pose": _pose(*row)}
 
 
-def _number(_: int, row: Sequence[float]) -> Fields:
+def _number(_: int, row: Sequence[float]) -> _Fields:
     return {"data": row[0]}
 
 
-Maker = Callable[[int, Sequence[float]], Fields]
+_Maker = Callable[[int, Sequence[float]], _Fields]
 """Function that makes a message from its stamp [ns] and the numbers of its columns."""
-_TOPICS: Mapping[str, tuple[str, str, Maker]] = {
+_TOPICS: Mapping[str, tuple[str, str, _Maker]] = {
     "cmd": ("/cmd_vel", "geometry_msgs/msg/TwistStamped", _cmd),
     "wheels": ("/joint_states", "sensor_msgs/msg/JointState", _joints),
     "odom": ("/odom", "nav_msgs/msg/Odometry", _odometry),
@@ -113,7 +113,7 @@ class _Plan(NamedTuple):
     group: str
     columns: Sequence[str]
     """Columns of the group that its messages hold, in the order of the maker."""
-    make: Maker
+    make: _Maker
 
 
 def _plans(groups: Mapping[str, Group]) -> list[_Plan]:
@@ -177,7 +177,7 @@ def _stamps(t: FloatArray, epoch: int) -> list[int]:
     return found
 
 
-_Message = tuple[int, str, str, Fields]
+_Message = tuple[int, str, str, _Fields]
 """Stamp [ns], topic, type and fields."""
 
 
@@ -207,14 +207,14 @@ def _messages(log: Log, epoch: int, ros1: bool) -> Iterator[_Message]:
 
 
 def _stream(
-    topic: str, kind: str, make: Maker, stamps: Sequence[int], rows: Sequence[Sequence[float]]
+    topic: str, kind: str, make: _Maker, stamps: Sequence[int], rows: Sequence[Sequence[float]]
 ) -> Iterator[_Message]:
     """Yield the messages of one topic."""
     for ns, row in zip(stamps, rows, strict=True):
         yield ns, topic, kind, make(ns, row)
 
 
-def _frame(parent: str, child: str, t: int, pose: Sequence[float]) -> Fields:
+def _frame(parent: str, child: str, t: int, pose: Sequence[float]) -> _Fields:
     x, y, yaw = pose
     transform = {"translation": {"x": x, "y": y}, "rotation": _turned(yaw)}
     return {"transforms": [{"header": _header(t, parent), "child_frame_id": child, "transform": transform}]}
@@ -263,7 +263,7 @@ def _fill(writer: Any, types: Any, messages: Iterable[_Message], serialize: Call
         writer.write(connected[topic], ns, serialize(_made(types, kind, fields), kind))
 
 
-def _made(types: Any, kind: str, fields: Fields) -> Any:
+def _made(types: Any, kind: str, fields: _Fields) -> Any:
     """Return a message of a type."""
     from rosbags.interfaces import Nodetype
 

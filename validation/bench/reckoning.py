@@ -67,7 +67,7 @@ def filtered_motion(
     Args:
         log: the log.
         gyro: True if the filter takes in the gyro.
-        bias: True if what the gyro shows whenever the robot stands tells its bias, see `zeroed`, from the log's beginning on.
+        bias: True if what the gyro shows whenever the robot stands tells its bias, see `zeroed`, from the beginning on.
             The bias is subtracted, or a filter that learns begins with it.
         settings: the filter's, with wheel radius and half-track of the robot's driver.
         gps_std: standard deviation of the log's GPS positions, which the filter takes in by their stamps [m]; 0 to take in

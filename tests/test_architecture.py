@@ -142,6 +142,7 @@ PROTOCOL = {
     "KIND": "the declaration of each plant that has a module of its own",
     "LAW": "the line of each planar model and of each controller in its table",
     "advance": "each planar model's step, and the function that chooses among them",
+    "drive": "the program, and how a plant is driven over a piece of a source",
     "declare": "the declaration of a plant, in the module of each family of plants, and of columns",
     "commission": "the program that takes a filter's constants from a log, and the function that takes them from drives",
     "SCHEMA": "the kind and version of each document that is written",
@@ -202,10 +203,9 @@ def test_public_functions_say_what_they_do() -> None:
 PRICES = {
     "ssmr": (9_840, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (1_110, "options, help, exit status, progress of every program"),
-    "validation/drive": (550, "drive the robot by hand, and log it"),
     "validation/engines": (1_020, "second opinions by ODE and Drake"),
     "validation/fit": (3_000, "parameters of any plant from a log, with their uncertainty"),
-    "validation/learning": (800, "reinforcement learning on the robot: Gymnasium and dm_control"),
+    "validation/learning": (770, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_580, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (980, "every plant declared once, and profiles"),
     "validation/replicate": (3_650, "the thesis beside us, row by row"),
@@ -220,7 +220,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/tune": (1_330, "gains are searched for"),
-    "validation/.": (1_530, "comparison, what a log contains and its conversion, whole writing"),
+    "validation/.": (1_680, "comparison, a drive by hand, what a log contains and its conversion, whole writing"),
     "benchmarks": (590, "speed beside other libraries"),
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something

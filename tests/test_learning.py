@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from dm_env import test_utils
 
-from ssmr.control.references import winding
 from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF, SYMMETRY
 from validation.bench.waypoint_files import open_reference
@@ -91,21 +90,6 @@ def test_the_environment_is_the_plant(profile: str) -> None:
     np.testing.assert_array_equal(seen[batch.source.slices["commands"][0]].reshape(-1, 2), table[-batch.source.past :])
 
 
-@pytest.mark.parametrize("profile", ["thesis-lab", "husky-tile"])
-def test_the_usual_step_is_the_same_robot(profile: str) -> None:
-    """Over 5 s of bends open loop it stays within 5 cm and 3 degrees of the shipped physics: far less than robots differ."""
-    ends = []
-    for timestep in (TrackTask.timestep, PLAIN["timestep"]):
-        batch = TrackBatch(TrackTask(profile, "long-line", 0.5, seconds=6.0, **{**PLAIN, "timestep": timestep}))
-        batch.reset()
-        for k in range(100):
-            batch.step([[0.5, 0.4 * np.sin(0.08 * k)]])
-        ends.append(batch._bodies.states()[0, :3])
-    off = np.abs(ends[0] - ends[1])
-    assert np.hypot(*off[:2]) < 0.05
-    assert off[2] < np.radians(3.0)
-
-
 def test_who_stands_still_loses_the_target() -> None:
     environment = tracking("thesis-lab", "line", 0.5, seed=0, **PLAIN)
     step = environment.reset()
@@ -118,18 +102,6 @@ def test_who_stands_still_loses_the_target() -> None:
     assert len(rewards) * 0.05 == pytest.approx(environment.batch.source.lost / 0.5, abs=0.1)
     assert rewards == sorted(rewards, reverse=True)
     assert environment.step(np.zeros(2)).first()
-
-
-def test_who_follows_reaches_the_end() -> None:
-    """Feedforward with a little feedback is enough on a line."""
-    environment = tracking("thesis-lab", "line", 0.5, seed=0, seconds=60.0, **PLAIN)
-    step, ticks = environment.reset(), 0
-    while not step.last():
-        e_rho, e_y, e_alpha = step.observation["targets"][0, :3]
-        step, ticks = environment.step(np.array([0.5 + 2.0 * e_rho, 3.0 * e_y + 2.0 * e_alpha])), ticks + 1
-    assert step.discount == 1.0
-    assert step.reward > 0.5
-    assert ticks * 0.05 == pytest.approx(10.8 / 0.5, abs=0.05)
 
 
 def test_what_a_seed_draws() -> None:
@@ -186,14 +158,6 @@ def test_tasks_that_cannot_be(wrong: dict[str, Any], message: str) -> None:
         EpisodeSource(TrackTask(**wrong))
 
 
-def test_winding_paths_turn_as_they_are_told() -> None:
-    path = winding(0.5, (0.0, 1.2, -0.7), 0.9)
-    assert path.length == pytest.approx(1.8, rel=1e-4)
-    assert path.headings[-1] == pytest.approx(0.9 * (0.6 + 0.25), abs=0.02)
-    with pytest.raises(ValueError, match="two curvatures"):
-        winding(0.5, (0.3,))
-
-
 def test_an_entity_on_its_ground_is_the_plant() -> None:
     """The same wheel rates move a dm_control entity as they move the plant, over a second of speeding up into a bend."""
     with warnings.catch_warnings():
@@ -235,8 +199,7 @@ def pair() -> tuple[Any, Any]:
 @pytest.mark.parametrize(
     "action",
     [
-        [np.nan, 0.0], [0.0, np.inf], [], [0.1], [0.1, 0.2, 0.3], [[0.1, 0.2]], 0.1, None, "ab",
-        ["\x1b[31m", 0], [10**400, 0], [1j, 0], np.zeros((2, 1)),
+        [np.nan, 0.0], [], [0.1, 0.2, 0.3], [[0.1, 0.2]], None, ["\x1b[31m", 0], [10**400, 0], np.zeros((2, 1)),
     ],
 )  # fmt: skip
 def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(pair: tuple[Any, Any], action: Any) -> None:

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr._jit import source
 from ssmr.estimation.ekf import (
     aiding_by,
     filter_step,
@@ -42,7 +41,7 @@ from ssmr.estimation.settings import (
 )
 from ssmr.robot.sensors import SensorLog, SensorSample
 from ssmr.types import FloatArray, State, Trajectory
-from tests.conftest import DERIVATIVE, ROUNDOFF
+from tests.conftest import DERIVATIVE
 
 STOCK = EkfSettings()
 LEARNS = learning(STOCK)
@@ -99,18 +98,6 @@ def test_the_derivatives_of_what_it_expects_are_right() -> None:
         assert np.allclose(row, numeric, rtol=DERIVATIVE, atol=DERIVATIVE)
 
 
-def test_it_expects_what_the_wheels_of_each_side_show() -> None:
-    """Both formulas, of the odometry's speed and of its yaw rate, against the geometry of two sides."""
-    s = replace(STOCK, scale_left=1.03, scale_right=0.96, turning=1.6, shift=0.03, slide=-0.05)
-    belief = initial_belief(State(v_x=0.5, yaw_rate=0.3), settings=s)
-    left, right = rates(np.array(0.5), np.array(0.3), s)
-    assert belief.mean[V] == pytest.approx(0.5 * s.radius * (left + right), rel=ROUNDOFF)
-    row = np.empty(STATES)
-    assert forward_speed(belief.mean, s.half_track, row) == pytest.approx(0.5, rel=ROUNDOFF)
-    shown = 0.5 * s.radius * (right - left) / s.half_track
-    assert wheel_yaw_rate(belief.mean, s.half_track, row) == pytest.approx(shown, rel=ROUNDOFF)
-
-
 def test_the_covariance_moves_with_the_derivative_of_the_motion() -> None:
     quiet = replace(STOCK, process_position=0.0, process_yaw=0.0, process_v=0.0, process_yaw_rate=0.0).packed()
     dt, step = 0.05, 1e-6
@@ -153,18 +140,6 @@ def test_the_gate_leaves_out_what_lies_beyond_its_quantile() -> None:
         assert np.array_equal(belief.mean, before)
         update(belief, W, before[W] + 1.95 * deviation, 0.01, gate)
         assert belief.mean[W] > before[W]
-
-
-def test_a_wheel_that_spins_for_a_moment_moves_only_a_filter_without_a_gate() -> None:
-    t = 0.02 * np.arange(500)
-    left = np.full(500, 3.0)
-    left[200:210] = 30.0
-    gyro, start = np.zeros(500), State(v_x=3.0 * STOCK.radius)
-    right, away = np.full(500, 3.0), []
-    for s in (STOCK, replace(STOCK, gate=0.9999)):
-        away.append(run_ekf(t, left, right, gyro, s, start).pose[-1, 0] - 3.0 * STOCK.radius * t[-1])
-    assert abs(away[0]) > 0.2
-    assert abs(away[1]) < 0.01
 
 
 def test_a_pose_is_seen_where_its_sensor_sits_and_yaw_is_wrapped() -> None:
@@ -261,9 +236,3 @@ def test_standing_tells_the_speed_and_the_bias() -> None:
     assert belief.mean[BIAS] == pytest.approx(0.013, rel=0.1)
     assert abs(belief.mean[V]) < 1e-3
     assert [belief.mean[k] for k in (LEFT, RIGHT, TURNING, X, Y)] == pytest.approx([1.0, 1.0, 1.0, 0.0, 0.0], abs=1e-3)
-
-
-def test_kernels_are_their_own_source() -> None:
-    row, again = np.empty(STATES), np.empty(STATES)
-    assert forward_speed(NEARBY, 0.3, row) == pytest.approx(source(forward_speed)(NEARBY, 0.3, again), rel=ROUNDOFF)
-    assert np.allclose(row, again, rtol=ROUNDOFF)

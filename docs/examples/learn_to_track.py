@@ -27,8 +27,8 @@ from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot, rate, run_robots
 from validation.bench.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask
+from validation.learning.batch import write_view
 from validation.learning.episodes import AHEAD_TICKS
-from validation.learning.kernels import write_view
 from validation.plants.profile import load_profile
 
 ROBOTS = 64

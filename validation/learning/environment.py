@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from pathlib import Path
 from typing import Any
 
 import dm_env
@@ -13,7 +11,6 @@ from dm_env import specs
 from ssmr.types import FloatArray
 from validation.learning.batch import TrackBatch
 from validation.learning.episodes import TrackTask
-from validation.simulator.description import Robot
 
 
 class Tracking(dm_env.Environment):
@@ -24,11 +21,7 @@ class Tracking(dm_env.Environment):
     """
 
     def __init__(self, task: TrackTask, seed: int | None = None) -> None:
-        """Make the robot.
-
-        Args:
-            task: what the episodes are about.
-            seed: seed of all draws.
+        """Make the robot, and draw all episodes by a seed.
 
         Raises:
             ValueError: as `TrackBatch`.
@@ -60,12 +53,12 @@ class Tracking(dm_env.Environment):
         return dm_env.truncation(reward, seen) if now.over[0] else dm_env.transition(reward, seen)
 
     def _named(self, row: FloatArray) -> dict[str, FloatArray]:
-        return OrderedDict((n, row[part].reshape(shape)) for n, (part, shape) in self.batch.source.slices.items())
+        return {n: row[part].reshape(shape) for n, (part, shape) in self.batch.source.slices.items()}
 
     def observation_spec(self) -> dict[str, specs.BoundedArray]:
         """Return shape and bounds of each part of an observation."""
         named = self._named(self.batch.source.bounds)
-        return OrderedDict((n, specs.BoundedArray(b.shape, np.float64, -b, b, name=n)) for n, b in named.items())
+        return {n: specs.BoundedArray(b.shape, np.float64, -b, b, name=n) for n, b in named.items()}
 
     def action_spec(self) -> specs.BoundedArray:
         """Return the action (2,): v and omega within the drive's limits."""
@@ -77,26 +70,15 @@ class Tracking(dm_env.Environment):
         return specs.BoundedArray((), np.float64, 0.0, 1.0, name="reward")
 
 
-def tracking(
-    profiles: str | None = None,
-    reference: str | None = None,
-    speed: float | tuple[float, float] = (0.2, 0.8),
-    seed: int | None = None,
-    *,
-    robot: str | Path | Robot | None = None,
-    **more: Any,
-) -> Tracking:
+def tracking(*task: Any, seed: int | None = None, **more: Any) -> Tracking:
     """Return trajectory tracking as a `dm_env` environment.
 
     Args:
-        profiles: as `TrackTask` has it, and so all others but one.
-        reference: what is followed; None for paths that are drawn.
-        speed: reference speed, or a range of speeds [m/s].
+        task: fields of `TrackTask` in their order: profiles, reference, speed, robot.
         seed: seed of all draws.
-        robot: the robot; None for that of the profiles.
-        more: other fields of `TrackTask`.
+        more: other fields of `TrackTask`, by name.
 
     Raises:
         ValueError: profiles or waypoints that cannot be read, or do not go together.
     """
-    return Tracking(TrackTask(profiles, reference, speed, robot, **more), seed)
+    return Tracking(TrackTask(*task, **more), seed)

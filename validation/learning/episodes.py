@@ -21,7 +21,6 @@ from ssmr.robot.sensors import yaw_disturbance
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
 from validation.bench.waypoint_files import open_reference
-from validation.learning.kernels import ERRORS
 from validation.plants.profile import PlantProfile, Profile, choose_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot
@@ -29,6 +28,8 @@ from validation.simulator.plant import MujocoPlant
 
 AHEAD_TICKS = (0, 4, 8, 12)
 """Ticks from now to each target in an observation: up to 0.6 s ahead, three dead times of the thesis' robot."""
+ERRORS = 5
+"""Numbers of a target in an observation: e_rho, e_y [m], e_alpha [rad], its speed [m/s] and yaw rate [rad/s]."""
 LOST_TRACKS = 2.0
 """Distance from the target at which an episode ends, over the robot's track [1]; 1.1 m for a Husky."""
 FRICTION, MASS, DELAY, RADIUS_DIFFERENCE, CENTRE = 0.3, 0.1, 0.25, 0.01, 0.1

@@ -33,13 +33,11 @@ FloatRow = NDArray[np.float32]
 
 
 def _spaces(batch: TrackBatch) -> tuple[spaces.Box, spaces.Box]:
-    """Return the spaces of an observation and of an action, both in shares of their bounds."""
     one = spaces.Box(-1.0, 1.0, (len(batch.source.bounds),), np.float32)
     return one, spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
 def _shares(batch: TrackBatch, observations: FloatArray) -> FloatRow:
-    """Return observations in shares of their bounds."""
     return (observations / batch.source.bounds).astype(np.float32)
 
 

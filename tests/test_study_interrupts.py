@@ -16,7 +16,7 @@ from tests.test_robustness import gains_of, hopeless, run_program
 from tests.test_terrain_study import SMALL as TERRAIN
 from validation import cli
 from validation.progress import Progress
-from validation.study import scores as study_scores
+from validation.study import transfer
 from validation.study.catalogue import STUDIES
 from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainOptions
@@ -26,7 +26,7 @@ from validation.study.noise import NoiseOptions
 from validation.study.result import keeping
 from validation.study.robustness import RobustnessStudy
 from validation.study.terrain import TerrainStudy
-from validation.study.transfer import TransferOptions
+from validation.study.transfer import TransferStudy
 
 
 def rows_of(study: Any) -> int:
@@ -42,10 +42,11 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "contact": (ContactStudy(only=("cone",)), rows_of, 1),
     "engines": (EnginesStudy(engines=("mujoco",)), rows_of, 1),
     "transfer": (
-        TransferOptions(
-            ("thesis-lab",), ("kinematic",), "linear", ("smc:tuned", "lqr:tuned"), references=("line@0.8", "circle@0.8")
+        TransferStudy(
+            profiles=("thesis-lab",), plants=("kinematic",), judge="linear", controllers=("smc:tuned", "lqr:tuned"),
+            references=("line@0.8", "circle@0.8"),
         ),
-        lambda s: len(s.fields[0].drives), 2,
+        lambda s: len(s.document["profiles"]["thesis-lab"]["references"]), 1,
     ),
     "filter": (
         FilterOptions(("line", "circle"), profiles=("thesis-lab",), frictions=(), seeds=1, timestep=0.005),
@@ -96,7 +97,7 @@ def test_nothing_is_kept_where_nothing_was_finished() -> None:
 def test_the_command_writes_and_leaves_with_130(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    real, calls = study_scores.run_robots, list[int]()
+    real, calls = transfer.run_robots, list[int]()
 
     def pressed(*arguments: Any) -> Any:
         calls.append(1)
@@ -104,7 +105,7 @@ def test_the_command_writes_and_leaves_with_130(
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr(study_scores, "run_robots", pressed)
+    monkeypatch.setattr(transfer, "run_robots", pressed)
     two = ["--judge", "linear", "--plants", "kinematic", "--controllers", "smc:tuned,lqr:tuned"]
     assert run_program("transfer", *two, "--quick", "--out", str(tmp_path)) == cli.EXIT_INTERRUPTED
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"

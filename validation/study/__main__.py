@@ -32,15 +32,6 @@ _SPECIAL: Mapping[str, Any] = {
             ),
         ),
     ],
-    "transfer.profiles": Annotated[
-        cli.Names, cli.option("profile", metavar="PROFILE,...", default="thesis-lab and husky-tile; the first if quick")
-    ],
-    "controllers": Annotated[cli.Names, cli.option(metavar="NAME,...", default="all")],
-    "own": Annotated[cli.Names, cli.option("controller", metavar="FILE.py:NAME,...", default="none")],
-    "transfer.references": Annotated[cli.Names, cli.option(metavar="NAME|PATH,...", default="ten; three if quick")],
-    "waypoints": Annotated[cli.Names, cli.option(metavar="PATH,...", default="none")],
-    "speeds": Annotated[cli.Numbers, cli.option(metavar="X,...", default="0.25,0.5; the last if quick")],
-    "quick": Annotated[cli.Flag, cli.option(default="off")],
     "passband": Annotated[cli.Number, cli.option(metavar="HZ", default="10, or a quarter of a slow signal's rate")],
     "drivetrain.robot": Annotated[str | None, cli.option(metavar="ROBOT", default="the battery's voltage tells")],
     "drivetrain.profile": Annotated[str | None, cli.profile_option("husky-tile")],

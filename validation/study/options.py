@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 from ssmr.metrics.poses import horizon_windows
-from ssmr.parameters import require_within
+from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import CommandKind
 from validation import cli
 from validation.bench.sources import Source, open_source
@@ -18,16 +18,37 @@ HORIZON = 6.0
 """Length of the windows over which errors against a recording are taken [s]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StudyOptions(cli.Common):
-    """Options of every study of one robot."""
+AS_NAMES = get_args(cli.Names)[1]
+"""Annotation of an option that the command line reads as comma-separated names, whatever it may be in Python."""
+MOST_RUNS = 100_000
+"""Greatest number of seeds, and of runs, of one study."""
 
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    robot: cli.AnyRobot = None
+
+def require_seeds(options: object) -> None:
+    """Check the `seed` and the number of `seeds` of a study's options; others are counted from the seed.
+
+    Raises:
+        ValueError: `seed` is negative or too great, or `seeds` is not positive or too great.
+    """
+    require_within(options, ("seed",), 0, MOST_SEED - 2 * MOST_RUNS, whole=True)
+    require_within(options, ("seeds",), 1, MOST_RUNS, whole=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnyStudy(cli.Common):
+    """Options of every study."""
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
         return Path("runs") / "study" / type(self).__module__.rpartition(".")[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(AnyStudy):
+    """Options of every study of one robot."""
+
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+    robot: cli.AnyRobot = None
 
     def robot_profile(self) -> Profile:
         """Return the profile.

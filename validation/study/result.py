@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ssmr.parameters import MOST_SEED, require_within
 from validation import store
 from validation.plants.profile import Profile, choose_profile
 from validation.report.result import Result
@@ -129,17 +128,3 @@ def profile_of(profile: Profile | str | None, robot: Robot | str | None = None, 
         ValueError: there is none of that name, its numbers are wrong, or it is of another robot.
     """
     return choose_profile(profile, robot, usual)
-
-
-MOST_RUNS = 100_000
-"""Greatest number of seeds, and of runs, of one study."""
-
-
-def require_seeds(options: object) -> None:
-    """Check the `seed` and the number of `seeds` of a study's options; others are counted from the seed.
-
-    Raises:
-        ValueError: `seed` is negative or too great, or `seeds` is not positive or too great.
-    """
-    require_within(options, ("seed",), 0, MOST_SEED - 2 * MOST_RUNS, whole=True)
-    require_within(options, ("seeds",), 1, MOST_RUNS, whole=True)

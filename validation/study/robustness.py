@@ -36,8 +36,7 @@ from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.report.tables import with_robot
 from validation.simulator.description import Robot, load_robot
-from validation.study.options import StudyOptions
-from validation.study.result import MOST_RUNS, require_seeds
+from validation.study.options import MOST_RUNS, StudyOptions, require_seeds
 from validation.study.sweep import sweep
 
 _NAMES = get_args(cli.Names)[1]

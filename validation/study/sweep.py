@@ -6,13 +6,17 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeVar
+
+from matplotlib.figure import Figure
 
 from ssmr.errors import SsmrError
 from validation.progress import Progress
 from validation.progress import Report as Progressing
+from validation.report import drawing
 from validation.report.columns import Unit, heading_of
-from validation.report.report import FINISHED, INTERRUPTED
+from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Row, Table
 from validation.words import one_line
 
@@ -103,3 +107,10 @@ def meaning_tables(rows: Sequence[Row], meanings: Mapping[str, Mapping[str, str]
         )
         for title, columns in meanings.items()
     ]
+
+
+def picture(study: Report, rows: Sequence[drawing.Row]) -> Figure:
+    """Return rows of panels as a figure, with the title, the notes and the footer of a study."""
+    title = drawing.text_row(0.3, partial(drawing.draw_section, study.title))
+    footer = drawing.text_row(0.26, partial(drawing.draw_footer, study.made_by))
+    return drawing.put_together([title, *rows, *drawing.note_rows(study.notes()), footer])

@@ -41,8 +41,7 @@ from validation.report.tables import with_robot
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, with_quasi_static
-from validation.study.options import StudyOptions
-from validation.study.result import require_seeds
+from validation.study.options import StudyOptions, require_seeds
 from validation.study.sweep import sweep
 
 AxisName = Literal["speed", "slope", "roughness", "friction"]

@@ -18,7 +18,8 @@ from validation.study.drivetrain.inertia import InertiaFit
 from validation.study.drivetrain.logs import FIT_SHARE, Chassis
 from validation.study.drivetrain.obedience import RateFit
 from validation.study.drivetrain.selection import CurrentFit
-from validation.study.result import MOST_RUNS, StudyResult
+from validation.study.options import MOST_RUNS
+from validation.study.result import StudyResult
 
 Found: TypeAlias = RateFit | CurrentFit | InertiaFit
 _Part = TypeVar("_Part", RateFit, CurrentFit, InertiaFit)

@@ -25,7 +25,7 @@ from validation.plants.profile import Profile
 from validation.plants.table import PLANTS
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
-from validation.study.result import require_seeds
+from validation.study.options import require_seeds
 
 DRIFT_STRETCH = 3.0
 """Length of a stretch over which relative errors are taken [m]: 12 s at 0.25 m/s."""

@@ -1,0 +1,405 @@
+"""Whether an analytic model chooses the right controller for the MuJoCo robot (docs/tracking.md).
+
+Every controller follows every reference on every plant, under the same noise. One plant is the judge: it stands for the
+robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ssmr.control.laws import PLAIN_CONTROLLERS, Controller
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.waypoints import Waypoints
+from ssmr.parameters import require_within
+from ssmr.types import FloatArray
+from validation import cli
+from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
+from validation.bench.loops import (
+    AnyController,
+    ClosedLoopRobot,
+    chosen_controller,
+    make_robot,
+    rate,
+    run_robots,
+    within_reach,
+)
+from validation.bench.user_law import is_user_law
+from validation.bench.waypoint_files import REFERENCES, open_reference, split_speed
+from validation.files.reading import FileError
+from validation.plants.profile import PLANTS, Profile, choose_profile
+from validation.report import drawing
+from validation.report.report import Report
+from validation.report.table import Row, Table
+from validation.report.tables import with_robot
+from validation.study.options import AS_NAMES, AnyStudy, require_seeds
+from validation.study.ranking import agreement, choice, mean_costs, places, rank_correlation
+from validation.study.sweep import picture, sweep
+from validation.tune.cost import TuneCost, costs_of
+
+_USUAL_PROFILES = ("thesis-lab", "husky-tile")
+_USUAL_REFERENCES = ("eight", "u-turn", "stop-and-go", "slalom", "square", "spiral", "sine", "generic", "circle", "line")
+_USUAL_SPEEDS = (0.25, 0.5)  # the thesis' two; a quick study has the last, and the first profile and three references
+PRACTICABLE = 0.9
+"""Share of the robot's greatest speed and yaw rate that a reference may ask for; what is left is for corrections."""
+SAME_COST = TuneCost(guard=0.0)
+"""Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be compared."""
+_RESAMPLES = 300  # draws of the references for an interval
+_MEASURES = ("cost", "d_rms_m", "sync_rms_m", "e_rho_rms_m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferStudy(AnyStudy):
+    """Options of the study of transfer."""
+
+    profiles: Annotated[
+        tuple[str | Profile, ...],
+        AS_NAMES,
+        cli.option("profile", metavar="PROFILE,...", default="thesis-lab and husky-tile; the first if quick"),
+    ] = ()
+    """Robots: names of shipped profiles, or paths of TOML files."""
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = PLANTS
+    """Plants to drive. The judge is driven too."""
+    judge: str = "mujoco"
+    """Plant that stands for the robot: the others are to choose the right controller for it."""
+    controllers: Annotated[cli.Names, cli.option(metavar="NAME,...", default="all")] = (
+        *PLAIN_CONTROLLERS, "lqr+predictor", "lqr-scheduled+predictor", "mpc",
+    )  # fmt: skip
+    """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own."""
+    own: Annotated[cli.Names, cli.option("controller", metavar="FILE.py:NAME,...", default="none")] = ()
+    """Controllers of your own beside them: classes in Python files."""
+    references: Annotated[cli.Names, cli.option(metavar="NAME|PATH,...", default="ten; three if quick")] = ()
+    """References by name or path; circle@0.4 has its own speed."""
+    waypoints: Annotated[cli.Names, cli.option(metavar="PATH,...", default="none")] = ()
+    """Waypoint files of your own (.csv) beside the references. Their own times count, if they have any."""
+    speeds: Annotated[cli.Numbers, cli.option(metavar="X,...", default="0.25,0.5; the last if quick")] = ()
+    """Speeds of references that bring none [m/s]. What the judge cannot drive is driven more slowly."""
+    seeds: int = 1
+    """Number of draws of noise and disturbance."""
+    seed: cli.Seed = 11  # no shipped set was tuned with seeds from 11 on
+    quick: cli.Flag = False
+    """Take one profile, three references and one speed where none are named."""
+    robot: cli.AnyRobot = None
+
+    def __post_init__(self) -> None:
+        """Check numbers and that there is something to compare.
+
+        Raises:
+            ValueError: no seeds, a speed out of its range, or no plant besides the judge.
+        """
+        require_seeds(self)
+        require_within(self, ("speeds",), 1e-3, 100.0)
+        if not set(self.plants) - {self.judge}:
+            raise ValueError(f"plants names none besides the judge {self.judge}; name one that is to choose for it")
+
+    @property
+    def all_plants(self) -> tuple[str, ...]:
+        """Names of the plants, the judge first."""
+        return (self.judge, *(name for name in self.plants if name != self.judge))
+
+
+Contenders = Mapping[str, tuple[AnyController, GainSet | None]]
+"""Controllers with their gains, by the name that they have in tables; a user's class has no gains."""
+
+
+def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
+    """Return the controllers on a profile.
+
+    Raises:
+        ValueError: an unknown controller, gains or file, one name for two, or fewer than two contenders.
+    """
+    found: dict[str, tuple[AnyController, GainSet | None]] = {}
+    for named in (*o.controllers, *o.own):
+        for name, contender in _named(named, profile).items():
+            if name in found:
+                raise ValueError(f"two controllers are called '{name}'; leave out '{named}', or rename it")
+            found[name] = contender
+    if len(found) < 2:
+        raise ValueError(f"there is no choice among {', '.join(found) or 'no controllers'}; name two or more")
+    return found
+
+
+def _named(named: str, profile: Profile) -> Contenders:
+    """Return the contenders that a name stands for; a profile's own gains take the place of the shipped tuned ones."""
+    if is_user_law(named):
+        law, none = chosen_controller(named, profile)
+        return {law.name: (law, none)}
+    controller, colon, wanted = named.partition(":")
+    load_gains(controller, DEFAULT)  # refuses an unknown controller
+    kinds = [name.removeprefix(f"{controller}-") for name in names(controller)]
+    sets = {kind: load_gains(controller, kind) for kind in kinds}
+    if profile.name in profile_sets(controller):
+        sets["tuned"] = load_gains(controller, profile.name)
+    sets = sets or {DEFAULT: load_gains(controller, DEFAULT)}
+    if colon:
+        sets = {Path(wanted).stem: sets.get(wanted) or load_gains(controller, wanted, profile.name)}
+    return {
+        controller if kind == DEFAULT else f"{controller} {kind}": chosen_controller(controller, profile, gains)
+        for kind, gains in sets.items()
+    }
+
+
+def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Waypoints]]:
+    """Return the references by name, each at every speed, or as fast as the robot can drive it.
+
+    Raises:
+        ValueError: an unknown reference, a file that cannot be read, one name for two references, or none.
+    """
+    found: dict[tuple[str, float], Waypoints] = {}
+    homes: dict[str, str] = {}
+    for named in (*(o.references or _USUAL_REFERENCES[: 3 if o.quick else None]), *o.waypoints):
+        home, _ = split_speed(named)
+        for name, waypoints in _opened(named, o.speeds or _USUAL_SPEEDS[-1 if o.quick else 0 :]):
+            if homes.setdefault(name, home) != home:
+                raise ValueError(f"two references are called '{name}': {homes[name]} and {named}; rename one of the files")
+            slowed = within_reach(waypoints, robot, PRACTICABLE)
+            found.setdefault((name, round(slowed.speed, 3)), slowed)
+    return [(name, waypoints) for (name, _), waypoints in found.items()]
+
+
+def _opened(named: str, speeds: Sequence[float]) -> list[tuple[str, Waypoints]]:
+    """Return a reference at each speed, or once where it brings its own."""
+    name, own = split_speed(named)
+    if own is not None:
+        return [open_reference(named)]
+    if name not in REFERENCES:
+        try:
+            return [open_reference(named)]
+        except FileError:  # it has no times, or is said to be wrong by the next line too
+            pass
+    return [open_reference(named, speed) for speed in speeds]
+
+
+Scores = Mapping[str, float | int | None]
+"""Cost (Sec. 4.3.3) and errors of a controller on a reference, means over the seeds, None if one of them lost it; `lost`."""
+
+
+def score_all(
+    robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints, seeds: Sequence[int], workers: int | None
+) -> list[Scores]:
+    """Drive every controller along a reference, with noise and disturbance of every seed, and return their scores.
+
+    Compiled laws are driven as one population and Python objects as another; a score does not depend on the others.
+
+    Raises:
+        ControllerError: a controller that is a Python object failed.
+    """
+    runs: dict[int, list[ClosedRun]] = {}
+    for compiled in (True, False):
+        some = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
+        if some:
+            each = [laws[k] for k in some for _ in seeds]
+            driven = run_robots([robot] * len(each), each, [LoopSettings()] * len(each), waypoints, seeds, workers)
+            runs |= {k: driven[j * len(seeds) : (j + 1) * len(seeds)] for j, k in enumerate(some)}
+    return [_score(runs[k], waypoints, robot) for k in range(len(laws))]
+
+
+def _score(runs: Sequence[ClosedRun], waypoints: Waypoints, robot: ClosedLoopRobot) -> Scores:
+    lost = sum(run.lost for run in runs)
+    if lost:
+        return {**dict.fromkeys(_MEASURES), "lost": lost}
+    target = waypoints.trajectory(LoopSettings().position_period)
+    rated = [rate(run, waypoints, robot) for run in runs]
+    cost = float(np.mean(costs_of(runs, target, waypoints.rms_speed, SAME_COST)))
+    return {"cost": cost, **{m: float(np.mean([each[m] for each in rated])) for m in _MEASURES[1:]}, "lost": 0}
+
+
+def findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives: Sequence[Row]) -> dict[str, Any]:
+    """Return what was found with one profile, as study.json has it.
+
+    Args:
+        o: options of the study.
+        profile: the profile.
+        contenders: the controllers on it.
+        drives: rows with `reference`, `speed_m_s`, and `scores` by plant and controller.
+    """
+    names, references = list(contenders), [row["reference"] for row in drives]
+
+    def table_of(plant: str, measure: str = "cost") -> FloatArray:
+        values = [[row["scores"][plant][name][measure] for name in names] for row in drives]
+        return np.array([[math.inf if value is None else value for value in row] for row in values], dtype=float)
+
+    costs = {plant: table_of(plant) for plant in o.all_plants}
+    truth, plants = costs[o.judge], dict[str, Any]()
+    for plant, own in costs.items():
+        found = agreement(own, truth, references, o.seed, _RESAMPLES if plant != o.judge else 0)
+        kept = np.isfinite(own).all(axis=0) & np.isfinite(truth).all(axis=0)
+        means = {m: mean_costs(table_of(plant, m)).tolist() for m in ("cost", "d_rms_m", "sync_rms_m")}
+        each = {
+            **means,
+            "gap": np.where(kept, mean_costs(own) / mean_costs(truth) - 1.0, np.nan).tolist(),
+            "place": (1 + places(own)).tolist(),
+            "lost": [sum(row["scores"][plant][name]["lost"] for row in drives) for name in names],
+            "by_reference": [[row["scores"][plant][name] for row in drives] for name in names],
+        }
+        plants[plant] = {
+            "all": {**found, "chosen": names[found["chosen"]]},
+            "tau_with": {other: rank_correlation(own, costs[other]) for other in costs},
+            "winners": [names[choice(own[[k]], truth[[k]])] for k in range(len(own))],
+            "contenders": {name: {key: values[k] for key, values in each.items()} for k, name in enumerate(names)},
+        }
+    known = {
+        name: None if gains is None else {"controller": gains.controller, "name": gains.name, **gains.values}
+        for name, (_, gains) in contenders.items()
+    }
+    return {
+        "robot": profile.robot.name,
+        "contenders": {name: {"gains": gains} for name, gains in known.items()},
+        "references": [{"name": row["reference"], "speed_m_s": row["speed_m_s"]} for row in drives],
+        "plants": plants,
+    }
+
+
+def _ranked(found: Mapping[str, Any]) -> list[str]:
+    """Return the names of the controllers as the judge, which is the first plant, places them."""
+    judged = next(iter(found["plants"].values()))["contenders"]
+    return sorted(judged, key=lambda name: judged[name]["place"])
+
+
+def _tables(label: str, judge: str, found: Mapping[str, Any]) -> list[Table]:
+    """Return what choosing by each plant costs, and the mean costs of all controllers."""
+    plants, choices, costs = found["plants"], list[Row](), list[Row]()
+    for plant, own in plants.items():
+        agreed = own["all"]
+        low, high = agreed["tau_interval"] if plant != judge else (None, None)
+        row = {"plant": plant, "tau": agreed["tau"], "tau_low": low, "tau_high": high}
+        choices.append(
+            {**row, "same_winner": agreed["same_winner"], "regret_share": agreed["regret"], "chooses": agreed["chosen"]}
+        )
+    for name in _ranked(found):
+        means = {plant: own["contenders"][name]["cost"] for plant, own in plants.items()}
+        beside = {m: plants[judge]["contenders"][name][m] for m in ("d_rms_m", "sync_rms_m")}
+        lost = sum(own["contenders"][name]["lost"] for own in plants.values())
+        costs.append({"controller": name, **means, **beside, "lost_runs": lost})
+    caption = (
+        f"{len(costs)} controllers, {len(found['references'])} references.\n"
+        "tau: Kendall's rank correlation with the judge; 90 % of draws of the references lie between low and high.\n"
+        f"same winner: number of references on which the plant chooses as {judge} does.\n"
+        f"regret: what the choice over all references costs more on {judge}; none where it loses runs there."
+    )
+    below = (
+        "Cost: that of Sec. 4.3.3, which tune minimises, without the LQR's additional term; mean over the references, "
+        f"which ask for at most {100.0 * PRACTICABLE:.0f} % of the judge's greatest speed and yaw rate.\n"
+        f"d_rms and sync: on {judge}. A controller that loses a run is placed behind all that lose fewer."
+    )
+    return [
+        Table(f"{label}: choosing a controller for {judge}", choices, caption),
+        Table(f"{label}: mean cost", costs, below),
+    ]
+
+
+def _sentences(judge: str, runs: int, found: Mapping[str, Any]) -> list[str]:
+    """Return a sentence on the choice of each plant but the judge, and one on lost runs."""
+    best, said = _ranked(found)[0], list[str]()
+    for plant, own in found["plants"].items():
+        chosen, more = own["all"]["chosen"], own["all"]["regret"]
+        gaps = [c["gap"] for c in own["contenders"].values() if not math.isnan(c["gap"])]
+        costs = f"costs {100.0 * more:.0f} % more on {judge} than the best, {best}"
+        if more <= 0.0:
+            costs = f"is the best on {judge}"
+        elif math.isinf(more):
+            costs = f"loses runs on {judge}; the best there is {best}"
+        apart = f"; its costs are {100.0 * float(np.median(gaps)):+.0f} % off" if gaps else ""
+        if plant != judge:
+            said.append(f"{plant} chooses {chosen}, which {costs}{apart}.")
+        if lost := ", ".join(f"{name} {c['lost']}" for name, c in own["contenders"].items() if c["lost"]):
+            said.append(f"on {plant}, of {runs} runs these were lost: {lost}.")
+    return said
+
+
+@cli.program(TransferStudy)
+def study_transfer(o: TransferStudy) -> Report:
+    """Let every controller follow every reference on every plant: does a model choose the right one for MuJoCo's robot?
+
+    Raises:
+        ControllerError: a user's controller failed.
+        ValueError: a profile, plant, controller, gains or reference do not exist or do not go together.
+    """
+    named = o.profiles or ((None,) if o.robot is not None else _USUAL_PROFILES[: 1 if o.quick else None])
+    profiles = [choose_profile(one, o.robot, "thesis-lab") for one in named]
+    robots = [{plant: make_robot(profile, plant) for plant in o.all_plants} for profile in profiles]
+    contenders = [contenders_of(o, profile) for profile in profiles]
+    missions = {
+        f"{profiles[k].name}, {name} {waypoints.speed:.3f}": (k, name, waypoints)
+        for k, made in enumerate(robots)
+        for name, waypoints in missions_of(o, made[o.judge])
+    }
+
+    def follow(mission: tuple[int, str, Waypoints]) -> Row:
+        k, name, waypoints = mission
+        laws, seeds = [law for law, _ in contenders[k].values()], range(o.seed, o.seed + o.seeds)
+        scores = {
+            plant: dict(zip(contenders[k], score_all(robot, laws, waypoints, seeds, o.workers), strict=True))
+            for plant, robot in robots[k].items()
+        }
+        return {"field": k, "reference": name, "speed_m_s": waypoints.speed, "scores": scores}
+
+    swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)  # a drive is a population on all threads
+    found, tables, sentences = dict[str, dict[str, Any]](), list[Table](), list(swept.notes)
+    for k, profile in enumerate(profiles):
+        if drives := [row for row in swept.rows if row.get("field") == k]:
+            label = with_robot(profile.name, profile.robot.name)
+            found[profile.name] = findings(o, profile, contenders[k], drives)
+            tables += _tables(label, o.judge, found[profile.name])
+            some = _sentences(o.judge, len(drives) * o.seeds, found[profile.name])
+            sentences += [f"{label}: {sentence}" for sentence in some]
+    return Report(
+        program="study", title=f"Transfer, {', '.join(found)}: {len(swept.rows)} references", has_text=True,
+        tables=tables, sentences=sentences, status=swept.status, draw=partial(_draw, o.judge, found),
+        options={"judge": o.judge, "seed": o.seed, "seeds": o.seeds},
+        document={
+            "schema": "ssmr.study/1", "study": "transfer", "judge": o.judge, "robot": profiles[0].robot.name,
+            "seeds": list(range(o.seed, o.seed + o.seeds)), "profiles": found,
+        },
+    )  # fmt: skip
+
+
+def _draw(judge: str, fields: Mapping[str, Mapping[str, Any]], study: Report) -> Figure:
+    """Return the picture: for every profile costs by controller, and the regret of every plant's choice."""
+    rows: list[drawing.Row] = []
+    for profile, found in fields.items():
+        panels = ((0.65, partial(_draw_costs, judge, found)), (0.35, partial(_draw_regrets, judge, found)))
+        rows.append(drawing.text_row(0.3, partial(drawing.draw_section, profile)))
+        rows.append(drawing.Row(1.2 + 0.25 * len(_ranked(found)), panels))
+    return picture(study, rows)
+
+
+def _draw_costs(judge: str, found: Mapping[str, Any], ax: Axes) -> None:
+    drawing.inset(ax, left=1.15)
+    order = _ranked(found)
+    for plant, own in found["plants"].items():
+        ink, marker = drawing.ink_of(plant), "D" if plant == judge else "o"
+        for row, name in enumerate(order):
+            each = own["contenders"][name]
+            ax.plot(each["cost"], row, "x" if each["lost"] else marker, color=ink, gid=f"{plant} {name}")
+        ax.plot([], [], marker, color=ink, label=plant)
+    ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)", ylim=(len(order) - 0.4, -0.6))
+    ax.set_title(f"Cost: the best on {judge} at the top")
+    ax.set_yticks(range(len(order)), order, fontsize=9.0)
+    for label in ax.get_yticklabels():
+        drawing.narrow(label, 1.65)
+    low, high = ax.get_xlim()
+    drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,))
+    ax.legend(fontsize=8.0)
+
+
+def _draw_regrets(judge: str, found: Mapping[str, Any], ax: Axes) -> None:
+    drawing.inset(ax, left=0.3)
+    agreed = {plant: own["all"] for plant, own in found["plants"].items() if plant != judge}
+    end = 115.0 * max([0.1, *(each["regret"] for each in agreed.values() if math.isfinite(each["regret"]))])
+    for row, (plant, each) in enumerate(agreed.items()):
+        ax.barh(row, min(100.0 * each["regret"], end), height=0.6, color=drawing.ink_of(plant), alpha=0.45)
+        lost = ", loses runs" if math.isinf(each["regret"]) else ""
+        ax.text(0.02 * end, row, each["chosen"] + lost, va="center", fontsize=9.0)
+    ax.set(xlim=(0.0, end), ylim=(len(agreed) - 0.4, -0.6), xlabel=f"regret on {judge} [%]")
+    ax.set_yticks(range(len(agreed)), agreed, fontsize=9.0)
+    ax.set_title("What the plant chooses costs more")

@@ -30,7 +30,7 @@ from validation.plants.profile import Profile
 from validation.replicate.noise import late
 from validation.replicate.stability import bounds_table
 from validation.replicate.tracked import tracked_tables
-from validation.study.noise.filtering import HighPass, estimate_noise
+from validation.study.noise import HighPass, estimate_noise
 from validation.thesis.published import table, value
 
 AGREEMENT = 0.03

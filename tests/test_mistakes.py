@@ -151,7 +151,7 @@ MISTAKES = {
     "study filter --feedbacks none": "none",
     "study filter --runs 0": "runs",
     "study filter --speed 9": "9",
-    "study noise": "needs a log",
+    "study noise": "LOG",
     "study noise nowhere.csv": "nowhere.csv",
     "study noise traj4@nobody": "no drive",
     "study noise traj4@kinematic --passband 0": "passband must lie",

@@ -10,9 +10,7 @@ from ssmr.robot.sensors import SensorModel
 from tests.conftest import ROUNDOFF, data_folder
 from validation.bench.simulated_logs import SensorFaults
 from validation.files.log import Group
-from validation.study.noise import HighPass, NoiseOptions, NoiseStudy, study_noise
-from validation.study.noise.filtering import ATTENUATION, PASSBAND, STEEPNESS, estimate_noise
-from validation.study.noise.run import noise_of
+from validation.study.noise import ATTENUATION, PASSBAND, STEEPNESS, HighPass, estimate_noise, noise_of, study_noise
 
 DECIBEL = 10.0 ** (-ATTENUATION / 20.0)
 WHOLE = np.arange(0.0, 60.0, 0.02)
@@ -22,10 +20,6 @@ WHOLE = np.arange(0.0, 60.0, 0.02)
 def motion(t: np.ndarray) -> np.ndarray:
     """A robot's path in one coordinate: half a metre a second, and a weave as in trajectory 1."""
     return 0.5 * t + 0.3 * np.sin(2.0 * np.pi * 0.5 * t)
-
-
-def study(columns: dict[str, np.ndarray], t: np.ndarray = WHOLE, passband: float | None = None) -> NoiseStudy:
-    return noise_of({"imu": Group("a test", t, columns)}, "a test", NoiseOptions(passband=passband))
 
 
 # ------------------------------------------------------------------------------------------------------------------- filter
@@ -93,63 +87,57 @@ def test_white_noise_on_a_smooth_motion_is_found_again_within_its_error(rate: fl
 
 def test_the_noise_of_a_simulated_log_is_that_of_its_sensors() -> None:
     """The encoders, the gyro and the localiser of a drive, each at its own rate; the motion is MuJoCo's."""
-    found, sensors, pose = study_noise(NoiseOptions("traj4@mujoco", seed=3)), SensorModel(), SensorFaults()
+    rows = {row["signal"]: row for row in study_noise("traj4@mujoco", seed=3).tables[0].rows}
+    sensors, pose = SensorModel(), SensorFaults()
     known = {"enc_left": sensors.variance_encoder, "enc_right": sensors.variance_encoder, "gyro_z": sensors.variance_gyro,
              "x": pose.pose_std**2, "y": pose.pose_std**2, "yaw": pose.yaw_std**2}  # fmt: skip
-    assert [s.name for s in found.signals] == list(known)
-    for s in found.signals:
-        assert abs(s.estimate.white - known[s.name]) < 4.0 * s.estimate.error, s.name
-        assert s.remarks == ()
-    assert found.signal("x").filter.rate == pytest.approx(125.0)
+    assert list(rows) == list(known)
+    for name, row in rows.items():
+        assert abs(row["white_variance"] - known[name]) < 4.0 * row["white_standard_error"], name
+        assert row["remarks"] == ""
+    assert rows["x"]["rate_Hz"] == pytest.approx(125.0)
 
 
 # --------------------------------------------------------------------------------------------------------------------- logs
 
 
-def test_a_slow_signal_has_a_lower_passband_and_the_notes_say_so() -> None:
+def test_a_slow_signal_has_a_lower_passband() -> None:
     t = np.arange(0.0, 120.0, 0.05)
-    found = study({"a": motion(t) + np.random.default_rng(1).normal(0.0, 0.01, len(t))}, t)
-    assert found.signals[0].filter.passband == pytest.approx(5.0)
-    assert "too slow" in found.notes()[0]
-    assert abs(found.signals[0].estimate.white - 1e-4) < 4.0 * found.signals[0].estimate.error
+    group = Group("a test", t, {"a": motion(t) + np.random.default_rng(1).normal(0.0, 0.01, len(t))})
+    found = noise_of(group, "a")
+    assert found.filter.passband == pytest.approx(5.0)
+    assert abs(found.estimate.white - 1e-4) < 4.0 * found.estimate.error
     with pytest.raises(ValueError, match="more than 22"):
-        study({"a": motion(t) + 0.01 * np.sin(40.0 * t)}, t, passband=10.0)
+        noise_of(group, "a", passband=10.0)
 
 
 def test_nothing_bridges_a_gap_and_repeated_samples_count_once() -> None:
     """The value jumps over each gap, and every sample is logged twice: both would be noise if they were not seen."""
     noise = np.random.default_rng(2).normal(0.0, 0.01, len(WHOLE))
     gaps = 5.0 * np.floor(WHOLE / 10.0)
-    t, values = WHOLE + gaps, motion(WHOLE) + noise + 7.0 * gaps
+    t, values = WHOLE + gaps, np.repeat(motion(WHOLE) + noise + 35.0 * np.floor(WHOLE / 10.0), 2)
     logged = np.sort(np.concatenate([t, t + 0.01]))
-    found = study({"x": np.repeat(values, 2), "y": np.repeat(values, 2), "yaw": np.repeat(values, 2)}, logged)
-    signal_x = found.signal("x")
-    assert signal_x.filter.rate == pytest.approx(50.0, rel=1e-6)
-    assert abs(signal_x.estimate.white - 1e-4) < 4.0 * signal_x.estimate.error
-    assert signal_x.estimate.samples == len(WHOLE) - 6 * (len(signal_x.filter.taps) - 1)
+    found = noise_of(Group("a test", logged, {"x": values, "y": values, "yaw": values}), "x")
+    assert found.filter.rate == pytest.approx(50.0, rel=1e-6)
+    assert abs(found.estimate.white - 1e-4) < 4.0 * found.estimate.error
+    assert found.estimate.samples == len(WHOLE) - 6 * (len(found.filter.taps) - 1)
 
 
 def test_what_stands_still_or_is_a_set_point_has_no_estimate() -> None:
     steps = np.floor(WHOLE / 4.0)
-    found = study(
-        {"a": motion(WHOLE) + np.random.default_rng(3).normal(0.0, 0.1, len(WHOLE)), "set": steps, "dead": 0 * steps}
-    )
-    assert [s.name for s in found.signals] == ["a"]
-    assert found.left_out["dead"] == "it never changes"
-    assert set(found.left_out) == {"set", "dead"}
+    group = Group("a test", WHOLE, {"set": steps, "dead": 0 * steps})
     with pytest.raises(ValueError, match="it never changes"):
-        found.signal("dead")
-    with pytest.raises(ValueError, match="no such column"):
-        found.signal("none")
+        noise_of(group, "dead")
+    with pytest.raises(ValueError, match="samples are"):
+        noise_of(group, "set")
 
 
 @pytest.mark.skipif(not (data_folder() / "husky_parking_lot" / "test1.bag").is_file(), reason="the recording is not here")
 def test_the_positions_of_a_real_husky_are_as_noisy_as_it_is_fast() -> None:
     """Odometry in a bag: what looks like noise of x and y is mostly the stamps' jitter times the speed, and alternates."""
-    found = study_noise(NoiseOptions(str(data_folder() / "husky_parking_lot" / "test1.bag")))
-    x, y, gyro = (found.signal(name) for name in ("x", "y", "gyro_z"))
-    assert x.tilt < 0.3
-    assert y.tilt < 0.3
-    assert 0.003 < x.std / 1.0 < 0.03  # some ten milliseconds at 1 m/s
-    assert gyro.filter.passband == PASSBAND
-    assert gyro.filter.rate == pytest.approx(30.0, rel=0.01)
+    found = study_noise(str(data_folder() / "husky_parking_lot" / "test1.bag"))
+    rows = {row["signal"]: row for row in found.tables[0].rows}
+    assert max(rows[name]["low_over_high"] for name in "xy") < 0.3
+    assert 0.003 < rows["x"]["white_std"] / 1.0 < 0.03  # some ten milliseconds at 1 m/s
+    assert rows["gyro_z"]["passband_Hz"] == PASSBAND
+    assert rows["gyro_z"]["rate_Hz"] == pytest.approx(30.0, rel=0.01)

@@ -22,7 +22,7 @@ from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainOptions
 from validation.study.engines import EnginesStudy
 from validation.study.filter import FilterOptions
-from validation.study.noise import NoiseOptions
+from validation.study.noise import NoiseStudy
 from validation.study.result import keeping
 from validation.study.robustness import RobustnessStudy
 from validation.study.terrain import TerrainStudy
@@ -53,7 +53,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
         lambda s: len(s.drives), 1,
     ),
     "drivetrain": (DriveTrainOptions(in_the_air(), on_grass(), resamples=2), lambda s: len(s.parts), 5),
-    "noise": (NoiseOptions("traj1@kinematic"), lambda s: len(s.signals), 1),
+    "noise": (NoiseStudy("traj1@kinematic"), rows_of, 1),
 }  # fmt: skip
 """Short options of each study, the function that counts its cases, and the progress at which the first is finished."""
 

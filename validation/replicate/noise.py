@@ -33,8 +33,7 @@ from validation.report.drawing import (
     text_row,
 )
 from validation.report.tables import Cell, Grid
-from validation.study.noise import NoiseOptions, NoiseStudy
-from validation.study.noise.run import noise_of
+from validation.study.noise import NoisySignal, noise_of
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
 
@@ -86,13 +85,14 @@ def _signals(motion: Trajectory) -> dict[str, FloatArray]:
     return dict(zip(_SIGNALS, (motion.twist[:, 0], motion.twist[:, 2], *motion.pose.T), strict=True))
 
 
-def _study(signals: Mapping[str, FloatArray], t: FloatArray) -> NoiseStudy:
-    """Return the noise of signals as the thesis takes it, by the study that users have."""
-    return noise_of({"filter": Group("state filter", t, signals)}, "state filter", NoiseOptions())
+def _noises(signals: Mapping[str, FloatArray], t: FloatArray) -> dict[str, NoisySignal]:
+    """Return the noise of signals as the thesis takes it, as the study that users have does."""
+    group = Group("state filter", t, signals)
+    return {name: noise_of(group, name) for name in signals}
 
 
 def _variances(signals: Mapping[str, FloatArray], t: FloatArray) -> dict[str, float]:
-    return {s.name: s.estimate.variance for s in _study(signals, t).signals}
+    return {name: noise.estimate.variance for name, noise in _noises(signals, t).items()}
 
 
 def late(motion: Trajectory, seen: Trajectory, jitter: float, rng: np.random.Generator) -> Trajectory:
@@ -172,17 +172,17 @@ def _draw_speed(shown: _Case, rebuilt: FloatArray, ax: Axes) -> None:
     ax.set(title="Fig. 3.17: dx [m/s] at a command of 0.5", xlabel="time [s]", xlim=(t[0], t[0] + _SHOWN))
 
 
-def _draw_spectra(found: NoiseStudy, rebuilt: NoiseStudy, ax: Axes) -> None:
-    for study, ink, name in ((found, "0.3", "state filter"), (rebuilt, ink_of("improved"), "rebuilt")):
-        ax.loglog(*study.signal("dx").spectrum, color=ink, linewidth=1.2, gid=name)
-    ax.axvline(found.signal("dx").filter.passband, color=QUIET, linewidth=0.9, linestyle=DASHED)
+def _draw_spectra(found: NoisySignal, rebuilt: NoisySignal, ax: Axes) -> None:
+    for noise, ink, name in ((found, "0.3", "state filter"), (rebuilt, ink_of("improved"), "rebuilt")):
+        ax.loglog(*noise.spectrum, color=ink, linewidth=1.2, gid=name)
+    ax.axvline(found.filter.passband, color=QUIET, linewidth=0.9, linestyle=DASHED)
     for axis in (ax.xaxis, ax.yaxis):
         plain_ticks(axis)
     ax.set(title="density of dx [m²/s²/Hz]", xlabel="frequency [Hz]")
 
 
-def _draw_added(signal: str, found: NoiseStudy, added: FloatArray, t: FloatArray, ax: Axes) -> None:
-    at, _, noise = found.signal(signal).shown
+def _draw_added(signal: str, found: NoisySignal, added: FloatArray, t: FloatArray, ax: Axes) -> None:
+    at, noise = found.shown
     seen = (at >= at[0]) & (at < at[0] + _SHOWN)
     unit, scale = _DRAWN_IN[signal]
     ax.step(at[seen], scale * added[: len(at)][seen], where="post", color=ink_of("improved"), linewidth=1.0, gid="added")
@@ -199,10 +199,10 @@ def draw_reconstruction(shown: _Case, seed: int) -> Figure:
     kept = model.t >= _LEAD
     clean = Trajectory(model.t[kept], model.pose[kept], model.twist[kept], model.wheels[kept])
     rebuilt = measure(clean, SensorNoise(), rng, _RATE)
-    found, again = (_study(_signals(m), motion.t) for m in (shown.filtered, rebuilt))
+    found, again = (_noises(_signals(m), motion.t) for m in (shown.filtered, rebuilt))
     added = _signals(Trajectory(clean.t, rebuilt.pose - clean.pose, rebuilt.twist - clean.twist, clean.wheels))
-    above: list[Panel] = [partial(_draw_speed, shown, rebuilt.twist[:, 0]), partial(_draw_spectra, found, again)]
-    below: list[Panel] = [partial(_draw_added, s, found, added[s], motion.t) for s in ("X", "Y", "theta")]
+    above: list[Panel] = [partial(_draw_speed, shown, rebuilt.twist[:, 0]), partial(_draw_spectra, found["dx"], again["dx"])]
+    below: list[Panel] = [partial(_draw_added, s, found[s], added[s], motion.t) for s in ("X", "Y", "theta")]
     foot = f"the MuJoCo Husky of profile {_PROFILE} with noisy encoders and gyro, its state filter at {_RATE:g} Hz"
     rows = [side_by_side(2.9, above), side_by_side(2.6, below), text_row(0.3, _legend)]
     return put_together([*rows, text_row(0.3, partial(draw_footer, foot))])
@@ -219,7 +219,7 @@ def _noise(context: Context) -> Findings:
     """Repeat Sec. 3.4.4 in the simulated lab."""
     seeds = range(context.settings.noise_seeds)
     lab, shown = _measured(seeds)
-    kept = _study(_signals(shown.filtered), shown.motion.t).signal("dx").filter.kept
+    kept = _noises(_signals(shown.filtered), shown.motion.t)["dx"].filter.kept
     notes = (
         f"The four cases of Tab. 3.3 for {_TIME:g} s each, after {_LEAD:g} s to get up to speed, with {len(seeds)} draws of "
         f"the sensors' noise; the spread is that over the draws. The filter is the thesis', at {_RATE:g} Hz.",

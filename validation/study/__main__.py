@@ -21,18 +21,6 @@ _SPECIAL: Mapping[str, Any] = {
     "robot": cli.RobotName,
     "profile": Annotated[str | None, cli.profile_option("thesis-lab")],
     "profiles": Annotated[cli.Names, cli.option(metavar="PROFILE,...", default="thesis-lab and husky-tile")],
-    "noise.recording": Annotated[
-        str | None,
-        tyro.conf.Positional,
-        cli.option(
-            metavar="LOG",
-            help=(
-                "Path of a recording (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a drive to be simulated and "
-                "logged, such as traj4@mujoco."
-            ),
-        ),
-    ],
-    "passband": Annotated[cli.Number, cli.option(metavar="HZ", default="10, or a quarter of a slow signal's rate")],
     "drivetrain.robot": Annotated[str | None, cli.option(metavar="ROBOT", default="the battery's voltage tells")],
     "drivetrain.profile": Annotated[str | None, cli.profile_option("husky-tile")],
     "mass": Annotated[cli.Number, cli.option(metavar="KG", default="the profile's")],

@@ -284,5 +284,4 @@ def prepare(o: Compare) -> PreparedComparison:
 
 
 if __name__ == "__main__":
-    cli.leave_out("pandas")
     compare.main()

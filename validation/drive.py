@@ -322,5 +322,4 @@ class Window:
 
 
 if __name__ == "__main__":
-    cli.leave_out("pandas")
     drive.main()

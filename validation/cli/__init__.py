@@ -38,7 +38,6 @@ from validation.cli.reporting import warn as warn
 from validation.cli.running import EXIT_FAULT as EXIT_FAULT
 from validation.cli.running import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.running import EXIT_USER_ERROR as EXIT_USER_ERROR
-from validation.cli.running import leave_out as leave_out
 from validation.cli.running import mistakes_are_users as mistakes_are_users
 from validation.cli.running import options_type as options_type
 from validation.cli.running import output_folder as output_folder

@@ -69,7 +69,6 @@ def _listed(name: str) -> Callable[[Any], None]:
 
 def main() -> None:
     """Run the program that the command line names first; see `PROGRAMS`."""
-    cli.leave_out("pandas")
     first = sys.argv[1] if len(sys.argv) > 1 else "--help"
     if first == "--version":
         print(f"ssmr-testbed {store.versions()['ssmr-testbed']}")

@@ -256,18 +256,3 @@ def _options_of(main: Callable[..., Any]) -> Any:
     names = list(inspect.signature(main).parameters) if inspect.isfunction(main) else []
     kind = typing.get_type_hints(main).get(names[0]) if len(names) == 1 else None
     return kind if is_dataclass(kind) else None
-
-
-def leave_out(package: str) -> None:
-    """Let this process do without a package that others only look for: rerun's pyarrow would load all of pandas."""
-
-    class Finder:
-        """An importer that does not find the package."""
-
-        @staticmethod
-        def find_spec(name: str, path: object = None, target: object = None) -> None:
-            """Refuse the package and leave all others to the next importer."""
-            if name == package:
-                raise ModuleNotFoundError(f"{package} is left out of this program", name=package)
-
-    sys.meta_path.insert(0, Finder)

@@ -213,7 +213,7 @@ PRICES = {
     "validation/robots": (2_350, "a robot's file: check, draft, import, export"),
     "validation/ros": (1_500, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_170, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (5270, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),
+    "validation/study": (4_860, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),
     "validation/thesis": (360, "the thesis' numbers"),
     "validation/bench": (
         2_060,

@@ -11,7 +11,7 @@ from validation.bench.commissioning import TRACKER
 from validation.bench.gains import DEFAULT, load_gains
 from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.plants.profile import load_profile
-from validation.study.filter.doubt import chi_squared_band, doubt_of
+from validation.study.filter import chi_squared_band, consistency_of
 
 LEAST_INSIDE = 8 / 9
 """Share of the nine instants whose mean must be inside the band: one in twenty is outside by chance."""
@@ -32,10 +32,10 @@ def test_the_band_is_that_of_chi_squared_numbers() -> None:
     [("thesis-lab", "linear", "noisy"), ("thesis-lab", "kinematic", "noisy"), ("husky-tile", "improved", "ekf")],
 )
 def test_the_errors_of_the_pose_are_of_the_size_that_is_claimed(profile: str, plant: str, feedback: Feedback) -> None:
-    found = doubt_of(load_profile(profile), plant, feedback)
+    found = consistency_of(load_profile(profile), plant, feedback)
     assert len(found.t) == 9
     assert found.inside >= LEAST_INSIDE
-    assert found.nis_share >= 0.93
+    assert found.nis_inside >= 0.93
     assert np.all(found.thesis_biased.mean(axis=0)[-3:] > 100.0)  # the thesis' filter on the same drives
 
 
@@ -61,9 +61,9 @@ def test_slip_in_turns_is_hardly_a_function_of_the_motion(profile: str) -> None:
 @pytest.mark.parametrize("plant", ["linear", "kinematic", "coulomb", "improved"])
 @ALL_FEEDBACKS
 def test_on_every_planar_model_the_filter_is_as_sure_as_it_may_be(profile: str, plant: str, feedback: Feedback) -> None:
-    found = doubt_of(load_profile(profile), plant, feedback)
+    found = consistency_of(load_profile(profile), plant, feedback)
     assert found.inside >= LEAST_INSIDE
-    assert found.nis_share >= 0.93
+    assert found.nis_inside >= 0.93
 
 
 @pytest.mark.slow
@@ -72,7 +72,7 @@ def test_on_every_planar_model_the_filter_is_as_sure_as_it_may_be(profile: str, 
 @ALL_FEEDBACKS
 def test_on_tyres_the_filter_is_not_too_sure(profile: str, plant: str, feedback: Feedback) -> None:
     """Slip counts as white noise that is as strong as its slowest part; so the filter may doubt too much, as on grass."""
-    found = doubt_of(load_profile(profile), plant, feedback)
+    found = consistency_of(load_profile(profile), plant, feedback)
     low, high = found.band
     mean = found.nees.mean(axis=0)
     assert np.mean(mean < high) >= LEAST_INSIDE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +13,10 @@ from ssmr.control.references import circle, line
 from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF
 from validation.plants.profile import Profile
-from validation.study.filter import FilterOptions, FilterStudy
-from validation.study.filter.findings import drift_of, filter_variants, grounds_of
-from validation.study.filter.run import drive_missions
+from validation.report.report import Report
+from validation.study.filter import FilterStudy, drift_of, drive_missions
 
-SMALL = FilterOptions(seeds=3, seed=5, timestep=0.005, plants=("linear",), feedbacks=("truth",), runs=4)
+SMALL = FilterStudy(seeds=3, seed=5, timestep=0.005, frictions=(0.4,), plants=("linear",), feedbacks=("truth",), runs=4)
 MISSIONS = {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}
 
 
@@ -30,8 +30,8 @@ def arc(length: float, curvature: float, n: int = 1201) -> Trajectory:
 
 
 @pytest.fixture(scope="module")
-def small(lab: Profile) -> FilterStudy:
-    return drive_missions(grounds_of([lab], [0.4]), MISSIONS, SMALL)
+def small(lab: Profile) -> Report:
+    return drive_missions([lab], MISSIONS, SMALL)
 
 
 def test_the_truth_has_no_drift() -> None:
@@ -55,32 +55,26 @@ def test_yaw_drift_is_its_share_of_what_was_turned_also_on_a_path_that_closes() 
     assert drift.end == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_filter_has_the_drivers_numbers(lab: Profile) -> None:
-    (ground,) = grounds_of([lab], [])
-    section = lab.plants["mujoco"]
-    for variant in filter_variants()[:4]:
-        settings = ground.filter_settings(variant)
-        known = section.parameters.wheel_radius if variant.radius_known else section.drive.command_radius
-        assert (settings.radius, settings.half_track) == (known, section.drive.command_half_track)
+def rows_of(study: Report, reference: str) -> dict[str, Any]:
+    """The drift of each filter on a reference, on the profile's own ground."""
+    rows = (row for row in study.tables[0].rows if row["reference"] == reference and row["surface"] == "thesis-lab")
+    return {row["filter"]: row for row in rows}
 
 
-def test_sensors_explain_the_drift(small: FilterStudy) -> None:
-    for drive in small.drives:
-        if drive.reference == "circle":
-            f = drive.filters
-            assert f["wheels + gyro"].mean("yaw") < f["wheels"].mean("yaw")
-            assert f["radius known"].mean("position") < f["wheels + gyro"].mean("position")
-            assert f["biased gyro"].mean("end_yaw") < -0.05
-            assert f["commissioned"].mean("position") < 0.7 * f["wheels + gyro"].mean("position")
-            assert f["commissioned, biased"].mean("position") < 0.7 * f["biased gyro"].mean("position")
-            assert f["commissioned, biased"].mean("yaw") == pytest.approx(f["commissioned"].mean("yaw"), rel=0.1)
-            assert f["commissioned"].mean("yaw") < 0.005
+def test_sensors_explain_the_drift(small: Report) -> None:
+    f = rows_of(small, "circle")
+    assert f["wheels + gyro"]["yaw_share"] < f["wheels"]["yaw_share"]
+    assert f["radius known"]["position_share"] < f["wheels + gyro"]["position_share"]
+    assert f["biased gyro"]["end_yaw_rad"] < -0.05
+    assert f["commissioned"]["position_share"] < 0.7 * f["wheels + gyro"]["position_share"]
+    assert f["commissioned, biased"]["position_share"] < 0.7 * f["biased gyro"]["position_share"]
+    assert f["commissioned, biased"]["yaw_share"] == pytest.approx(f["commissioned"]["yaw_share"], rel=0.1)
+    assert f["commissioned"]["yaw_share"] < 0.005
 
 
-def test_a_study_repeats_whatever_the_workers(small: FilterStudy, lab: Profile) -> None:
-    again = drive_missions(grounds_of([lab], [0.4]), MISSIONS, SMALL, workers=1)
+def test_a_study_repeats_whatever_the_workers(small: Report, lab: Profile) -> None:
+    again = drive_missions([lab], MISSIONS, replace(SMALL, workers=1))
     assert again.as_dict() == small.as_dict()
-    first, other = small.drives[0], replace(SMALL, seed=6)
-    different = drive_missions(grounds_of([lab], []), {"circle": MISSIONS["circle"]}, other)
-    assert different.drives[0].distance == first.distance  # the same drive, other noise
-    assert different.drives[0].filters["wheels"].drifts != first.filters["wheels"].drifts
+    different = drive_missions([lab], {"circle": MISSIONS["circle"]}, replace(SMALL, seed=6, frictions=(), plants=()))
+    assert different.tables[1].rows[0] == small.tables[1].rows[0], "the same drive, other noise"
+    assert rows_of(different, "circle")["wheels"] != rows_of(small, "circle")["wheels"]

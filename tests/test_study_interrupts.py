@@ -21,7 +21,7 @@ from validation.study.catalogue import STUDIES
 from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainOptions
 from validation.study.engines import EnginesStudy
-from validation.study.filter import FilterOptions
+from validation.study.filter import FilterStudy
 from validation.study.noise import NoiseStudy
 from validation.study.result import keeping
 from validation.study.robustness import RobustnessStudy
@@ -49,8 +49,8 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
         lambda s: len(s.document["profiles"]["thesis-lab"]["references"]), 1,
     ),
     "filter": (
-        FilterOptions(("line", "circle"), profiles=("thesis-lab",), frictions=(), seeds=1, timestep=0.005),
-        lambda s: len(s.drives), 1,
+        FilterStudy(references=("line", "circle"), profiles=("thesis-lab",), frictions=(), seeds=1, timestep=0.005),
+        lambda s: len(s.tables[1].rows), 1,
     ),
     "drivetrain": (DriveTrainOptions(in_the_air(), on_grass(), resamples=2), lambda s: len(s.parts), 5),
     "noise": (NoiseStudy("traj1@kinematic"), rows_of, 1),

@@ -20,7 +20,6 @@ _SPECIAL: Mapping[str, Any] = {
     "held_out": Annotated[cli.Names, cli.option(metavar="PATH,...", default="none")],
     "robot": cli.RobotName,
     "profile": Annotated[str | None, cli.profile_option("thesis-lab")],
-    "profiles": Annotated[cli.Names, cli.option(metavar="PROFILE,...", default="thesis-lab and husky-tile")],
     "drivetrain.robot": Annotated[str | None, cli.option(metavar="ROBOT", default="the battery's voltage tells")],
     "drivetrain.profile": Annotated[str | None, cli.profile_option("husky-tile")],
     "mass": Annotated[cli.Number, cli.option(metavar="KG", default="the profile's")],

@@ -27,9 +27,9 @@ from ssmr.scenarios import SineScenario
 from tests.robots import HUSKY
 from tests.test_architecture import modules, room_of
 from validation.bench.simulated_logs import SensorFaults
-from validation.robots.numbers import unit_of_key
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS, Geometry, Masses, Simulation
+from validation.simulator.drafting import unit_of_key
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -109,11 +109,11 @@ def test_every_parameter_has_a_unit_and_a_known_grade() -> None:
 def test_every_key_of_a_robot_s_file_is_listed() -> None:
     rows = {row[0].strip("`"): row for row in tables("robots.md")["The file"]}
     sections = {"geometry": Geometry, "mass": Masses, "simulation": Simulation}
-    keys = {f"{section}.{f.name}": (kind, f) for section, kind in sections.items() for f in fields(kind)}
+    keys = {f"{section}.{f.name}": f for section, kind in sections.items() for f in fields(kind)}
     assert list(rows) == list(keys)
-    for key, (kind, f) in keys.items():
+    for key, f in keys.items():
         _, unit, usual, _ = rows[key]
-        assert unit == (unit_of_key(kind, f.name).replace("m2", "m²") or "–"), key
+        assert unit == (unit_of_key(key).replace("m2", "m²") or "–"), key
         assert (usual == "must be given") == (f.default is MISSING), key
         if usual[0].isdigit() or usual.startswith("`"):
             assert matches(usual.strip("`"), f.default), key

@@ -19,7 +19,7 @@ from validation.compare import compare
 from validation.fit.__main__ import main as fit
 from validation.plants.profile import load_profile
 from validation.recordings import PROGRAM as LOG_COMMANDS
-from validation.robots.__main__ import PROGRAM as ROBOT_COMMANDS
+from validation.robots import PROGRAM as ROBOT_COMMANDS
 from validation.track import track
 from validation.tune.__main__ import main as tune
 

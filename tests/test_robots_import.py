@@ -14,17 +14,16 @@ from hypothesis import strategies as st
 
 from tests.urdf_factory import UrdfRobot, extra_wheel
 from validation import load_robot
-from validation.robots import check_robot, import_robot
-from validation.robots.result import DraftedRobot
-from validation.robots.urdf import parse_urdf
-from validation.robots.wheels import find_wheels
+from validation.robots import check_robot
 from validation.simulator.description import RobotError
+from validation.simulator.drafting import RobotDraft
+from validation.simulator.importing import import_robot
 
 DIGITS = 1e-6
 """Files of robots keep nine digits; a turned frame costs a few."""
 
 
-def imported(robot: UrdfRobot, folder: Path) -> DraftedRobot:
+def imported(robot: UrdfRobot, folder: Path) -> RobotDraft:
     path = folder / "robot.urdf"
     path.write_text(robot.text(), encoding="utf-8")
     return import_robot(path)
@@ -113,9 +112,10 @@ def test_rockers_are_no_wheels(tmp_path: Path) -> None:
                 f'<parent link="{side}_rocker"/><child link="{end}_{side}"/><origin xyz="{x} 0 0"/>',
             )
     assert text.count('<parent link="left_rocker"/>') == 2
-    found = find_wheels(parse_urdf(text))
-    assert [link.name for link in found.links.values()] == ["front_left", "front_right", "rear_left", "rear_right"]
-    assert found.wheelbase == pytest.approx(0.5)
+    (tmp_path / "rockers.urdf").write_text(text)
+    found = import_robot(tmp_path / "rockers.urdf").robot
+    assert found.geometry.wheelbase == pytest.approx(0.5)
+    assert "front_left_joint, front_right_joint, rear_left_joint, rear_right_joint" in found.source("geometry.track")[1]
 
 
 def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
@@ -131,14 +131,14 @@ def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
 def test_inertia_that_cannot_be_is_left_out_and_told(tmp_path: Path) -> None:
     huge = imported(UrdfRobot(inertia=(80.0, 120.0, 160.0)), tmp_path)
     assert "mass.inertia" not in huge.robot.said
-    assert any("left out the inertia of the body" in remark for remark in huge.remarks)
+    assert any("left out mass.inertia" in remark for remark in huge.remarks)
     assert check_robot(huge.robot).ok
     text = UrdfRobot().text().replace(f'iyy="{UrdfRobot().spin()[1]}"', 'iyy="9"')
     path = tmp_path / "spun.urdf"
     path.write_text(text)
     spun = import_robot(path)
     assert "mass.wheel_inertia" not in spun.robot.said
-    assert any("left out the wheels' inertia" in remark for remark in spun.remarks)
+    assert any("left out mass.wheel_inertia" in remark for remark in spun.remarks)
 
 
 WHEELS = UrdfRobot().text()
@@ -158,8 +158,8 @@ REFUSED = {
     "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><xacro:a/></robot>', "expand it first"),
     "a bomb": (BOMB, "declares a document type or entities"),
     "a loop": (WHEELS.replace("</robot>", f"{LOOP}base_link{END}"), "no tree"),
-    "a number": (WHEELS.replace('<mass value="40.0"/>', '<mass value="heavy"/>'), "value is 'heavy', wanted 1 number"),
-    "twice": (WHEELS.replace('link name="part0"', 'link name="front_left"'), "there are two links 'front_left'"),
+    "a number": (WHEELS.replace('<mass value="40.0"/>', '<mass value="heavy"/>'), "bad format in attribute 'value'"),
+    "twice": (WHEELS.replace('link name="part0"', 'link name="front_left"'), "repeated URDF name"),
 }  # fmt: skip
 
 

@@ -15,11 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from validation import cli, load_robot
-from validation.robots import TapeMeasure, check_robot, draft_from_tape
-from validation.robots.__main__ import PROGRAM
-from validation.robots.mechanics import load_shares, spot_turn, tyre_hull_overlap
+from validation.robots import PROGRAM, check_robot
 from validation.simulator.calibration import Calibration
+from validation.simulator.checking import load_shares, spot_turn, tyre_hull_overlap
 from validation.simulator.description import Robot, parse_robot
+from validation.simulator.drafting import draft_robot
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import spin
 
@@ -64,10 +64,7 @@ def test_every_shipped_robot_is_without_a_fault(name: str, tmp_path: Path, capsy
     assert document["apparent_mass_kg"] == pytest.approx(apparent, rel=0.01)
     assert (tmp_path / "robot.png").read_bytes().startswith(b"\x89PNG")
     said = capsys.readouterr().out
-    for number in document["numbers"].values():
-        assert number["key"] in said
-        assert number["grade"] in said
-        assert number["source"]
+    assert all(key in said for key in document["numbers"])
 
 
 def test_a_centred_robot_needs_the_torque_of_the_formula() -> None:
@@ -93,10 +90,10 @@ def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[flo
 FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
     "front and rear tyres": ({"geometry": {"wheel_radius": 0.46}}, "front and rear tyres touch", "less than 0.4574 m"),
     "left and right tyres": ({"geometry": {"wheel_width": 1.2}}, "left and right tyres touch", "not 1.2 m"),
-    "tyres and hull": ({"geometry": {"body_size": [1.3, 0.95, 0.3]}}, "all tyres reach 32 mm into", "0.8864 m wide"),
+    "tyres and hull": ({"geometry": {"body_size": [1.3, 0.95, 0.3]}}, "rear right) reach 32 mm into", "0.8864 m wide"),
     "two tyres and hull": (
         {"geometry": {"body_size": [1.3, 0.80, 0.3], "body_centre": [0.0, 0.1, 0.17]}},
-        "the front left and rear left tyres reach 57 mm into the hull",
+        "tyres (front left, rear left) reach 57 mm into the hull",
         "0.6864 m wide",
     ),
     "hull in the ground": ({"geometry": {"body_centre": [0.0, 0.0, -0.2]}}, "below the ground", "axle_height or"),
@@ -134,10 +131,7 @@ def test_a_fault_is_told_with_what_would_be_right(name: str) -> None:
 HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
     "little load": ({"mass": {"com": [0.35, 0.1, 0.1]}}, "carries only"),
     "great inertia": ({"mass": {"inertia": [400.0, 398.0, 679.0]}}, "need mass"),
-    "small inertia": ({"mass": {"inertia": [1.0, 1.0, 1.2]}}, "those of a much smaller body"),
     "driver": ({"drive": {"command_half_track": 0.3}}, "of the yaw rate that is commanded"),
-    "high": ({"mass": {"com": [0.0, 0.0, 0.5], "inertia": [40.0, 40.0, 60.0]}, "geometry": {"track": 0.6, "wheel_width": 0.2,
-             "body_size": [1.3, 0.35, 0.7], "body_centre": [0, 0, 0.2]}}, "tips over on a side slope"),
 }  # fmt: skip
 
 
@@ -165,11 +159,11 @@ def test_a_robot_that_jerks_or_does_not_turn_as_mechanics_says_is_told_of_it() -
 
 def test_overlaps_are_those_of_a_cylinder_and_a_box() -> None:
     robot = changed(geometry={"body_size": [0.6, 0.95, 0.3], "body_centre": [0.0, 0.0, 0.012023]})
-    for across, along in tyre_hull_overlap(robot).values():
+    for across, along in tyre_hull_overlap(robot):
         assert across == pytest.approx(0.5 * (0.25 + 0.95 - 1.13642))
         assert along == pytest.approx(0.3 - (0.5 * 0.914734 - 0.3))
     high = changed(geometry={"body_size": [0.6, 0.95, 0.3], "body_centre": [0.0, 0.0, 0.012023 + 0.15 + 0.301]})
-    assert all(min(both) < 0.0 for both in tyre_hull_overlap(high).values())
+    assert tyre_hull_overlap(high).min(axis=1).max() < 0.0
 
 
 @settings(max_examples=12)
@@ -183,8 +177,9 @@ def test_robots_of_every_size_turn_as_mechanics_says(
     """8 to 800 kg, wheels of 0.05 to 0.35 m."""
     mass, radius = 8.0 * 100.0**size, 0.05 * 7.0**size
     wheelbase = radius / share
-    tape = TapeMeasure(wheelbase, wheelbase / longer, radius, 0.4 * radius, mass, friction=friction)
-    document = draft_from_tape("random", tape).as_dict()
+    tape = {"wheelbase": wheelbase, "track": wheelbase / longer, "wheel_radius": radius, "wheel_width": 0.4 * radius}
+    numbers = {**{f"geometry.{key}": value for key, value in tape.items()}, "mass.total": mass}
+    document = draft_robot("random", {**numbers, "simulation.friction": friction}).robot.as_document()
     document["geometry"]["link"] = link
     document["mass"]["com"] = [x * wheelbase, 0.0, 0.2 * radius]
     found = check_robot(parse_robot(document))
@@ -200,7 +195,7 @@ def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, mon
                                                              capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     numbers = "--wheelbase 0.5 --track 0.6 --wheel-radius 0.15 --wheel-width 0.1 --mass 60"
-    run("new", "mine", *numbers.split(), "--friction", "0.5", "--title", "Mine [red]\x1b")
+    run("new", "mine", *numbers.split(), "--friction", "0.5")
     said = capsys.readouterr().out
     assert "next: python -m validation.robots check mine.toml" in said
     assert "weigh each of the four wheels" in said

@@ -29,7 +29,7 @@ from validation.ros import messages as msg
 from validation.ros.__main__ import PROGRAM
 from validation.ros.dds import Graph, Node, NoGraphError
 from validation.simulator.description import WHEELS, load_robot
-from validation.simulator.urdf_writing import urdf_text
+from validation.simulator.exporting import urdf_text
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 90.0

@@ -30,7 +30,7 @@ from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
 from validation.simulator.description import WHEELS, Robot, load_robot
-from validation.simulator.urdf_writing import urdf_text
+from validation.simulator.exporting import urdf_text
 from validation.store import write_json, write_text
 from validation.words import file_name
 

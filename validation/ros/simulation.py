@@ -22,8 +22,8 @@ from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
 from validation.ros.robot import COMMAND_TOPICS, SENSOR_RATE, CommandMultiplexer, SimulatedRobot
 from validation.simulator.description import WHEELS
+from validation.simulator.exporting import urdf_text
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.urdf_writing import urdf_text
 
 _logger = logging.getLogger(__name__)
 

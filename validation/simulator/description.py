@@ -254,9 +254,10 @@ class Robot:
         return grade.strip(), where.strip()
 
 
-_SECTIONS: Mapping[str, type] = MappingProxyType(
+SECTIONS: Mapping[str, type] = MappingProxyType(
     {"geometry": Geometry, "mass": Masses, "simulation": Simulation, "drive": Drive, "vehicle": Vehicle}
 )
+"""The sections of a robot's file, and the dataclass that each fills."""
 _TEXTS = ("name", "title", "description", "mjcf")
 
 
@@ -283,7 +284,7 @@ _loaded: dict[str, Robot] = {}
 
 
 def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
-    """Return a shipped robot by name, or the robot of a file by path: TOML, or MJCF with the names of models/husky.xml.
+    """Return a shipped robot by name, or the robot of a file by path.
 
     Raises:
         RobotError: there is none, or its file says something that cannot be; the message names file, section and key.
@@ -298,7 +299,7 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
             f"no robot '{one_line(name)}'; there are: {', '.join(shipped_robots())}; or give the path of a robot's file"
         )
     try:
-        robot = parse_robot(_document(path), path.parent)
+        robot = parse_robot(reading.read_toml(path), path.parent)
     except RobotError:
         raise
     except ValueError as error:
@@ -306,15 +307,6 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     if known:
         _loaded[name] = robot
     return robot
-
-
-def _document(path: Path) -> dict[str, Any]:
-    """Return what a robot's file says."""
-    if path.suffix.lower() != ".xml":
-        return reading.read_toml(path)
-    from validation.simulator.mjcf_numbers import read_mjcf  # mujoco is slow to import; only a hand-made MJCF needs it here
-
-    return read_mjcf(path, WHEELS)
 
 
 def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
@@ -329,11 +321,11 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     """
     if document.get("schema") != SCHEMA:
         raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
-    reading.require_known(document, {"schema", *_TEXTS, *_SECTIONS, "sources"}, "the top level")
+    reading.require_known(document, {"schema", *_TEXTS, *SECTIONS, "sources"}, "the top level")
     texts = {key: _text(document, key) for key in _TEXTS}
     if not texts["name"] or not texts["name"].replace("-", "").replace("_", "").isalnum():
         raise ValueError(f"name is '{texts['name']}', wanted letters, digits, '-' and '_'")
-    given = {name: _section(document, name, kind) for name, kind in _SECTIONS.items()}
+    given = {name: _section(document, name, kind) for name, kind in SECTIONS.items()}
     geometry = Geometry(**given["geometry"])
     masses = _complete_masses(Masses(**given["mass"]), geometry)
     simulation = _complete_simulation(Simulation(**given["simulation"]), masses.total, geometry)
@@ -431,7 +423,7 @@ def _wanted(kind: type, name: str) -> str:
 
 
 def _sources(section: Any) -> tuple[tuple[str, str], ...]:
-    allowed = {*_SECTIONS, *(f"{name}.{f.name}" for name, kind in _SECTIONS.items() for f in fields(kind))}
+    allowed = {*SECTIONS, *(f"{name}.{f.name}" for name, kind in SECTIONS.items() for f in fields(kind))}
     reading.require_known(section, allowed, "sources")
     found = []
     for key, value in section.items():

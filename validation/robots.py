@@ -1,0 +1,418 @@
+"""Robots as data: list those that come with the package, check one, begin the file of a new one, import and export."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from ssmr.errors import DivergedError
+from ssmr.robot.ground import FRONT, LEFT
+from validation import cli, store
+from validation.plants.profile import load_profile, shipped
+from validation.report.columns import Unit
+from validation.report.report import Report
+from validation.report.table import Row, Table
+from validation.simulator.checking import (
+    Advice,
+    Measured,
+    SpotTurn,
+    advise,
+    load_shares,
+    measure_robot,
+    robot_outline,
+    spot_turn,
+    tyre_hull_overlap,
+    whole_com,
+)
+from validation.simulator.description import GRAVITY, SCHEMA, SECTIONS, WHEELS, Robot, load_robot, shipped_robots
+from validation.simulator.drafting import RobotDraft, draft_robot, unit_of_key
+from validation.simulator.exporting import sdf_text, urdf_text
+from validation.simulator.importing import import_robot
+from validation.words import abridged, file_name, one_line, visible
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_FOUR_DIGITS = Unit("", 1.0, 3, significant=4)
+_ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_half_track"}
+"""Numbers of the drive that are shown even where the file does not say them."""
+
+
+# ------------------------------------------------------------------------------------------- list and check
+@dataclass(frozen=True)
+class ListOptions:
+    """The options of `list`; there are none."""
+
+
+def known_robots() -> Table:
+    """Return the table of the robots that come with the package, each with the shipped profiles of it."""
+    of: dict[str, list[str]] = {}
+    for profile in shipped():
+        of.setdefault(load_profile(profile).robot.name, []).append(profile)
+    rows: list[Row] = []
+    for robot in map(load_robot, shipped_robots()):
+        spot, g = spot_turn(robot), robot.geometry
+        row = {"name": robot.name, "robot": robot.title, "mass_kg": robot.masses.total, "wheelbase_m": g.wheelbase}
+        row |= {"track_m": g.track, "wheel_radius_m": g.wheel_radius, "multiplier": spot and spot.turn.multiplier}
+        rows.append(row | {"profiles": ", ".join(of.get(robot.name, ())) or None})
+    caption = (
+        "multiplier: yaw rate that the wheels ask for over that of the body, turning on the spot, by mechanics\n"
+        "`check NAME` shows all numbers of one with their sources, and a picture"
+    )
+    return Table("Robots that come with the package", rows, caption)
+
+
+def list_robots(options: ListOptions) -> None:
+    """List the robots that come with the package, and the profiles of each."""
+    _print([known_robots()])
+
+
+@dataclass(frozen=True)
+class CheckRobot(cli.Common):
+    """Options of `check`."""
+
+    robot: Annotated[str | Path | Robot, cli.text_of("ROBOT"), tyro.conf.Positional]
+    """Name of a robot that comes with the package, or path of a robot's file."""
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        return Path("runs") / "robots" / file_name(_loaded(self.robot).name)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobotCheck(Report):
+    """Whether a robot can be as its file describes it, with the numbers that show it."""
+
+    robot: Robot
+    """The robot."""
+    spot: SpotTurn | None
+    """Its turn on the spot by mechanics; None where its wheels do not carry it."""
+    measured: Measured | None
+    """What its MuJoCo model shows; None where none can be built."""
+    loads: Sequence[float]
+    """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is none."""
+    advice: Sequence[Advice]
+    """What is wrong; faults first."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether no fault was found."""
+        return not any(each.fault for each in self.advice)
+
+
+@cli.program(CheckRobot)
+def check_robot(o: CheckRobot) -> RobotCheck:
+    """Check a robot: what is wrong with its file, and what would be right.
+
+    Builds it in MuJoCo, turns it on the spot and weighs its wheels.
+
+    Prints every number with its source, and writes robot.json and robot.png.
+
+    Raises:
+        RobotError: there is no such robot, or its file cannot be read. What can be read and cannot be is advice.
+    """
+    robot = _loaded(o.robot)
+    spot, measured, failed = spot_turn(robot), None, ""
+    try:
+        measured = measure_robot(robot)
+    except ValueError as error:
+        failed = f"no model can be built of it: {one_line(error)}"
+    except DivergedError as error:
+        failed = f"its simulation fails: {one_line(error)}; are masses, inertia and gain what they should be?"
+    advice = advise(robot, spot, measured)
+    if failed and not any(each.fault for each in advice):
+        advice.insert(0, Advice(failed))
+    still = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
+    loads = still if measured is None else list(measured.loads)
+    faults = sum(each.fault for each in advice)
+    verdict = f"{robot.name}: {'something' if faults else 'nothing'} is wrong with it{':' if advice else ''}"
+    return RobotCheck(
+        program="robot",
+        title=one_line(robot.title or robot.name),
+        tables=[_findings(robot, spot, measured, still), _numbers(robot)],
+        sentences=[verdict, *(f"{'FAULT' if each.fault else 'hint'}: {each.text}" for each in advice)],
+        document=_document(robot, spot, measured, loads)
+        | {"ok": not faults, "advice": [each.text for each in advice], "faults": faults},
+        draw=_draw,
+        robot=robot,
+        spot=spot,
+        measured=measured,
+        loads=loads,
+        advice=advice,
+    )
+
+
+def _loaded(robot: str | Path | Robot) -> Robot:
+    return robot if isinstance(robot, Robot) else load_robot(robot)
+
+
+def _document(robot: Robot, spot: SpotTurn | None, found: Measured | None, loads: Sequence[float]) -> dict[str, Any]:
+    """Return what robot.json holds; None stands for what no model could show."""
+    g, mu, drive = robot.geometry, robot.simulation.friction, robot.drive
+    return {
+        "schema": SCHEMA,
+        "name": robot.name,
+        "title": robot.title,
+        "mass_kg": robot.masses.total,
+        "wheelbase_m": g.wheelbase,
+        "track_m": g.track,
+        "wheel_radius_m": g.wheel_radius,
+        "turning_multiplier": None if found is None else found.multiplier,
+        "closed_form": None if spot is None else spot.turn.multiplier,
+        "yaw_ripple": None if found is None else found.ripple,
+        "static_loads_N": loads,
+        "apparent_mass_kg": None if found is None else found.apparent_mass,
+        "friction": mu,
+        "side_torque_needed_N_m": None if spot is None else mu * spot.side_torque + drive.gear_loss,
+        "side_torque_N_m": 2.0 * drive.torque_limit,
+        "numbers": {key: {"value": value, "unit": unit_of_key(key)} for key, value, *_ in _every_number(robot)},
+    }
+
+
+def _findings(robot: Robot, spot: SpotTurn | None, found: Measured | None, still: Sequence[float]) -> Table:
+    """Return the table of what the simulated robot does, beside what mechanics says."""
+    mu, drive = robot.simulation.friction, robot.drive
+    turning = robot.simulation.armature + robot.masses.wheel_inertia[1]
+    apparent = robot.masses.total + len(WHEELS) * turning / robot.geometry.wheel_radius**2
+    limit, torque = 2.0 * drive.torque_limit, math.nan if spot is None else spot.side_torque
+    multiplier = None if spot is None else spot.turn.multiplier
+    lines: list[tuple[str, str, float | None, float | None]] = [
+        ("turning multiplier", "1", found.multiplier if found else None, multiplier),
+        ("ripple of the yaw rate", "1", found.ripple if found else None, 0.0),
+        *((f"load {w.replace('_', ' ')}", "N", found.loads[k] if found else None, still[k]) for k, w in enumerate(WHEELS)),
+        ("apparent mass", "kg", found.apparent_mass if found else None, apparent),
+        ("torque of a side to turn on the spot", "N m", None, mu * torque + drive.gear_loss),
+        ("torque that a side has", "N m", None, limit),
+        ("friction up to which it can turn", "1", None, (limit - drive.gear_loss) / torque),
+    ]
+    rows = [{"what": what, "unit": unit, "mujoco": simulated, "mechanics": said} for what, unit, simulated, said in lines]
+    caption = f"on level ground of friction {mu:g}; the multiplier is the wheels' yaw rate over the body's on the spot"
+    headings = {"what": "", "mujoco": "in MuJoCo", "mechanics": "by mechanics"}
+    return Table(f"{one_line(robot.title or robot.name)}: what it does", rows, caption, headings=headings)
+
+
+def _every_number(robot: Robot) -> list[tuple[str, Any, str, str]]:
+    """Return key, value, grade and source of what there is to say of a robot: all but what concerns planar models only."""
+    parts = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
+    parts |= {"simulation": robot.simulation, "vehicle": robot.vehicle}
+    found = []
+    for section in parts:
+        for f in fields(SECTIONS[section]):
+            key = f"{section}.{f.name}"
+            if section in ("drive", "vehicle") and key not in robot.said and key not in _ALWAYS:
+                continue
+            value, (grade, source) = getattr(parts[section], f.name), robot.source(key)
+            found.append((key, value, grade, source))
+    return found
+
+
+def _numbers(robot: Robot) -> Table:
+    """Return the table of all numbers of a robot; many share a source, whose text stands in the caption."""
+    rows: list[Row] = []
+    sources: dict[str, int] = {}
+    for key, value, grade, source in _every_number(robot):
+        number = sources.setdefault(source, len(sources) + 1)
+        several = isinstance(value, tuple)
+        names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
+        for name, each in zip(names, value, strict=True) if several else [("", value)]:
+            row = {"section": key.partition(".")[0], "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
+            rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
+    caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
+    title = f"{one_line(robot.title or robot.name)}: its numbers"
+    return Table(title, rows, caption, group="section", hidden=frozenset({"section"}), units={"value": _FOUR_DIGITS})
+
+
+# ------------------------------------------------------------------------------------------- the picture
+def _draw(check: RobotCheck) -> Figure:
+    """Draw a robot from above, its loads and the advice; 1600 px wide."""
+    from validation.report.drawing import draw_footer, draw_section, note_rows, put_together, side_by_side, text_row
+
+    length, width, _ = robot_outline(check.robot)[1] - robot_outline(check.robot)[0]
+    height = min(10.0 * width / length + 1.4, 7.0)  # [in]
+    advice = [("fault: " if each.fault else "hint: ") + each.text for each in check.advice]
+    footer = f"loads at rest on level ground · dashed: hull · cross: centre of mass · {check.made_by}"
+    return put_together(
+        [
+            text_row(
+                0.3, partial(draw_section, f"{abridged(check.title, 60)}: {'nothing' if check.ok else 'something'} is wrong")
+            ),
+            side_by_side(height, [partial(_draw_from_above, check)]),
+            *note_rows(advice),
+            text_row(0.28, partial(draw_footer, footer)),
+        ]
+    )
+
+
+def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
+    """Draw hull, tyres with their loads, and the centre of mass; tyres that touch what they must not have a red edge."""
+    from matplotlib.patches import Rectangle
+
+    from validation.report.drawing import ALARM, equal_scales
+
+    g, com, (long, wide, _) = check.robot.geometry, whole_com(check.robot), check.robot.geometry.body_size
+    corner = g.body_centre[0] - 0.5 * long, g.body_centre[1] - 0.5 * wide
+    hull: dict[str, Any] = {
+        "facecolor": "#f6e3a1a0",
+        "edgecolor": "#0072b2",
+        "linestyle": "--",
+        "zorder": 1.8,
+        "gid": "hull",
+    }
+    ax.add_patch(Rectangle(corner, long, wide, **hull))
+    overlaps = tyre_hull_overlap(check.robot).min(axis=1)
+    for wheel, front, left, load, overlap in zip(WHEELS, FRONT, LEFT, check.loads, overlaps, strict=True):
+        x, y = 0.5 * front * g.wheelbase, 0.5 * left * g.track
+        wrong = overlap > 1e-6 or 2.0 * g.wheel_radius >= g.wheelbase
+        look: dict[str, Any] = {"facecolor": "0.8", "edgecolor": ALARM if wrong else "0.1", "zorder": 1.6, "gid": wheel}
+        size = 2.0 * g.wheel_radius, g.wheel_width
+        ax.add_patch(Rectangle((x - 0.5 * size[0], y - 0.5 * size[1]), *size, **look))
+        ax.text(x, y, f"{load:.0f} N", ha="center", va="center", color=ALARM if load <= 0.0 else "0.05", zorder=6.0)
+    ax.plot(com[0], com[1], "P", markersize=9.0, color="black", markeredgecolor="white", zorder=5.0, gid="com")
+    equal_scales(ax, 0.0)
+    sizes = f"wheelbase {g.wheelbase:.4g} m, track {g.track:.4g} m, wheel radius {g.wheel_radius:.4g} m"
+    ax.set(xlabel="x, forward [m]", ylabel="y, to the left [m]", title=f"From above: {sizes}")
+
+
+# ------------------------------------------------------------------------------------------- new, import, export
+@dataclass(frozen=True)
+class NewOptions:
+    """The options of `new`; any other number of a robot can be written into the file afterwards."""
+
+    name: Annotated[str, tyro.conf.Positional, cli.option(metavar="NAME")]
+    """Name of the robot: letters, digits, - and _."""
+    wheelbase: Annotated[float, cli.option(metavar="M")]
+    """Distance of the axles."""
+    track: Annotated[float, cli.option(metavar="M")]
+    """Distance of the middles of the left and right tyres."""
+    wheel_radius: Annotated[float, cli.option(metavar="M")]
+    """Rolling radius of the wheels: what the robot drives in one turn of them, over 2 pi."""
+    wheel_width: Annotated[float, cli.option(metavar="M")]
+    """Width of the tyres."""
+    mass: Annotated[float, cli.option(metavar="KG")]
+    """Mass of the whole robot, with battery."""
+    friction: Annotated[cli.Number, cli.option(metavar="MU", default="0.3")] = None
+    """Sliding friction of its tyres on the ground."""
+    torque_limit: Annotated[cli.Number, cli.option(metavar="NM", default="enough on ground of friction 1")] = None
+    """Greatest torque of one wheel [N m]."""
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.toml")] = None
+    """File to write; there must be none of that name."""
+
+
+def _new(options: NewOptions) -> None:
+    """Write the file of a new robot from what a tape measure and a scale say.
+
+    The file says which of its numbers are measured and which are estimates, and this program says what to measure next.
+    """
+    lengths = {f"geometry.{name}": getattr(options, name) for name in ("wheelbase", "track", "wheel_radius", "wheel_width")}
+    others = {
+        "mass.total": options.mass,
+        "drive.torque_limit": options.torque_limit,
+        "simulation.friction": options.friction,
+    }
+    with cli.mistakes_are_users():
+        draft = draft_robot(options.name, {key: x for key, x in {**lengths, **others}.items() if x is not None})
+    _write(draft, options.out)
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """The options of `import`."""
+
+    file: Annotated[Path, tyro.conf.Positional, cli.option(metavar="FILE.urdf")]
+    """URDF of a robot with four wheels; a xacro file must be expanded before."""
+    name: Annotated[str | None, cli.option(metavar="NAME", default="the URDF's")] = None
+    """Name of the robot: letters, digits, - and _."""
+    wheel_radius: Annotated[cli.Number, cli.option(metavar="M", default="read or guessed")] = None
+    """Rolling radius of the wheels."""
+    wheel_width: Annotated[cli.Number, cli.option(metavar="M", default="read or guessed")] = None
+    """Width of the tyres."""
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.toml")] = None
+    """File to write; there must be none of that name."""
+
+
+def _import(options: ImportOptions) -> None:
+    """Write a robot's file from a URDF.
+
+    Finds the wheels by their joints, and puts the masses of everything else together. Meshes are not needed.
+
+    Says what the URDF does not, and had to be guessed.
+    """
+    with cli.mistakes_are_users():
+        draft = import_robot(options.file, options.name, options.wheel_radius, options.wheel_width)
+    _write(draft, options.out)
+
+
+def _write(draft: RobotDraft, out: Path | None) -> None:
+    """Write a new robot's file, and say how to go on."""
+    target = out or Path(f"{draft.robot.name}.toml")
+    with cli.mistakes_are_users(), cli.writes("--out", target):
+        draft.save(target)
+    check = f"next: python -m validation.robots check {visible(target)}"
+    _print([_numbers(draft.robot)], [*draft.remarks, f"written: {visible(target)}", check])
+
+
+def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
+    """Print tables and sentences on standard output."""
+    said: Any = SimpleNamespace(grids=lambda: [table.grid() for table in tables], notes=lambda: sentences)
+    cli.report_result(said)
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """The options of `export`."""
+
+    robot: Annotated[str, tyro.conf.Positional, cli.option(metavar="ROBOT")]
+    """Name of a robot that comes with the package, or path of a robot's file."""
+    to: Annotated[Literal["urdf", "sdf"], cli.option()] = "urdf"
+    """Format: urdf for ROS, sdf for Gazebo."""
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.urdf or NAME.sdf")] = None
+    """File to write; there must be none of that name."""
+
+
+def export_robot(robot: str | Path | Robot, to: Literal["urdf", "sdf"] = "urdf") -> str:
+    """Return a robot as the text of a URDF, or of an SDF model for Gazebo.
+
+    Args:
+        robot: name of a shipped robot, path of a robot's file, or the robot itself.
+        to: the format.
+
+    Raises:
+        RobotError: there is no such robot, or its file cannot be read.
+    """
+    joints = {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS}
+    return sdf_text(_loaded(robot)) if to == "sdf" else urdf_text(_loaded(robot), joints)
+
+
+def _export(options: ExportOptions) -> None:
+    """Write a robot as a URDF or as an SDF model: shapes, masses, inertia and joints; of an SDF friction and torque too.
+
+    How a robot's driver and motors act neither format can say.
+    """
+    with cli.mistakes_are_users():
+        robot = load_robot(options.robot)
+        target = options.out or Path(f"{file_name(robot.name)}.{options.to}")
+        if target.exists():
+            raise cli.UserError(f"--out {target}: there is such a file already; name another")
+        with cli.writes("--out", target):
+            store.write_text(target, export_robot(robot, options.to))
+    _print([], [f"written: {visible(target)}"])
+
+
+PROGRAM: Mapping[str, Callable[[Any], None]] = {
+    "list": list_robots,
+    "check": check_robot.command(),
+    "new": _new,
+    "import": _import,
+    "export": _export,
+}
+
+if __name__ == "__main__":
+    cli.run(PROGRAM, "python -m validation.robots")

@@ -1,0 +1,322 @@
+"""Whether a robot can be as its file describes it: by mechanics, without any simulation, and as its MuJoCo model moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
+from ssmr.robot.vehicle import Drive
+from ssmr.types import Commands, FloatArray, State
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import GRAVITY, ROTOR_SHARE, WHEELS, Robot
+from validation.simulator.health import examine
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin
+
+LITTLE_LOAD = 0.3
+"""Load over a quarter of the weight below which a wheel is said to carry little [1]."""
+RIPPLE_LIMIT, MULTIPLIER_LIMIT = 0.02, 0.02
+"""Range of the yaw rate over its mean, and deviation of the multiplier from its closed form, that a robot may have [1]."""
+DRIVER_LIMIT = 0.25
+"""Deviation of the body's yaw rate from the commanded one that is not worth a word [1]."""
+_RIM_SPEED = 0.13
+"""Speed of the rims in the measured turn over sqrt(g r) [1]: slow enough for mechanics without inertia, and alike for robots
+of every size (Froude's similarity)."""
+_TURNS = 2.2
+"""Turns that mechanics expects in the measured time [1]; the motors lag a little behind."""
+_STIFF_TIME = 2e-4
+"""Time constant of the measuring motors [s]: a seventieth of what robots have. Wheels that have a motor each, of which one
+skids and the other rolls, then turn alike to within half a percent."""
+_STAND_TIME = 2.0
+"""Time for which the robot stands before its loads are read [s]; the simulator has let it settle before."""
+
+
+# ------------------------------------------------------------------------------------------- by mechanics
+def whole_com(robot: Robot) -> tuple[float, float, float]:
+    """Return the centre of mass of the whole robot, wheels included, in the base frame [m]."""
+    share = robot.base_mass / robot.masses.total
+    x, y, z = robot.masses.com
+    return share * x, share * y, share * z + (1.0 - share) * robot.geometry.axle_height
+
+
+def load_shares(robot: Robot) -> FloatArray:
+    """Return the (4,) wheel loads over the weight [1] on equal springs and level ground, in the order of `WHEELS`.
+
+    A negative one says that the robot would fall over that wheel's opposite.
+    """
+    x, y, _ = whole_com(robot)
+    ahead, aside = x * FRONT / (0.5 * robot.geometry.wheelbase), y * LEFT / (0.5 * robot.geometry.track)
+    shares: FloatArray = 0.25 * (1.0 + ahead + aside)
+    return shares
+
+
+@dataclass(frozen=True)
+class SpotTurn:
+    """A slow turn on the spot by mechanics."""
+
+    turn: SkidTurn
+    """Motion for rims that roll at 1 m/s."""
+    side_torque: float
+    """Torque of either side on ground of friction 1, without losses [N m]."""
+
+
+def spot_turn(robot: Robot) -> SpotTurn | None:
+    """Return the quasi-static turn on the spot of a robot; None where its wheels do not carry it.
+
+    What the tyres of loads N and slips s dissipate, mu N |s| each, the two sides have to give. The forces along the robot
+    cancel, so both give half of it: r mu sum(N |s|) / 2 is the torque of a side whose rims roll at 1 m/s. For a centre of
+    mass in the middle that is r mu (m g / 2) L / D with the diagonal D (docs/physics.md).
+    """
+    shares = load_shares(robot)
+    if shares.min() < 0.0:
+        return None
+    g, (x, y, _) = robot.geometry, whole_com(robot)
+    turn = turn_on_the_spot(g.wheelbase, g.track, x, y)
+    along = turn.forward - turn.yaw_rate * 0.5 * g.track * LEFT + LEFT
+    across = turn.across + turn.yaw_rate * 0.5 * g.wheelbase * FRONT
+    loads = shares * robot.masses.total * GRAVITY
+    return SpotTurn(turn, 0.5 * g.wheel_radius * float(loads @ np.hypot(along, across)))
+
+
+def tyre_hull_overlap(robot: Robot) -> FloatArray:
+    """Return (4, 2) how deep the tyres reach into the hull, across, and along or up [m]; positive both where they overlap.
+
+    A tyre is a cylinder, the hull a box. Where they are apart, the gap is the greater one of both numbers' negatives.
+    """
+    g = robot.geometry
+    middles = np.column_stack([0.5 * FRONT * g.wheelbase, 0.5 * LEFT * g.track, np.full(len(WHEELS), g.axle_height)])
+    away = np.abs(middles - g.body_centre) - 0.5 * np.array(g.body_size)
+    from_side = np.hypot(np.maximum(away[:, 0], 0.0), np.maximum(away[:, 2], 0.0))
+    return np.column_stack([0.5 * g.wheel_width - away[:, 1], g.wheel_radius - from_side])
+
+
+def robot_outline(robot: Robot) -> FloatArray:
+    """Return the (2, 3) lowest and highest coordinates of hull and tyres in the base frame [m]."""
+    g = robot.geometry
+    centre, half = np.array(g.body_centre), 0.5 * np.array(g.body_size)
+    reach = np.array([0.5 * g.wheelbase + g.wheel_radius, 0.5 * (g.track + g.wheel_width), g.wheel_radius])
+    wheels = np.array([0.0, 0.0, g.axle_height])
+    return np.array([np.minimum(centre - half, wheels - reach), np.maximum(centre + half, wheels + reach)])
+
+
+# ------------------------------------------------------------------------------------------- in MuJoCo
+@dataclass(frozen=True)
+class Measured:
+    """What a robot's MuJoCo model shows."""
+
+    multiplier: float | None
+    """Yaw rate that the wheels ask for over that of the body, turning on the spot [1]; None without a whole turn."""
+    ripple: float | None
+    """Range of the yaw rate over its mean in that turn [1]."""
+    lifted_share: float
+    """Share of the time of that turn in which a wheel was off the ground [1]."""
+    loads: tuple[float, ...]
+    """Loads of the four wheels at rest on level ground [N], in the order of `WHEELS`."""
+    apparent_mass: float
+    """Constant thrust over acceleration [kg]: the mass, and what turns with the wheels over the radius squared."""
+
+
+def measure_robot(robot: Robot) -> Measured:
+    """Return what the robot's MuJoCo model shows.
+
+    The turn has motors without limit and delay, much stiffer than the robot's own and with rotors
+    that are not light: it shows the robot, not them.
+
+    Raises:
+        ValueError: no model can be built of the robot's numbers; the message says why.
+        DivergedError: the simulator gave up.
+    """
+    calibration = Calibration.of(robot)
+    own = MujocoPlant(calibration, robot.drive)
+    period = own.dt * max(round(SAMPLE / own.dt), 1)
+    standing = own.run(Commands(period, np.zeros((round(_STAND_TIME / period), 2))), State(), period)
+    loads = standing.channels["wheel_load_N"][len(standing.t) // 2 :].mean(axis=0)
+    step = SAMPLE / math.ceil(SAMPLE / calibration.timestep - 1e-9)  # one that divides the period of samples
+    radius, half_track = calibration.wheel_radius, calibration.half_track
+    size = calibration.mass * radius**2
+    armature = max(calibration.armature, ROTOR_SHARE * size)  # a stiff motor makes a light wheel tremble
+    inertia = 0.5 * size + 2.0 * armature  # of a side
+    stiff = replace(calibration, timestep=step, armature=armature, gain=max(calibration.gain, inertia / _STIFF_TIME))
+    rate = _RIM_SPEED * math.sqrt(GRAVITY * radius) / half_track
+    turn = _TURNS * 2.0 * math.pi * min(closed_form(calibration).multiplier, 10.0) / rate
+    free = Drive(
+        math.inf, math.inf, 0.0, 0.0, 0.05, command_half_track=half_track, command_radius=radius, torque_limit=math.inf
+    )
+    found = measure_spin(spin(MujocoPlant(stiff, free), 0.05 * math.ceil((SPIN_LEAD + turn) / 0.05), rate), stiff)
+    return Measured(
+        found.get("multiplier"), found.get("ripple"), found["lifted_share"], tuple(map(float, loads)),
+        examine(own.model, calibration).apparent_mass,
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------------- advice
+@dataclass(frozen=True)
+class Advice:
+    """One sentence about a robot."""
+
+    text: str
+    """What is wrong, and what would be right."""
+    fault: bool = True
+    """Whether the robot cannot be as it is described, or cannot drive; else it is worth a second look."""
+
+
+_Line = tuple[bool, bool, str]
+"""Whether it applies, whether it is a fault, and the sentence."""
+_FAULT, _HINT = True, False
+
+
+def advise(robot: Robot, spot: SpotTurn | None, found: Measured | None) -> list[Advice]:
+    """Return what is wrong with a robot and what would be right, faults first.
+
+    Args:
+        robot: the robot.
+        spot: its turn on the spot by mechanics.
+        found: what its model shows; None where there is none.
+    """
+    lines = [*_geometry(robot), *body_inertia(robot), *wheel_inertia(robot), *_loads(robot)]
+    if spot is not None:
+        lines += _motors(robot, spot)
+    if found is not None:
+        lines += _simulation(robot, spot, found)
+    advice = [Advice(text, fault) for applies, fault, text in lines if applies]
+    return sorted(advice, key=lambda each: not each.fault)
+
+
+def _geometry(robot: Robot) -> Iterator[_Line]:
+    g = robot.geometry
+    r, width = g.wheel_radius, g.wheel_width
+    yield (
+        2.0 * r >= g.wheelbase, _FAULT, f"front and rear tyres touch each other: with a wheelbase of {g.wheelbase:g} m, "
+        f"wheel_radius must be less than {0.5 * g.wheelbase:.4g} m, not {r:g} m",
+    )  # fmt: skip
+    yield (
+        width >= g.track, _FAULT,
+        f"left and right tyres touch each other: with a track of {g.track:g} m, wheel_width must be less, not {width:g} m",
+    )  # fmt: skip
+    overlaps = tyre_hull_overlap(robot)
+    touching = overlaps.min(axis=1) > 1e-6
+    names = ", ".join(wheel.replace("_", " ") for wheel, touches in zip(WHEELS, touching, strict=True) if touches)
+    widest = max(g.track - width - 2.0 * abs(g.body_centre[1]), 0.0)
+    yield (
+        bool(touching.any()), _FAULT, f"tyres ({names}) reach {1e3 * overlaps[:, 0].max():.0f} mm into the hull: "
+        f"between the tyres body_size may be {widest:.4g} m wide",
+    )  # fmt: skip
+    bottom = g.body_centre[2] - 0.5 * g.body_size[2] + g.base_height
+    yield (
+        bottom < -1e-6, _FAULT, f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of {r:g} m and axles "
+        f"at {g.axle_height:g} m, the base frame is {g.base_height:.4g} m above it; correct axle_height or body_centre",
+    )  # fmt: skip
+    low, high = robot_outline(robot)
+    for axis, com, least, most in zip("xyz", robot.masses.com, low, high, strict=True):
+        yield (
+            not least <= com <= most, _FAULT, f"the centre of mass lies outside of the robot: {axis} is {com:g} m, hull and "
+            f"tyres reach from {least:.3g} to {most:.3g} m",
+        )  # fmt: skip
+
+
+def body_inertia(robot: Robot) -> Iterator[tuple[bool, bool, str]]:
+    """Yield advice on the base's moments of inertia: whether it applies, whether it is a fault, and the sentence.
+
+    They say how far the base's mass lies from its centre along x, y and z.
+    """
+    (low, high), inertia, com = robot_outline(robot), np.array(robot.masses.inertia), np.array(robot.masses.com)
+    spread = (0.5 * inertia.sum() - inertia) / robot.base_mass  # mean squares [m2]
+    most = np.maximum((high - com) * (com - low), 0.0)  # all mass at both ends
+    for k, axis in enumerate("xyz"):
+        yield (
+            bool(spread[k] <= -1e-9 * spread.max()), _FAULT,
+            f"no body has the moments of inertia {', '.join(f'{v:.4g}' for v in inertia)} kg m2: that about {axis} must be "
+            f"at most the sum of the others, {inertia.sum() - inertia[k]:.4g} kg m2; without inertia it has that of a box",
+        )  # fmt: skip
+        yield (
+            bool(spread[k] > most[k] * (1.0 + 1e-9)), _HINT,
+            f"these moments of inertia need mass {1e3 * math.sqrt(max(spread[k], 0.0)):.0f} mm from its centre along {axis} "
+            f"in the mean, and hull and tyres allow {1e3 * math.sqrt(most[k]):.0f} mm: is it inertia about another point, "
+            "or in another unit?",
+        )  # fmt: skip
+
+
+def wheel_inertia(robot: Robot) -> Iterator[tuple[bool, bool, str]]:
+    """Yield advice on a wheel's moments of inertia: whether it applies, whether it is a fault, and the sentence."""
+    g, m, slack = robot.geometry, robot.masses, 1.0 + 1e-9
+    across, spin = m.wheel_inertia
+    disc = m.wheel * g.wheel_radius**2
+    wheel, thick = f"a wheel of {m.wheel:g} kg and {g.wheel_radius:g} m", 0.5 * disc + 0.25 * m.wheel * g.wheel_width**2
+    yield (
+        spin > disc * slack, _FAULT, f"{wheel} cannot have {spin:.4g} kg m2 about its axle: the most is m r^2 = {disc:.4g}, "
+        "with all mass in the tread, and a solid cylinder has half of it",
+    )  # fmt: skip
+    yield (
+        across > thick * slack, _FAULT, f"{wheel} cannot have {across:.4g} kg m2 about a diameter: the most is "
+        f"m (r^2 / 2 + width^2 / 4) = {thick:.4g}",
+    )  # fmt: skip
+    yield (
+        spin > 2.0 * across * slack, _FAULT, f"no wheel has {spin:.4g} kg m2 about its axle and {across:.4g} about a "
+        "diameter: the first is at most twice the second; are they swapped? wheel_inertia has the diameter first",
+    )  # fmt: skip
+
+
+def _loads(robot: Robot) -> Iterator[_Line]:
+    g, shares, (x, y, _) = robot.geometry, load_shares(robot), whole_com(robot)
+    wheel, least = WHEELS[int(np.argmin(shares))].replace("_", " "), float(shares.min())
+    where = f"the whole robot's centre of mass is {x:.3g} m ahead and {y:.3g} m to the left of the middle"
+    used = 2.0 * abs(x) / g.wheelbase + 2.0 * abs(y) / g.track
+    yield (
+        least <= 0.0, _FAULT, f"the {wheel} wheel carries nothing: {where}, and 2 |x| / wheelbase + 2 |y| / track must be "
+        f"less than 1, not {used:.2f}",
+    )  # fmt: skip
+    yield (
+        0.0 < least < 0.25 * LITTLE_LOAD, _HINT,
+        f"the {wheel} wheel carries only {100.0 * least:.1f} % of the weight: {where}; weigh each wheel if you can",
+    )  # fmt: skip
+
+
+def _motors(robot: Robot, spot: SpotTurn) -> Iterator[_Line]:
+    drive, mu = robot.drive, robot.simulation.friction
+    needed, has = mu * spot.side_torque + drive.gear_loss, 2.0 * drive.torque_limit
+    yield (
+        not math.isfinite(has),
+        _HINT,
+        "no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]",
+    )
+    yield (
+        needed > has, _FAULT, f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and "
+        f"its motors give {has:.4g} N m; torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
+        f"{(has - drive.gear_loss) / spot.side_torque:.2g}",
+    )  # fmt: skip
+    rims = robot.geometry.wheel_radius / drive.command_radius * spot.turn.yaw_rate  # over the wanted yaw rate and half-track
+    turned = drive.command_half_track * rims
+    if rims > 0.0:
+        yield (
+            abs(turned - 1.0) > DRIVER_LIMIT, _HINT, f"turning on the spot it reaches {turned:.2f} of the yaw rate that is "
+            f"commanded, for skidding wheels slip: with a command_half_track of {1.0 / rims:.3g} m, not "
+            f"{drive.command_half_track:g} m, it would reach all of it",
+        )  # fmt: skip
+
+
+def _simulation(robot: Robot, spot: SpotTurn | None, found: Measured) -> Iterator[_Line]:
+    if found.multiplier is None or found.ripple is None:
+        yield True, _FAULT, "the simulated robot did not turn once on the spot in twice the time that mechanics allows it"
+    else:
+        expected = found.multiplier if spot is None else spot.turn.multiplier
+        yield (
+            abs(found.multiplier / expected - 1.0) > MULTIPLIER_LIMIT, _FAULT, "the simulated robot turns with a multiplier "
+            f"of {found.multiplier:.3f}, and mechanics says {expected:.3f}: keep the usual wheel_shape and timestep",
+        )  # fmt: skip
+        yield (
+            found.ripple > RIPPLE_LIMIT, _HINT, f"the yaw rate of a turn on the spot varies by {100.0 * found.ripple:.1f} % "
+            f"of its mean: take a smaller timestep than {robot.simulation.timestep:g} s, or a wheel_shape of ellipsoid",
+        )  # fmt: skip
+    yield (
+        found.lifted_share > 0.0, _FAULT, f"a wheel leaves the ground in {100.0 * found.lifted_share:.0f} % of a slow turn "
+        "on the spot: move the centre of mass to the middle and down, or lower the friction",
+    )  # fmt: skip
+    carried, weight = sum(found.loads), robot.masses.total * GRAVITY
+    yield (
+        abs(carried / weight - 1.0) > 0.01, _FAULT,
+        f"the wheels carry {carried:.0f} N of a weight of {weight:.0f} N: does a part touch the ground?",
+    )  # fmt: skip

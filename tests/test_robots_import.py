@@ -54,7 +54,7 @@ def robots(draw: st.DrawFn) -> UrdfRobot:
         (0.1 * wheelbase * draw(numbers), -0.1 * track * draw(numbers), axle + 0.3 * radius * draw(numbers)),
         (float(inertia[0]), float(inertia[1]), float(inertia[2])), wheel, names, draw(st.permutations(range(4))),
         tuple((0.0, f * math.cos(r), -f * math.sin(r)) for f, r in zip(flips, rolls, strict=True)), rolls,
-        draw(st.floats(-0.6, 0.6)), lumps=(tuple(away), tuple(-away)),
+        round(draw(st.floats(-0.6, 0.6)), 9), lumps=(tuple(away), tuple(-away)),
     )  # fmt: skip
 
 

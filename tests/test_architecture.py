@@ -117,7 +117,9 @@ def test_only_programs_know_the_command_line() -> None:
     for name in modules():
         known = {"validation.cli", "tyro"} & imports(name)
         is_program = (
-            name.endswith(".__main__") or name.count(".") == 1 or room_of(name) in ("validation.study", "validation.ros")
+            name.endswith((".__main__", ".replicate.run"))
+            or name.count(".") == 1
+            or room_of(name) in ("validation.study", "validation.ros")
         )
         assert not known or is_program or room_of(name) == "validation.cli", f"{name} imports {sorted(known)}"
 
@@ -209,12 +211,12 @@ PRICES = {
     "validation/learning": (770, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_580, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (980, "every plant declared once, and profiles"),
-    "validation/replicate": (3_650, "the thesis beside us, row by row"),
+    "validation/replicate": (1_670, "the thesis beside us, row by row"),
     "validation/report": (4_030, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_500, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_990, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (4_860, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),
-    "validation/thesis": (360, "the thesis' numbers"),
+    "validation/thesis": (240, "the thesis' numbers"),
     "validation/bench": (
         2_060,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",

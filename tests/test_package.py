@@ -51,7 +51,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
         "files/sample.csv",
         "files/foxglove.json",
         "thesis/verdicts.toml",
-        "replicate/templates/replicate.html",
+        "replicate/templates/lead.md",
     }
     assert {*(f"validation/{name}" for name in data), *profiles} <= names
     assert not any(name.startswith(("tests/", "benchmarks/", "docs/")) or ".nbi" in name for name in names)

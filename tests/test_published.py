@@ -5,8 +5,7 @@ the copy.
 """
 
 import itertools
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -40,7 +39,7 @@ def rows_in_all_tables() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
             yield number, name, row
 
 
-def is_inside(value: float, bounds: tuple[float, float]) -> bool:
+def is_inside(value: float, bounds: Sequence[float]) -> bool:
     return bounds[0] <= value <= bounds[1]
 
 
@@ -100,24 +99,6 @@ def test_spot_checks_against_the_print(number: str, row: str, key: str, expected
 
 
 # ------------------------------------------------------------------------------------- laws that cross-check
-
-
-def test_converted_units_match_the_print():
-    for name in ("view_angle_horizontal", "view_angle_vertical"):
-        row = published.table("3.2")["rows"][name]
-        assert row["value"] == pytest.approx(math.radians(row["printed_value"]), rel=ROUNDOFF)
-    period = published.table("3.2")["rows"]["measurement_period"]
-    assert period["value"] == pytest.approx(period["printed_value"] / 1000.0, rel=ROUNDOFF)
-    # and the camera's period is that of its frame rate, to the printed tenth of a millisecond
-    assert period["value"] == pytest.approx(1.0 / published.value("3.2", "frame_rate"), abs=0.05e-3)
-
-
-def test_erratum_captions_of_4_6_and_4_23_repeat_the_slow_case():
-    assert [n for n in SINGLE_ROW_TABLES if "printed_speed_m_s" in published.table(n)] == ["4.6", "4.23"]
-    for slow, fast in (("4.5", "4.6"), ("4.22", "4.23")):
-        assert published.table(slow)["caption"] == published.table(fast)["caption"]
-        assert published.table(slow)["speed_m_s"] == 0.25
-        assert published.table(fast)["speed_m_s"] == 0.50
 
 
 def test_erratum_4_8_copies_4_7():
@@ -210,7 +191,7 @@ def test_erratum_3_8_only_mu_c_lies_outside_its_search_bounds():
     ]
     assert outside == [("3.8", "mu_c")]
     row = published.table("3.8")["rows"]["mu_c"]
-    assert (row["value"], row["search"]) == (0.0254, (0.10, 0.20))
+    assert (row["value"], row["search"]) == (0.0254, [0.10, 0.20])
     assert row["suspect"]
 
 
@@ -224,33 +205,3 @@ def test_erratum_4_21_optimised_q_is_not_positive_definite():
     # Sec. 4.4.1 asks for it; Q_44 prints as 0.00, the lower end of its search range
     row = published.table("4.21")["rows"]["Q_44"]
     assert row["optimised"] == row["search"][0] == 0.0
-
-
-def test_erratum_4_20_step_is_longer_than_the_loop_it_simulates():
-    steps = {number: published.value(number, "step_time_s") for number in JDE_TABLES}
-    assert steps.pop("4.20") == 0.01
-    assert set(steps.values()) == {0.001}
-    # Sec. 4.2: the loop runs on odometry of 120 Hz, which a step of 10 ms cannot resolve
-    assert 1.0 / published.value("text", "odometry_rate") < published.value("4.20", "step_time_s")
-
-
-def test_erratum_3_5_prints_another_ekf_rate_than_chapter_4():
-    assert published.value("3.5", "EKF", "frequency_hz") == 50.0
-    assert published.value("text", "odometry_rate") == published.value("text", "position_loop_rate") == 120.0
-
-
-def test_erratum_3_4_repeats_the_caption_of_3_3():
-    assert published.table("3.3")["caption"] == published.table("3.4")["caption"]
-
-
-def test_erratum_3_14_is_no_linearisation_of_3_8():
-    """Eq. 2.40 has K_u = (2/pi) k_s u_x and K_y = (2/pi) k_s mu_c, with k_s >> 1 (Eq. 2.33).
-
-    The fitted K_u, K_y and the fitted u_x, mu_c give k_s of 0.6 and 1.8 s/m: the coefficients of the
-    hyperviscous model are free parameters, and no slope of the Coulomb model's friction at zero speed.
-    """
-    k_sx = math.pi / 2.0 * published.value("3.14", "K_u") / published.value("3.8", "u_x")
-    k_sy = math.pi / 2.0 * published.value("3.14", "K_y") / published.value("3.8", "mu_c")
-    assert k_sx == pytest.approx(0.599, abs=0.001)
-    assert k_sy == pytest.approx(1.843, abs=0.001)
-    assert max(k_sx, k_sy) < published.value("text", "k_s_figure_2_9") / 10.0

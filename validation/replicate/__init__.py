@@ -1,6 +1,6 @@
 """Replication: every result of the thesis beside what this project gets, with a verdict for each row.
 
-`from validation.replicate import ReplicationSettings, replicate`
+`from validation.replicate import replicate`
 """
 
 import lazy_loader as lazy

@@ -1,37 +1,45 @@
-"""The sections on chapter 4: gains tuned as in the thesis, and its tables of tracked references."""
+"""Chapter 4: gains tuned as in the thesis, its tables of tracked references (Tab. 4.5-4.38), and motors at their limit.
+
+Reference against simulated: the improved model with noise and disturbance, as in the thesis' simulations. Simulated against
+real: the MuJoCo robot takes the place of the real robot, with the lab's noise and, as in the lab, without disturbance.
+
+Some rows agree only under a supposition about what the thesis does not print. Each supposition holds for all tables of its
+kind, never for a single row; docs/tracking.md shows what was tried, and what each does to every row.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
-from ssmr.control.loop import LoopSettings
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, run_robots
-from validation.bench.tracked import saturated
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.metrics.declared import compare_paths
+from ssmr.robot.sensors import SAMPLE_RATES_HZ
+from ssmr.types import FloatArray, Trajectory
+from validation.bench.gains import GainSet, load_gains
+from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.bench.tracked import reference_of, saturated
 from validation.bench.waypoint_files import open_reference
-from validation.fit.search import SearchOptions
-from validation.plants.profile import load_profile
+from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress
-from validation.replicate.evidence import Context, Findings, Section, Table, searched
-from validation.replicate.figures import draw_tracked
-from validation.replicate.tracked import ALL_LOST, CONTROL_TABLES, TABLE_METRICS, TableEntry, tracked_tables
+from validation.replicate.chapters import Findings, Section, Task, judged
+from validation.report.drawing import Row, draw_section, inset, plain_ticks, side_by_side, text_row
+from validation.report.palette import VERDICT_INKS
 from validation.thesis import published
-from validation.thesis.verdicts import Pair, Rule
-from validation.tune.result import TuneResult
-from validation.tune.run import tune
+from validation.thesis.verdicts import RULE_OF, Pair, Rows, Rule, Supposed
+from validation.tune import tune
 
-_PROFILE, _PLANT = "thesis-lab", "improved"
-_TUNED_ON = ("generic", 0.25)
-"""Reference and speed [m/s] that gains are tuned on (Sec. 4.3.3)."""
-_NOISE_SEED = 0
-"""Seed of noise and disturbance in the loop that is tuned; the searches have seeds of their own."""
-_OFTEN, _FAST = 20.0, 0.5
-"""Share of time [%] that Sec. 4.5 is taken to mean by "often", and the speed that it says so of [m/s]."""
+_PROFILE = "thesis-lab"
+CONTROL_TABLES = tuple(f"4.{i}" for i in (*range(5, 20), *range(22, 37)))
+"""Numbers of the tables of single references; 4.37 and 4.38 repeat them."""
 TUNED_TABLES: Mapping[str, str] = {"pid": "4.4", "lqr": "4.21"}
+"""Tables of gains by controller."""
 GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
     "pid": {
         "K_P_rho": "k_p_rho", "K_I_rho": "k_i_rho", "K_P_y": "k_p_y", "K_I_y": "k_i_y", "K_P_alpha": "k_p_alpha",
@@ -44,158 +52,263 @@ GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
     },
 }  # fmt: skip
 """Names of the thesis' gains in our gain sets, by controller."""
-_CAPTIONS: Mapping[str, str] = {
-    "reference_vs_simulated": "the improved model against the reference (beside it the MuJoCo Husky against the reference)",
-    "simulated_vs_real": "the improved model against the robot (ours: against the MuJoCo Husky)",
-}
+_OFTEN, _FAST = 20.0, 0.5
+"""Share of time [%] that Sec. 4.5 is taken to mean by "often", and the speed that it says so of [m/s]."""
+_KNOWN_GEOMETRY = ("line", "circle")
+"""References whose geometry the thesis gives, so that a supposition about anything else can be tested."""
+PATH_RATE_HZ = SAMPLE_RATES_HZ["command"]
+"""Supposed rate at which the simulated path was logged before it was compared with a reference [Hz]: that of commands."""
+K_11, K_33 = 4.0, 2.75
+"""Supposed gains of the LQR from the error along the path to speed, and from that of heading to yaw rate [1/s]."""
+_LOGGED = f"the simulated path was logged at {PATH_RATE_HZ:g} Hz, so that its samples lie {{spacing:g}} mm apart"
+_DRIVEN = (
+    f"the LQR drove with K_11 = {K_11:g} and K_33 = {K_33:g} 1/s and no weight on the rates, instead of the manual column "
+    "of Tab. 4.21"
+)
+_REAL_SEEDS = 1000
+"""First seed of the MuJoCo robot's noise, since the real robot's noise was not the simulation's."""
+_LOST = "every seed lost the reference"
 
 
-def _tune_section(controller: str) -> Section:
-    """Return the section that searches a controller's gains as Sec. 4.3.3 and 4.4.3 did."""
-    number = TUNED_TABLES[controller]
-
-    def search(seed: int, context: Context) -> TuneResult:
-        settings, (name, speed) = context.settings, _TUNED_ON
-        return searched(
-            context,
-            f"search-{seed}",
-            lambda search, progress: tune(
-                controller, f"{name}@{speed:g}", _PROFILE, plants=(_PLANT,), held_out=(), gains="published",
-                from_scratch=True, guard=0.0, seeds=(_NOISE_SEED,), population=settings.tune_population,
-                generations=settings.tune_generations, search=SearchOptions(**search, seed=seed), progress=progress,
-            ),
-        )  # fmt: skip
-
-    def run(context: Context) -> Findings:
-        seeds = range(context.settings.seed, context.settings.seed + context.settings.tune_seeds)
-        results = [search(seed, context) for seed in seeds]
-        best = min(results, key=lambda r: r.cost)
-        caption = f"The {controller.upper()} with the gains of the best search, beside the published ones."
-        picture = context.picture("tune", best.figure(), caption)
-        reduced = " (reduced: --quick)" if context.settings.quick else ""
-        notes = (
-            f"{len(results)} search{'es' * (len(results) > 1)}{reduced}, cost "
-            f"{', '.join(f'{r.cost:.3f}' for r in results)}; with the published gains {best.baseline_cost:.3f}. "
-            f"Population {best.options['population']}, at most {best.options['generations']} generations, generic "
-            f"reference at {_TUNED_ON[1]:g} m/s, the improved model with noise and disturbance. Ours are the gains of "
-            "the search with the lowest cost; the spread is the standard deviation over all searches.",
-            *best.notes(),
-        )
-        numbers = {"searches": [{"seed": r.seed, "cost": r.cost, "gains": dict(r.gains)} for r in results]}
-        return Findings({number: gain_table(controller, results)}, notes=notes, pictures=(picture,), numbers=numbers)
-
-    needs = ("quick", "seed", "tune_seeds", "tune_population", "tune_generations")
-    return Section(f"tune-{controller}", f"Gains of the {controller.upper()}, tuned", (number,), needs, run)
-
-
-def gain_table(controller: str, results: list[TuneResult]) -> Table:
-    """Return the thesis' gains beside those of the search with the lowest cost, and below them the cost."""
-    number = TUNED_TABLES[controller]
-    best = min(results, key=lambda r: r.cost)
-    searched = {p.name: p for p in best.parameters}
-    rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table(number)["rows"].items():
-        name, unit = GAIN_NAMES[controller][row], printed["unit"]
-        published_value = float(printed.get("optimised", printed.get("value", math.nan)))
-        spread = _deviation([float(r.gains[name]) for r in results])
-        if name not in searched:
-            obstacle = "set by hand in the thesis; taken over"
-        elif spread is None:
-            obstacle = "a single search has no spread"
-        else:
-            obstacle = ""
-        rows[row] = {"optimised": Pair(published_value, float(best.gains[name]), "spread", unit, spread, {}, obstacle)}
-        if "manual" in printed:
-            rows[row]["manual"] = Pair(float(printed["manual"]), None, "none", unit)
-    costs = [r.cost for r in results]
-    beside = {"with_the_published_gains": best.baseline_cost} if math.isfinite(best.baseline_cost) else {}
-    rows["cost"] = {"optimised": Pair(None, best.cost, "none", "1", _deviation(costs), beside)}
-    return Table(f"Gains of the {controller.upper()}, tuned on the generic reference", rows)
-
-
-def _deviation(values: list[float]) -> float | None:
+def _deviation(values: Sequence[float]) -> float | None:
     return float(np.std(values, ddof=1)) if len(values) > 1 else None
 
 
-def _tracked(context: Context) -> Findings:
-    """Make Tab. 4.5-4.19 and 4.22-4.38."""
-    seeds, entries = context.settings.noise_seeds, list[TableEntry]()
-    for entry in tracked_tables(load_profile(_PROFILE), seeds, workers=context.workers):
-        entries.append(entry)
-        context.progress(Progress(len(entries), len(CONTROL_TABLES), f"Tab. {entry.table}"))
-    found = {
-        e.table: Table(
-            f"{e.controller.upper()}, {e.reference} at {e.speed:g} m/s: {_CAPTIONS[e.comparison]}", {e.row: e.pairs}
-        )
-        for e in entries
+def _tuned(controller: str, task: Task) -> Findings:
+    """Search a controller's gains as Sec. 4.3.3 and 4.4.3 did."""
+    population, generations = task.budget.tune or (None, None)
+    searches = []
+    for seed in range(task.seed, task.seed + task.budget.searches):
+        found = tune(
+            controller, "generic@0.25", _PROFILE, plants=("improved",), held_out=(), gains="published", from_scratch=True,
+            guard=0.0, seeds=(0,), population=population, generations=generations, seed=seed, workers=task.workers,
+            progress=task.progress,
+        ).as_dict()  # fmt: skip
+        if found["status"] == "interrupted":
+            raise KeyboardInterrupt
+        searches.append(found)
+    best = min(searches, key=lambda found: float(found["cost"]))
+    words = {
+        "law": controller.upper(),
+        "number": TUNED_TABLES[controller],
+        "costs": ", ".join(f"{found['cost']:.3f}" for found in searches),
+        "baseline": math.nan if best["baseline_cost"] is None else best["baseline_cost"],
+        "generations": best["generations"],
+        "notes": "\n".join(f"- {note}" for note in best["notes"]),
     }
-    by_place = {(e.controller, e.reference, e.speed): e for e in entries if e.comparison == "simulated_vs_real"}
-    repeated: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table("4.37")["rows"].items():
-        own = by_place[printed["controller"], printed["trajectory"], float(printed["speed_m_s"])].pairs
-        repeated[row] = {metric: replace(pair, published=float(printed[metric])) for metric, pair in own.items()}
-    found["4.37"] = Table("Simulated against real, both controllers: repeats Tab. 4.13-4.19 and 4.30-4.36", repeated)
+    return Findings({TUNED_TABLES[controller]: gain_rows(controller, searches)}, words)
+
+
+def gain_rows(controller: str, searches: Sequence[Mapping[str, Any]]) -> Rows:
+    """Return the thesis' gains beside those of the search with the lowest cost, as tune.json has them, and the cost."""
+    best = min(searches, key=lambda found: float(found["cost"]))
+    rows: dict[str, dict[str, Pair]] = {}
+    for row, printed in published.table(TUNED_TABLES[controller])["rows"].items():
+        name, unit = GAIN_NAMES[controller][row], printed["unit"]
+        spread = _deviation([found["gains"][name] for found in searches])
+        obstacle = "" if spread is not None else "a single search has no spread"
+        if name not in best["parameters"]:
+            obstacle = "set by hand in the thesis; taken over"
+        theirs = float(printed.get("optimised", printed.get("value", math.nan)))
+        rows[row] = {"optimised": Pair(theirs, best["gains"][name], "spread", unit, spread, {}, obstacle)}
+        if "manual" in printed:
+            rows[row]["manual"] = Pair(float(printed["manual"]), None, "none", unit)
+    spread, baseline = _deviation([found["cost"] for found in searches]), best["baseline_cost"]
+    beside = {} if baseline is None else {"with_the_published_gains": baseline}
+    return rows | {"cost": {"optimised": Pair(None, best["cost"], "none", "1", spread, beside)}}
+
+
+class TrackedTables:
+    """The runs along the references of the thesis' tables, each driven once, and the rows that they give."""
+
+    def __init__(self, profile: Profile, seeds: int, workers: int | None = None) -> None:
+        """Build the robots.
+
+        Args:
+            profile: robot of both plants.
+            seeds: number of draws of noise and disturbance for each row.
+            workers: number of threads, None for all processors; the result does not depend on it.
+        """
+        self._profile, self._seeds, self._workers = profile, seeds, workers
+        self._robots = {plant: make_robot(profile, plant) for plant in ("improved", "mujoco")}
+        self._known: dict[tuple[str, str, float, str], list[ClosedRun]] = {}
+
+    def _drive(self, gains: GainSet, reference: str, speed: float, plant: str) -> list[ClosedRun]:
+        """Return the runs with some gains along a reference at a speed [m/s] with a plant."""
+        key = gains.name, reference, speed, plant
+        if key not in self._known:
+            n, first = self._seeds, _REAL_SEEDS if plant == "mujoco" else 0
+            loop, law = LoopSettings(disturbance=plant != "mujoco"), make_controller(self._profile, gains)
+            waypoints, seeds = open_reference(reference, speed)[1], range(first, first + n)
+            robots = [self._robots[plant]] * n
+            self._known[key] = run_robots(robots, [law] * n, [loop] * n, waypoints, seeds, self._workers)
+        return self._known[key]
+
+    def compared(self, number: str, supposed: bool = False) -> FloatArray:
+        """Return (n, 3) metrics of a table, see `RULE_OF`, of the runs that kept the reference.
+
+        Args:
+            number: number of the table.
+            supposed: whether under the supposition about what the thesis does not print, see `supposition`.
+        """
+        said = published.table(number)
+        gains = load_gains(said["controller"], said.get("gains", "published"))
+        if supposed and said["controller"] == "lqr":
+            gains = supposed_gains(gains)
+        where = said["trajectory"], float(said["speed_m_s"])
+        simulated = self._drive(gains, *where, "improved")
+        if said["comparison"] == "reference_vs_simulated":
+            wanted = reference_of(simulated[0], open_reference(*where)[1], whole=True)
+            motions = [supposed_path(s.motion) if supposed else s.motion for s in simulated if not s.lost]
+            found = [compare_paths(motion, wanted) for motion in motions]
+        else:
+            both = zip(simulated, self._drive(gains, *where, "mujoco"), strict=True)
+            found = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
+        return np.array([[m[name] for name in RULE_OF] for m in found]).reshape(-1, len(RULE_OF))
+
+    def _beside(self, number: str) -> Mapping[str, float]:
+        """Return mean metrics of the MuJoCo robot, without disturbance, against the reference of a table."""
+        said = published.table(number)
+        where = said["trajectory"], float(said["speed_m_s"])
+        runs = self._drive(load_gains(said["controller"], said.get("gains", "published")), *where, "mujoco")
+        driven = [rate(r, open_reference(*where)[1], self._robots["mujoco"]) for r in runs if not r.lost]
+        return {m: float(np.mean([each[m] for each in driven])) for m in RULE_OF} if driven else {}
+
+    def _mean(self, values: FloatArray) -> tuple[float | None, float | None]:
+        """Return mean and standard deviation; None where every seed lost the reference, or there is one seed."""
+        if not len(values):
+            return None, None
+        return float(values.mean()), float(values.std()) if self._seeds > 1 else None
+
+    def rows(self, number: str) -> Rows:
+        """Return a table of the thesis beside ours, which are means over the seeds that kept the reference."""
+        said, found, text = published.table(number), self.compared(number), supposition(number)
+        printed: Mapping[str, float] = next(iter(said["rows"].values()), {})
+        under = self.compared(number, supposed=True) if text else found[:0]
+        beside = self._beside(number) if said["comparison"] == "reference_vs_simulated" else {}
+        pairs = {}
+        for k, (metric, rule) in enumerate(RULE_OF.items()):
+            ours, spread = self._mean(found[:, k])
+            supposed, by = self._mean(under[:, k])
+            pairs[metric] = Pair(
+                printed.get(metric), ours, rule, "m" if metric.endswith("_m") else "1", spread,
+                {"ours_mujoco": beside[metric]} if beside else {}, _LOST if ours is None else "",
+                None if supposed is None else Supposed(supposed, by, text, "tracking.md"),
+            )  # fmt: skip
+        return {f"{said['trajectory']}_{said['speed_m_s']:.2f}": pairs}
+
+
+def supposed_gains(gains: GainSet) -> GainSet:
+    """Return an LQR's set with the supposed K_11 and K_33: K_11 = sqrt(Q_11 / R_11), K_33 = sqrt(Q_33 / R_22)."""
+    old = gains.values
+    new = {"q_x": K_11**2 * old["r_v"], "q_yaw": K_33**2 * old["r_w"], "q_v": 0.0, "q_w": 0.0}
+    return GainSet(gains.controller, f"{gains.name}, supposed", {**old, **new})
+
+
+def supposed_path(motion: Trajectory) -> Trajectory:
+    """Return a motion as it is logged at `PATH_RATE_HZ`: each sample is the first of the motion at or after its time."""
+    times = np.arange(motion.t[0], motion.t[-1], 1.0 / PATH_RATE_HZ)
+    k = np.unique(np.append(np.searchsorted(motion.t, times - 1e-9), len(motion.t) - 1))
+    return Trajectory(motion.t[k], motion.pose[k], motion.twist[k], motion.wheels[k])
+
+
+def supposition(number: str) -> str:
+    """Return the supposition for one of the thesis' tables in words, without a full stop; empty if there is none."""
+    said = published.table(number)
+    if said["trajectory"] not in _KNOWN_GEOMETRY or said.get("suspect"):
+        return ""
+    logged = _LOGGED.format(spacing=1e3 * float(said["speed_m_s"]) / PATH_RATE_HZ)
+    driven = [_DRIVEN] * (said["controller"] == "lqr")
+    return ", and ".join(driven + [logged] * (said["comparison"] == "reference_vs_simulated"))
+
+
+def _tracked(task: Task) -> Findings:
+    """Make Tab. 4.5-4.19 and 4.22-4.38."""
+    made, found = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers), dict[str, Rows]()
+    for number in CONTROL_TABLES:
+        found[number] = made.rows(number)
+        task.progress(Progress(len(found), len(CONTROL_TABLES), f"Tab. {number}"))
+    both: dict[tuple[str, str], Mapping[str, Pair]] = {}
+    for number, rows in found.items():
+        if published.table(number)["comparison"] == "simulated_vs_real":
+            both |= {(published.table(number)["controller"], row): pairs for row, pairs in rows.items()}
+    repeated = {
+        row: {m: replace(pair, published=float(printed[m])) for m, pair in both[tuple(row.split("_", 1))].items()}
+        for row, printed in published.table("4.37")["rows"].items()
+    }
     changes: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table("4.38")["rows"].items():
-        reference, _, speed = row.partition("_")
-        pid, lqr = (by_place[law, reference, float(speed)] for law in ("pid", "lqr"))
         changes[row] = {}
-        for metric in TABLE_METRICS:
+        for metric in RULE_OF:
             name = f"{metric.removesuffix('_m')}_change_percent"
-            change, spread = change_percent(pid, lqr, metric)
-            obstacle = "" if change is not None else ALL_LOST
+            change, spread = change_percent(both["pid", row][metric], both["lqr", row][metric])
+            obstacle = "" if change is not None else _LOST
             changes[row][name] = Pair(float(printed[name]), change, "spread", "%", spread, {}, obstacle)
-    found["4.38"] = Table("LQR against PID, change of Tab. 4.37 in percent", changes)
-    note = (
-        f"Means over {seeds} seeds of noise, each with its standard deviation; the thesis prints a single run. "
-        "The PID has its published gains, the LQR the manual column of Tab. 4.21 (Sec. 4.4.3). The simulation is disturbed "
-        "at random as in the thesis; the MuJoCo Husky, which takes the robot's place, is not."
-    )
-    lost = [f"{e.table}: {e.lost} of {e.n} seeds lost the reference." for e in entries if e.lost]
-    caption = f"d_rms printed (bar) and ours (dot, with the standard deviation of {seeds} seeds), one table a row."
-    picture = context.picture("d_rms", draw_tracked(entries, _PROFILE, seeds), caption)
-    return Findings(found, notes=(note, *lost), pictures=(picture,))
+    panels = _drawn({n: found[n] for n in CONTROL_TABLES})
+    return Findings({**found, "4.37": repeated, "4.38": changes}, {"seeds": task.budget.draws}, panels=panels)
 
 
-def change_percent(before: TableEntry, after: TableEntry, metric: str) -> tuple[float | None, float | None]:
+def change_percent(before: Pair, after: Pair) -> tuple[float | None, float | None]:
     """Return the change of a mean [%], and the standard deviation that follows from those of single runs [%]."""
-    if not (before.mean and after.mean and before.mean[metric] > 0.0):
+    if before.ours is None or after.ours is None or not before.ours > 0.0:
         return None, None
-    ratio = after.mean[metric] / before.mean[metric]
-    share = [e.deviation[metric] / e.mean[metric] for e in (before, after) if e.n > 1 and e.mean[metric] > 0.0]
+    ratio = after.ours / before.ours
+    share = [p.spread / p.ours for p in (before, after) if p.spread is not None and p.ours]
     return 100.0 * (ratio - 1.0), 100.0 * ratio * math.hypot(*share) if len(share) == 2 else None
 
 
-def _saturation(context: Context) -> Findings:
+def _drawn(tables: Mapping[str, Rows]) -> list[Row]:
+    """Return printed and own d_rms of each table, both comparisons side by side."""
+
+    def draw(comparison: str, title: str, ax: Axes) -> None:
+        some = {n: rows for n, rows in tables.items() if published.table(n)["comparison"] == comparison}
+        labels = []
+        for k, (number, rows) in enumerate(some.items()):
+            ((row, pairs),) = rows.items()
+            pair = pairs["d_rms_m"]
+            ink = VERDICT_INKS[judged(number, rows)[row][1].status]
+            labels.append(f"{number}  {published.table(number)['controller']} {row.replace('_', ' ')}")
+            if pair.ours is not None:
+                ax.errorbar(1e3 * pair.ours, k, xerr=1e3 * (pair.spread or 0.0), fmt="o", color=ink, capsize=3)
+            if pair.supposed is not None:
+                ax.plot(1e3 * pair.supposed.value, k, "o", mfc="none", color="0.3")
+            if pair.published is not None:
+                ax.plot(1e3 * pair.published, k, "|", color="black", ms=14, mew=2)
+        ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(len(some) - 0.5, -0.5), title=title)
+        ax.set_yticks(range(len(some)), labels)
+        inset(ax, left=1.4)
+        plain_ticks(ax.xaxis)
+
+    heading = "Tracked references. Bar: printed; dot: ours, with the deviation over seeds; ring: ours under the supposition"
+    names = {"reference_vs_simulated": "Reference against simulated", "simulated_vs_real": "Simulated against real"}
+    panels = [partial(draw, comparison, title) for comparison, title in names.items()]
+    return [text_row(0.3, partial(draw_section, heading)), side_by_side(5.2, panels)]
+
+
+def _saturation(task: Task) -> Findings:
     """Find how often motors are at their limit on the generic reference (Sec. 4.5)."""
-    profile, n = load_profile(_PROFILE), context.settings.noise_seeds
+    profile, n = load_profile(_PROFILE), task.budget.draws
     rows: dict[str, dict[str, Pair]] = {}
-    for plant in (_PLANT, "mujoco"):
+    for plant in ("improved", "mujoco"):
         robot = make_robot(profile, plant)
         limit = {"side_torque_limit_N_m": robot.limits["side_torque_limit_N_m"]}
         loops = [LoopSettings(disturbance=plant != "mujoco")] * n
         for law, gains in (("pid", "published"), ("lqr", "manual")):
             control = make_controller(profile, load_gains(law, gains))
             for speed in (0.25, 0.5):
-                waypoints = open_reference(_TUNED_ON[0], speed)[1]
-                runs = run_robots([robot] * n, [control] * n, loops, waypoints, range(n), context.workers)
+                waypoints = open_reference("generic", speed)[1]
+                runs = run_robots([robot] * n, [control] * n, loops, waypoints, range(n), task.workers)
                 shares = [100.0 * float(np.mean(saturated(run, limit))) for run in runs]
                 rule: Rule = "at_least" if speed == _FAST else "none"
                 beside = {"at_least": _OFTEN} if speed == _FAST else {}
                 pair = Pair(None, float(np.mean(shares)), rule, "%", _deviation(shares), beside)
                 rows[f"{plant}, {law}, {speed:g} m/s"] = {"time_at_limit_percent": pair}
-    note = (
-        "The thesis says that on the generic path at 0.5 m/s the motors were often at their greatest torque, and that the "
-        f"robot can drive the path at 0.25 m/s. Often is taken to mean at least {_OFTEN:g} % of the time. Means over {n} "
-        "seeds; the improved model is pushed at random, the MuJoCo Husky is not. The path is ours."
-    )
-    table = Table("Share of time with a motor at its limit, generic reference", rows)
-    return Findings({"Sec. 4.5, motors": table}, notes=(note,))
+    return Findings({"Sec. 4.5, motors": rows}, {"often": _OFTEN, "seeds": n})
 
 
 CONTROL_SECTIONS = (
-    *(_tune_section(controller) for controller in TUNED_TABLES),
-    Section("saturation", "Motors at their limit", ("Sec. 4.5, motors",), ("noise_seeds",), _saturation),
-    Section("tables", "Tracked references", (*CONTROL_TABLES, "4.37", "4.38"), ("noise_seeds",), _tracked),
+    *(Section(f"tune-{law}", (number,), partial(_tuned, law)) for law, number in TUNED_TABLES.items()),
+    Section("saturation", ("Sec. 4.5, motors",), _saturation),
+    Section("tables", (*CONTROL_TABLES, "4.37", "4.38"), _tracked),
 )
 """The sections on chapter 4."""

@@ -1,135 +1,221 @@
-"""Run the sections of a replication, or take them from disk where they were run before."""
+"""Repeat everything that the thesis reports, with a verdict for each row: `python -m validation.replicate`."""
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Sequence
-from pathlib import Path
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any
 
-from validation.progress import Progress, Report, silent
-from validation.replicate.control import CONTROL_SECTIONS
-from validation.replicate.evidence import (
-    FIGURE_FOLDER,
-    SECTION_FOLDER,
-    Answer,
-    Context,
-    ReplicationSettings,
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from validation import cli
+from validation.progress import Progress
+from validation.replicate.chapters import (
+    QUICK,
+    Budget,
+    Chapter,
+    Findings,
     Section,
+    Task,
+    chapter_of,
     chosen_sections,
+    judged,
+    order_of,
+    template,
 )
-from validation.replicate.faults import FAULT_SECTIONS
-from validation.replicate.friction import FRICTION_SECTIONS
-from validation.replicate.gazebo import GAZEBO_SECTIONS
-from validation.replicate.keeping import keep, kept
+from validation.replicate.control import CONTROL_SECTIONS
+from validation.replicate.gazebo import GAZEBO_SECTION
+from validation.replicate.lab import FAULT_SECTION, NOISE_SECTION
 from validation.replicate.models import MODEL_SECTIONS
-from validation.replicate.noise import NOISE_SECTIONS
-from validation.replicate.others import OTHER_SECTIONS
-from validation.replicate.real import REAL_SECTIONS
-from validation.replicate.result import Replication
-from validation.replicate.stability import STABILITY_SECTIONS
+from validation.replicate.others import OTHER_SECTION
+from validation.replicate.theory import THEORY_SECTIONS
+from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
+from validation.report.palette import VERDICT_INKS
+from validation.report.report import FINISHED, INTERRUPTED, Report
+from validation.report.table import Table
+from validation.report.tables import markdown_table
+from validation.thesis.verdicts import FACTOR, RATIO_REACH, SPREADS, STATUSES, UNEXPLAINED, Pair, Rows, Verdict
 
+FRICTION_SECTION, STABILITY_SECTION = THEORY_SECTIONS
 ALL_SECTIONS: tuple[Section, ...] = (
-    *FRICTION_SECTIONS,
-    *NOISE_SECTIONS,
+    FRICTION_SECTION,
+    NOISE_SECTION,
     *MODEL_SECTIONS,
-    *OTHER_SECTIONS,
-    *GAZEBO_SECTIONS,
-    *STABILITY_SECTIONS,
+    OTHER_SECTION,
+    GAZEBO_SECTION,
+    STABILITY_SECTION,
     *CONTROL_SECTIONS,
-    *FAULT_SECTIONS,
-    *REAL_SECTIONS,
+    FAULT_SECTION,
 )
 """Every section, in the order of the report."""
 
-_DEFAULT = ReplicationSettings()
+
+@dataclass(frozen=True)
+class Replicate(cli.Common):
+    """Options of `replicate`."""
+
+    quick: cli.Flag = False
+    """Use reduced budgets, which take under three minutes."""
+    only: Annotated[cli.Names, cli.option(default="all")] = ()
+    """Sections or tables to run, such as 3.9,4.5 or times. A wrong name lists all sections."""
+    seed: cli.Seed = 1
 
 
-class ReplicationInterrupted(KeyboardInterrupt):
-    """A replication was stopped; its finished sections, and its searches as far as they are, are on disk."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Replication(Report):
+    """Every table of the thesis beside ours, with verdicts."""
 
-    def __init__(self, done: int, total: int) -> None:
-        """Keep how many of how many sections are finished."""
-        super().__init__(f"{done} of {total} sections are finished")
-        self.done, self.total = done, total
+    found: Mapping[str, Findings]
+    """Findings by section, in the order of the report."""
+    chapters: Sequence[Chapter]
+    """The same as the report shows it."""
+    lead: str
+    """What stands before the chapters, as markdown."""
+
+    def markdown(self) -> str:
+        """Return the page: what the verdicts mean, how many rows have which, and every chapter."""
+        lines = [self.lead, "", *markdown_table(self.tables[0].grid())]
+        lines += [line for chapter in self.chapters for line in chapter.markdown()]
+        return "\n".join([*lines, "", "![Verdicts, and the pictures of the chapters](replicate.png)", "", self.made_by, ""])
 
 
-def replicate(
-    settings: ReplicationSettings = _DEFAULT,
-    only: Sequence[str] = (),
-    folder: str | Path = "runs/replicate",
-    *,
-    fresh: bool = False,
-    workers: int | None = None,
-    progress: Report = silent,
-) -> Replication:
-    """Run everything that the thesis reports, and judge each row against what the thesis prints.
+@cli.program(Replicate)
+def replicate(o: Replicate) -> Replication:
+    """Repeat everything that the thesis reports, with a verdict for each row.
 
-    Each section is kept in `folder` as soon as it is finished. A later call with equal settings, inputs and code uses it
-    again, and an interrupted search goes on where it stopped.
-
-    Args:
-        settings: budgets, seeds and the recording; `QUICK_SETTINGS` takes under three minutes.
-        only: keys of sections or numbers of tables, such as `("3.9", "times")`; all sections if empty.
-        folder: where sections and pictures are kept; `Replication.save` writes the report beside them.
-        fresh: whether to run everything anew, whatever is kept.
-        workers: number of threads, all processors if not given; only times depend on it.
-        progress: called as sections and their searches proceed.
+    Writes replicate.json, replicate.md and replicate.png. Ctrl-C keeps what is finished.
 
     Raises:
-        ReplicationInterrupted: it was stopped; what is finished is kept.
-        SsmrError: a section failed; what was finished before is kept.
-        ValueError: `only` names what no section answers for, or the recording cannot be used.
+        SsmrError: a section failed.
+        ValueError: `only` names what no section answers for.
     """
-    sections = chosen_sections(ALL_SECTIONS, only)
-    answers = run_sections(sections, settings, Path(folder), fresh=fresh, workers=workers, progress=progress)
-    return Replication(settings, Path(folder), tuple(answers), tuple(s.title for s in ALL_SECTIONS if s not in sections))
-
-
-def run_sections(
-    sections: Sequence[Section],
-    settings: ReplicationSettings,
-    folder: Path,
-    *,
-    fresh: bool = False,
-    workers: int | None = None,
-    progress: Report = silent,
-) -> list[Answer]:
-    """Return the findings of some sections; arguments and errors are those of `replicate`."""
-    answers: list[Answer] = []
-    for name in (SECTION_FOLDER, FIGURE_FOLDER):
-        (folder / name).mkdir(parents=True, exist_ok=True)
+    sections, found, status = chosen_sections(ALL_SECTIONS, o.only), dict[str, Findings](), FINISHED
     for section in sections:
-        tell = _part_of(progress, len(answers), len(sections), section.title)
-        context = Context(settings, folder, section.key, section.digest(settings), workers or os.cpu_count() or 1, tell)
-        tell(Progress(0.0, 1.0, ""))
         try:
-            answers.append(_answer(section, context, fresh=fresh))
-        except KeyboardInterrupt as stop:
-            raise ReplicationInterrupted(len(answers), len(sections)) from stop
-    return answers
+            found[section.key] = section.run(_task(o, section.key, len(found), len(sections)))
+        except KeyboardInterrupt:
+            if not found:
+                raise
+            status = INTERRUPTED
+            break
+    chapters = [chapter_of(section, found[section.key]) for section in sections if section.key in found]
+    tables = {number: rows for each in found.values() for number, rows in each.tables.items()}
+    verdicts = {number: judged(number, rows) for number, rows in tables.items()}
+    counts = [_tally(each.tables, verdicts) for each in found.values()]
+    summary = [{"section": c.title, **count} for c, count in zip(chapters, counts, strict=True) if any(count.values())]
+    total: dict[str, int] = {s: sum(count[s] for count in counts) for s in STATUSES}
+    unexplained = _unexplained(tables, verdicts)
+    return Replication(
+        program="replicate",
+        title="The thesis' results beside this project's",
+        tables=[
+            Table("Number of rows that the thesis prints, by verdict", [*summary, {"section": "all", **total}]),
+            *(table for chapter in chapters for table in chapter.tables),
+        ],
+        sentences=[f"Unexplained: {', '.join(unexplained)}."] if unexplained else [],
+        document={
+            "schema": "ssmr.replicate/1",
+            "quick": o.quick,
+            "seed": o.seed,
+            "tables": {n: _as_dict(tables[n], verdicts[n]) for n in sorted(tables, key=order_of)},
+            "verdicts": total,
+        },
+        options={"quick": o.quick, "only": o.only, "seed": o.seed},
+        draw=_draw,
+        has_text=True,
+        status=status,
+        found=found,
+        chapters=chapters,
+        lead=_lead(o, sections, unexplained),
+    )
 
 
-def _part_of(progress: Report, done: int, total: int, title: str) -> Report:
-    """Return a callback for one section's progress that moves the whole replication's."""
+_Verdicts = Mapping[str, Mapping[str, tuple[Mapping[str, Verdict], Verdict]]]
+
+
+def _task(o: Replicate, key: str, done: int, total: int) -> Task:
+    """Return what a section needs; its progress moves that of the whole."""
 
     def tell(now: Progress) -> None:
-        text = f"{title}, {now.text}" if now.text else title
-        progress(Progress(done + now.done / max(now.total, 1e-9), total, text))
+        o.progress(Progress(done + now.done / max(now.total, 1e-9), total, f"{key}, {now.text}"))
 
-    return tell
+    tell(Progress(0.0, 1.0, "begun"))
+    return Task(QUICK if o.quick else Budget(), o.seed, o.workers, tell)
 
 
-def _answer(section: Section, context: Context, *, fresh: bool) -> Answer:
-    """Return what a section found before, or run it and keep what it finds."""
-    if fresh:
-        for state in (context.folder / SECTION_FOLDER).glob(f"{section.key}-*.npz"):
-            state.unlink()
-    elif (before := kept(context.folder, section, context.digest)) is not None:
-        context.progress(Progress(1.0, 1.0, "kept from before"))
-        return before
-    wall, cpu = time.perf_counter(), time.process_time()
-    findings = section.run(context)
-    answer = Answer(section, findings, time.perf_counter() - wall, time.process_time() - cpu)
-    keep(context, answer)
-    return answer
+def _tally(tables: Mapping[str, Rows], verdicts: _Verdicts) -> dict[str, int]:
+    """Return how many of the rows that the thesis has, though their numbers may be lost, have which verdict."""
+    count: Counter[str] = Counter()
+    for number, rows in tables.items():
+        for row, (each, whole) in verdicts[number].items():
+            if any(pair.is_said or each[metric].see for metric, pair in rows[row].items()):
+                count[whole.status] += 1
+    return {status: count[status] for status in STATUSES}
+
+
+def _unexplained(tables: Mapping[str, Rows], verdicts: _Verdicts) -> list[str]:
+    """Return the rows that differ without a known reason, such as `4.5 line_0.25`."""
+    return [
+        f"{number} {row}"
+        for number in tables
+        for row, (each, whole) in verdicts[number].items()
+        if whole.status != "agrees if" and any(v.reason == UNEXPLAINED for v in each.values())
+    ]
+
+
+def _lead(o: Replicate, sections: Sequence[Section], unexplained: Sequence[str]) -> str:
+    """Return what stands before the chapters."""
+    missing = [s.key for s in ALL_SECTIONS if s not in sections]
+    return (
+        template("lead")
+        .format(
+            factor=FACTOR,
+            reach=RATIO_REACH,
+            spreads=SPREADS,
+            quick="It was made with `--quick`: fewer generations and seeds, so less can be concluded." if o.quick else "",
+            unexplained=f"Unexplained: {', '.join(unexplained)}." if unexplained else "Every difference has a known reason.",
+            missing=f"Left out (--only): {', '.join(missing)}." if missing else "",
+        )
+        .strip()
+    )
+
+
+def _as_dict(rows: Rows, verdicts: Mapping[str, tuple[Mapping[str, Verdict], Verdict]]) -> dict[str, Any]:
+    """Return a table as replicate.json has it."""
+    return {
+        "rows": {row: {m: _entry(p, verdicts[row][0][m]) for m, p in pairs.items()} for row, pairs in rows.items()},
+        "verdicts": {row: _words(whole) for row, (_, whole) in verdicts.items()},
+    }
+
+
+def _words(verdict: Verdict) -> dict[str, str]:
+    return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
+
+
+def _entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
+    entry = {"published": pair.published, "ours": pair.ours, "unit": pair.unit, "spread": pair.spread, **pair.beside}
+    if (under := pair.supposed) is not None:
+        entry |= {"supposed": under.value, "supposed_spread": under.spread, "if": under.text}
+    return entry | _words(verdict)
+
+
+def _draw(result: Replication) -> Figure:
+    """Return the number of rows by section and verdict, and below it the pictures of the sections."""
+    rows = list(result.tables[0].rows)
+
+    def bars(ax: Axes) -> None:
+        left = [0.0] * len(rows)
+        for status in STATUSES:
+            ax.barh(range(len(rows)), [r[status] for r in rows], left=left, color=VERDICT_INKS[status], label=status)
+            left = [start + r[status] for start, r in zip(left, rows, strict=True)]
+        inset(ax, left=3.2)
+        ax.set_yticks(range(len(rows)), [r["section"] for r in rows])
+        ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="rows that the thesis prints")
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(STATUSES), frameon=False)
+
+    heading = text_row(0.35, partial(draw_section, result.title))
+    panels = [row for found in result.found.values() for row in found.panels]
+    return put_together([heading, side_by_side(1.1 + 0.3 * len(rows), [bars]), *panels])

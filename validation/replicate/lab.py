@@ -1,0 +1,169 @@
+"""The lab's instruments: noise of the state filter (Sec. 3.4.4, Tab. 3.4), encoders and motion capture (Sec. 4.5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.estimation.ekf import run_ekf
+from ssmr.metrics.declared import compare_paths
+from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorModel, SensorNoise, measure, simulate_sensors, tracker_swing
+from ssmr.robot.vehicle import Drive
+from ssmr.scenarios import COMMAND_PERIOD
+from ssmr.types import Commands, State, Trajectory
+from validation.bench.gains import load_gains
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.waypoint_files import open_reference
+from validation.plants.filters import odometry_of
+from validation.plants.profile import load_profile, make_plant
+from validation.replicate.chapters import Findings, Section, Task
+from validation.report.table import Table
+from validation.study.noise import HighPass, estimate_noise
+from validation.thesis import published
+from validation.thesis.verdicts import Pair
+
+_PROFILE, _PLANT = "thesis-lab", "mujoco"
+_RATE = SAMPLE_RATES_HZ["ekf"]
+_LEAD, _TIME = 5.0, 20.0
+"""Time to get up to speed, which is left out, and time after that [s]; the thesis does not say how long it measured."""
+_JITTER = 0.010
+"""Standard deviation of the error of a sample's stamp [s] that would explain the printed variance of X."""
+_STRAIGHT = ("case1", "case2")
+_SPEED = 0.5
+"""Speed along the line [m/s]."""
+_MISSED = (0.0, 0.02, 0.05)
+"""Shares of the left side's ticks that are missed [1]."""
+_SWINGS = (0.001, 0.002, 0.005)
+"""Amplitudes of the tracker's oscillation [m]."""
+_SWING_HZ = 1.0
+_DIVERGES = 0.01
+"""The state filter is said to diverge from the tracker even in straight runs. This is taken to mean at least so far at the
+end [m], ten times what the tracker is sure of."""
+
+
+def _driven(case: Mapping[str, float]) -> tuple[Trajectory, Drive]:
+    """Return the MuJoCo Husky's motion under a case's command, from the lead-in's end on, and the robot's drive."""
+    profile = load_profile(_PROFILE)
+    n = round((_LEAD + _TIME) / COMMAND_PERIOD)
+    command = Commands(COMMAND_PERIOD, np.tile([case["cmd_u_m_s"], case["cmd_omega_rad_s"]], (n, 1)))
+    motion = make_plant(profile, _PLANT).run(command, State(), 1.0 / _RATE)
+    kept = motion.t >= _LEAD
+    drive = profile.plants[_PLANT].drive
+    return Trajectory(motion.t[kept], motion.pose[kept], motion.twist[kept], motion.wheels[kept]), drive
+
+
+def _filtered(motion: Trajectory, drive: Drive, seed: int) -> Trajectory:
+    """Return what the state filter makes of noisy encoders and gyro."""
+    log = simulate_sensors(motion, np.random.default_rng(seed), rate=_RATE)
+    (x, y, yaw), (v, _, w) = motion.pose[0].tolist(), motion.twist[0].tolist()
+    return run_ekf(log.t, log.left, log.right, log.gyro, odometry_of(drive), State(x, y, yaw, v_x=v, yaw_rate=w))
+
+
+def _variances(motion: Trajectory) -> dict[str, float]:
+    """Return the variance above 10 Hz of each signal of Tab. 3.4, as the thesis takes it."""
+    signals = zip(("dx", "dtheta", "X", "Y", "theta"), (*motion.twist[:, [0, 2]].T, *motion.pose.T), strict=True)
+    return {name: estimate_noise([values], HighPass(_RATE)).variance for name, values in signals}
+
+
+def late(motion: Trajectory, seen: Trajectory, jitter: float, rng: np.random.Generator) -> Trajectory:
+    """Return an estimate whose samples were taken a little before or after their stamps: the pose has moved on meanwhile.
+
+    Args:
+        motion: the true motion at the stamps.
+        seen: the estimate at the stamps.
+        jitter: standard deviation of the stamps' errors [s].
+        rng: generator of these errors.
+    """
+    off = rng.normal(0.0, jitter, len(motion))
+    cos, sin = np.cos(motion.pose[:, 2]), np.sin(motion.pose[:, 2])
+    v_x, v_y, w = motion.twist.T
+    moved = np.column_stack([cos * v_x - sin * v_y, sin * v_x + cos * v_y, w]) * off[:, None]
+    return Trajectory(seen.t, seen.pose + moved, seen.twist, seen.wheels)
+
+
+def _noise(task: Task) -> Findings:
+    """Find the variances of Tab. 3.4 in the simulated lab: as it is, with wrong stamps, and of what the thesis simulates."""
+    seeds, cases = range(task.budget.draws), published.table("3.3")["rows"]
+    found: dict[tuple[str, str], list[dict[str, float]]] = {}
+    for number, (case, commands) in enumerate(cases.items()):
+        motion, drive = _driven(commands)
+        for seed in seeds:
+            filtered, rng = _filtered(motion, drive, seed), np.random.default_rng([seed, number])
+            added = measure(motion, SensorNoise(), rng, _RATE)
+            ways = {"exact": filtered, "wrong": late(motion, filtered, _JITTER, rng), "added": added}
+            for way, each in ways.items():
+                found.setdefault((way, case), []).append(_variances(each))
+    rows = {}
+    for signal, printed in published.table("3.4")["rows"].items():
+        regular, jittered, again = (
+            np.mean([[each[signal] for each in found[way, case]] for case in _STRAIGHT], axis=0)
+            for way in ("exact", "wrong", "added")
+        )
+        spread = float(np.std(regular, ddof=1)) if len(regular) > 1 else None
+        beside = {"with jitter": float(jittered.mean()), "of what is simulated": float(again.mean())}
+        rows[signal] = {"variance": Pair(printed["value"], float(regular.mean()), "spread", printed["unit"], spread, beside)}
+    each_case = [
+        {"stamps": way, **cases[case], **{s: float(np.mean([v[s] for v in some])) for s in some[0]}}
+        for (way, case), some in sorted(found.items(), key=lambda item: item[0][0])
+        if way != "added"
+    ]
+    words = {
+        "lead": _LEAD, "time": _TIME, "draws": len(seeds), "rate": _RATE, "kept": HighPass(_RATE).kept,
+        "jitter": 1e3 * _JITTER,
+    }  # fmt: skip
+    title = "Each case of Tab. 3.3: variance above 10 Hz of the state filter's output"
+    return Findings({"3.4": rows}, words, [Table(title, each_case)])
+
+
+def _apart(run: ClosedRun) -> tuple[float, float, float]:
+    """Return how far the estimate is from the truth at the end, along and across the line [m], and in yaw [rad]."""
+    off = run.columns("seen_x", "seen_y", "seen_yaw")[-1] - run.columns("x", "y", "yaw")[-1]
+    return float(off[0]), float(off[1]), float(off[2])
+
+
+def _along_the_line(missed: float, seeds: Sequence[int]) -> list[ClosedRun]:
+    """Return runs along the straight line under the PID that sees the state filter, by seed."""
+    profile = load_profile(_PROFILE)
+    robot, law = make_robot(profile, _PLANT), make_controller(profile, load_gains("pid", "published"))
+    sensors = SensorModel(missed_left=missed)
+    loop = LoopSettings("ekf", sensors=sensors, filter=odometry_of(robot.drive), disturbance=False)
+    n = len(seeds)
+    return run_robots([robot] * n, [law] * n, [loop] * n, open_reference("line", _SPEED)[1], seeds)
+
+
+def _faults(task: Task) -> Findings:
+    """Switch on what Sec. 4.5 supposes: encoders that miss ticks, a tracker that swings."""
+    runs = {share: _along_the_line(share, range(task.budget.draws)) for share in _MISSED}
+    damaged = []
+    for share, some in runs.items():
+        apart = np.array([_apart(run) for run in some])
+        (along, across, yaw), distance = apart.mean(axis=0).tolist(), float(np.hypot(*apart.T[:2]).mean())
+        damaged.append({"missed_share": share, "along_m": along, "across_m": across, "yaw_rad": yaw, "distance_m": distance})
+    truth = runs[0.0][0].motion
+    swung = []
+    for amplitude in _SWINGS:
+        pose = truth.pose.copy()
+        pose[:, :2] += tracker_swing(truth.t, amplitude, _SWING_HZ, np.random.default_rng(task.seed))
+        metrics = compare_paths(Trajectory(truth.t, pose, truth.twist, truth.wheels), truth)
+        swung.append({"amplitude_m": amplitude, **{m: metrics[m] for m in ("d_rms_m", "d_haus_m", "d_ratio")}})
+    off = 1e3 * damaged[0]["distance_m"]
+    least = 1e3 * published.value("4.13", "line_0.25", "d_rms_m")
+    words = {
+        "speed": _SPEED, "draws": task.budget.draws, "diverges": 1e3 * _DIVERGES, "off": off, "least": least,
+        "amplitude": math.sqrt(2.0) * least,
+    }  # fmt: skip
+    pair = Pair(None, off, "at_least", "mm", beside={"at_least": 1e3 * _DIVERGES})
+    more = [
+        Table("State filter less truth at the end of the line, by ticks that the left encoders miss", damaged),
+        Table(f"A tracker that swings at {_SWING_HZ:g} Hz, against the truth", swung),
+    ]
+    return Findings({"Sec. 4.5": {"line": {"distance": pair}}}, words, more)
+
+
+NOISE_SECTION = Section("noise", ("3.4",), _noise)
+"""The section on the sensors' noise."""
+FAULT_SECTION = Section("faults", ("Sec. 4.5",), _faults)
+"""The section on faults of robot and lab."""

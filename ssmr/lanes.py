@@ -20,8 +20,8 @@ from ssmr._jit import T, built_in, fused, jit, jit_alone, numbers_as, share_amon
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
-    Driven,
     DriveNumbers,
+    DriveState,
     Motor,
     Sides,
     drive_numbers,
@@ -144,7 +144,7 @@ def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: i
     """Advance lane i by one physics step."""
     now = _lane(_STATE, rows, 0, i)
     v, w = rows[i + _HELD * LANES], rows[i + (_HELD + 1) * LANES]
-    asked = Driven(now.asked_v, now.asked_w, v, w)
+    asked = DriveState(now.asked_v, now.asked_w, v, w)
     if prescribed is None:
         drive = _lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
         asked = drive_on(
@@ -152,7 +152,7 @@ def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: i
             w,
             drive,
             drive.share if plain is None else 1.0,
-            Driven(now.asked_v, now.asked_w, now.asked_left, now.asked_right),
+            DriveState(now.asked_v, now.asked_w, now.asked_left, now.asked_right),
         )
     before = PlanarMotion(now.x, now.y, now.yaw, now.v, now.w, 0.0, 0.0, now.integral_left, now.integral_right)
     then = move(before, Sides(asked.left, asked.right), 0.0, dt, _robot(kind, plain, rows, i))
@@ -342,7 +342,7 @@ def _tell(poses: FloatArray, places: FloatArray, numbers: FloatArray, told: Floa
             out[:, 2] += yaw
 
 
-def told_poses(
+def seen_poses(
     poses: FloatArray, localisers: Sequence[Localiser], sample_dt: float, t: FloatArray | None = None, workers: int = 1
 ) -> FloatArray:
     """Return poses of many bodies as their localisers tell them.

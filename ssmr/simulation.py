@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import fused, jit, jit_alone, named_like, sine_cosine
+from ssmr._jit import fused, jit, jit_alone, sine_cosine
 from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
-from ssmr.models.law import PlanarRobot, advance, constants_like, law_of
+from ssmr.models.law import PlanarRobot, advance, law_of
 from ssmr.parameters import packed
 from ssmr.robot.drive import (
     Driver,
@@ -32,7 +32,7 @@ from ssmr.robot.drive import (
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 
-_COLUMNS = 13
+PLANAR_COLUMNS = 13
 """x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration, its least and its
 greatest value since the last sample: a model that chatters from step to step hides between samples otherwise."""
 
@@ -105,7 +105,7 @@ def run_planar(
         stride: steps between samples.
         robot: numbers of the robot; the type of its parameters chooses the model.
         start: state at the first step.
-        out: (1 + n // stride, 13) samples, see `_COLUMNS`; row 0 is the start.
+        out: (1 + n // stride, 13) samples, see `PLANAR_COLUMNS`; row 0 is the start.
 
     Returns:
         The first step after which a number is not finite, or -1; and where the robot is at the end.
@@ -140,16 +140,6 @@ def run_planar(
 def robot_row(robot: PlanarRobot) -> list[float]:
     """Return a robot's numbers one after the other: a population passes one such row a robot into compiled functions."""
     return [*robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, float(robot.obeys), *robot.constants]
-
-
-@jit
-def robot_from_row(kind: Any, row: FloatArray) -> PlanarRobot:
-    """Return the robot of a row of `robot_row`; `kind` is a template of the model's parameters."""
-    n = len(_BODY)
-    end = n + len(kind) + len(_MOTOR)
-    parameters, motor = named_like(kind, row[n:]), named_like(_MOTOR, row[n + len(kind) :])
-    constants = constants_like(kind, row[end + 2 :])
-    return PlanarRobot(named_like(_BODY, row), parameters, motor, row[end], row[end + 1] != 0.0, constants)
 
 
 @lru_cache(maxsize=64)
@@ -220,7 +210,7 @@ class PlanarPlant:
         self, references: FloatArray, disturbance: FloatArray, stride: int, start: PlanarMotion, robot: PlanarRobot
     ) -> tuple[FloatArray, PlanarMotion]:
         """Run the fused loop; return its samples and the end."""
-        out = np.empty((1 + len(references) // stride, _COLUMNS))
+        out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
         failed, end = run_planar(references, disturbance, self.dt, stride, robot, start, out)
         if failed >= 0:
             t = failed * self.dt

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.geometry import compose
-from ssmr.lanes import told_poses
+from ssmr.lanes import seen_poses
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, State
 from tests.robots import HUSKY
@@ -88,9 +88,9 @@ def test_many_are_told_as_each_alone(lab: Profile, late: tuple[float, float], st
     """One at a time and all at once to the bit; between samples either the body or its point moves in a line."""
     body = curve(lab)
     localisers = [Localiser(), Localiser(0.15, -0.04, 0.3, *late), Localiser(tracked_x=-0.1)]
-    told = told_poses(np.array([body.pose] * 3), localisers, 0.01, stamps)
+    told = seen_poses(np.array([body.pose] * 3), localisers, 0.01, stamps)
     slack = 1e-12 if late == (0.0, 0.0) and stamps is None else 1e-5
     for pose, localiser in zip(told, localisers, strict=True):
         assert np.abs(pose - localiser.seen(body, stamps).pose).max() < slack
-        assert np.array_equal(told_poses(body.pose[None].copy(), [localiser], 0.01, stamps)[0], pose)
+        assert np.array_equal(seen_poses(body.pose[None].copy(), [localiser], 0.01, stamps)[0], pose)
     assert stamps is not None or np.array_equal(told[0], body.pose)

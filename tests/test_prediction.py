@@ -13,7 +13,7 @@ from ssmr.control import predictor
 from ssmr.control.law import EMPTY_MEMORY, Memory, Observation
 from ssmr.control.laws import PLAIN_CONTROLLERS, Controller, design, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
-from ssmr.control.mission import Mission, Moment, PythonController
+from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.mpc import Channel, Mpc, MpcGains, PlannedBody, channel, condense, step_body
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle, line, sine, slalom
@@ -54,7 +54,7 @@ class CompiledSteering:
         self._controller, self._mission, self._memory = controller, mission, EMPTY_MEMORY
         self._acts_on = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def observe(self, now: Moment) -> None:
+    def observe(self, now: ControllerInput) -> None:
         """Run a step of the position loop."""
         m, self._acts_on, aim, errors = self._mission, now.seen, now.target, now.errors
         if self._controller.predictor:
@@ -63,7 +63,7 @@ class CompiledSteering:
         kept = Errors(errors.rho - m.lookahead, errors.y, errors.alpha)
         self._memory = Memory(*self._controller.position_step(self._memory, kept, aim, self._acts_on, m.position_period))
 
-    def command(self, now: Moment) -> tuple[float, float]:
+    def command(self, now: ControllerInput) -> tuple[float, float]:
         """Run a step of the velocity loop."""
         memory, command = self._controller.velocity_step(self._memory, self._acts_on, self._mission.period)
         self._memory = Memory(*memory)
@@ -117,10 +117,10 @@ def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
 
 def test_it_learns_how_fast_the_robot_really_is() -> None:
     """A robot with a third more half-track turns more slowly than the model; what is seen corrects the prediction."""
-    seen: list[Moment] = []
+    seen: list[ControllerInput] = []
 
     class Spy(CompiledSteering):
-        def command(self, now: Moment) -> tuple[float, float]:
+        def command(self, now: ControllerInput) -> tuple[float, float]:
             seen.append(now)
             return super().command(now)
 
@@ -131,8 +131,8 @@ def test_it_learns_how_fast_the_robot_really_is() -> None:
     rate_of = matrices(wide.vehicle, LinearParameters(), STRONG)
     expected = (rate_of[1][3, 1] / rate_of[0][3, 3]) / (B[3][1] / A[3][3])
     assert expected < 0.8
-    assert seen[-1].asked.gain_w == pytest.approx(expected, abs=0.02)
-    assert seen[-1].asked.gain_v == pytest.approx(1.0, abs=0.02)
+    assert seen[-1].driver.gain_w == pytest.approx(expected, abs=0.02)
+    assert seen[-1].driver.gain_v == pytest.approx(1.0, abs=0.02)
     reached = np.interp(seen[-8].t + 0.2, run.t, run.column("yaw"))
     assert seen[-8].ahead.yaw == pytest.approx(reached, abs=0.01)
 
@@ -181,10 +181,10 @@ def test_an_object_that_observes_is_called_at_every_tick_and_keeps_what_it_likes
             self.mission, self.seen, self.asked = mission, [], []
             made.append(self)
 
-        def observe(self, now: Moment) -> None:
+        def observe(self, now: ControllerInput) -> None:
             self.seen.append(now.seen_at)
 
-        def command(self, now: Moment) -> tuple[float, float]:
+        def command(self, now: ControllerInput) -> tuple[float, float]:
             self.asked.append((now.t, now.past[-1].tolist()))
             return 0.1 * len(self.asked) % 0.5, 0.0
 

@@ -20,7 +20,7 @@ import numpy as np
 from ssmr.control.law import EMPTY_MEMORY, Observation
 from ssmr.control.laws import Controller
 from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings
-from ssmr.control.mission import Mission, Moment, PythonController
+from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target
 from ssmr.types import FloatArray
 from validation.bench.gains import load_gains
@@ -118,7 +118,7 @@ class Learnt:
         self._sent = np.zeros((past, 2))
         self._seen = np.empty(2 + 5 * len(AHEAD_TICKS) + 2 * past)
 
-    def command(self, now: Moment) -> tuple[float, float]:
+    def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the command."""
         ahead = self._mission.preview(now.seen_at + VELOCITY_PERIOD * np.array(AHEAD_TICKS))
         write_view(now.seen, ahead, self._sent, self._seen)

@@ -17,7 +17,6 @@ from ssmr._jit import jit
 from ssmr.control import lqr, mpc, pid, smc
 from ssmr.control.law import Command, Gains, Law, Memory, Observation
 from ssmr.control.mission import PythonController
-from ssmr.control.predictor import Foresight, foresight
 from ssmr.control.waypoints import Errors, Target
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
@@ -77,10 +76,6 @@ class Controller:
         """Return the same controller with knowledge of another driver."""
         return replace(self, drive=drive)
 
-    def foresight(self, period: float) -> Foresight:
-        """Return the numbers of its predictor, for commands of a period [s]."""
-        return foresight(np.array(self.a), np.array(self.b), self.drive, period)
-
     def packed(self) -> FloatArray:
         """Return the gains as a row for the compiled loops, read-only.
 
@@ -96,6 +91,10 @@ class Controller:
     def velocity_step(self, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
         """Return the memory and the command after one step of the velocity loop, `dt` [s] after the last."""
         return velocity_step(self.number, self.packed(), memory, seen, dt)
+
+
+AnyController = Controller | PythonController
+"""A compiled law, or a controller that is a Python object."""
 
 
 @lru_cache(maxsize=4096)
@@ -160,7 +159,7 @@ def velocity_step(law: int, row: FloatArray, memory: Memory, seen: Observation, 
 
 def design(
     name: str, values: Mapping[str, float], a: FloatArray, b: FloatArray, drive: Drive | None = None
-) -> Controller | PythonController:
+) -> AnyController:
     """Return a controller with these gains on a linear model.
 
     Args:

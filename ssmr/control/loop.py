@@ -1,7 +1,7 @@
-"""A trajectory tracker around a plant: its settings, its clock and noise, and the run that it leaves.
+"""A trajectory tracker around a plant: its settings, its clock and noise, the robot's side, and the run that it leaves.
 
-`run_loop` is the slow and obvious closed loop that drives any `Plant`; the fused loops of `ssmr.control.population` and the
-batches of MuJoCo robots must equal it, and share its tick.
+`run_loop` is the slow and obvious closed loop that drives any `Plant`; the compiled loops of `ssmr.control.population` and
+the batches of MuJoCo robots must equal it.
 """
 
 from __future__ import annotations
@@ -9,31 +9,34 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
-from ssmr._jit import jit_alone, named_like
-from ssmr.control.laws import Controller
-from ssmr.control.mission import PythonController
-from ssmr.control.predictor import NO_FORESIGHT, commands_under_way, new_pipe
+from ssmr.control.law import Command, Observation
+from ssmr.control.laws import AnyController
+from ssmr.control.mission import ControllerInput, Mission, PythonController
+from ssmr.control.predictor import commands_under_way, predict_ahead, predictor_model, predictor_start, remember
 from ssmr.control.tick import (
-    FRESH_MIND,
+    INITIAL_STATE,
     LOG_COLUMNS,
     LOST,
-    NO_DRAWS,
-    NO_ERRORS,
     SPINNING,
     Draws,
+    LoopState,
     Tracker,
     Truth,
     is_lost,
-    tick,
+    observed,
+    position_tick,
+    record,
+    see,
+    velocity_tick,
 )
 from ssmr.control.waypoints import Waypoints
-from ssmr.errors import SsmrError
+from ssmr.errors import ControllerError, SsmrError
 from ssmr.estimation.ekf import initial_belief
-from ssmr.estimation.settings import NO_NUMBERS, Belief, EkfSettings
+from ssmr.estimation.settings import EkfSettings
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import whole_steps
 from ssmr.robot.sensors import SensorModel, SensorNoise, yaw_disturbance
@@ -143,102 +146,132 @@ def common_settings(settings: Sequence[LoopSettings], seeds: Sequence[int]) -> L
     return settings[0]
 
 
-class Trackers(NamedTuple):
-    """The robots' side of S closed loops along one reference, as arrays; see `Tracker` for the fields."""
-
-    laws: Any
-    gains: FloatArray
-    predicts: Any
-    foresights: FloatArray
-    """(S, 16) numbers of the predictors."""
-    pasts: FloatArray
-    """(S, n, 2) commands that were sent."""
-    pipes: FloatArray
-    """(S, 16) the rest of the predictors' memories."""
-    course: Any
-    lookaheads: FloatArray
-    by_filter: bool
-    means: FloatArray
-    """(S, n) means of the beliefs, n the 5 or 10 states of the filters; a parallel loop takes no nested tuples of arrays."""
-    covariances: FloatArray
-    """(S, n, n) covariances of the beliefs."""
-    filters: FloatArray
-    noises: FloatArray
-    sensors: FloatArray
-    position_steps: int
-    velocity_steps: int
-    dt: float
-
-
-@jit_alone
-def tracker_of(trackers: Trackers, i: int) -> Tracker:
-    """Return the `Tracker` of loop `i`."""
-    return Tracker(
-        trackers.laws[i], trackers.gains[i], trackers.predicts[i], named_like(NO_FORESIGHT, trackers.foresights[i]),
-        trackers.pasts[i], trackers.pipes[i], trackers.course, trackers.lookaheads[i], trackers.by_filter,
-        Belief(trackers.means[i], trackers.covariances[i]), named_like(NO_NUMBERS, trackers.filters[i]),
-        named_like(NO_DRAWS, trackers.noises[i]), named_like(NO_ERRORS, trackers.sensors[i]), trackers.position_steps,
-        trackers.velocity_steps, trackers.dt,
-    )  # fmt: skip
-
-
 def make_trackers(
-    controllers: Sequence[Controller | PythonController],
+    controllers: Sequence[AnyController],
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     clock: Clock,
     state: State,
-) -> Trackers:
-    """Return the robots' side of a population whose filters begin in `state`.
+) -> list[Tracker]:
+    """Return the robots' side of closed loops whose filters begin in `state`.
 
     Raises:
         ValueError: no regulator exists for a controller's weights.
     """
-    rows, learns = [c.packed() for c in controllers], any(s.filter.learns for s in settings)
-    beliefs = [initial_belief(state, settings=s.filter if learns else None) for s in settings]
-    period = clock.velocity * clock.dt
-    seers = [c.foresight(period) for c in controllers]
-    gains = np.zeros((len(rows), max(map(len, rows))))
-    for row, packed in zip(gains, rows, strict=True):
-        row[: len(packed)] = packed
-    return Trackers(
-        np.array([c.number for c in controllers]),
-        gains,
-        np.array([c.predictor for c in controllers]),
-        np.array(seers, dtype=np.float64),
-        np.zeros((len(rows), max(map(commands_under_way, seers)), 2)),
-        np.array([new_pipe(state, c.drive, period) for c in controllers], dtype=np.float64),
-        waypoints.course(),
-        np.array([s.lookahead for s in settings]),
-        settings[0].feedback == "ekf",
-        np.array([belief.mean for belief in beliefs]),
-        np.array([belief.covariance for belief in beliefs]),
-        np.array([s.filter.packed() for s in settings]),
-        np.array([s.deviations() for s in settings]),
-        np.array([s.sensors.packed() for s in settings]),
-        clock.position,
-        clock.velocity,
-        clock.dt,
-    )
+    learns, period, course = any(s.filter.learns for s in settings), clock.velocity * clock.dt, waypoints.course()
+    models = [predictor_model(np.array(law.a), np.array(law.b), law.drive, period) for law in controllers]
+    most = max(map(commands_under_way, models))
+    return [
+        Tracker(
+            law=law.number,
+            gains=law.packed().copy(),
+            predicts=law.predictor,
+            predictor=model,
+            past=np.zeros((most, 2)),
+            predictor_state=np.array(predictor_start(state, law.drive, period), dtype=np.float64),
+            course=course,
+            lookahead=float(around.lookahead),
+            by_filter=around.feedback == "ekf",
+            belief=initial_belief(state, settings=around.filter if learns else None),
+            filter=around.filter.packed(),
+            noise=around.deviations(),
+            sensors=around.sensors.packed(),
+            position_steps=clock.position,
+            velocity_steps=clock.velocity,
+            dt=clock.dt,
+        )
+        for law, around, model in zip(controllers, settings, models, strict=True)
+    ]
 
 
-class Batch(NamedTuple):
-    """State of S closed loops whose robots something else moves; kernels write in place."""
+class RobotSide:
+    """The robot's side of one closed loop: a compiled law, its memory, and what it sees."""
 
-    memories: FloatArray
-    """(S, 8) memories of the laws."""
-    segments: Any
-    """(S,) segments of the targets."""
-    asked: FloatArray
-    """(S, 4) states of the drives."""
-    commands: FloatArray
-    """(S, 1 + n // velocity steps, 2) commands so far."""
-    alive: Any
-    """(S,) bool; the log of a robot that was lost grows no more."""
-    logs: FloatArray
-    """(S, ticks, 25) logs."""
-    references: FloatArray
-    """(S, steps, 2) wheel rates to ask for in the next period [rad/s]."""
+    def __init__(self, tracker: Tracker) -> None:
+        """Begin with a law that has not run yet."""
+        self.tracker = tracker
+        self.state: LoopState = INITIAL_STATE
+
+    def position_tick(self, seen: Observation, t: float, dt: float) -> None:
+        """Take an observation of mission time `t` [s], `dt` [s] after the last."""
+        self.state = position_tick(self.tracker, self.state, seen, t, dt)
+
+    def velocity_tick(self, t: float, dt: float) -> None:
+        """Compute the command of mission time `t` [s], `dt` [s] after the last."""
+        self.state = velocity_tick(self.tracker, self.state, t, dt)
+
+    def tick(self, k: int, truth: Truth, draws: FloatArray, log: FloatArray) -> bool:
+        """Run physics step `k` as `ssmr.control.tick.tick` does; return whether the robot is lost."""
+        tracker, t = self.tracker, k * self.tracker.dt
+        due = k % tracker.position_steps == 0
+        if due:
+            self.position_tick(observed(tracker, k, truth, draws), t, tracker.position_steps * tracker.dt)
+        if k % tracker.velocity_steps == 0:
+            self.velocity_tick(t, tracker.velocity_steps * tracker.dt)
+        if due:
+            record(log[k // tracker.position_steps], truth, self.state)
+        return due and is_lost(truth.x, truth.y, truth.w, self.state.target.x, self.state.target.y)
+
+
+class PythonSide(RobotSide):
+    """The robot's side of one closed loop whose controller is a Python object.
+
+    A tick costs some tens of microseconds, where a compiled one costs one. What goes wrong in the object is a
+    `ControllerError`.
+    """
+
+    def __init__(self, tracker: Tracker, controller: PythonController, mission: Mission) -> None:
+        """Make the controller's object."""
+        super().__init__(tracker)
+        self._name, self._seen_at = controller.name, 0.0
+        self._object: Any = controller.make(mission)
+        self._observe = getattr(self._object, "observe", None)
+
+    def _input(self, t: float) -> ControllerInput:
+        state, tracker = self.state, self.tracker
+        end = t + tracker.predictor.horizon
+        ahead, driver = predict_ahead(
+            tracker.past, tracker.predictor_state, state.seen, self._seen_at, end, tracker.predictor
+        )
+        return ControllerInput(t, self._seen_at, state.seen, state.target, state.errors, ahead, driver, tracker.past.copy())
+
+    def position_tick(self, seen: Observation, t: float, dt: float) -> None:
+        """Take an observation of mission time `t` [s]."""
+        self.state, self._seen_at = see(self.tracker, self.state, seen, t), t
+        if self._observe is not None:
+            self._observe(self._input(t))
+
+    def velocity_tick(self, t: float, dt: float) -> None:
+        """Ask for the command of mission time `t` [s]; a ControllerError says that it is no two finite numbers."""
+        given = self._object.command(self._input(t))
+        try:
+            v, w = map(float, given)
+        except (TypeError, ValueError):
+            raise ControllerError(f"{self._name} commands {given!r:.60}, wanted speed and yaw rate, two numbers") from None
+        if not (math.isfinite(v) and math.isfinite(w)):
+            raise ControllerError(f"{self._name} commands {v:g} m/s and {w:g} rad/s at t = {t:.2f} s, wanted finite numbers")
+        memory = self.state.memory._replace(u_ref=v, w_ref=w)
+        self.state = self.state._replace(memory=memory, command=Command(v, w))
+        remember(self.tracker.past, self.tracker.predictor_state, v, w, t)
+
+
+def robot_sides(
+    controllers: Sequence[AnyController], settings: Sequence[LoopSettings], waypoints: Waypoints, trackers: Sequence[Tracker]
+) -> list[RobotSide]:
+    """Return the robot's side of each loop, with the `trackers` of `make_trackers`.
+
+    Raises:
+        ControllerError: a Python object cannot be made.
+    """
+    sides: list[RobotSide] = []
+    for law, around, tracker in zip(controllers, settings, trackers, strict=True):
+        if isinstance(law, PythonController):
+            periods = around.velocity_period, around.position_period
+            mission = Mission(waypoints, law.drive, law.a, law.b, *periods, around.lookahead)
+            sides.append(PythonSide(tracker, law, mission))
+        else:
+            sides.append(RobotSide(tracker))
+    return sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,11 +345,16 @@ def true_state(state: State, torques: tuple[float, float] = (0.0, 0.0)) -> Truth
 
 
 def run_loop(
-    plant: Plant, controller: Controller, waypoints: Waypoints, settings: LoopSettings, seed: int, start: State | None = None
+    plant: Plant,
+    controller: AnyController,
+    waypoints: Waypoints,
+    settings: LoopSettings,
+    seed: int,
+    start: State | None = None,
 ) -> ClosedRun:
-    """Drive any plant along a reference, physics step by physics step. The fused loops must equal this slow one.
+    """Drive any plant along a reference, physics step by physics step. The compiled loops must equal this slow one.
 
-    Torques are not recorded: a plant does not tell them step by step.
+    Torques are not recorded: a plant's state has none.
 
     Args:
         plant: the plant; its own drive stands between command and wheels.
@@ -332,13 +370,13 @@ def run_loop(
     clock = make_clock(waypoints, settings, plant.dt)
     draws, disturbance = draw(clock, settings, seed)
     state = plant.reset(start or waypoints.start)
-    tracker = tracker_of(make_trackers([controller], [settings], waypoints, clock, state), 0)
-    mind, log = FRESH_MIND, np.empty((clock.ticks, len(LOG_COLUMNS)))
+    trackers = make_trackers([controller], [settings], waypoints, clock, state)
+    (side,) = robot_sides([controller], [settings], waypoints, trackers)
+    log = np.empty((clock.ticks, len(LOG_COLUMNS)))
     for k in range(clock.n + 1):
-        if k % clock.position == 0 or k % clock.velocity == 0:
-            mind, lost = tick(tracker, mind, k, true_state(state), draws, log)
-            if lost:
-                return closed_run(log[: 1 + k // clock.position], clock)
+        due = k % clock.position == 0 or k % clock.velocity == 0
+        if due and side.tick(k, true_state(state), draws, log):
+            return closed_run(log[: 1 + k // clock.position], clock)
         if k < clock.n:
-            state = plant.step(mind.command, clock.dt, float(disturbance[k % len(disturbance)]))
+            state = plant.step(side.state.command, clock.dt, float(disturbance[k % len(disturbance)]))
     return closed_run(log, clock)

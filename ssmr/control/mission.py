@@ -1,11 +1,11 @@
-"""Controllers as Python objects: what they are told of a mission, and what they see.
+"""Controllers as Python objects: what they know of a mission, and what they see.
 
 A controller is made once for a mission, and asked for a command 20 times a second:
 
     class Mine:
         def __init__(self, mission: Mission) -> None: ...
 
-        def command(self, now: Moment) -> tuple[float, float]: ...  # speed [m/s], yaw rate [rad/s]
+        def command(self, now: ControllerInput) -> tuple[float, float]: ...  # speed [m/s], yaw rate [rad/s]
 
 If it has a method `observe(now)` too, that is called at every tick of the position loop, before any command. It may keep
 whatever it likes. The same object drives every plant, alone and in populations, and robots behind ROS.
@@ -16,19 +16,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ssmr.control.law import Observation
-from ssmr.control.predictor import Asked, Foresight, foresight
+from ssmr.control.predictor import DriverEstimate, PredictorModel, predictor_model
 from ssmr.control.waypoints import Errors, Target, Waypoints, target, targets_at
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 
 
-class Moment(NamedTuple):
-    """A moment at which a controller is asked for a command, with all that it may know then."""
+class ControllerInput(NamedTuple):
+    """Everything that a controller may know when it is asked for a command."""
 
     t: float
     """Mission time, zero when the reference begins [s]."""
@@ -42,15 +42,15 @@ class Moment(NamedTuple):
     """The errors to that target: `rho` [m], `y` [m] and `alpha` [rad] (Eq. 4.1, 4.2)."""
     ahead: Observation
     """The robot `Mission.dead_time` later, when this command begins to act, as the planar model predicts it."""
-    asked: Asked
-    """The references of its driver by then, and what was learnt of the robot while driving: see `predictor.Asked`."""
+    driver: DriverEstimate
+    """The references of its driver by then, and what was learnt of the robot while driving."""
     past: FloatArray
     """(n, 2) the newest commands that were sent, the newest last; zero where there were none yet."""
 
 
 @dataclass(frozen=True)
 class Mission:
-    """The task of a controller, which it is told before it starts."""
+    """The task of a controller."""
 
     waypoints: Waypoints
     """The reference."""
@@ -72,14 +72,14 @@ class Mission:
         return self.waypoints.course()
 
     @cached_property
-    def numbers(self) -> Foresight:
+    def model(self) -> PredictorModel:
         """The predictor's numbers: rates and gains of the linear model, dead times and limits."""
-        return foresight(np.array(self.a), np.array(self.b), self.drive, self.period)
+        return predictor_model(np.array(self.a), np.array(self.b), self.drive, self.period)
 
     @property
     def dead_time(self) -> float:
         """Time from a command to its effect, the longer of the two [s]."""
-        return self.numbers.horizon
+        return self.model.horizon
 
     def target(self, t: float) -> Target:
         """Return the target at a mission time [s]; it waits at the first waypoint before, and at the last one after."""
@@ -90,25 +90,16 @@ class Mission:
         return targets_at(self._course, np.asarray(times, dtype=np.float64))
 
 
-@runtime_checkable
-class Steering(Protocol):
-    """A controller on one mission, with whatever it remembers."""
-
-    def command(self, now: Moment) -> tuple[float, float]:
-        """Return the speed [m/s] and the yaw rate [rad/s] to command now."""
-        ...
-
-
 @dataclass(frozen=True)
 class PythonController:
     """A controller that runs as a Python object."""
 
     name: str
     """Name in results."""
-    make: Callable[[Mission], Steering]
+    make: Callable[[Mission], Any]
     """Function, or class, that makes the object for a mission."""
     a: tuple[tuple[float, ...], ...]
-    """(4, 4) of the linear model (Eq. 2.46) that it is told."""
+    """(4, 4) of the linear model (Eq. 2.46) that it knows."""
     b: tuple[tuple[float, ...], ...]
     """(4, 2) of the linear model."""
     drive: Drive = field(default_factory=Drive)
@@ -117,17 +108,9 @@ class PythonController:
     number: ClassVar[int] = 0
 
     def packed(self) -> FloatArray:
-        """Return no numbers: no compiled law runs."""
+        """Return no gains: no compiled law runs."""
         return np.zeros(0)
-
-    def foresight(self, period: float) -> Foresight:
-        """Return the numbers of the prediction that it is given, for commands of a period [s]."""
-        return foresight(np.array(self.a), np.array(self.b), self.drive, period)
 
     def on(self, drive: Drive) -> PythonController:
         """Return the same controller with knowledge of another driver."""
         return replace(self, drive=drive)
-
-    def steering(self, mission: Mission) -> Steering:
-        """Return the object for a mission."""
-        return self.make(mission)

@@ -22,8 +22,8 @@ import numpy as np
 
 from ssmr._jit import jit, jit_alone
 from ssmr.control.law import Gains, Law
-from ssmr.control.mission import Mission, Moment
-from ssmr.control.predictor import Foresight
+from ssmr.control.mission import ControllerInput, Mission
+from ssmr.control.predictor import PredictorModel
 from ssmr.parameters import packed, parameter
 from ssmr.types import FloatArray
 
@@ -227,7 +227,7 @@ class Mpc:
         import daqp  # here: only this controller needs it
 
         self._mission, self._gains = mission, packed(gains)
-        f: Foresight = mission.numbers
+        f: PredictorModel = mission.model
         if not (f.rate_v > 0.0 and f.rate_w > 0.0 and f.push_v > 0.0 and f.push_w > 0.0):
             raise ValueError("mpc needs a linear model that follows commands: rates and gains of speed and yaw rate above 0")
         first, long = mission.period, STEP_PERIODS * mission.period
@@ -255,10 +255,10 @@ class Mpc:
         self.failures = 0
         """Number of programs that the solver could not solve; the plan before was carried on."""
 
-    def command(self, now: Moment) -> tuple[float, float]:
+    def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the first command of the best plan."""
         t = now.t + self._mission.dead_time
-        asked, times = now.asked, t + np.append(self._starts, self._ends[-1])
+        asked, times = now.driver, t + np.append(self._starts, self._ends[-1])
         aims, headings = self._mission.preview(times)[:, :3], self._headings(times)
         speeds = np.column_stack([np.hypot(*np.diff(aims[:, :2], axis=0).T), np.diff(headings)]) / self._lengths[:, None]
         wanted = np.clip(speeds * self._steady / (asked.gain_v, asked.gain_w), -self._limits, self._limits)

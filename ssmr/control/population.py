@@ -1,46 +1,63 @@
-"""Many closed loops at once: fused loops of planar models, and the robots' side where something else moves the bodies."""
+"""Many closed loops at once: compiled loops of planar models, and the robots' side where something else moves the bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit, jit_alone, named_like, share_among_threads
+from ssmr._jit import jit_alone, named_like, share_among_threads
 from ssmr.control.law import EMPTY_MEMORY, Command
-from ssmr.control.laws import Controller
+from ssmr.control.laws import AnyController
 from ssmr.control.loop import (
-    Batch,
+    Clock,
     ClosedRun,
     LoopSettings,
-    Trackers,
     closed_run,
     common_settings,
     draw,
     make_clock,
     make_trackers,
-    tracker_of,
+    robot_sides,
     true_state,
 )
 from ssmr.control.mission import PythonController
-from ssmr.control.steered import PlanarBodies, SteeredPopulation, new_batch
-from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, Mind, Tracker, Truth, tick
+from ssmr.control.predictor import NO_PREDICTOR
+from ssmr.control.tick import (
+    INITIAL_STATE,
+    LOG_COLUMNS,
+    NO_DRAWS,
+    NO_ERRORS,
+    LoopData,
+    LoopState,
+    Tracker,
+    Truth,
+    plan_period,
+)
 from ssmr.control.waypoints import Target, Waypoints
+from ssmr.estimation.settings import NO_NUMBERS, Belief
 from ssmr.models.law import PlanarRobot
-from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, DriveNumbers, Sides, drive_numbers, follow, rolling
+from ssmr.robot.drive import (
+    DRIVE_TEMPLATE,
+    DriveNumbers,
+    DriveState,
+    Sides,
+    continue_references,
+    drive_numbers,
+    rolling,
+)
 from ssmr.robot.vehicle import Drive
-from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_from_row, robot_row, turning_wheels
+from ssmr.simulation import PLANAR_COLUMNS, PLANAR_DT, PlanarModel, PlanarMotion, move, run_planar, turning_wheels
 from ssmr.types import FloatArray, State
 
 _TRUTH = Truth(*(0.0,) * 10)
-_DRIVEN = Driven(0.0, 0.0, 0.0, 0.0)
+_DRIVER = DriveState(0.0, 0.0, 0.0, 0.0)
 
 
-@jit
+@jit_alone
 def run_planar_loop(
     tracker: Tracker,
     drive: DriveNumbers,
@@ -64,126 +81,137 @@ def run_planar_loop(
     Returns:
         The number of ticks that were recorded: fewer than `log` has rows where the robot was lost after the last of them.
     """
-    n = (len(log) - 1) * tracker.position_steps
-    commands = np.empty((1 + n // tracker.velocity_steps, 2))
+    n, last = tracker.position_steps, len(log) - 1
+    data = LoopData(drive, draws, np.empty((1 + last * n // tracker.velocity_steps, 2)), np.empty((n, 2)), log)
     now = PlanarMotion(start.x, start.y, start.yaw, start.v, start.w, 0.0, 0.0, 0.0, 0.0)
-    asked, mind = rolling(Sides(start.left, start.right), drive), FRESH_MIND
-    for k in range(n + 1):
-        if k % tracker.position_steps == 0 or k % tracker.velocity_steps == 0:
-            left, right = turning_wheels(now, Sides(asked.left, asked.right), robot)
-            truth = Truth(
-                now.x, now.y, now.yaw, now.v, -robot.x_icr * now.w, now.w, left, right, now.torque_left, now.torque_right
-            )
-            mind, lost = tick(tracker, mind, k, truth, draws, log)
-            if lost:
-                return 1 + k // tracker.position_steps
-        if k % tracker.velocity_steps == 0:
-            commands[k // tracker.velocity_steps, 0] = mind.command.v
-            commands[k // tracker.velocity_steps, 1] = mind.command.w
-        if k == n:
-            break
-        asked = follow(commands, k, drive, (0.0, 0.0), asked)
-        push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
-        now = move(now, Sides(asked.left, asked.right), push, tracker.dt, robot)
-    return len(log)
+    driver, state = rolling(Sides(start.left, start.right), drive), INITIAL_STATE
+    for i in range(last + 1):
+        left, right = turning_wheels(now, Sides(driver.left, driver.right), robot)
+        truth = Truth(
+            now.x, now.y, now.yaw, now.v, -robot.x_icr * now.w, now.w, left, right, now.torque_left, now.torque_right
+        )
+        steps = n if i < last else 0
+        state, driver, lost = plan_period(tracker, state, driver, i * n, steps, truth, data)
+        if lost:
+            return i + 1
+        for j in range(steps):
+            push = disturbance[i * n + j] if len(disturbance) > 1 else disturbance[0]
+            now = move(now, Sides(data.references[j, 0], data.references[j, 1]), push, tracker.dt, robot)
+    return last + 1
 
 
-class PlanarRows(NamedTuple):
-    """S planar robots of one kind as arrays, and what is random about their runs."""
+class Batch(NamedTuple):
+    """S closed loops whose robots something else moves, as arrays of the fields of `Tracker`, `LoopState`, `LoopData`."""
 
+    laws: Any
+    gains: FloatArray
+    predicts: Any
+    predictors: FloatArray
+    pasts: FloatArray
+    predictor_states: FloatArray
+    course: Any
+    lookaheads: FloatArray
+    by_filter: bool
+    means: FloatArray
+    """(S, n) means of the beliefs, n the 5 or 11 states of the filters."""
+    covariances: FloatArray
+    """(S, n, n) covariances of the beliefs."""
+    filters: FloatArray
+    noises: FloatArray
+    sensors: FloatArray
+    position_steps: int
+    velocity_steps: int
+    dt: float
     drives: FloatArray
     """(S, 13) `DriveNumbers`."""
-    robots: FloatArray
-    """(S, k) rows of `robot_row`."""
-    draws: FloatArray
-    """(D, ticks, 8) standard normal numbers, taken in turn."""
-    disturbances: FloatArray
-    """(D, n) or (D, 1) yaw accelerations [rad/s2], taken in turn."""
+    memories: FloatArray
+    """(S, 8) memories of the laws."""
+    segments: Any
+    """(S,) segments of the targets."""
+    drivers: FloatArray
+    """(S, 4) states of the drivers."""
+    alive: Any
+    """(S,) bool; the log of a robot that was lost grows no more."""
+    commands: FloatArray
+    references: FloatArray
+    logs: FloatArray
+
+
+def _batch_of(trackers: Sequence[Tracker], drives: Sequence[DriveNumbers], clock: Clock, state: State) -> Batch:
+    """Return the closed loops that begin, with robots that roll as in `state`."""
+    first, count = trackers[0], len(trackers)
+    gains = np.zeros((count, max(len(t.gains) for t in trackers)))
+    for row, tracker in zip(gains, trackers, strict=True):
+        row[: len(tracker.gains)] = tracker.gains
+
+    def rows(get: Callable[[Tracker], Any]) -> FloatArray:
+        return np.array([get(tracker) for tracker in trackers], dtype=np.float64)
+
+    return Batch(
+        laws=np.array([t.law for t in trackers]),
+        gains=gains,
+        predicts=np.array([t.predicts for t in trackers]),
+        predictors=rows(lambda t: t.predictor),
+        pasts=rows(lambda t: t.past),
+        predictor_states=rows(lambda t: t.predictor_state),
+        course=first.course,
+        lookaheads=rows(lambda t: t.lookahead),
+        by_filter=first.by_filter,
+        means=rows(lambda t: t.belief.mean),
+        covariances=rows(lambda t: t.belief.covariance),
+        filters=rows(lambda t: t.filter),
+        noises=rows(lambda t: t.noise),
+        sensors=rows(lambda t: t.sensors),
+        position_steps=clock.position,
+        velocity_steps=clock.velocity,
+        dt=clock.dt,
+        drives=np.array(drives, dtype=np.float64),
+        memories=np.tile(EMPTY_MEMORY, (count, 1)),
+        segments=np.zeros(count, dtype=np.int64),
+        drivers=np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in drives]),
+        alive=np.ones(count, dtype=np.bool_),
+        commands=np.zeros((count, 1 + clock.n // clock.velocity, 2)),
+        references=np.zeros((count, clock.position, 2)),
+        logs=np.empty((count, clock.ticks, len(LOG_COLUMNS))),
+    )
 
 
 @jit_alone
-def run_planar_loops(
-    first: int,
-    last: int,
-    trackers: Trackers,
-    kind: Any,
-    rows: PlanarRows,
-    start: Truth,
-    ticks: Any,
-    logs: FloatArray,
-) -> None:
-    """Run planar loops one after another.
-
-    Args:
-        first: first loop to run.
-        last: the loop after the last one to run.
-        trackers: the robots' side.
-        kind: template of the model's parameters.
-        rows: the drives, the robots, their noise and disturbances.
-        start: the robots at the start.
-        ticks: (S,) space for the number of ticks that each loop recorded.
-        logs: (S, ticks, 25) space for what is recorded.
-    """
-    for i in range(first, last):
-        ticks[i] = run_planar_loop(
-            tracker_of(trackers, i),
-            named_like(DRIVE_TEMPLATE, rows.drives[i]),
-            robot_from_row(kind, rows.robots[i]),
-            start,
-            rows.draws[i % len(rows.draws)],
-            rows.disturbances[i % len(rows.disturbances)],
-            logs[i],
-        )
+def _tracker_of(b: Batch, i: int) -> Tracker:
+    return Tracker(
+        b.laws[i], b.gains[i], b.predicts[i], named_like(NO_PREDICTOR, b.predictors[i]), b.pasts[i], b.predictor_states[i],
+        b.course, b.lookaheads[i], b.by_filter, Belief(b.means[i], b.covariances[i]), named_like(NO_NUMBERS, b.filters[i]),
+        named_like(NO_DRAWS, b.noises[i]), named_like(NO_ERRORS, b.sensors[i]), b.position_steps, b.velocity_steps, b.dt,
+    )  # fmt: skip
 
 
 @jit_alone
-def plan_period(
-    trackers: Trackers, k: int, n: int, drives: FloatArray, states: FloatArray, draws: FloatArray, batch: Batch
-) -> None:
-    """Plan one period of the position loop for robots that something else moves.
-
-    The wheel rates to ask for until the next tick depend on nothing that happens meanwhile, so the whole period is planned
-    at once.
-
-    Args:
-        trackers: the robots' side.
-        k: physics step at which the period begins, a tick of the position loop.
-        n: physics steps to plan; 0 at the end of the mission.
-        drives: (S, 13) `DriveNumbers`.
-        states: (S, 10) the fields of `Truth`.
-        draws: (D, ticks, 8) standard normal numbers, taken in turn.
-        batch: state of the loops, advanced in place.
-    """
+def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray) -> None:
+    """Plan one period of every loop that is alive, see `plan_period`; `draws` (D, ticks, 8) are taken in turn."""
     for i in range(len(states)):
-        if not batch.alive[i]:
+        if not b.alive[i]:
             continue
-        tracker, drive = tracker_of(trackers, i), named_like(DRIVE_TEMPLATE, drives[i])
-        truth = named_like(_TRUTH, states[i])
-        last = batch.commands[i, max(k - 1, 0) // tracker.velocity_steps]
-        mind = Mind(
-            named_like(EMPTY_MEMORY, batch.memories[i]),
-            Target(0.0, 0.0, 0.0, 0.0, 0.0, batch.segments[i]),
-            FRESH_MIND.errors,
-            FRESH_MIND.seen,
-            FRESH_MIND.ahead,
-            Command(last[0], last[1]),
+        sent = b.commands[i, max(k - 1, 0) // b.velocity_steps]
+        state = LoopState(
+            named_like(EMPTY_MEMORY, b.memories[i]),
+            Target(0.0, 0.0, 0.0, 0.0, 0.0, b.segments[i]),
+            INITIAL_STATE.errors,
+            INITIAL_STATE.seen,
+            INITIAL_STATE.ahead,
+            Command(sent[0], sent[1]),
         )
-        asked = named_like(_DRIVEN, batch.asked[i])
-        for j in range(k, k + max(n, 1)):
-            if j == k or j % tracker.velocity_steps == 0:
-                mind, lost = tick(tracker, mind, j, truth, draws[i % len(draws)], batch.logs[i])
-                batch.alive[i] &= not lost
-            if j % tracker.velocity_steps == 0:
-                batch.commands[i, j // tracker.velocity_steps, 0] = mind.command.v
-                batch.commands[i, j // tracker.velocity_steps, 1] = mind.command.w
-            if j < k + n:
-                asked = follow(batch.commands[i], j, drive, (0.0, 0.0), asked)
-                batch.references[i, j - k, 0], batch.references[i, j - k, 1] = asked.left, asked.right
-        batch.segments[i] = mind.target.segment
-        for j, number in enumerate(mind.memory):
-            batch.memories[i, j] = number
-        for j, number in enumerate(asked):
-            batch.asked[i, j] = number
+        state, driver, lost = plan_period(
+            _tracker_of(b, i), state, named_like(_DRIVER, b.drivers[i]), k, n, named_like(_TRUTH, states[i]),
+            LoopData(
+                named_like(DRIVE_TEMPLATE, b.drives[i]), draws[i % len(draws)], b.commands[i], b.references[i], b.logs[i]
+            ),
+        )  # fmt: skip
+        b.alive[i] = not lost
+        b.segments[i] = state.target.segment
+        for j, number in enumerate(state.memory):
+            b.memories[i, j] = number
+        for j, number in enumerate(driver):
+            b.drivers[i, j] = number
 
 
 class Bodies(Protocol):
@@ -195,7 +223,7 @@ class Bodies(Protocol):
         ...
 
     def states(self) -> FloatArray:
-        """Return (S, 10) the fields of `Truth`."""
+        """Return (S, 10) the fields of `ssmr.control.tick.Truth`."""
         ...
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
@@ -203,11 +231,42 @@ class Bodies(Protocol):
         ...
 
 
+class PlanarBodies:
+    """Planar robots that are moved period by period."""
+
+    def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
+        """Place every robot in `state`; `dt` is the physics step [s]."""
+        self._robots, self._dt = [model.packed(dt) for model in models], dt
+        self._now = [PlanarMotion(*map(float, (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)))] * len(models)
+        self._states, self._failed = np.empty((len(models), 10)), np.full(len(models), -1)
+        self.advance(np.empty((len(models), 0, 2)), np.zeros((len(models), 1)))
+        for row, robot in zip(self._states, self._robots, strict=True):
+            if robot.obeys:
+                row[6:8] = state.wheel_left, state.wheel_right
+
+    @property
+    def gave_up(self) -> NDArray[np.bool_]:
+        """(S,) robots whose numbers were no longer finite in the last run."""
+        return np.asarray(self._failed >= 0)
+
+    def states(self) -> FloatArray:
+        """Return (S, 10) the fields of `ssmr.control.tick.Truth`."""
+        return self._states.copy()
+
+    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
+        """Take (S, n, 2) references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+        n = references.shape[1]
+        for i, robot in enumerate(self._robots):
+            out = np.empty((2 if n else 1, PLANAR_COLUMNS))
+            failed, end = run_planar(references[i], pushes[i], self._dt, max(n, 1), robot, self._now[i], out)
+            self._now[i], self._failed[i], self._states[i] = PlanarMotion(*end), failed, out[-1, :10]
+
+
 def run_bodies(
     bodies_at: Callable[[State], Bodies],
     drives: Sequence[Drive],
     dt: float,
-    controllers: Sequence[Controller | PythonController],
+    controllers: Sequence[AnyController],
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     seeds: Sequence[int],
@@ -219,33 +278,42 @@ def run_bodies(
         bodies_at: function that places the S robots in a state.
         drives: their drives.
         dt: physics step [s].
-        controllers: their laws.
+        controllers: their laws, all compiled or all Python objects.
         settings: feedback, noise and periods of each.
         waypoints: the reference.
         seeds: seeds of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
         start: state to start in; at rest at the first waypoint if not given.
 
     Raises:
+        ControllerError: a Python object failed.
         ValueError: several kinds of feedback or disturbance, or sets of periods; periods that are no whole number of steps;
             no loops or no seeds.
     """
     first, count = common_settings(settings, seeds), len(settings)
+    if len({isinstance(law, PythonController) for law in controllers}) != 1:
+        raise ValueError("a population has compiled laws or Python objects, not both")
     clock = make_clock(waypoints, first, dt)
     drawn = [draw(clock, first, seed) for seed in seeds]
     draws, pushes = np.array([d for d, _ in drawn]), np.array([np.resize(d, clock.n) for _, d in drawn])
     turn, state = np.arange(count) % len(seeds), start or waypoints.start
     bodies, numbers = bodies_at(state), [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
-    batch = new_batch(clock, numbers, state)
-    trackers, rows = make_trackers(controllers, settings, waypoints, clock, state), np.array(numbers, dtype=np.float64)
-    if any(isinstance(c, PythonController) for c in controllers):
-        plan: Callable[..., None] = SteeredPopulation(controllers, settings, trackers, waypoints).plan_period
-    else:
-        plan = partial(plan_period, trackers)
+    trackers = make_trackers(controllers, settings, waypoints, clock, state)
+    batch = _batch_of(trackers, numbers, clock, state)
+    objects = isinstance(controllers[0], PythonController)
+    sides = robot_sides(controllers, settings, waypoints, trackers) if objects else []
     ticks = np.full(count, clock.ticks)
     for tick_number in range(clock.ticks):
         k, n = tick_number * clock.position, clock.position if tick_number < clock.ticks - 1 else 0
-        before = batch.alive.copy()
-        plan(k, n, rows, bodies.states(), draws, batch)
+        before, states = batch.alive.copy(), bodies.states()
+        if not objects:
+            _plan_batch(batch, k, n, states, draws)
+        for i in np.flatnonzero(before) if objects else ():
+            truth = Truth(*map(float, states[i]))
+            for j in (k, *range(-(-(k + 1) // clock.velocity) * clock.velocity, k + n, clock.velocity)):
+                batch.alive[i] &= not sides[i].tick(j, truth, draws[i % len(draws)], batch.logs[i])
+                batch.commands[i, j // clock.velocity] = sides[i].state.command
+            driver, references = DriveState(*batch.drivers[i]), batch.references[i, :n]
+            batch.drivers[i] = continue_references(batch.commands[i], numbers[i], (0.0, 0.0), driver, k, references)
         ticks[before & ~batch.alive] = tick_number + 1
         batch.references[~batch.alive] = 0.0
         if not batch.alive.any():
@@ -263,7 +331,7 @@ class Loop:
 
     model: PlanarModel
     """The robot."""
-    controller: Controller | PythonController
+    controller: AnyController
     """The law."""
     settings: LoopSettings
     """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""
@@ -288,32 +356,29 @@ def run_loops(
         workers: threads; the result does not depend on it.
 
     Raises:
+        ControllerError: a Python object failed.
         ValueError: several kinds of model, of feedback or disturbance, or sets of periods; periods that are no whole number
             of steps; no loops or no seeds.
     """
-    settings = common_settings([p.settings for p in loops], seeds)
+    around = [p.settings for p in loops]
+    settings = common_settings(around, seeds)
     if len({type(p.model.parameters) for p in loops}) != 1:
         raise ValueError("a population is one kind of model")
-    controllers, around = [p.controller for p in loops], [p.settings for p in loops]
-    if any(isinstance(c, PythonController) for c in controllers):
-        models = [p.model for p in loops]
-        drives = [model.drive for model in models]
+    controllers, models = [p.controller for p in loops], [p.model for p in loops]
+    drives = [model.drive for model in models]
+    if any(isinstance(law, PythonController) for law in controllers):
         return run_bodies(lambda at: PlanarBodies(models, at, dt), drives, dt, controllers, around, waypoints, seeds, start)
-    clock = make_clock(waypoints, settings, dt)
-    drawn = [draw(clock, settings, seed) for seed in seeds]
-    state = start or waypoints.start
-    robots = [p.model.packed(dt) for p in loops]
-    rows = PlanarRows(
-        np.array([drive_numbers(p.model.drive, settings.velocity_period, dt) for p in loops], dtype=np.float64),
-        np.array([robot_row(r) for r in robots]),
-        *(np.array(column) for column in zip(*drawn, strict=True)),
-    )
-    ticks = np.zeros(len(loops), dtype=np.int64)
+    clock, state = make_clock(waypoints, settings, dt), start or waypoints.start
+    trackers = make_trackers(controllers, around, waypoints, clock, state)
+    numbers, robots = [drive_numbers(d, settings.velocity_period, dt) for d in drives], [m.packed(dt) for m in models]
+    random = [draw(clock, settings, seed) for seed in seeds]
+    ticks = [0] * len(loops)
     logs = np.empty((len(loops), clock.ticks, len(LOG_COLUMNS)))
-    trackers, at = make_trackers(controllers, around, waypoints, clock, state), true_state(state)
 
     def run(first: int, last: int) -> None:
-        run_planar_loops(first, last, trackers, robots[0].parameters, rows, at, ticks, logs)
+        for i in range(first, last):
+            draws, disturbance = random[i % len(seeds)]
+            ticks[i] = run_planar_loop(trackers[i], numbers[i], robots[i], true_state(state), draws, disturbance, logs[i])
 
     share_among_threads(run, len(loops), workers)
     return [closed_run(log[:n], clock) for log, n in zip(logs, ticks, strict=True)]

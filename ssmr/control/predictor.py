@@ -21,9 +21,19 @@ PREDICTION_STEP = 0.01
 """Longest step of a prediction [s]."""
 _ROUNDING = 1e-9
 """Times nearer than this are one instant [s]."""
+MEMORY = 1.0
+"""Time over which a predictor averages how the robot differs from its model [s]: longer than the robot's own time constants,
+and about that of a bend."""
+LEAST_V, LEAST_W = 0.1, 0.2
+"""Speed [m/s] and yaw rate [rad/s] from which on the robot's differences count for more than the model."""
+STEADY_V, STEADY_W = 0.5, 3.0
+"""Change of speed [m/s2] and of yaw rate [rad/s2] at which an observation counts half."""
+GAINS_V, GAINS_W, SLIPS = (0.8, 1.2), (0.5, 1.5), (-0.3, 0.3)
+"""Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on up to 13 % less than the
+driver's radius. A robot with less than 0.8 of its model's speed still gathers speed, as far as its torques allow."""
 
 
-class Foresight(NamedTuple):
+class PredictorModel(NamedTuple):
     """The numbers by which a robot's motion is predicted, for compiled functions."""
 
     horizon: float  # time that is looked ahead [s]: the longer of the two dead times
@@ -41,11 +51,10 @@ class Foresight(NamedTuple):
     acceleration_w: float  # greatest rate of change of the yaw rate's reference [rad/s2]
     lag: float  # time constant with which the wheels follow their references [s]
     step: float  # longest step of the prediction [s]
-    memory: float  # time over which the robot's differences from the model are averaged [s]
 
 
-class Asked(NamedTuple):
-    """The references of the driver at one instant: after its limits, and after the lag of the wheels."""
+class DriverEstimate(NamedTuple):
+    """The references of the driver at one instant, after its limits and after the lag of the wheels, and what was learnt."""
 
     v: float
     w: float
@@ -59,7 +68,7 @@ class Asked(NamedTuple):
     """Lateral speed to the left over yaw rate [m]: wheels that carry a robot round a bend slip outwards."""
 
 
-class Pipe(NamedTuple):
+class PredictorState(NamedTuple):
     """The memory of a predictor beside the commands."""
 
     v: float  # reference of the speed after the driver's limits [m/s]
@@ -80,22 +89,13 @@ class Pipe(NamedTuple):
     yaw: float
 
 
-NO_FORESIGHT = Foresight(*(0.0,) * len(Foresight._fields))
-NO_PIPE = Pipe(*(0.0,) * len(Pipe._fields))
+NO_PREDICTOR = PredictorModel(*(0.0,) * len(PredictorModel._fields))
+_TEMPLATE = PredictorState(*(0.0,) * len(PredictorState._fields))
 """Templates for `named_like`."""
-MEMORY = 1.0
-"""Time over which a predictor averages how the robot differs from its model [s]: longer than the robot's own time constants,
-and about that of a bend."""
-LEAST_V, LEAST_W = 0.1, 0.2
-"""Speed [m/s] and yaw rate [rad/s] from which on the robot's differences count for more than the model."""
-STEADY_V, STEADY_W = 0.5, 3.0
-"""Change of speed [m/s2] and of yaw rate [rad/s2] at which an observation counts half."""
-GAINS_V, GAINS_W, SLIPS = (0.8, 1.2), (0.5, 1.5), (-0.3, 0.3)
-"""Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on up to 13 % less than the
-driver's radius. A robot with less than 0.8 of its model's speed still gathers speed, as far as its torques allow."""
+_SENT_AT = PredictorState._fields.index("sent_at")
 
 
-def foresight(a: FloatArray, b: FloatArray, drive: Drive, period: float) -> Foresight:
+def predictor_model(a: FloatArray, b: FloatArray, drive: Drive, period: float) -> PredictorModel:
     """Return the numbers of a predictor.
 
     Args:
@@ -104,55 +104,54 @@ def foresight(a: FloatArray, b: FloatArray, drive: Drive, period: float) -> Fore
         drive: the driver between command and wheels, as far as it is known.
         period: time between commands [s].
     """
-    return Foresight(
+    return PredictorModel(
         max(drive.delay_v, drive.delay_w), -float(a[1][1]), float(b[1][0]), -float(a[3][3]), float(b[3][1]),
         drive.delay_v, drive.delay_w, period, drive.command_ramp, drive.v_max, drive.w_max, drive.acceleration_v,
-        drive.acceleration_w, drive.wheel_lag, PREDICTION_STEP, MEMORY,
+        drive.acceleration_w, drive.wheel_lag, PREDICTION_STEP,
     )  # fmt: skip
 
 
-def commands_under_way(numbers: Foresight) -> int:
+def commands_under_way(model: PredictorModel) -> int:
     """Return how many commands a predictor must remember."""
-    return math.ceil(numbers.horizon / numbers.period) + 3
+    return math.ceil(model.horizon / model.period) + 3
 
 
-def new_pipe(state: State, drive: Drive, period: float) -> Pipe:
+def predictor_start(state: State, drive: Drive, period: float) -> PredictorState:
     """Return the memory of a predictor whose robot has rolled as in `state` before the start."""
     v, w = map(float, body_rates(state.wheel_left, state.wheel_right, drive.command_half_track, drive.command_radius))
-    return Pipe(v, w, v, w, 0.0, -period, state.v_x, state.yaw_rate, 0.0, 0.0, 0.0, 0.0, 0.0, state.x, state.y, state.yaw)
+    means = (0.0,) * 5
+    return PredictorState(v, w, v, w, 0.0, -period, state.v_x, state.yaw_rate, *means, state.x, state.y, state.yaw)
 
 
 @jit
-def commanded(past: FloatArray, column: int, sent_at: float, when: float, numbers: Foresight) -> float:
+def commanded(past: FloatArray, column: int, sent_at: float, when: float, model: PredictorModel) -> float:
     """Return the value on which the driver acts that samples at time `when` [s], without dead time.
 
-    Args:
-        past: (n, 2) commands, the newest last, which was sent at `sent_at` [s].
-        column: 0 for the speed, 1 for the yaw rate.
-        sent_at: time of the newest command [s].
-        when: time of the sample [s].
-        numbers: the predictor's numbers.
+    Column 0 of the (n, 2) `past` commands is the speed, column 1 the yaw rate; the newest one, the last, was sent at
+    `sent_at` [s].
     """
-    back = max(math.ceil((sent_at - when) / numbers.period - _ROUNDING), 0)
+    back = max(math.ceil((sent_at - when) / model.period - _ROUNDING), 0)
     k = max(len(past) - 1 - back, 0)
     value: float = past[k, column]
-    since = max(when - (sent_at - back * numbers.period), 0.0)  # rounding makes it negative
-    if k == 0 or since >= numbers.ramp:
+    since = max(when - (sent_at - back * model.period), 0.0)  # rounding makes it negative
+    if k == 0 or since >= model.ramp:
         return value
     last: float = past[k - 1, column]
-    return last + (value - last) * (since / numbers.ramp)
+    return last + (value - last) * (since / model.ramp)
 
 
 @jit
-def ask(past: FloatArray, sent_at: float, t: float, dt: float, asked: Asked, numbers: Foresight) -> Asked:
+def advance_driver(
+    past: FloatArray, sent_at: float, t: float, dt: float, before: DriverEstimate, model: PredictorModel
+) -> DriverEstimate:
     """Return the driver's references after a step from `t` to `t + dt` [s], see `commanded`."""
-    when = t + (dt if numbers.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
-    v = saturate(commanded(past, 0, sent_at, when - numbers.delay_v, numbers), numbers.v_max)
-    w = saturate(commanded(past, 1, sent_at, when - numbers.delay_w, numbers), numbers.w_max)
-    v, w = ramp(asked.v, v, numbers.acceleration_v * dt), ramp(asked.w, w, numbers.acceleration_w * dt)
-    share = -math.expm1(-dt / numbers.lag) if numbers.lag > 0.0 else 1.0
-    lagged_v, lagged_w = asked.lagged_v + share * (v - asked.lagged_v), asked.lagged_w + share * (w - asked.lagged_w)
-    return Asked(v, w, lagged_v, lagged_w, asked.gain_v, asked.gain_w, asked.slip)
+    when = t + (dt if model.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
+    v = saturate(commanded(past, 0, sent_at, when - model.delay_v, model), model.v_max)
+    w = saturate(commanded(past, 1, sent_at, when - model.delay_w, model), model.w_max)
+    v, w = ramp(before.v, v, model.acceleration_v * dt), ramp(before.w, w, model.acceleration_w * dt)
+    share = -math.expm1(-dt / model.lag) if model.lag > 0.0 else 1.0
+    lagged_v, lagged_w = before.lagged_v + share * (v - before.lagged_v), before.lagged_w + share * (w - before.lagged_w)
+    return DriverEstimate(v, w, lagged_v, lagged_w, before.gain_v, before.gain_w, before.slip)
 
 
 @jit
@@ -164,25 +163,25 @@ def relax(x: float, rate: float, drive: float, dt: float) -> float:
 
 
 @jit
-def respond(v: float, w: float, asked: Asked, dt: float, numbers: Foresight) -> tuple[float, float]:
+def respond(v: float, w: float, driver: DriverEstimate, dt: float, model: PredictorModel) -> tuple[float, float]:
     """Return speed and yaw rate after a step of the linear model with the learnt gains."""
-    v = relax(v, numbers.rate_v, numbers.push_v * asked.gain_v * asked.lagged_v, dt)
-    return v, relax(w, numbers.rate_w, numbers.push_w * asked.gain_w * asked.lagged_w, dt)
+    v = relax(v, model.rate_v, model.push_v * driver.gain_v * driver.lagged_v, dt)
+    return v, relax(w, model.rate_w, model.push_w * driver.gain_w * driver.lagged_w, dt)
 
 
 @jit
-def learn(p: Pipe, before: Pipe, seen: Observation, elapsed: float, memory: float) -> Pipe:
+def learn(p: PredictorState, before: PredictorState, seen: Observation, elapsed: float) -> PredictorState:
     """Return the memory with what the robot did in the `elapsed` time [s] beside its model: least squares that forget.
 
     Gains are lasting ones, so what is seen while the model's speeds change from those of `before` counts for less.
     """
-    share = min(elapsed / memory, 1.0)
-    hurry_v = (p.model_v - before.model_v) / (elapsed * STEADY_V)
-    hurry_w = (p.model_w - before.model_w) / (elapsed * STEADY_W)
-    share_v, share_w = share / (1.0 + hurry_v * hurry_v), share / (1.0 + hurry_w * hurry_w)
+    share = min(elapsed / MEMORY, 1.0)
+    change_v = (p.model_v - before.model_v) / (elapsed * STEADY_V)
+    change_w = (p.model_w - before.model_w) / (elapsed * STEADY_W)
+    share_v, share_w = share / (1.0 + change_v * change_v), share / (1.0 + change_w * change_w)
     heading = 0.5 * (p.yaw + seen.yaw)
     aside = (math.cos(heading) * (seen.y - p.y) - math.sin(heading) * (seen.x - p.x)) / elapsed
-    return Pipe(
+    return PredictorState(
         p.v, p.w, p.lagged_v, p.lagged_w, p.at, p.sent_at, p.model_v, p.model_w,
         p.vv + share_v * (p.model_v * p.model_v - p.vv), p.v_seen + share_v * (p.model_v * seen.v - p.v_seen),
         p.ww + share_w * (p.model_w * p.model_w - p.ww), p.w_seen + share_w * (p.model_w * seen.w - p.w_seen),
@@ -191,65 +190,65 @@ def learn(p: Pipe, before: Pipe, seen: Observation, elapsed: float, memory: floa
 
 
 @jit
-def learnt(p: Pipe) -> Asked:
+def learnt(p: PredictorState) -> DriverEstimate:
     """Return the driver's references with the learnt gains and slip; a robot that hardly moved has those of the model."""
     least_v, least_w = LEAST_V * LEAST_V, LEAST_W * LEAST_W
     gain_v, gain_w = (p.v_seen + least_v) / (p.vv + least_v), (p.w_seen + least_w) / (p.ww + least_w)
     slip = p.w_aside / (p.w_seen + least_w) if p.w_seen > 0.0 else 0.0
-    return Asked(
+    return DriverEstimate(
         p.v, p.w, p.lagged_v, p.lagged_w, min(max(gain_v, GAINS_V[0]), GAINS_V[1]), min(max(gain_w, GAINS_W[0]), GAINS_W[1]),
         min(max(slip, SLIPS[0]), SLIPS[1]),
     )  # fmt: skip
 
 
 @jit_alone
-def carry_ahead(
-    past: FloatArray, pipe: FloatArray, seen: Observation, t: float, end: float, numbers: Foresight
-) -> tuple[Observation, Asked]:
+def predict_ahead(
+    past: FloatArray, memory: FloatArray, seen: Observation, t: float, end: float, model: PredictorModel
+) -> tuple[Observation, DriverEstimate]:
     """Return the robot at mission time `end` [s], and the references of its driver then.
 
     Args:
         past: (n, 2) commands, the newest last.
-        pipe: (16,) the rest of the memory, a `Pipe`, which advances to `t` in place.
+        memory: (16,) the rest of the memory, a `PredictorState`, which advances to `t` in place.
         seen: the robot at time `t`.
         t: mission time [s].
-        end: mission time of the prediction, `numbers.horizon` after that of the next command [s].
-        numbers: the predictor's numbers.
+        end: mission time of the prediction, `model.horizon` after that of the next command [s].
+        model: the predictor's numbers.
     """
-    p = named_like(NO_PIPE, pipe)
+    p = named_like(_TEMPLATE, memory)
     at, v, w = p.at, p.model_v, p.model_w
-    asked = Asked(p.v, p.w, p.lagged_v, p.lagged_w, 1.0, 1.0, 0.0)
+    driver = DriverEstimate(p.v, p.w, p.lagged_v, p.lagged_w, 1.0, 1.0, 0.0)
     while at < t - _ROUNDING:
-        dt = min(numbers.step, t - at)
-        asked = ask(past, p.sent_at, at, dt, asked, numbers)
-        v, w = respond(v, w, asked, dt, numbers)
+        dt = min(model.step, t - at)
+        driver = advance_driver(past, p.sent_at, at, dt, driver, model)
+        v, w = respond(v, w, driver, dt, model)
         at += dt
-    now = Pipe(
-        asked.v, asked.w, asked.lagged_v, asked.lagged_w, at, p.sent_at, v, w, p.vv, p.v_seen, p.ww, p.w_seen, p.w_aside,
+    now = PredictorState(
+        driver.v, driver.w, driver.lagged_v, driver.lagged_w, at, p.sent_at, v, w, p.vv, p.v_seen, p.ww, p.w_seen, p.w_aside,
         p.x, p.y, p.yaw,
     )  # fmt: skip
     if t - p.at > _ROUNDING:
-        now = learn(now, p, seen, t - p.at, numbers.memory)
+        now = learn(now, p, seen, t - p.at)
     for k, number in enumerate(now):
-        pipe[k] = number
-    asked = learnt(now)
+        memory[k] = number
+    driver = learnt(now)
     x, y, yaw, v, w = seen
     while at < end - _ROUNDING:
-        dt = min(numbers.step, end - at)
-        asked = ask(past, p.sent_at, at, dt, asked, numbers)
-        v_next, w_next = respond(v, w, asked, dt, numbers)
+        dt = min(model.step, end - at)
+        driver = advance_driver(past, p.sent_at, at, dt, driver, model)
+        v_next, w_next = respond(v, w, driver, dt, model)
         v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
-        heading, aside = yaw + 0.5 * dt * w_mid, asked.slip * w_mid
+        heading, aside = yaw + 0.5 * dt * w_mid, driver.slip * w_mid
         x += dt * (v_mid * math.cos(heading) - aside * math.sin(heading))
         y += dt * (v_mid * math.sin(heading) + aside * math.cos(heading))
         yaw, v, w, at = yaw + dt * w_mid, v_next, w_next, at + dt
-    return Observation(x, y, yaw, v, w), asked
+    return Observation(x, y, yaw, v, w), driver
 
 
 @jit_alone
-def remember(past: FloatArray, pipe: FloatArray, v: float, w: float, t: float) -> None:
+def remember(past: FloatArray, memory: FloatArray, v: float, w: float, t: float) -> None:
     """Append the command that is sent at time `t` [s] to a predictor's memory, in place; the oldest one drops out."""
     for k in range(len(past) - 1):
         past[k, 0], past[k, 1] = past[k + 1, 0], past[k + 1, 1]
     past[len(past) - 1, 0], past[len(past) - 1, 1] = v, w
-    pipe[5] = t
+    memory[_SENT_AT] = t

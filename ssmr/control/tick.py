@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from ssmr._jit import jit, jit_alone, named_like
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
-from ssmr.control.predictor import Foresight, carry_ahead, remember
+from ssmr.control.predictor import PredictorModel, predict_ahead, remember
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
 from ssmr.estimation.ekf import filter_step, speed
 from ssmr.estimation.settings import YAW, Belief, W, X, Y
+from ssmr.robot.drive import DriveNumbers, DriveState, follow
 from ssmr.robot.sensors import SensorErrors, sense
 from ssmr.types import FloatArray
 
@@ -58,20 +59,20 @@ class Draws(NamedTuple):
 
 
 class Tracker(NamedTuple):
-    """Everything about the robot's side of one closed loop that does not change during a run."""
+    """Everything about the robot's side of one closed loop but `LoopState`; arrays advance in place."""
 
     law: int
-    """`Controller.number`."""
+    """Place of the law in `ssmr.control.laws.PLAIN_CONTROLLERS`."""
     gains: FloatArray
     """`Controller.packed()`."""
     predicts: bool
     """True if the law acts on the state one dead time ahead."""
-    foresight: Foresight
+    predictor: PredictorModel
     """Numbers of the predictor."""
     past: FloatArray
-    """(n, 2) commands that were sent, the newest last; a predictor's tracker appends to them in place."""
-    pipe: FloatArray
-    """(16,) the rest of the predictor's memory, a `ssmr.control.predictor.Pipe`; it advances in place."""
+    """(n, 2) commands that were sent, the newest last."""
+    predictor_state: FloatArray
+    """(16,) the rest of the predictor's memory, a `PredictorState`."""
     course: NDArray[np.void]
     """`Waypoints.course()`."""
     lookahead: float
@@ -79,7 +80,7 @@ class Tracker(NamedTuple):
     by_filter: bool
     """True if the controller sees the estimate of the EKF."""
     belief: Belief
-    """State of the EKF, which advances in place."""
+    """State of the EKF."""
     filter: Any
     """`EkfSettings.packed()`."""
     noise: Draws
@@ -94,7 +95,7 @@ class Tracker(NamedTuple):
     """Physics step [s]."""
 
 
-class Mind(NamedTuple):
+class LoopState(NamedTuple):
     """The state of the robot's side between two steps."""
 
     memory: Memory
@@ -106,42 +107,10 @@ class Mind(NamedTuple):
     command: Command
 
 
-class LogRow(NamedTuple):
-    """The numbers that a run records at every tick of the position loop."""
-
-    x: float
-    y: float
-    yaw: float
-    v_x: float
-    v_y: float
-    yaw_rate: float
-    wheel_left: float
-    wheel_right: float
-    torque_left: float
-    torque_right: float
-    target_x: float
-    target_y: float
-    target_yaw: float
-    e_rho: float
-    e_y: float
-    e_alpha: float
-    u_ref: float
-    w_ref: float
-    v_cmd: float
-    w_cmd: float
-    seen_x: float
-    seen_y: float
-    seen_yaw: float
-    seen_v: float
-    seen_w: float
-
-
 NO_DRAWS = Draws(*(0.0,) * 8)
 NO_ERRORS = SensorErrors(*(0.0,) * 5)
 """Templates for `named_like`."""
-LOG_COLUMNS = LogRow._fields
-"""Names of the columns of a run's log."""
-FRESH_MIND = Mind(
+INITIAL_STATE = LoopState(
     EMPTY_MEMORY,
     Target(0.0, 0.0, 0.0, 0.0, 0.0, 0),
     Errors(0.0, 0.0, 0.0),
@@ -150,85 +119,80 @@ FRESH_MIND = Mind(
     Command(0.0, 0.0),
 )
 """State of a robot's side that has not seen anything yet."""
-
-
-@jit
-def observe(tracker: Tracker, truth: Truth, draws: Draws, elapsed: float) -> Observation:
-    """Return what the controller sees of the truth; the EKF's belief, if it is used, advances by `elapsed` [s]."""
-    noise = tracker.noise
-    if tracker.by_filter:
-        sample = sense(
-            truth.left, truth.right, truth.w, (draws.left, draws.right, draws.gyro),
-            tracker.sensors,
-        )  # fmt: skip
-        filter_step(tracker.belief, sample, elapsed, tracker.filter)
-        mean = tracker.belief.mean
-        return Observation(mean[X], mean[Y], mean[YAW], speed(mean, tracker.filter), mean[W])
-    return Observation(
-        truth.x + noise.x * draws.x,
-        truth.y + noise.y * draws.y,
-        truth.yaw + noise.yaw * draws.yaw,
-        truth.v + noise.v * draws.v,
-        truth.w + noise.w * draws.w,
-    )
-
-
-@jit_alone
-def look(tracker: Tracker, mind: Mind, seen: Observation, t: float) -> Mind:
-    """Return the mind with an observation of mission time `t` [s], the target and the errors then; no law runs."""
-    aim = target(tracker.course, t, mind.target.segment)
-    return Mind(mind.memory, aim, position_errors(seen, aim, ALPHA_SWITCH), seen, seen, mind.command)
+LOG_COLUMNS = (
+    *("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "wheel_left", "wheel_right", "torque_left", "torque_right"),
+    *("target_x", "target_y", "target_yaw", "e_rho", "e_y", "e_alpha", "u_ref", "w_ref", "v_cmd", "w_cmd"),
+    *("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w"),
+)
+"""Names of the columns of a run's log, one row for every tick of the position loop."""
 
 
 @jit_alone
 def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Observation:
-    """Return what the controller sees at physics step `k`, a tick of the position loop."""
-    drawn = named_like(NO_DRAWS, draws[k // tracker.position_steps])
-    return observe(tracker, truth, drawn, tracker.position_steps * tracker.dt if k else 0.0)
+    """Return what the controller sees of the truth at physics step `k`, a tick of the position loop.
+
+    The EKF's belief, if it is used, advances by the time since the last tick.
+    """
+    noise, drawn = tracker.noise, named_like(NO_DRAWS, draws[k // tracker.position_steps])
+    if tracker.by_filter:
+        sample = sense(truth.left, truth.right, truth.w, (drawn.left, drawn.right, drawn.gyro), tracker.sensors)
+        filter_step(tracker.belief, sample, tracker.position_steps * tracker.dt if k else 0.0, tracker.filter)
+        mean = tracker.belief.mean
+        return Observation(mean[X], mean[Y], mean[YAW], speed(mean, tracker.filter), mean[W])
+    return Observation(
+        truth.x + noise.x * drawn.x,
+        truth.y + noise.y * drawn.y,
+        truth.yaw + noise.yaw * drawn.yaw,
+        truth.v + noise.v * drawn.v,
+        truth.w + noise.w * drawn.w,
+    )
 
 
 @jit_alone
-def position_tick(tracker: Tracker, mind: Mind, seen: Observation, t: float, dt: float) -> Mind:
-    """Return the mind after one step of the position loop at mission time `t` [s], `dt` [s] after the last.
+def see(tracker: Tracker, state: LoopState, seen: Observation, t: float) -> LoopState:
+    """Return the state with an observation of mission time `t` [s], the target and the errors then; no law runs."""
+    aim = target(tracker.course, t, state.target.segment)
+    return LoopState(state.memory, aim, position_errors(seen, aim, ALPHA_SWITCH), seen, seen, state.command)
+
+
+@jit_alone
+def position_tick(tracker: Tracker, state: LoopState, seen: Observation, t: float, dt: float) -> LoopState:
+    """Return the state after one step of the position loop at mission time `t` [s], `dt` [s] after the last.
 
     Behind a predictor the law takes the robot, the target and the errors of the instant at which its command will act; the
-    mind keeps those of now.
+    state keeps those of now.
     """
-    now = look(tracker, mind, seen, t)
-    ahead, there, off = seen, now.target, now.errors
+    now = see(tracker, state, seen, t)
+    ahead, aim, errors = seen, now.target, now.errors
     if tracker.predicts:
-        end = t + tracker.foresight.horizon
-        ahead, _ = carry_ahead(tracker.past, tracker.pipe, seen, t, end, tracker.foresight)
-        there = target(tracker.course, end, there.segment)
-        off = position_errors(ahead, there, ALPHA_SWITCH)
-    kept = Errors(off.rho - tracker.lookahead, off.y, off.alpha)
-    memory = position_step(tracker.law, tracker.gains, mind.memory, kept, there, ahead, dt)
-    return Mind(memory, now.target, now.errors, seen, ahead, mind.command)
+        end = t + tracker.predictor.horizon
+        ahead, _ = predict_ahead(tracker.past, tracker.predictor_state, seen, t, end, tracker.predictor)
+        aim = target(tracker.course, end, aim.segment)
+        errors = position_errors(ahead, aim, ALPHA_SWITCH)
+    kept = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
+    memory = position_step(tracker.law, tracker.gains, state.memory, kept, aim, ahead, dt)
+    return LoopState(memory, now.target, now.errors, seen, ahead, state.command)
 
 
 @jit_alone
-def velocity_tick(tracker: Tracker, mind: Mind, t: float, dt: float) -> Mind:
-    """Return the mind after one step of the velocity loop at mission time `t` [s], `dt` [s] after the last.
-
-    The mind holds the new command.
-    """
-    memory, command = velocity_step(tracker.law, tracker.gains, mind.memory, mind.ahead, dt)
+def velocity_tick(tracker: Tracker, state: LoopState, t: float, dt: float) -> LoopState:
+    """Return the state, with a new command, after one step of the velocity loop at time `t` [s], `dt` [s] after the last."""
+    memory, command = velocity_step(tracker.law, tracker.gains, state.memory, state.ahead, dt)
     if tracker.predicts:
-        remember(tracker.past, tracker.pipe, command.v, command.w, t)
-    return Mind(memory, mind.target, mind.errors, mind.seen, mind.ahead, command)
+        remember(tracker.past, tracker.predictor_state, command.v, command.w, t)
+    return LoopState(memory, state.target, state.errors, state.seen, state.ahead, command)
 
 
 @jit_alone
-def record(row: FloatArray, truth: Truth, mind: Mind) -> None:
+def record(row: FloatArray, truth: Truth, state: LoopState) -> None:
     """Write a tick into `row`, in the order of `LOG_COLUMNS`."""
-    aim, errors, memory, command, seen = mind.target, mind.errors, mind.memory, mind.command, mind.seen
-    log = LogRow(
-        truth.x, truth.y, truth.yaw, truth.v, truth.v_y, truth.w, truth.left, truth.right, truth.torque_left,
-        truth.torque_right, aim.x, aim.y, aim.heading, errors.rho, errors.y, errors.alpha, memory.u_ref, memory.w_ref,
-        command.v, command.w, seen.x, seen.y, seen.yaw, seen.v, seen.w,
-    )  # fmt: skip
-    for i, number in enumerate(log):
+    aim, errors, memory, command = state.target, state.errors, state.memory, state.command
+    for i, number in enumerate(truth):
         row[i] = number
+    row[10], row[11], row[12], row[13], row[14], row[15] = aim.x, aim.y, aim.heading, errors.rho, errors.y, errors.alpha
+    row[16], row[17], row[18], row[19] = memory.u_ref, memory.w_ref, command.v, command.w
+    for i, number in enumerate(state.seen):
+        row[20 + i] = number
 
 
 @jit_alone
@@ -238,15 +202,17 @@ def is_lost(x: float, y: float, yaw_rate: float, target_x: float, target_y: floa
 
 
 @jit_alone
-def tick(tracker: Tracker, mind: Mind, k: int, truth: Truth, draws: FloatArray, log: FloatArray) -> tuple[Mind, bool]:
-    """Return the mind after physics step `k`, and whether the robot is lost.
+def tick(
+    tracker: Tracker, state: LoopState, k: int, truth: Truth, draws: FloatArray, log: FloatArray
+) -> tuple[LoopState, bool]:
+    """Return the state after physics step `k`, and whether the robot is lost.
 
     Every closed loop calls this at all steps at which a period of the position loop or of the velocity loop begins; between
     them it changes nothing.
 
     Args:
         tracker: the robot's side.
-        mind: its state after the last step.
+        state: its state after the last step.
         k: number of the physics step, from 0.
         truth: the robot at this step; it is read at ticks of the position loop only.
         draws: (ticks, 8) standard normal numbers.
@@ -255,9 +221,65 @@ def tick(tracker: Tracker, mind: Mind, k: int, truth: Truth, draws: FloatArray, 
     due = k % tracker.position_steps == 0
     if due:
         period = tracker.position_steps * tracker.dt
-        mind = position_tick(tracker, mind, observed(tracker, k, truth, draws), k * tracker.dt, period)
+        state = position_tick(tracker, state, observed(tracker, k, truth, draws), k * tracker.dt, period)
     if k % tracker.velocity_steps == 0:
-        mind = velocity_tick(tracker, mind, k * tracker.dt, tracker.velocity_steps * tracker.dt)
+        state = velocity_tick(tracker, state, k * tracker.dt, tracker.velocity_steps * tracker.dt)
     if due:
-        record(log[k // tracker.position_steps], truth, mind)
-    return mind, due and is_lost(truth.x, truth.y, truth.w, mind.target.x, mind.target.y)
+        record(log[k // tracker.position_steps], truth, state)
+    return state, due and is_lost(truth.x, truth.y, truth.w, state.target.x, state.target.y)
+
+
+class LoopData(NamedTuple):
+    """The driver of one closed loop, its noise, and arrays that are written in place."""
+
+    drive: DriveNumbers
+    """The driver; its command period is the velocity loop's."""
+    draws: FloatArray
+    """(ticks, 8) standard normal numbers."""
+    commands: FloatArray
+    """(1 + n // velocity steps, 2) commands so far."""
+    references: FloatArray
+    """(position steps, 2) wheel rates to ask for in the next period of the position loop [rad/s]."""
+    log: FloatArray
+    """(ticks, 25) the log."""
+
+
+@jit
+def plan_period(
+    tracker: Tracker,
+    state: LoopState,
+    driver: DriveState,
+    k: int,
+    n: int,
+    truth: Truth,
+    data: LoopData,
+) -> tuple[LoopState, DriveState, bool]:
+    """Plan one period of the position loop for a robot that something else moves.
+
+    The wheel rates to ask for until the next tick depend on nothing that happens meanwhile, so the whole period is planned
+    at once.
+
+    Args:
+        tracker: the robot's side.
+        state: its state after the last period.
+        driver: state of the driver likewise.
+        k: physics step at which the period begins, a tick of the position loop.
+        n: physics steps to plan; 0 at the end of the mission.
+        truth: the robot at this step.
+        data: the driver and the noise; commands, references and log are written.
+
+    Returns:
+        The states of the robot's side and of the driver at the end of the period, and whether the robot is lost.
+    """
+    lost = False
+    for j in range(k, k + max(n, 1)):
+        if j == k or j % tracker.velocity_steps == 0:
+            state, left = tick(tracker, state, j, truth, data.draws, data.log)
+            lost |= left
+        if j % tracker.velocity_steps == 0:
+            i = j // tracker.velocity_steps
+            data.commands[i, 0], data.commands[i, 1] = state.command.v, state.command.w
+        if j < k + n:
+            driver = follow(data.commands, j, data.drive, (0.0, 0.0), driver)
+            data.references[j - k, 0], data.references[j - k, 1] = driver.left, driver.right
+    return state, driver, lost

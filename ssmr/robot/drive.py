@@ -74,7 +74,7 @@ class DriveNumbers(NamedTuple):
     period: int  # steps of a command period
 
 
-class Driven(NamedTuple):
+class DriveState(NamedTuple):
     """Body speeds and wheel rates that the driver asks for at one physics step."""
 
     v: float  # linear velocity [m/s]
@@ -131,7 +131,7 @@ def held_value(values: FloatArray, column: int, step: int, delay: int, drive: Dr
 
 
 @jit
-def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[float, float], last: Driven) -> Driven:
+def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[float, float], last: DriveState) -> DriveState:
     """Return the references of one physics step, `step` steps after the first of the (N, 2) twist commands.
 
     `before` is the twist commanded before the first command, `last` holds the references of the last step.
@@ -142,7 +142,7 @@ def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[flo
 
 
 @jit
-def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: Driven) -> Driven:
+def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: DriveState) -> DriveState:
     """Return the references of one physics step from the twist that the driver holds, v [m/s] and w [rad/s].
 
     `share` is the drive's own, or 1 where it is known that nothing lags.
@@ -152,14 +152,14 @@ def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: Driven
     left, right = (v - drive.half_track * w) * drive.per_radius, (v + drive.half_track * w) * drive.per_radius
     if share < 1.0:
         left, right = last.left + share * (left - last.left), last.right + share * (right - last.right)
-    return Driven(v, w, left, right)
+    return DriveState(v, w, left, right)
 
 
 @jit_alone
-def rolling(wheels: Sides, drive: DriveNumbers) -> Driven:
+def rolling(wheels: Sides, drive: DriveNumbers) -> DriveState:
     """Return the references before the driver's first step, when the wheels turn at `wheels` [rad/s]."""
     v, w = body_rates(wheels.left, wheels.right, drive.half_track, drive.radius)
-    return Driven(v, w, wheels.left, wheels.right)
+    return DriveState(v, w, wheels.left, wheels.right)
 
 
 @jit
@@ -172,8 +172,8 @@ def fill_references(
 
 @jit_alone
 def continue_references(
-    values: FloatArray, drive: DriveNumbers, before: tuple[float, float], last: Driven, first: int, out: FloatArray
-) -> Driven:
+    values: FloatArray, drive: DriveNumbers, before: tuple[float, float], last: DriveState, first: int, out: FloatArray
+) -> DriveState:
     """Write the references of the physics steps from `first` on into `out`, (n, 2); return those of the last step.
 
     `last` holds the references of the step before `first`.

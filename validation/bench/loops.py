@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ssmr.control.laws import Controller, design
+from ssmr.control.laws import AnyController, design
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import Loop, run_bodies, run_loops
@@ -30,8 +30,6 @@ from validation.simulator.loops import run_husky_loops
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
-AnyController = Controller | PythonController
-"""A compiled law, or a controller that is a Python object."""
 _SECONDS, _LAST = 6.0, 1.0
 """Time for which a command is driven, and the last part of it over which the motion is averaged [s]."""
 _SAMPLE_DT = 0.05

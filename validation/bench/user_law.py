@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ssmr.control.mission import Mission, Moment
+from ssmr.control.mission import ControllerInput, Mission
 from ssmr.errors import ControllerError
 from validation.words import one_line, shortened
 
@@ -59,7 +59,7 @@ class _Guarded:
         if not callable(getattr(made, "command", None)):
             raise ControllerError(f"{_place(law, law.kind)}: {law.name} has no method command(self, now)")
 
-    def command(self, now: Moment) -> tuple[float, float]:
+    def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the object's command.
 
         Raises:
@@ -81,7 +81,7 @@ class _Guarded:
 class _GuardedObserver(_Guarded):
     """A user's object that wants every observation."""
 
-    def observe(self, now: Moment) -> None:
+    def observe(self, now: ControllerInput) -> None:
         """Show the object an observation.
 
         Raises:

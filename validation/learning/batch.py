@@ -18,7 +18,7 @@ from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.control.tick import SPINNING
 from ssmr.control.waypoints import Target, position_errors
-from ssmr.robot.drive import DRIVE_TEMPLATE, Driven, Sides, drive_numbers, follow, rolling
+from ssmr.robot.drive import DRIVE_TEMPLATE, DriveState, Sides, drive_numbers, follow, rolling
 from ssmr.types import FloatArray
 from validation.learning.episodes import AHEAD_TICKS, ERRORS, Episode, EpisodeSource, TrackTask
 from validation.simulator.failures import mujoco_failures
@@ -29,7 +29,7 @@ WIDTH = 0.1
 """Distance from the target at which the reward has fallen to a half [m]."""
 
 
-_DRIVEN = Driven(0.0, 0.0, 0.0, 0.0)
+_DRIVEN = DriveState(0.0, 0.0, 0.0, 0.0)
 
 
 class EpisodeRows(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.lanes import run_population, told_poses
+from ssmr.lanes import run_population, seen_poses
 from ssmr.models.law import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -108,7 +108,7 @@ class PlanarPopulation:
         starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
         models, begins = [m for _, m, _ in known], [starts[one] for one in localisers]
         poses = self._run(models, piece.commands, begins, sample_dt, workers=self._workers)
-        told = told_poses(poses, localisers, sample_dt, piece.t, self._workers)
+        told = seen_poses(poses, localisers, sample_dt, piece.t, self._workers)
         if len(known) == len(which):
             return told
         out = np.full((len(which), told.shape[1], 3), np.nan)

@@ -13,10 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from ssmr.control.law import Command, Observation
-from ssmr.control.loop import VELOCITY_PERIOD, Clock, ClosedRun, LoopSettings, make_trackers, tracker_of
-from ssmr.control.mission import PythonController
-from ssmr.control.steered import Steered, mission_of
-from ssmr.control.tick import FRESH_MIND, LOG_COLUMNS, LOST, Truth, is_lost, position_tick, record, velocity_tick
+from ssmr.control.loop import VELOCITY_PERIOD, Clock, ClosedRun, LoopSettings, make_trackers, robot_sides
+from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, Truth, is_lost, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
@@ -89,7 +87,7 @@ class PathFollower:
         self._poses: list[tuple[float, float, float, float]] = []
         self._pose_to_reference: FloatArray | None = None
         self._start_law()
-        self._run_position_loop(FRESH_MIND.seen, 0.0, 0.02)
+        self._run_position_loop(INITIAL_STATE.seen, 0.0, 0.02)
         self._run_velocity_loop(0.0)
         is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
         self._start_law()
@@ -98,28 +96,18 @@ class PathFollower:
         law = self.controller
         loop = LoopSettings("truth", disturbance=False, lookahead=self.lookahead)
         clock = Clock(VELOCITY_PERIOD, 1, 1, 1)  # the messages' stamps give the time, so only the law and the course matter
-        self._tracker = tracker_of(make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start), 0)
-        self._mind, self._steered = FRESH_MIND, None
-        if isinstance(law, PythonController):
-            self._steered = Steered(self._tracker, law, mission_of(law, self.waypoints, loop))
+        trackers = make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start)
+        (self._side,) = robot_sides([law], [loop], self.waypoints, trackers)
 
     def _run_velocity_loop(self, t: float) -> Command:
-        if self._steered is not None:
-            self._steered.command(t)
-            self._mind = self._steered.mind
-        else:
-            self._mind = velocity_tick(self._tracker, self._mind, t, VELOCITY_PERIOD)
-        return self._mind.command
+        self._side.velocity_tick(t, VELOCITY_PERIOD)
+        return self._side.state.command
 
     def _run_position_loop(self, seen: Observation, t: float, dt: float) -> FloatArray:
         """Return what a run records of this step; lateral speed, wheels and torques are not known."""
-        if self._steered is not None:
-            self._steered.see(seen, t)
-            self._mind = self._steered.mind
-        else:
-            self._mind = position_tick(self._tracker, self._mind, seen, t, dt)
+        self._side.position_tick(seen, t, dt)
         row = np.empty(len(LOG_COLUMNS))
-        record(row, Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0), self._mind)
+        record(row, Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0), self._side.state)
         return row
 
     def track(self, stamp: float, seen: Observation) -> bool:
@@ -161,7 +149,7 @@ class PathFollower:
         x, y, yaw = map(float, compose(self._to_reference, np.array([seen.x, seen.y, self._yaw])))
         self._rows.append(self._run_position_loop(Observation(x, y, yaw, seen.v, seen.w), t, dt))
         self._times.append(t)
-        aim = self._mind.target
+        aim = self._side.state.target
         if is_lost(x, y, seen.w, aim.x, aim.y):
             away = math.hypot(x - aim.x, y - aim.y)
             raise StoppedError(f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)")
@@ -214,9 +202,9 @@ class PathFollower:
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
         limits = self.v_limit, self.w_limit
         sent = Command(*(float(np.clip(asked, -most, most)) for asked, most in zip((v, w), limits, strict=True)))
-        self._mind = self._mind._replace(command=sent)
-        if self._tracker.predicts:
-            self._tracker.past[-1] = sent
+        self._side.state = self._side.state._replace(command=sent)
+        if self._side.tracker.predicts:
+            self._side.tracker.past[-1] = sent
         return sent
 
     @property

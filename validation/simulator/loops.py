@@ -14,9 +14,8 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from ssmr.control.laws import Controller
+from ssmr.control.laws import AnyController
 from ssmr.control.loop import ClosedRun, LoopSettings, common_settings
-from ssmr.control.mission import PythonController
 from ssmr.control.population import run_bodies
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
@@ -102,7 +101,7 @@ class MujocoBodies:
 @mujoco_failures()
 def run_husky_loops(
     plants: Sequence[MujocoPlant],
-    controllers: Sequence[Controller | PythonController],
+    controllers: Sequence[AnyController],
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     seeds: Sequence[int],

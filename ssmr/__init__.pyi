@@ -13,9 +13,7 @@ from .control.population import run_loops as run_loops
 from .control.references import circle as circle
 from .control.references import eight as eight
 from .control.references import line as line
-from .control.references import long_line as long_line
 from .control.references import sine as sine
-from .control.references import slalom as slalom
 from .control.references import spiral as spiral
 from .control.references import square as square
 from .control.references import stop_and_go as stop_and_go
@@ -100,7 +98,6 @@ __all__ = [
     "eight",
     "horizon_errors",
     "line",
-    "long_line",
     "make_gains",
     "measure",
     "relative_pose_error",
@@ -110,7 +107,6 @@ __all__ = [
     "run_population",
     "simulate",
     "sine",
-    "slalom",
     "spiral",
     "square",
     "stop_and_go",

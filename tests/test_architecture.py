@@ -204,7 +204,7 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (9_840, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (9_630, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (1_110, "options, help, exit status, progress of every program"),
     "validation/engines": (1_020, "second opinions by ODE and Drake"),
     "validation/fit": (3_000, "parameters of any plant from a log, with their uncertainty"),

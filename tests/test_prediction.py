@@ -14,9 +14,9 @@ from ssmr.control.law import EMPTY_MEMORY, Memory, Observation
 from ssmr.control.laws import PLAIN_CONTROLLERS, Controller, design, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import ControllerInput, Mission, PythonController
-from ssmr.control.mpc import Channel, Mpc, MpcGains, PlannedBody, channel, condense, step_body
+from ssmr.control.mpc import Mpc, MpcGains, PlanModel, PlannedBody, condense, planned_motion, responses, step_of
 from ssmr.control.population import Loop, run_loops
-from ssmr.control.references import circle, line, sine, slalom
+from ssmr.control.references import circle, line, sine
 from ssmr.control.tick import LOG_COLUMNS
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Waypoints, position_errors
 from ssmr.models.linear import LinearParameters, matrices
@@ -203,32 +203,49 @@ def test_an_object_that_observes_is_called_at_every_tick_and_keeps_what_it_likes
 # ------------------------------------------------------------------------------------------------------------------ MPC
 
 
-def motion(start: PlannedBody, plan: FloatArray, model: tuple[Channel, ...]) -> list[PlannedBody]:
+STEPS = [[step_of(rate, push, 0.1, h) for h in (0.05, *(0.1,) * 7)] for rate, push in ((8.0, 7.0), (12.0, 11.0))]
+"""Steps of speed and of yaw rate of a model with lag."""
+
+
+def model_of(n: int) -> PlanModel:
+    return PlanModel(*(responses(steps[:n]) for steps in STEPS))
+
+
+def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float) -> FloatArray:
+    """The (7,) robot after step k of a plan, step by step: x, y, yaw, v, w and both lagged references."""
+    x, y, yaw, v, w, lagged_v, lagged_w = now
+    inputs = np.array([[v, gains[0] * lagged_v, gains[0] * u[0]], [w, gains[1] * lagged_w, gains[1] * u[1]]])
+    (way, v, l_v), (angle, w, l_w) = (STEPS[i][k] @ inputs[i] for i in (0, 1))
+    heading, aside = yaw + 0.5 * angle, slip * angle
+    x, y = x + way * np.cos(heading) - aside * np.sin(heading), y + way * np.sin(heading) + aside * np.cos(heading)
+    return np.array([x, y, yaw + angle, v, w, l_v / gains[0], l_w / gains[1]])
+
+
+def motion(start: PlannedBody, plan: FloatArray) -> list[FloatArray]:
     """The robot at the end of every step of a plan."""
-    bodies, now = [], start
-    for k, (v, w) in enumerate(plan):
-        now = step_body(now, float(v), float(w), *(model[:2] if k == 0 else model[2:]))
+    bodies, now = [], np.array(start)[:7]
+    for k, u in enumerate(plan):
+        now = step(now, u, k, np.array([start.gain_v, start.gain_w]), start.slip)
         bodies.append(now)
     return bodies
 
 
 @cache
-def example() -> tuple[PlannedBody, FloatArray, tuple[Channel, ...]]:
-    """A robot in a bend, commands, and the steps of a model with lag."""
-    model = tuple(channel(rate, push, 0.1, h) for h in (0.05, 0.1) for rate, push in ((8.0, 7.0), (12.0, 11.0)))
+def example() -> tuple[PlannedBody, FloatArray]:
+    """A robot in a bend, and commands."""
     start = PlannedBody(0.3, -0.2, 0.4, 0.45, 0.3, 0.5, 0.4, 0.95, 0.9, -0.05)
-    return start, np.random.default_rng(3).uniform([0.2, -0.8], [0.7, 0.8], (6, 2)), model
+    return start, np.random.default_rng(3).uniform([0.2, -0.8], [0.7, 0.8], (6, 2))
 
 
 def cost_of(plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatArray, gains: MpcGains) -> float:
     """The cost of a plan as the docstring has it, along the motion itself."""
-    start, _, model = example()
+    start, _ = example()
     total, before = 0.0, last
-    for k, body in enumerate(motion(start, plan, model)):
+    for k, body in enumerate(motion(start, plan)):
         c, s = np.cos(aims[k, 2]), np.sin(aims[k, 2])
-        dx, dy = body.x - aims[k, 0], body.y - aims[k, 1]
+        dx, dy = body[:2] - aims[k, :2]
         total += gains.q_along * (c * dx + s * dy) ** 2 + gains.q_across * (c * dy - s * dx) ** 2
-        total += gains.q_heading * (body.yaw - aims[k, 2]) ** 2
+        total += gains.q_heading * (body[2] - aims[k, 2]) ** 2
         off, change = plan[k] - wanted[1 + k], plan[k] - before - (wanted[1 + k] - wanted[k])
         total += float(off**2 @ [gains.r_v, gains.r_w] + change**2 @ [gains.d_v, gains.d_w])
         before = plan[k]
@@ -236,9 +253,10 @@ def cost_of(plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatA
 
 
 def test_the_program_has_the_gradient_of_the_cost() -> None:
-    start, plan, model = example()
-    rng, gains = np.random.default_rng(5), MpcGains()
-    aims = np.array([[b.x, b.y, b.yaw] for b in motion(start, plan, model)]) + rng.normal(0.0, 0.05, (6, 3))
+    start, plan = example()
+    rng, gains, model = np.random.default_rng(5), MpcGains(), model_of(6)
+    np.testing.assert_allclose(planned_motion(start, plan, model).pose, [b[:3] for b in motion(start, plan)], rtol=1e-12)
+    aims = np.array([b[:3] for b in motion(start, plan)]) + rng.normal(0.0, 0.05, (6, 3))
     wanted, last = rng.uniform(0.0, 0.5, (7, 2)), np.array([0.4, 0.1])
     h, f = condense(start, plan, aims, wanted, last, model, packed(gains))
     np.testing.assert_allclose(h, h.T)
@@ -252,35 +270,24 @@ def test_the_program_has_the_gradient_of_the_cost() -> None:
 
 def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
     """On a line the motion is linear in small errors: the first command of the program is that of a Riccati recursion."""
-    gains = MpcGains(d_v=0.0, d_w=0.0)
-    _, _, model = example()
+    gains, none = MpcGains(d_v=0.0, d_w=0.0), np.ones(2)
     steady = np.array([8.0 / 7.0, 12.0 / 11.0]) * (0.5, 0.0)  # holds 0.5 m/s
-    level = PlannedBody(0.0, 0.0, 0.0, 0.5, 0.0, steady[0], 0.0, 1.0, 1.0, 0.0)
+    level = np.array([0.0, 0.0, 0.0, 0.5, 0.0, steady[0], 0.0])
     plan = np.tile(steady, (8, 1))
-    on_line = motion(level, plan, model)
-    aims = np.array([[b.x, b.y, b.yaw] for b in on_line])
-    step = 1e-6
-
-    def moved(now: PlannedBody, u: FloatArray, k: int) -> FloatArray:
-        return np.array(step_body(now, float(u[0]), float(u[1]), *(model[:2] if k == 0 else model[2:])))[:7]
-
-    p = np.zeros((7, 7))
-    q = np.diag([gains.q_along, gains.q_across, gains.q_heading, 0.0, 0.0, 0.0, 0.0])
+    on_line = motion(PlannedBody(*level, 1.0, 1.0, 0.0), plan)
+    aims = np.array([b[:3] for b in on_line])
+    p, q = np.zeros((7, 7)), np.diag([gains.q_along, gains.q_across, gains.q_heading, 0.0, 0.0, 0.0, 0.0])
     for k in reversed(range(8)):
-        now = level if k == 0 else on_line[k - 1]
-        a = np.array(
-            [
-                (moved(now._replace(**{n: getattr(now, n) + step}), plan[k], k) - moved(now, plan[k], k)) / step
-                for n in PlannedBody._fields[:7]
-            ]
-        ).T
-        b = np.array([(moved(now, plan[k] + step * e, k) - moved(now, plan[k], k)) / step for e in np.eye(2)]).T
+        now, small = level if k == 0 else on_line[k - 1], 1e-6
+        here = step(now, plan[k], k, none, 0.0)
+        a = np.array([(step(now + small * e, plan[k], k, none, 0.0) - here) / small for e in np.eye(7)]).T
+        b = np.array([(step(now, plan[k] + small * e, k, none, 0.0) - here) / small for e in np.eye(2)]).T
         inside = p + q
         gain = np.linalg.solve(np.diag([gains.r_v, gains.r_w]) + b.T @ inside @ b, b.T @ inside @ a)
         p = a.T @ inside @ (a - b @ gain)
     off = 0.05 * np.array([0.002, -0.003, 0.004, 0.01, -0.02, 0.005, 0.01])
-    start = PlannedBody(*(np.array(level)[:7] + off), 1.0, 1.0, 0.0)
-    h, f = condense(start, plan, aims, np.vstack([steady, plan]), steady, model, packed(gains))
+    start = PlannedBody(*(level + off), 1.0, 1.0, 0.0)
+    h, f = condense(start, plan, aims, np.vstack([steady, plan]), steady, model_of(8), packed(gains))
     first = np.linalg.solve(h, -f)[:2]
     np.testing.assert_allclose(first - steady, -gain @ off, rtol=0.005, atol=1e-6)  # the plan is linearised where it starts
 
@@ -327,7 +334,7 @@ def test_it_goes_on_with_its_plan_where_the_solver_fails() -> None:
 @pytest.mark.parametrize("plant", ["improved", "mujoco"])
 def test_it_keeps_to_its_target_three_times_as_closely_as_the_tuned_lqr(plant: str) -> None:
     lab = load_profile("thesis-lab")
-    robot, way = make_robot(lab, plant), slalom(0.5)
+    robot, way = make_robot(lab, plant), sine(0.5, 0.35, 2.4, 4.0)
     laws = [make_controller(lab, load_gains(*name)) for name in (("mpc",), ("lqr", "tuned"))]
     ours, theirs = (rate(run, way, robot) for law in laws for run in run_robots([robot], [law], [TRUTH], way, [0]))
     assert ours["sync_rms_m"] <= theirs["sync_rms_m"] / 3.0

@@ -15,15 +15,16 @@ solves it exactly (D. Arnstroem et al., IEEE Trans. Autom. Control 67, 2022).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, jit_alone
 from ssmr.control.law import Gains, Law
 from ssmr.control.mission import ControllerInput, Mission
 from ssmr.control.predictor import PredictorModel
+from ssmr.geometry import wrap_angle
 from ssmr.parameters import packed, parameter
 from ssmr.types import FloatArray
 
@@ -58,33 +59,8 @@ class MpcGains(Gains):
     """Length of the plan behind the dead time."""
 
 
-class Channel(NamedTuple):
-    """One step of speed or of yaw rate: next speed, next reference behind the lag, and way, as sums over their causes."""
-
-    v_v: float
-    v_l: float
-    v_u: float
-    l_l: float
-    l_u: float
-    s_v: float
-    s_l: float
-    s_u: float
-
-
-def channel(rate: float, push: float, lag: float, h: float) -> Channel:
-    """Return the exact step of `h` [s] of v' = -rate v + push l, l' = (u - l) / lag, s' = v for a held command u."""
-    from scipy.linalg import expm  # here: it is slow to import, and only a plan needs it
-
-    if lag > 0.0:
-        m = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, -rate, push, 0.0], [0.0, 0.0, -1.0 / lag, 1.0 / lag], [0.0] * 4])
-        e = expm(m * h)
-        return Channel(*map(float, (e[1, 1], e[1, 2], e[1, 3], e[2, 2], e[2, 3], e[0, 1], e[0, 2], e[0, 3])))
-    e = expm(np.array([[0.0, 1.0, 0.0], [0.0, -rate, push], [0.0, 0.0, 0.0]]) * h)
-    return Channel(float(e[1, 1]), 0.0, float(e[1, 2]), 0.0, 1.0, float(e[0, 1]), 0.0, float(e[0, 2]))
-
-
 class PlannedBody(NamedTuple):
-    """The robot at a step of the plan."""
+    """The robot at the start of a plan."""
 
     x: float
     y: float
@@ -98,86 +74,76 @@ class PlannedBody(NamedTuple):
     slip: float
 
 
-@jit_alone
-def step_body(now: PlannedBody, v: float, w: float, along: Channel, turn: Channel) -> PlannedBody:
-    """Return the robot after one step under the commands `v` [m/s] and `w` [rad/s]."""
-    way = along.s_v * now.v + now.gain_v * (along.s_l * now.lagged_v + along.s_u * v)
-    angle = turn.s_v * now.w + now.gain_w * (turn.s_l * now.lagged_w + turn.s_u * w)
-    heading, aside = now.yaw + 0.5 * angle, now.slip * angle
-    c, s = np.cos(heading), np.sin(heading)
-    return PlannedBody(
-        now.x + way * c - aside * s, now.y + way * s + aside * c, now.yaw + angle,
-        along.v_v * now.v + now.gain_v * (along.v_l * now.lagged_v + along.v_u * v),
-        turn.v_v * now.w + now.gain_w * (turn.v_l * now.lagged_w + turn.v_u * w),
-        along.l_l * now.lagged_v + along.l_u * v, turn.l_l * now.lagged_w + turn.l_u * w,
-        now.gain_v, now.gain_w, now.slip,
-    )  # fmt: skip
+def step_of(rate: float, push: float, lag: float, h: float) -> FloatArray:
+    """Return (3, 3) way, next speed and next lagged reference over speed, lagged reference and command, exactly.
 
-
-@jit
-def _sensitivity(g: FloatArray, now: PlannedBody, after: PlannedBody, k: int, along: Channel, turn: Channel) -> None:
-    """Advance (7, 2N) derivatives of the `PlannedBody` by the commands over step `k`, in place."""
-    angle, dx, dy = after.yaw - now.yaw, after.x - now.x, after.y - now.y
-    heading = now.yaw + 0.5 * angle
-    c, s = np.cos(heading), np.sin(heading)
-    for j in range(2 * k + 2):
-        u_v, u_w = 1.0 if j == 2 * k else 0.0, 1.0 if j == 2 * k + 1 else 0.0
-        way = along.s_v * g[3, j] + now.gain_v * (along.s_l * g[5, j] + along.s_u * u_v)
-        turned = turn.s_v * g[4, j] + now.gain_w * (turn.s_l * g[6, j] + turn.s_u * u_w)
-        rotated, aside = g[2, j] + 0.5 * turned, now.slip * turned
-        g[0, j] += c * way - s * aside - dy * rotated
-        g[1, j] += s * way + c * aside + dx * rotated
-        g[2, j] += turned
-        g[3, j] = along.v_v * g[3, j] + now.gain_v * (along.v_l * g[5, j] + along.v_u * u_v)
-        g[4, j] = turn.v_v * g[4, j] + now.gain_w * (turn.v_l * g[6, j] + turn.v_u * u_w)
-        g[5, j] = along.l_l * g[5, j] + along.l_u * u_v
-        g[6, j] = turn.l_l * g[6, j] + turn.l_u * u_w
-
-
-@jit
-def _add_commands(h: FloatArray, f: FloatArray, wanted: FloatArray, last: FloatArray, gains: Any) -> None:
-    """Add the costs of the commands and of their changes to a program, in place; see `condense`."""
-    n = len(wanted) - 1
-    for k in range(n):
-        for j in range(2):
-            i, r, d = 2 * k + j, gains.r_v if j == 0 else gains.r_w, gains.d_v if j == 0 else gains.d_w
-            h[i, i] += r + d * (2.0 if k < n - 1 else 1.0)
-            f[i] -= r * wanted[1 + k, j] + d * (wanted[1 + k, j] - wanted[k, j])
-            if k == 0:
-                f[i] -= d * last[j]
-            else:
-                h[i, i - 2] -= d
-            if k < n - 1:
-                f[i] += d * (wanted[2 + k, j] - wanted[1 + k, j])
-
-
-@jit
-def _add_errors(h: FloatArray, f: FloatArray, rows: FloatArray, errors: FloatArray, plan: FloatArray, weights: Any) -> None:
-    """Add the costs of the errors at one step to a program, in place.
-
-    Args:
-        h: (2N, 2N) lower half of H.
-        f: (2N,).
-        rows: (3, m) derivatives of the errors by the first m commands.
-        errors: (3,) errors under the plan: along, across and of heading.
-        plan: (N, 2) commands.
-        weights: those of the three errors.
+    This is the step of `h` [s] of s' = v, v' = -rate v + push l, l' = (u - l) / lag for a held command u.
     """
-    m = rows.shape[1]
-    for r in range(3):
-        left = errors[r]
-        for j in range(m):
-            left -= rows[r, j] * plan[j // 2, j % 2]
-        for i in range(m):
-            weighted = weights[r] * rows[r, i]
-            f[i] += weighted * left
-            for j in range(i + 1):
-                h[i, j] += weighted * rows[r, j]
+    from scipy.linalg import expm  # here: it is slow to import, and only a plan needs it
+
+    if lag > 0.0:
+        m = [[0.0, 1.0, 0.0, 0.0], [0.0, -rate, push, 0.0], [0.0, 0.0, -1.0 / lag, 1.0 / lag], [0.0] * 4]
+        return np.asarray(expm(np.array(m) * h)[:3, 1:])
+    e = expm(np.array([[0.0, 1.0, 0.0], [0.0, -rate, push], [0.0, 0.0, 0.0]]) * h)
+    return np.array([[e[0, 1], 0.0, e[0, 2]], [e[1, 1], 0.0, e[1, 2]], [0.0, 0.0, 1.0]])
 
 
-@jit_alone
+def responses(steps: Sequence[FloatArray]) -> FloatArray:
+    """Return (N, 2 + N) the way in each of N steps of `step_of`, over first speed, first lagged reference and N commands."""
+    n = len(steps)
+    ways, speed, lagged = np.zeros((n, 2 + n)), np.zeros(2 + n), np.zeros(2 + n)
+    speed[0] = lagged[1] = 1.0
+    for k, step in enumerate(steps):
+        command = np.zeros(2 + n)
+        command[2 + k] = 1.0
+        ways[k], speed, lagged = step @ np.stack([speed, lagged, command])
+    return ways
+
+
+class PlanModel(NamedTuple):
+    """The linear part of a robot's motion over a plan."""
+
+    along: FloatArray
+    """(N, 2 + N) `responses` of the speed."""
+    turn: FloatArray
+    """(N, 2 + N) `responses` of the yaw rate."""
+
+
+class PlannedMotion(NamedTuple):
+    """The motion of a plan of N steps, and its derivatives by the 2N commands."""
+
+    pose: FloatArray
+    """(N, 3) x, y [m], yaw [rad] at the end of each step."""
+    slopes: FloatArray
+    """(3, N, 2N)."""
+
+
+def planned_motion(start: PlannedBody, plan: FloatArray, model: PlanModel) -> PlannedMotion:
+    """Return the motion of a robot under (N, 2) commands, each step a chord at its mean heading."""
+    n = len(plan)
+    way = model.along @ np.concatenate([[start.v, start.gain_v * start.lagged_v], start.gain_v * plan[:, 0]])
+    angle = model.turn @ np.concatenate([[start.w, start.gain_w * start.lagged_w], start.gain_w * plan[:, 1]])
+    yaw = start.yaw + np.cumsum(angle)
+    c, s, aside = np.cos(yaw - 0.5 * angle), np.sin(yaw - 0.5 * angle), start.slip * angle
+    dx, dy = way * c - aside * s, way * s + aside * c
+    pose = np.column_stack([start.x + np.cumsum(dx), start.y + np.cumsum(dy), yaw])
+    by_way, by_angle = np.zeros((n, 2 * n)), np.zeros((n, 2 * n))
+    by_way[:, 0::2], by_angle[:, 1::2] = start.gain_v * model.along[:, 2:], start.gain_w * model.turn[:, 2:]
+    turned, aside_slope = np.cumsum(by_angle, axis=0), start.slip * by_angle
+    heading, c, s = turned - 0.5 * by_angle, c[:, None], s[:, None]
+    slope_x = np.cumsum(c * by_way - s * aside_slope - dy[:, None] * heading, axis=0)
+    slope_y = np.cumsum(s * by_way + c * aside_slope + dx[:, None] * heading, axis=0)
+    return PlannedMotion(pose, np.stack([slope_x, slope_y, turned]))
+
+
 def condense(
-    start: PlannedBody, plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatArray, model: Any, gains: Any
+    start: PlannedBody,
+    plan: FloatArray,
+    aims: FloatArray,
+    wanted: FloatArray,
+    last: FloatArray,
+    model: PlanModel,
+    gains: Any,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the quadratic program of a plan: H (2N, 2N) and f (2N,) of u' H u / 2 + f' u.
 
@@ -187,32 +153,24 @@ def condense(
         aims: (N, 3) x, y [m] and heading [rad] of the target at the end of each step.
         wanted: (1 + N, 2) commands that would drive as the target does: of the step before the plan, and of each step.
         last: (2,) command before the plan.
-        model: `Channel`s of speed and of yaw rate for the first step, and for the others.
+        model: the robot's motion over the plan.
         gains: the weights.
     """
-    n = len(plan)
-    h, f, g = np.zeros((2 * n, 2 * n)), np.zeros(2 * n), np.zeros((7, 2 * n))
-    rows, errors = np.empty((3, 2 * n)), np.empty(3)
-    weights = (gains.q_along, gains.q_across, gains.q_heading)
-    now = start
-    for k in range(n):
-        along, turn = (model[0], model[1]) if k == 0 else (model[2], model[3])
-        after = step_body(now, plan[k, 0], plan[k, 1], along, turn)
-        _sensitivity(g, now, after, k, along, turn)
-        now = after
-        c, s = np.cos(aims[k, 2]), np.sin(aims[k, 2])
-        dx, dy = now.x - aims[k, 0], now.y - aims[k, 1]
-        errors[0], errors[1] = c * dx + s * dy, -s * dx + c * dy
-        errors[2] = np.pi - (np.pi - (now.yaw - aims[k, 2])) % (2.0 * np.pi)
-        m = 2 * k + 2
-        for j in range(m):
-            rows[0, j], rows[1, j], rows[2, j] = c * g[0, j] + s * g[1, j], -s * g[0, j] + c * g[1, j], g[2, j]
-        _add_errors(h, f, rows[:, :m], errors, plan, weights)
-    _add_commands(h, f, wanted, last, gains)
-    for i in range(2 * n):
-        for j in range(i):
-            h[j, i] = h[i, j]
-    return h, f
+    n, (pose, slopes) = len(plan), planned_motion(start, plan, model)
+    c, s, off = np.cos(aims[:, 2]), np.sin(aims[:, 2]), pose - aims
+    errors = c * off[:, 0] + s * off[:, 1], c * off[:, 1] - s * off[:, 0], wrap_angle(off[:, 2])
+    c, s = c[:, None], s[:, None]
+    rows = c * slopes[0] + s * slopes[1], c * slopes[1] - s * slopes[0], slopes[2]
+    changes = np.eye(2 * n) - np.eye(2 * n, k=-2)
+    r, d = np.tile([gains.r_v, gains.r_w], n), np.tile([gains.d_v, gains.d_w], n)
+    before = np.diff(wanted, axis=0)
+    before[0] += last
+    h = np.diag(r) + changes.T @ (d[:, None] * changes)
+    f = -r * wanted[1:].ravel() - changes.T @ (d * before.ravel())
+    for weight, row, error in zip((gains.q_along, gains.q_across, gains.q_heading), rows, errors, strict=True):
+        h += weight * row.T @ row
+        f += weight * row.T @ (error - row @ plan.ravel())
+    return 0.5 * (h + h.T), f
 
 
 class Mpc:
@@ -235,10 +193,9 @@ class Mpc:
         self._ends = first + long * np.arange(n)  # of the steps, after the dead time [s]
         self._starts = np.concatenate([[-long, 0.0], self._ends[:-1]])
         self._lengths = np.diff(np.append(self._starts, self._ends[-1]))
-        self._model = tuple(
-            channel(rate, push, f.lag, h)
-            for h in (first, long)
-            for rate, push in ((f.rate_v, f.push_v), (f.rate_w, f.push_w))
+        loops = ((f.rate_v, f.push_v), (f.rate_w, f.push_w))
+        self._model = PlanModel(
+            *(responses([step_of(*loop, f.lag, first), *[step_of(*loop, f.lag, long)] * (n - 1)]) for loop in loops)
         )
         self._steady = np.array([f.rate_v / f.push_v, f.rate_w / f.push_w])  # command over lasting speed
         self._limits = np.array([f.v_max, f.w_max])
@@ -258,16 +215,16 @@ class Mpc:
     def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the first command of the best plan."""
         t = now.t + self._mission.dead_time
-        asked, times = now.driver, t + np.append(self._starts, self._ends[-1])
+        driver, times = now.driver, t + np.append(self._starts, self._ends[-1])
         aims, headings = self._mission.preview(times)[:, :3], self._headings(times)
         speeds = np.column_stack([np.hypot(*np.diff(aims[:, :2], axis=0).T), np.diff(headings)]) / self._lengths[:, None]
-        wanted = np.clip(speeds * self._steady / (asked.gain_v, asked.gain_w), -self._limits, self._limits)
+        wanted = np.clip(speeds * self._steady / (driver.gain_v, driver.gain_w), -self._limits, self._limits)
         aims[:, 2] = headings
         aims[:, :2] -= self._mission.lookahead * np.column_stack([np.cos(headings), np.sin(headings)])
-        aims[1:, 2] -= asked.slip * speeds[:, 1] / np.maximum(speeds[:, 0], _SLOWEST)  # it goes round bends at an angle
-        begun = np.clip([asked.v, asked.w], -self._limits, self._limits)
+        aims[1:, 2] -= driver.slip * speeds[:, 1] / np.maximum(speeds[:, 0], _SLOWEST)  # it goes round bends at an angle
+        begun = np.clip([driver.v, driver.w], -self._limits, self._limits)
         plan = wanted[1:] if self._plan is None else self._carried_on()
-        start = PlannedBody(*now.ahead, asked.lagged_v, asked.lagged_w, asked.gain_v, asked.gain_w, asked.slip)
+        start = PlannedBody(*now.ahead, driver.lagged_v, driver.lagged_w, driver.gain_v, driver.gain_w, driver.slip)
         h, f = condense(start, plan, aims[2:], wanted, now.past[-1].copy(), self._model, self._gains)
         self._plan = self._solved(h, f, plan, begun)
         return float(self._plan[0, 0]), float(self._plan[0, 1])

@@ -1,7 +1,8 @@
 """Reference trajectories that a formula gives, as dense waypoints.
 
 A line, a circle and a sine are sample trajectories of Sec. 4.1.3; the others are this project's, and the curvature of each
-is continuous. All begin at the origin. Speeds are those of the caller: the thesis ran each at 0.25 and 0.50 m/s.
+is continuous. All begin at the origin. `speed` is that of the target while it moves [m/s]: the thesis ran each at 0.25 and
+0.50 m/s. A number that is not positive and finite is a ValueError.
 """
 
 from __future__ import annotations
@@ -32,12 +33,7 @@ def line(speed: float, length: float = 10.8) -> Waypoints:
     the length: Tab. 4.6 gives 0.0729 m / 0.0067 = 10.9 m. The printed digits of all four tables of the line (4.5, 4.6,
     4.22, 4.23) leave 10.79 to 10.85 m; 10.8 m is the round number among them.
 
-    Args:
-        speed: reference speed [m/s].
-        length: of the line [m].
-
-    Raises:
-        ValueError: a number that is not positive and finite.
+    `length` is the length of the line [m].
     """
     _require_positive(length=length)
     return Waypoints.from_path(np.column_stack([_spread(length), np.zeros(_count(length) + 1)]), speed)
@@ -46,13 +42,7 @@ def line(speed: float, length: float = 10.8) -> Waypoints:
 def circle(speed: float, radius: float = 1.5, turns: float = 1.0) -> Waypoints:
     """Return a circle to the left, which begins along x; its radius is that of the captions of Tab. 4.7 and 4.8.
 
-    Args:
-        speed: reference speed [m/s].
-        radius: of the circle [m].
-        turns: how often it is driven.
-
-    Raises:
-        ValueError: a number that is not positive and finite.
+    `radius` is that of the circle [m]; it is driven `turns` times.
     """
     _require_positive(radius=radius, turns=turns)
     angle = _spread(2.0 * math.pi * radius * turns) / radius
@@ -65,14 +55,7 @@ def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods:
     Its geometry is not in the thesis: amplitude, wavelength and periods are our choice. The greatest curvature
     A (2 pi / lambda)^2 = 1.23 1/m asks for 0.62 rad/s at 0.5 m/s, under a third of the 2 rad/s that saturate.
 
-    Args:
-        speed: reference speed [m/s].
-        amplitude: A [m].
-        wavelength: lambda [m].
-        periods: how many wavelengths long.
-
-    Raises:
-        ValueError: a number that is not positive and finite.
+    `amplitude` is A [m], `wavelength` lambda [m]; the path is `periods` wavelengths long.
     """
     _require_positive(amplitude=amplitude, wavelength=wavelength, periods=periods)
     k = 2.0 * math.pi / wavelength
@@ -85,33 +68,13 @@ def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods:
     return Waypoints.from_path(np.column_stack([along, amplitude * np.sin(k * along)]), speed)
 
 
-def slalom(speed: float, amplitude: float = 0.35, wavelength: float = 2.4, periods: float = 4.0) -> Waypoints:
-    """Return a slalom along x, a sine twice as curved as `sine`: its greatest curvature is 2.40 1/m.
-
-    Args:
-        speed: reference speed [m/s].
-        amplitude: of the sine [m].
-        wavelength: of the sine [m].
-        periods: how many wavelengths long.
-
-    Raises:
-        ValueError: a number that is not positive and finite.
-    """
-    return sine(speed, amplitude, wavelength, periods)
-
-
 def eight(speed: float, half_width: float = 1.25) -> Waypoints:
     """Return the lemniscate of Bernoulli, from its crossing once around both loops, the first to the left.
 
     With r the distance from the crossing and a the half width, its curvature is 3 r / a^2: zero at the crossing, and at most
     3 / a = 2.40 1/m. The path is x = a cos(u) / (1 + sin(u)^2), y = x sin(u), and its arc ds = a du / sqrt(1 + sin(u)^2).
 
-    Args:
-        speed: reference speed [m/s].
-        half_width: a, the distance from the crossing to each end [m].
-
-    Raises:
-        ValueError: a number that is not positive and finite.
+    `half_width` is a, the distance from the crossing to each end [m].
     """
     _require_positive(half_width=half_width)
     u = np.linspace(-0.5 * math.pi, 1.5 * math.pi, 2 * _REFINEMENT * _count(6.0 * half_width) + 1)  # 5.244 a is its length
@@ -128,13 +91,11 @@ def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints
 
     In a corner the curvature grows linearly, and falls as it grew (two clothoids of a turn by 45 degrees each).
 
-    Args:
-        speed: reference speed [m/s].
-        side: length of a side, measured to the sharp corner that is cut [m].
-        curvature: greatest curvature, in the middle of a corner [1/m].
+    `side` is the length of a side, measured to the sharp corner that is cut [m]; `curvature` is the greatest curvature, in
+    the middle of a corner [1/m].
 
     Raises:
-        ValueError: a number that is not positive and finite, or corners that do not fit between the sides.
+        ValueError: corners that do not fit between the sides.
     """
     _require_positive(side=side, curvature=curvature)
     ramp = 0.5 * math.pi / curvature
@@ -150,13 +111,7 @@ def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints
 def spiral(speed: float, length: float = 10.0, curvature: float = 2.5) -> Waypoints:
     """Return a spiral to the left whose curvature grows evenly from zero, along x, to its end (a clothoid).
 
-    Args:
-        speed: reference speed [m/s].
-        length: of the path [m].
-        curvature: at the end [1/m].
-
-    Raises:
-        ValueError: a number that is not positive and finite.
+    `length` is the length of the path [m]; `curvature` is that at the end [1/m].
     """
     _require_positive(length=length, curvature=curvature)
     return Waypoints.from_path(_curved([(length, 0.0, curvature)]), speed)
@@ -167,13 +122,7 @@ def u_turn(speed: float, width: float = 0.8, straight: float = 2.0) -> Waypoints
 
     Over the first quarter of the turn's length the curvature grows evenly; then it stays; over the last quarter it falls.
 
-    Args:
-        speed: reference speed [m/s].
-        width: distance between the straights [m].
-        straight: length of each straight [m].
-
-    Raises:
-        ValueError: a number that is not positive and finite.
+    `width` is the distance between the straights, `straight` the length of each [m].
     """
     _require_positive(width=width, straight=straight)
     wide = float(_curved(_half_turn(1.0))[-1, 1])
@@ -184,14 +133,7 @@ def u_turn(speed: float, width: float = 0.8, straight: float = 2.0) -> Waypoints
 def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4) -> Waypoints:
     """Return a straight along x in legs; after each of them the target waits.
 
-    Args:
-        speed: reference speed while the target moves [m/s].
-        leg: length between stops [m].
-        wait: time at each stop [s].
-        legs: number of legs.
-
-    Raises:
-        ValueError: a number that is not positive and finite.
+    `leg` is the length between stops [m], `wait` the time at each stop [s], `legs` the number of legs.
     """
     _require_positive(leg=leg, wait=wait, legs=legs)
     one = Waypoints.from_path(np.column_stack([_spread(leg), np.zeros(_count(leg) + 1)]), speed)
@@ -201,29 +143,13 @@ def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4
     return Waypoints(np.concatenate([[0.0], *times]), np.vstack([np.zeros((1, 2)), *places]))
 
 
-def long_line(speed: float, length: float = 200.0) -> Waypoints:
-    """Return a long straight line along x, on which errors that grow slowly show.
-
-    Args:
-        speed: reference speed [m/s].
-        length: of the line [m].
-
-    Raises:
-        ValueError: a number that is not positive and finite.
-    """
-    return line(speed, length)
-
-
 def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Waypoints:
     """Return a path along which the curvature goes evenly from each of the given ones to the next; it begins along x.
 
-    Args:
-        speed: reference speed [m/s].
-        curvatures: two or more, positive to the left [1/m].
-        piece: arc length from one to the next [m].
+    There are two or more `curvatures`, positive to the left [1/m]; `piece` is the arc length from one to the next [m].
 
     Raises:
-        ValueError: a speed or a length that is not positive and finite, or fewer than two curvatures.
+        ValueError: fewer than two curvatures.
     """
     _require_positive(piece=piece)
     if len(curvatures) < 2:
@@ -243,8 +169,7 @@ def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     Each piece is divided evenly. A step's chord is the integral of its direction, by a Gauss rule whose error is far below
     rounding at these lengths.
 
-    Args:
-        pieces: length [m] of each piece, and the curvature at its begin and its end [1/m].
+    `pieces` are the length [m] of each piece, and the curvature at its begin and its end [1/m].
     """
     steps, begins, ends = [], [], []
     for length, begin, end in pieces:

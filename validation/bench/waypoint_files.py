@@ -6,13 +6,14 @@ A file has a header that names x and y [m] and, where it brings its times, t [s]
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from ssmr.control.references import circle, eight, line, long_line, sine, slalom, spiral, square, stop_and_go, u_turn
+from ssmr.control.references import circle, eight, line, sine, spiral, square, stop_and_go, u_turn
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
 from validation.files.csv_logs import CsvTable, read_csv_table
@@ -86,12 +87,12 @@ SAMPLES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
 REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({
     **SAMPLES,
     "eight": eight,
-    "slalom": slalom,
+    "slalom": partial(sine, amplitude=0.35, wavelength=2.4, periods=4.0),  # at most 2.40 1/m
     "square": square,
     "spiral": spiral,
     "u-turn": u_turn,
     "stop-and-go": stop_and_go,
-    "long-line": long_line,
+    "long-line": partial(line, length=200.0),  # errors that grow slowly show
 })  # fmt: skip
 """All references that have a name: those of the thesis, and this project's own."""
 

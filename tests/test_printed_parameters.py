@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from ssmr.metrics.declared import compare_paths
-from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
@@ -115,15 +114,3 @@ def test_the_printed_torque_turns_tyres_of_equal_friction_only_below_0_158() -> 
         equal = replace(numbers, friction=friction, friction_ratio=1.0, wheel_shape="ellipsoid")
         motion = MujocoPlant(equal, section.drive).run(twist(0.0, 0.6, 6.0), State(), 0.05)
         assert (motion.twist[-1, 2] > 0.1) == turns
-
-
-def test_three_times_the_friction_and_the_gain_turn_alike() -> None:
-    """A proportional loop yields by load over gain, so a path tells their ratio, never friction itself."""
-    section = printed().plants["improved"]
-    p = section.parameters
-    thrice = replace(p, u_x=3.0 * p.u_x, mu_s=3.0 * p.mu_s, mu_d=3.0 * p.mu_d, gain=3.0 * p.gain)
-    other = replace(section, parameters=thrice, drive=Drive(torque_limit=3.0 * section.drive.torque_limit))
-    profile = replace(printed(), plants={**printed().plants, "improved": other})
-    for scenario in PATH:
-        motion = make_plant(profile, "improved").run(TRAJECTORIES[scenario].commands(), State(), SAMPLE_DT)
-        assert motion.yaw[-1] == pytest.approx(driven(scenario, "improved").yaw[-1], abs=0.003)

@@ -20,7 +20,7 @@ from validation.engines.body import EngineMissingError
 from validation.plants.profile import Profile, make_plant
 from validation.progress import Progress, silent
 from validation.replicate import gazebo, replicate
-from validation.replicate.chapters import QUICK, Findings, Section, Task, chosen_sections, named, template
+from validation.replicate.chapters import QUICK, Findings, Section, Task, chosen_sections, template
 from validation.replicate.control import (
     CONTROL_TABLES,
     GAIN_NAMES,
@@ -104,13 +104,6 @@ def test_an_interrupt_keeps_the_sections_that_are_finished() -> None:
     with pytest.raises(KeyboardInterrupt):
         replicate(quick=True, only=("times",), progress=stop)
     assert exit_status(replicate, "--only", "5.1") == 2
-
-
-def test_the_page_of_docs_has_every_table() -> None:
-    text = (Path(__file__).resolve().parents[1] / "docs" / "results.md").read_text(encoding="utf-8")
-    for number in WANTED - set(CONTROL_TABLES):
-        assert f"**{named(number)}. " in text
-    assert all(f"\n| {number} | " in text for number in CONTROL_TABLES)
 
 
 # ------------------------------------------------------------------------------------------------------------------ numbers

@@ -175,7 +175,9 @@ def _side_by_side(title: str, tables: Mapping[str, Rows]) -> Table:
         f"{', '.join(names)}: {reason}{f' (docs/{see})' if see else ''}." for (reason, see), names in why.items() if reason
     ]
     used = {key for line in lines for key, value in line.items() if value is not None}
-    return Table(title, [{k: v for k, v in line.items() if k in used} for line in lines], "\n".join(captions))
+    headings = {key: key.removesuffix(ending_of(key)) for key in used} if wide else {}
+    shown = [{k: v for k, v in line.items() if k in used} for line in lines]
+    return Table(title, shown, "\n".join(captions), headings=headings)
 
 
 def _wide(metric: str, pair: Pair) -> Row:
@@ -188,7 +190,8 @@ def _wide(metric: str, pair: Pair) -> Row:
         **pair.beside,
         "supposed": None if supposed is None else _interval(supposed.value, supposed.spread),
     }
-    return {f"{metric.removesuffix(ending)}_{name}{ending}": value for name, value in found.items()}
+    stem = metric.removesuffix(ending)
+    return {f"{stem} {name.replace('_', ' ')}{ending}": value for name, value in found.items()}
 
 
 def _interval(value: float | None, spread: float | None) -> float | tuple[float, float, float] | None:

@@ -110,9 +110,8 @@ def gain_rows(controller: str, searches: Sequence[Mapping[str, Any]]) -> Rows:
         if name not in best["parameters"]:
             obstacle = "set by hand in the thesis; taken over"
         theirs = float(printed.get("optimised", printed.get("value", math.nan)))
-        rows[row] = {"optimised": Pair(theirs, best["gains"][name], "spread", unit, spread, {}, obstacle)}
-        if "manual" in printed:
-            rows[row]["manual"] = Pair(float(printed["manual"]), None, "none", unit)
+        beside = {"set_by_hand_in_the_thesis": float(printed["manual"])} if "manual" in printed else {}
+        rows[row] = {"optimised": Pair(theirs, best["gains"][name], "spread", unit, spread, beside, obstacle)}
     spread, baseline = _deviation([found["cost"] for found in searches]), best["baseline_cost"]
     beside = {} if baseline is None else {"with_the_published_gains": baseline}
     return rows | {"cost": {"optimised": Pair(None, best["cost"], "none", "1", spread, beside)}}

@@ -63,9 +63,9 @@ def straight_share(motion: Trajectory, wheel_radius: float, half_track: float) -
         wheel_radius: radius of the wheels [m].
         half_track: half the distance of left and right wheels [m].
     """
-    asked = 0.5 * wheel_radius / half_track * np.diff(motion.wheels, axis=1)[:, 0]
-    hard = np.abs(asked) >= _HARD * np.abs(asked).max()
-    return float((np.abs(motion.twist[hard, 2]) < _STRAIGHT * np.abs(asked[hard])).mean())
+    wanted = 0.5 * wheel_radius / half_track * np.diff(motion.wheels, axis=1)[:, 0]
+    hard = np.abs(wanted) >= _HARD * np.abs(wanted).max()
+    return float((np.abs(motion.twist[hard, 2]) < _STRAIGHT * np.abs(wanted[hard])).mean())
 
 
 def driven_on_trajectory_3(law: FrictionLaw, direction: FrictionDirection, improved: Trajectory) -> GazeboRun:

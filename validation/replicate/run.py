@@ -151,7 +151,7 @@ def _tally(tables: Mapping[str, Rows], verdicts: _Verdicts) -> dict[str, int]:
     count: Counter[str] = Counter()
     for number, rows in tables.items():
         for row, (each, whole) in verdicts[number].items():
-            if any(pair.is_said or each[metric].see for metric, pair in rows[row].items()):
+            if any(pair.is_given or each[metric].see for metric, pair in rows[row].items()):
                 count[whole.status] += 1
     return {status: count[status] for status in STATUSES}
 

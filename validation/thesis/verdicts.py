@@ -72,7 +72,7 @@ class Pair:
     """Our number under a supposition, the same for all numbers of a row; None if there is none."""
 
     @property
-    def is_said(self) -> bool:
+    def is_given(self) -> bool:
         """Return whether the thesis gives it, in numbers or in words."""
         return self.published is not None or self.rule == "at_least"
 
@@ -149,7 +149,7 @@ def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason]
     for reason in about:
         if not reason.comparable:
             return Verdict("not compared", reason.text, reason.see)
-    if not pair.is_said:
+    if not pair.is_given:
         return Verdict("not compared", "the thesis prints no number")
     if pair.rule == "none" or pair.ours is None:
         return Verdict("not compared", "shown for the record")
@@ -167,11 +167,11 @@ def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Ver
     Only the numbers which the thesis gives count; where it gives none, those that are lost; else all. Numbers that cannot be
     compared count only if none can.
     """
-    said = {m: v for m, v in verdicts.items() if pairs[m].is_said and pairs[m].rule != "none"}
-    asked = said or {m: v for m, v in verdicts.items() if v.see} or verdicts
-    judged = {m: v for m, v in asked.items() if v.status != "not compared"} or asked
+    given = {m: v for m, v in verdicts.items() if pairs[m].is_given and pairs[m].rule != "none"}
+    counted = given or {m: v for m, v in verdicts.items() if v.see} or verdicts
+    judged = {m: v for m, v in counted.items() if v.status != "not compared"} or counted
     worst = max((v.status for v in judged.values()), key=_WORSE.index)
-    compared = [pairs[m] for m in said if m in judged and verdicts[m].status != "not compared"]
+    compared = [pairs[m] for m in given if m in judged and verdicts[m].status != "not compared"]
     under = [replace(p, ours=p.supposed.value, spread=p.supposed.spread) for p in compared if p.supposed is not None]
     if worst in ("nearer", "differs") and len(under) == len(compared) and all(map(agrees, under)):
         supposed = compared[0].supposed

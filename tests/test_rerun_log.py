@@ -28,10 +28,9 @@ from scipy.spatial.transform import Rotation
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import Launch, metrics_of
 from validation.report import scene, tracks
-from validation.report.looks import looks_of
 from validation.report.motion_scene import write_comparison as write_recording
 from validation.report.motions import Comparison, PlantResult
-from validation.report.tracks import POSE_PERIOD, outline_of
+from validation.report.tracks import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
 from validation.simulator.description import WHEELS, load_robot
 
@@ -178,40 +177,17 @@ def test_the_poses_read_back_are_those_given(shown: tuple[Comparison, Path, Read
     assert np.abs(heading[:, :2] - np.column_stack([np.cos(2.0 * half), np.sin(2.0 * half)])).max() <= 4.0 * SINGLE
 
 
-@pytest.mark.parametrize("k", [1, 4])
-def test_an_outline_keeps_the_extremes_of_every_stretch(k: int) -> None:
-    values = np.random.default_rng(k).normal(size=(10_007, k)).cumsum(axis=0)
-    kept = outline_of(values, 300)
-    assert len(kept) <= 300
-    assert (np.diff(kept) > 0).all()
-    assert (kept[0], kept[-1]) == (0, len(values) - 1)
-    stretches = (300 - 2) // (2 * k)
-    for edge in np.array_split(np.arange(len(values)), stretches // 2):  # whole stretches lie in each of these
-        inside = kept[(kept >= edge[0] - len(edge)) & (kept <= edge[-1] + len(edge))]
-        assert (values[inside].min(axis=0) <= values[edge].min(axis=0)).all()
-        assert (values[inside].max(axis=0) >= values[edge].max(axis=0)).all()
-    assert np.array_equal(outline_of(values[:300], 300), np.arange(300))
-
-
-def test_a_long_recording_is_thinned_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tracks, "MOST_POSES", 50)
-    monkeypatch.setattr(scene, "MOST_SAMPLES", 60)
-    monkeypatch.setattr(tracks.outline_of, "__defaults__", (60,))
+    monkeypatch.setattr(scene, "_MOST_SAMPLES", 60)
     made, path = comparison([TWO_SECONDS], PLANTS[:2]), tmp_path / "long.rrd"
     write_recording(made, path, REPORT)
     read, motion = Read.file(path), made.plants["improved"].pieces[0]
     at, places = read.track("world/improved/robot", "Transform3D:translation")
     assert len(at) <= 52
-    assert np.diff(at).max() <= 2.0 / 50 + 0.008 + 1e-9
-    assert (at[0], at[-1]) == (pytest.approx(motion.t[0]), pytest.approx(motion.t[-1]))
     assert np.allclose(places[-1, :2], motion.xy[-1], atol=1e-6)
     assert len(read.static["world/improved/path"]["LineStrips3D:strips"][0]) == len(at)
-    at, values = read.track("plots/speed/improved", "Scalars:scalars")
-    assert len(at) <= 60
-    assert np.isin(values[:, 0], motion.twist[:, 0]).all()
-    assert (values.min(), values.max()) == (motion.twist[:, 0].min(), motion.twist[:, 0].max())
-    assert "every 0.04 s" in str(read.static["report"]["TextDocument:text"])
-    assert "60 of 251 samples" in str(read.static["report"]["TextDocument:text"])
+    assert len(read.track("plots/speed/improved", "Scalars:scalars")[0]) <= 60
 
 
 @pytest.mark.parametrize(("speed", "direction"), [(0.5, -1.0), (-0.5, 1.0)])
@@ -342,10 +318,9 @@ def test_a_browser_is_served_on_loopback_until_an_interrupt(tmp_path: Path, laun
     words = "traj2 --plants linear --reference linear --view web"
     command = [sys.executable, "-m", "validation.compare", *words.split()]
     program = launch(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert program.stdout is not None
-    address = next(word for line in program.stdout for word in line.split() if word.startswith("http://127.0.0.1:"))
-    page = int(address.split(":")[2].partition("/")[0])
-    data = int(address.rpartition("%3A")[2].partition("%2F")[0])
+    assert program.stderr is not None
+    address = next(word for line in program.stderr for word in line.split() if word.startswith("http://127.0.0.1:"))
+    page, data = int(address.split(":")[2]), 9876
     with urllib.request.urlopen(f"http://127.0.0.1:{page}/", timeout=60) as answer:
         assert b"rerun" in answer.read().lower()
     others = {line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"}
@@ -373,7 +348,7 @@ def test_a_robot_looks_as_large_as_it_is() -> None:
     husky = load_robot()
     looks = looks_of(husky)
     radius, track = husky.geometry.wheel_radius, husky.geometry.track
-    assert looks.box[0, 2] == pytest.approx(0.0, abs=3e-3)  # a shaped tyre is drawn a little larger
+    assert looks.size == pytest.approx([0.984, 0.689, 0.363], abs=0.02)
     for wheel in WHEELS:
         x, y, z = looks.places[wheel]
         assert z == pytest.approx(radius)

@@ -31,7 +31,8 @@ from validation.files.formats import write_log
 from validation.plants.table import STANDARD, USUAL_PLANTS
 from validation.report.motions import Comparison
 from validation.report.report import FINISHED, INTERRUPTED
-from validation.report.stage import Stage, ink
+from validation.report.stage import Stage
+from validation.report.tracks import bright
 from validation.simulator.terrain import FLAT
 from validation.store import make_folder
 from validation.words import ascii_text, one_line, visible
@@ -270,7 +271,7 @@ class Window:
         with self._viewer.lock():
             camera = self._viewer.cam
             camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, stage.model.body("0").id
-            camera.distance, camera.azimuth, camera.elevation = 4.5 * float(stage.looks.scale.max()), 0.0, -30.0
+            camera.distance, camera.azimuth, camera.elevation = 4.5 * stage.looks.scale, 0.0, -30.0
         self._pacer, self._late, self._shown = Pacer(time.monotonic, time.sleep, _MOST_BEHIND), 0.0, 0.0
 
     @property
@@ -314,8 +315,8 @@ class Window:
         scene, looks = self._viewer.user_scn, self._stage.looks
         scene.ngeom = 0
         for rank, name in enumerate(self._stage.names[1:], start=1):
-            geom, rgba = scene.geoms[scene.ngeom], np.array([*ink(name), 255], dtype=np.float32) / 255.0
-            place = np.array([states[rank].x, states[rank].y, 1.4 * looks.box[1, 2] + 0.12 * looks.scale[2] * rank])
+            geom, rgba = scene.geoms[scene.ngeom], np.array([*bright(name), 255], dtype=np.float32) / 255.0
+            place = np.array([states[rank].x, states[rank].y, (1.4 + 0.3 * rank) * looks.size[2]])
             mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_LABEL, np.full(3, 0.1), place, np.eye(3).ravel(), rgba)
             geom.label = ascii_text(name)[:90]
             scene.ngeom += 1

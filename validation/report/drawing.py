@@ -1,4 +1,4 @@
-"""Style and parts of all pictures: inks, arrowheads, rows of panels.
+"""Style and parts of all pictures: inks, markers, rows of panels.
 
 Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting outlives a call.
 """
@@ -20,18 +20,14 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.markers import MarkerStyle
-from matplotlib.path import Path as Outline
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from matplotlib.transforms import Affine2D
 from PIL import Image
 
-from ssmr.geometry import travelled
 from ssmr.metrics.poses import HorizonErrors
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
-from validation.report.palette import colour, controller_colour, mix
+from validation.report.palette import BLACK, Rgb, colour, controller_colour, mix
 from validation.store import write_atomic
 
 WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
@@ -59,53 +55,50 @@ STYLE = {
 
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[[Axes], None]
-Span = tuple[float, float]
 Ink = str | tuple[float, float, float]
 Interval = tuple[float, float, float]
 """A median, and the lower and the upper end of its interval."""
 
-DART = Outline([(1.0, 0.0), (-0.8, 0.75), (-0.35, 0.0), (-0.8, -0.75), (1.0, 0.0)], closed=True)
 BROAD, NARROW = 2.6, 1.5
 QUIET, ALARM = "0.4", "#b00020"
 DASHED: Dashes = (0.0, (4.0, 1.8))
 BESIDE_INK: Ink = "0.45"
 """Ink of the baseline of a result: the plant before a fit, or the gains before a tuning."""
-
 REFERENCE_INK: Ink = "0.1"
 REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
 """Ink of the reference that a controller follows."""
-
 _SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a line of notes; characters in such a line
 
 
 def ink_of(name: str) -> tuple[float, float, float]:
-    """A plant's colour for lines on white: a little darker than for surfaces."""
-    red, green, blue = mix(colour(name), (0, 0, 0), 0.1)
-    return red / 255.0, green / 255.0, blue / 255.0
+    """Return a plant's colour for lines on white: a little darker than for surfaces."""
+    return _on_white(colour(name))
 
 
 def controller_ink(name: str) -> tuple[float, float, float]:
     """Return a controller's colour for lines on white."""
-    red, green, blue = mix(controller_colour(name), (0, 0, 0), 0.1)
+    return _on_white(controller_colour(name))
+
+
+def _on_white(rgb: Rgb) -> tuple[float, float, float]:
+    red, green, blue = mix(rgb, BLACK, 0.1)
     return red / 255.0, green / 255.0, blue / 255.0
 
 
 def joined(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """(M,) abscissae and (M, ...) ordinates of all pieces, with a NaN between two, where the line breaks."""
-    if not parts:
-        return np.empty(0), np.empty(0)
-    xs, ys = [parts[0][0]], [parts[0][1]]
-    for x, y in parts[1:]:
-        xs += [np.full(1, np.nan), x]
-        ys += [np.full((1, *y.shape[1:]), np.nan), y]
-    return np.concatenate(xs), np.concatenate(ys)
+    """Return (M,) abscissae and (M, ...) ordinates of all pieces, with a NaN behind each, where the line breaks."""
+    xs = [np.append(x, np.nan) for x, _ in parts]
+    ys = [np.append(y, np.full((1, *y.shape[1:]), np.nan), axis=0) for _, y in parts]
+    return (np.concatenate(xs)[:-1], np.concatenate(ys)[:-1]) if parts else (np.empty(0), np.empty(0))
+
+
+# --- marks in a panel ---
 
 
 def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
-    """A dart at a pose (x, y [m], yaw [rad]) that points along its yaw."""
-    marker = MarkerStyle(DART, transform=Affine2D().rotate(float(pose[2])))
-    ax.plot(*pose[:2], marker=marker, markersize=size, color=ink_of(name), markeredgecolor="white", markeredgewidth=0.6,
-            zorder=4.0)  # fmt: skip
+    """Draw a triangle in a plant's colour at a pose (x, y [m], yaw [rad]) that points along its yaw."""
+    ax.plot(*pose[:2], marker=(3, 0, math.degrees(pose[2]) - 90.0), markersize=size, color=ink_of(name),
+            markeredgecolor="white", markeredgewidth=0.6, zorder=4.0)  # fmt: skip
 
 
 def draw_ring(ax: Axes, x: float, y: float) -> None:
@@ -116,41 +109,23 @@ def draw_ring(ax: Axes, x: float, y: float) -> None:
 def draw_reference(ax: Axes, xy: FloatArray) -> None:
     """Draw a reference to follow, from a ring at its start to a square at its end."""
     ax.plot(*xy.T, color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES, zorder=2.8, gid="reference")
-    ax.plot(*xy[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, markeredgewidth=1.3,
-            zorder=3.4, gid="reference end")  # fmt: skip
+    ax.plot(*xy[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, zorder=3.4)
     draw_ring(ax, *map(float, xy[0]))
 
 
 def draw_loss(ax: Axes, x: float, y: float, gid: str) -> None:
-    """A cross where a robot was lost."""
+    """Draw a cross where a robot was lost."""
     ax.plot(x, y, "x", color=ALARM, markersize=10.0, markeredgewidth=2.1, zorder=4.5, gid=gid)
 
 
-def draw_directions(ax: Axes, xy: FloatArray, name: str, shares: Sequence[float]) -> None:
-    """Darts on a path, at shares of its length, that point where it goes; none on a path that goes nowhere."""
-    along = travelled(xy)
-    if not along[-1] > 1e-3:
-        return
-    for share in shares:
-        where = along[-1] * np.array([share - 0.005, share + 0.005])
-        x, y = np.interp(where, along, xy[:, 0]), np.interp(where, along, xy[:, 1])
-        draw_dart(ax, np.array([x.mean(), y.mean(), math.atan2(y[1] - y[0], x[1] - x[0])]), name, 13.0)
-
-
 def equal_scales(ax: Axes, smallest: float) -> None:
-    """Equal scales that fill the panel and show all data and at least `smallest` [m] each way."""
+    """Give a panel equal scales that fill it and show all data and at least `smallest` [m] each way."""
     ax.margins(0.09)
     ax.autoscale_view()
-    (x, x_end), (y, y_end) = ax.get_xlim(), ax.get_ylim()
-    wider, taller = max(0.0, 0.5 * (smallest - (x_end - x))), max(0.0, 0.5 * (smallest - (y_end - y)))
-    hold_limits(ax, (x - wider, x_end + wider), (y - taller, y_end + taller))
+    for limits, hold in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
+        spare = max(0.0, 0.5 * (smallest - (limits[1] - limits[0])))
+        hold(limits[0] - spare, limits[1] + spare, auto=True)  # which equal scales may widen
     ax.set_aspect("equal", adjustable="datalim")
-
-
-def hold_limits(ax: Axes, x: Span, y: Span) -> None:
-    """Set limits that equal scales may widen: fixed ones make matplotlib complain."""
-    ax.set_xlim(*x, auto=True)
-    ax.set_ylim(*y, auto=True)
 
 
 def at_least(ax: Axes, reach: float) -> None:
@@ -161,9 +136,40 @@ def at_least(ax: Axes, reach: float) -> None:
 
 
 def corner_note(ax: Axes, text: str, ink: str = QUIET) -> None:
-    """A remark in a panel's corner."""
+    """Write a remark in a panel's corner."""
     ax.text(0.995, 0.02, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, color=ink, zorder=6.0,
             bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0})  # fmt: skip
+
+
+def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
+    """Mark these multiples of every power of ten on a logarithmic axis, in plain numbers."""
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def line_legend(ax: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
+    """Write a legend in one line along a panel's lower edge, as small as its width asks for."""
+    for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
+        legend = ax.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
+            borderaxespad=0.0, borderpad=0.0, handlelength=2.8, columnspacing=1.4, handletextpad=0.6,
+        )  # fmt: skip
+        if legend.get_window_extent().width <= ax.get_window_extent().width:
+            break
+
+
+def narrow(text: Text, most: float, lead: str = "") -> None:
+    """Shorten what follows `lead` where a text is wider than `most` [in]: its end says more than its beginning."""
+    whole, figure = text.get_text().removeprefix(lead), text.get_figure(root=True)
+    assert figure is not None
+    n = len(whole)
+    while text.get_window_extent().width / figure.dpi > most and n > 2:
+        n -= 1
+        text.set_text(f"{lead}…{whole[1 - n :]}")
+
+
+# --- errors by horizon ---
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,44 +196,39 @@ def yaw_interval(errors: OverlappingErrors) -> Interval:
     return median, low, high
 
 
+def position_metres(errors: HorizonErrors) -> tuple[float, float]:
+    """Return median and 95th percentile of the position error [m]."""
+    return errors.position_median_m, errors.position_p95_m
+
+
 def yaw_degrees(errors: HorizonErrors) -> tuple[float, float]:
-    """Median and 95th percentile of the yaw error [deg]."""
+    """Return median and 95th percentile of the yaw error [deg]."""
     return math.degrees(errors.yaw_median_rad), math.degrees(errors.yaw_p95_rad)
 
 
 def draw_horizons(
     marks: Sequence[HorizonMarks], title: str, value: Callable[[HorizonErrors], tuple[float, float]], ax: Axes
 ) -> None:
-    """Everybody's median and a bar up to the 95th percentile, by horizon; `value` gives both in the unit shown."""
+    """Draw everybody's median and a bar up to the 95th percentile, by horizon; `value` gives both in the unit shown."""
     horizons = sorted({h for each in marks for h in each.errors})
-    smallest, largest = math.inf, 0.0
+    smallest = math.inf
     for k, each in enumerate(marks):
         at = np.array([horizons.index(h) for h in each.errors]) + 0.4 * (2 * k + 1 - len(marks)) / len(marks)
         median, high = np.array([value(errors) for errors in each.errors.values()]).T
         ax.vlines(at, median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
         for x, horizon in zip(at, each.errors, strict=True):
             if horizon in each.intervals:
-                middle, least, most = each.intervals[horizon]
+                _, least, most = each.intervals[horizon]
                 ax.vlines(x, least, most, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
-                ax.plot(x, middle, "_", color=each.ink, markersize=9.0, markeredgewidth=1.2, zorder=2.4)
-                smallest, largest = min(smallest, least), max(largest, most)
+                smallest = min(smallest, least)
         ax.plot(at, high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
         ax.plot(at, median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=each.name)
-        for x, y in zip(at, median, strict=True) if len(marks) <= 3 else ():  # numbers of more have no room
-            ax.annotate(f"{y:.2g}" if y < 10.0 else f"{y:.0f}", (x, y), (0, -6), textcoords="offset points", ha="center",
-                        va="top", fontsize=8.0, color="0.25")  # fmt: skip
-        smallest, largest = min(smallest, float(median.min())), max(largest, float(high.max()))
-    if any(each.intervals for each in marks):
-        corner_note(ax, "thin line, pale: median of windows begun every second, and its 90 % interval")
+        smallest = min(smallest, float(median.min()))
     if smallest > 0.0:
         ax.set_yscale("log")
-        plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if largest < 200.0 * smallest else (1.0,))
-    ax.margins(y=0.25)
-    if any(each.intervals for each in marks):
-        low, high = ax.get_ylim()
-        ax.set_ylim(
-            low * (low / high) ** 0.15 if ax.get_yscale() == "log" else low - 0.15 * (high - low)
-        )  # room for the note
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.margins(y=0.15)
     counts = [sorted({each.errors[h].n for each in marks if h in each.errors}) for h in horizons]
     words = [str(n[0]) if len(n) == 1 else f"{n[0]} to {n[-1]}" for n in counts]
     texts = [f"{h:g} s\n{n} window{'s' * (n != '1')}" for h, n in zip(horizons, words, strict=True)]
@@ -236,33 +237,7 @@ def draw_horizons(
     ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
 
 
-def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
-    """Mark these multiples of every power of ten on a logarithmic axis, in plain numbers."""
-    axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def line_legend(ax: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
-    """A legend in one line along a panel's lower edge, written as small as its width asks for."""
-    for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
-        legend = ax.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
-            borderaxespad=0.0, borderpad=0.0, handlelength=2.8, columnspacing=1.4, handletextpad=0.6,
-        )  # fmt: skip
-        if legend.get_window_extent().width <= ax.get_window_extent().width:
-            break
-
-
-def narrow(text: Text, most: float, lead: str = "") -> None:
-    """Shorten what follows `lead` where a text is wider than `most` [in]: its end says more than its beginning."""
-    whole, figure = text.get_text().removeprefix(lead), text.get_figure(root=True)
-    assert figure is not None
-    n, width = len(whole), text.get_window_extent().width / figure.dpi
-    while width > most and n > 2:
-        n = min(n - 1, int(n * most / width) + 1)
-        text.set_text(f"{lead}…{whole[1 - n :]}")
-        width = text.get_window_extent().width / figure.dpi
+# --- rows of panels ---
 
 
 def inset(ax: Axes, left: float = 0.0, right: float = 0.0, below: float = 0.0, above: float = 0.0) -> None:
@@ -275,19 +250,19 @@ def inset(ax: Axes, left: float = 0.0, right: float = 0.0, below: float = 0.0, a
 
 
 def draw_section(text: str, ax: Axes) -> None:
-    """A heading over a row of panels."""
+    """Write a heading over a row of panels."""
     ax.set_axis_off()
     ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=10.5, fontweight="bold", va="bottom")
 
 
 def draw_footer(text: str, ax: Axes) -> None:
-    """Return in one line how a result was made."""
+    """Write in one line how a result was made."""
     ax.set_axis_off()
     ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
 
 
 def stacked(panels: Sequence[tuple[float, Panel]], ax: Axes) -> None:
-    """Panels above one another in the place of one, each with its share of the height."""
+    """Draw panels above one another in the place of one, each with its share of the height."""
     figure, box = ax.get_figure(root=True), ax.get_position()
     assert figure is not None
     ax.remove()
@@ -311,9 +286,8 @@ class Row:
 
     def place(self, figure: Figure, top: float) -> None:
         """Draw the panels, from `top` [in] above the figure's lower edge downwards."""
-        margins = (0.0, 0.0, 0.0, 0.0) if self.bare else MARGINS_IN
+        left, right, bottom, above = (0.0, 0.0, 0.0, 0.0) if self.bare else MARGINS_IN
         wide, tall = figure.get_size_inches()
-        left, right, bottom, above = margins
         x, room = EDGE_IN, wide - 2.0 * EDGE_IN
         for share, panel in self.panels:
             box = (x + left, top - self.height + bottom, share * room - left - right, self.height - bottom - above)
@@ -322,17 +296,17 @@ class Row:
 
 
 def side_by_side(height: float, panels: Sequence[Panel]) -> Row:
-    """Panels of equal width."""
+    """Return a row of panels of equal width."""
     return Row(height, tuple((1.0 / len(panels), panel) for panel in panels))
 
 
 def text_row(height: float, panel: Panel) -> Row:
-    """A row without axes."""
+    """Return a row without axes."""
     return Row(height, ((1.0, panel),), bare=True)
 
 
 def note_rows(notes: Sequence[str]) -> list[Row]:
-    """Sentences below a heading, as many lines as they need, the first of each with a bullet; nothing for none."""
+    """Return sentences below a heading, as many lines as they need, each behind a bullet; nothing for none."""
     lines = [line for note in notes for line in textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")]
     if not lines:
         return []
@@ -345,11 +319,10 @@ def note_rows(notes: Sequence[str]) -> list[Row]:
     return [text_row(_SECTION_IN, partial(draw_section, "Notes")), text_row(0.08 + _LINE_IN * len(lines), draw)]
 
 
-def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None = None) -> Figure:
+def put_together(rows: Sequence[Row]) -> Figure:
     """Draw rows from top to bottom into a figure 1600 px wide.
 
-    `finish` is called with the figure, in the same style, when all limits are settled and before it is drawn. The figure is
-    drawn once, so that its ticks have this style too; `save_figure` writes that drawing.
+    The figure is drawn once, so that its ticks have this style too; `save_figure` writes that drawing.
     """
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(WIDTH_IN, 2.0 * EDGE_IN + sum(row.height for row in rows)), dpi=DPI)
@@ -358,10 +331,6 @@ def put_together(rows: Sequence[Row], finish: Callable[[Figure], object] | None 
         for row in rows:
             row.place(figure, top)
             top -= row.height
-        for ax in figure.axes:
-            ax.apply_aspect()  # settles the limits of panels with equal scales
-        if finish is not None:
-            finish(figure)
         figure.canvas.draw()
     return figure
 

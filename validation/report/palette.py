@@ -12,6 +12,8 @@ from validation.plants.table import ALL_PLANTS, plant_kind
 
 Rgb = tuple[int, int, int]
 
+BLACK: Rgb = (0, 0, 0)
+WHITE: Rgb = (255, 255, 255)
 GREY: Rgb = (128, 128, 128)
 """Colour of a name that declares none."""
 _REFERENCES: Mapping[str, Rgb] = {

@@ -11,26 +11,16 @@ import numpy as np
 
 from ssmr.geometry import roll_pitch_yaw_to_quat_wxyz
 from ssmr.types import FloatArray
-from validation.report.looks import looks_of, tinted
-from validation.report.palette import Rgb, colour, mix
-from validation.report.tracks import GROUND, OTHER_GROUND, WHITE
+from validation.report.palette import BLACK, mix
+from validation.report.tracks import GROUND, OTHER_GROUND, bright, looks_of, tinted
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.terrain import FLAT, Terrain
 
-_GHOST_OPACITY = 0.45
-_GHOST_SIZE = 0.985
-"""Size of a ghost over the robot's: where it stands just as the solid one does, it hides inside."""
+_GHOST_OPACITY, _GHOST_SIZE = 0.45, 0.985
+"""Opacity of a ghost, and its size over the robot's: where it stands just as the solid one does, it hides inside."""
 _SIDES = np.array([0 if wheel.endswith("left") else 1 for wheel in WHEELS])
 _NET_POINTS = 300
 """Points of the net over rough ground along each of its sides."""
-_MOST_MARKS = 10_000
-"""Most shapes of a scene."""
-
-
-def ink(name: str) -> Rgb:
-    """Return the colour of a plant on the stage: that of the figures, near-black made grey so that shapes show."""
-    rgb = colour(name)
-    return mix(rgb, WHITE, 0.4) if max(rgb) < 80 else rgb
 
 
 class Stage:
@@ -52,8 +42,7 @@ class Stage:
             ValueError: the robot's hand-made MJCF cannot be read, or has looks that are not drawn.
         """
         self.looks, self.names, self.terrain, self._frame = looks_of(robot), tuple(names), terrain, robot.geometry
-        spec = mujoco.MjSpec()
-        scale = float(self.looks.scale.max())
+        spec, scale = mujoco.MjSpec(), self.looks.scale
         spec.stat.extent, spec.visual.global_.offwidth, spec.visual.global_.offheight = 4.0 * scale, 1920, 1080
         spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.25] * 3
         _lay_ground(spec, terrain, np.array([[-20.0, -20.0], [20.0, 20.0]]) if corners is None else corners)
@@ -77,7 +66,7 @@ class Stage:
             for solid in self.looks.solids[part]:
                 rgba, size = solid.rgba, 1.0
                 if rank:
-                    rgba, size = np.append(tinted(rgba, ink(name), 0.5)[:3], _GHOST_OPACITY), _GHOST_SIZE
+                    rgba, size = np.append(tinted(rgba, bright(name), 0.5)[:3], _GHOST_OPACITY), _GHOST_SIZE
                 body.add_geom(
                     type=getattr(mujoco.mjtGeom, f"mjGEOM_{solid.kind}"), size=size * solid.size, rgba=rgba,
                     pos=offset + size * solid.position, quat=solid.quat_wxyz, contype=0, conaffinity=0,
@@ -105,37 +94,11 @@ class Stage:
         mujoco.mj_fwdPosition(self.model, self.data)
 
 
-def draw_trail(scene: mujoco.MjvScene, points: FloatArray, name: str, width: float) -> None:
-    """Add a flat strip through (K, 3) points [m] to a scene, in the colour of a plant, as far as there is room.
-
-    It is made of boxes: a capsule has a hundred times their triangles, and a machine without a graphics card draws slowly.
-    """
-    rgba = np.array([*ink(name), 255], dtype=np.float32) / 255.0
-    steps = np.diff(points, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    for start, step, length in zip(points[:-1], steps, lengths, strict=True):
-        if length > 0.0 and scene.ngeom < scene.maxgeom:
-            (c, s), size = step[:2] / length, np.array([0.5 * length + 0.3 * width, 0.5 * width, 0.05 * width])
-            turned = np.array([c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0])
-            geom = scene.geoms[scene.ngeom]
-            mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_BOX, size, start + 0.5 * step, turned, rgba)
-            scene.ngeom += 1
-
-
-def new_scene(model: mujoco.MjModel) -> mujoco.MjvScene:
-    """Return a scene that has room for a stage and for the lines that are drawn on it."""
-    return mujoco.MjvScene(model, maxgeom=_MOST_MARKS)
-
-
 def _lay_ground(spec: mujoco.MjSpec, terrain: Terrain, corners: FloatArray) -> None:
     """Add sky and ground: squares of a metre; a slippery part or rough ground without squares."""
-    pale, dark, other = (np.array(rgb) / 255.0 for rgb in (GROUND, mix(GROUND, (0, 0, 0), 0.12), OTHER_GROUND))
+    pale, dark, other = (np.array(rgb) / 255.0 for rgb in (GROUND, mix(GROUND, BLACK, 0.12), OTHER_GROUND))
     sky, builtin = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     spec.add_texture(type=sky, builtin=builtin, rgb1=[0.75, 0.84, 0.94], rgb2=[1.0, 1.0, 1.0], width=256, height=1536)
-    squares = {"type": mujoco.mjtTexture.mjTEXTURE_2D, "builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER}
-    spec.add_texture(name="squares", rgb1=pale, rgb2=dark, width=256, height=256, **squares)
-    floor = spec.add_material(name="floor", texuniform=True, texrepeat=[0.5, 0.5])
-    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
     untouched = {"contype": 0, "conaffinity": 0}
     if terrain.kind == "rough":
         x, y = (np.linspace(low, high, _NET_POINTS) for low, high in zip(*corners, strict=True))
@@ -148,6 +111,10 @@ def _lay_ground(spec: mujoco.MjSpec, terrain: Terrain, corners: FloatArray) -> N
         kind = mujoco.mjtGeom.mjGEOM_HFIELD
         spec.worldbody.add_geom(type=kind, hfieldname="rough", pos=[*middle, low], rgba=[*pale, 1.0], **untouched)
         return
+    squares = {"type": mujoco.mjtTexture.mjTEXTURE_2D, "builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER}
+    spec.add_texture(name="squares", rgb1=pale, rgb2=dark, width=256, height=256, **squares)
+    floor = spec.add_material(name="floor", texuniform=True, texrepeat=[0.5, 0.5])
+    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], material="floor", **untouched)
     if terrain.kind == "split":
         half, heading = 100.0, terrain.edge_heading

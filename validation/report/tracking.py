@@ -23,29 +23,17 @@ from validation.bench.tracked import (
     require_comparable,
 )
 from validation.report.columns import REAL_TIME, declare
-from validation.report.palette import mix
+from validation.report.palette import BLACK, GREY, WHITE, mix
 from validation.report.report import Report
 from validation.report.table import Table
 from validation.report.track_panels import draw_track
-from validation.report.tracks import BLACK, WHITE, Series, Track
+from validation.report.tracks import Track, bright
 from validation.simulator.terrain import FLAT
 from validation.words import one_line
 
 SCHEMA = "ssmr.track/1"
 _MUCH_SATURATED = 0.05  # a robot at its limits for a greater share of time follows them rather than its controller
 _UNSETTLED = 0.5  # a speed whose root mean square differs from the reference's by a greater share is pointed out
-_QUANTITIES = (("speed", "m/s", "v_x", "u_ref", "v_cmd", 0), ("yaw_rate", "rad/s", "yaw_rate", "w_ref", "w_cmd", 2))
-_ERRORS = (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad"))
-_VIEWS = (
-    {"speed": "Speed, wanted and commanded [m/s]"},
-    {"yaw_rate": "Yaw rate, wanted and commanded [rad/s]"},
-    {
-        "e_rho": "e_rho: distance to the target [m]",
-        "e_y": "e_y: its offset to the left [m]",
-        "e_alpha": "e_alpha: error of heading [rad]",
-    },
-    {"torque": "Torques of the sides [N m]"},
-)
 declare(*TRACK_METRICS.values())
 
 
@@ -213,48 +201,34 @@ def write_track_recording(report: Tracked, path: Path) -> None:
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    from validation.report.scene import Scene, write_scene
+    from validation.report.scene import Scene, Series, write_scene
 
     first = report.robots[0]
     *robots, target = followed_tracks(report.robots)
+    (motion,), plots = target.pieces, dict[str, Series]()
+    for quantity, unit, column in (("speed", "m/s", 0), ("yaw_rate", "rad/s", 2)):
+        plots[f"{quantity}/reference"] = Series([f"reference [{unit}]"], [GREY], motion.t[:-1], motion.twist[:-1, column])
+    for r in report.robots:
+        for quantity, unit, wanted, commanded in (
+            ("speed", "m/s", "u_ref", "v_cmd"),
+            ("yaw_rate", "rad/s", "w_ref", "w_cmd"),
+        ):
+            pale, dark = mix(bright(r.plant), WHITE, 0.5), mix(bright(r.plant), BLACK, 0.3)
+            names = [f"{r.plant} {word} [{unit}]" for word in ("wanted", "command")]
+            both = r.run.columns(wanted, commanded)
+            plots[f"{quantity}/{r.plant}_wanted"] = Series(names, [pale, dark], r.run.t, both, held=True)
+        for error, unit in (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad")):
+            series = Series([f"{r.plant} [{unit}]"], [bright(r.plant)], r.run.t, r.run.column(error))
+            plots[f"{error}/{r.plant}"] = series
     asked = ("controller", "reference", "speed_m_s", "profile", "robot", "gains_name", "seed")
+    about = {
+        "tracking": {name: report.document[name] for name in asked},
+        "gains": dict(first.gains),
+        "options": {name: str(value) for name, value in first.options.items()},
+        "versions": first.versions,
+    }
+    title = f"{report.title}, profile {first.profile_label}"
     scene = Scene(
-        program="track",
-        title=f"{report.title}, profile {first.profile_label}",
-        tracks=robots,
-        plots=_plots(report.robots, target),
-        views=_VIEWS,
-        report=report.markdown(),
-        about={
-            "tracking": {name: report.document[name] for name in asked},
-            "gains": dict(first.gains),
-            "options": {name: str(value) for name, value in first.options.items()},
-            "versions": first.versions,
-        },
-        target=target,
+        program="track", title=title, tracks=robots, report=report.markdown(), plots=plots, about=about, target=target
     )
     write_scene(scene, path)
-
-
-def _plots(robots: Sequence[TrackedRobot], target: Track) -> dict[str, Series]:
-    """Return all series by entity below `plots`."""
-    plots = dict[str, Series]()
-    grey = mix(BLACK, WHITE, 0.6)
-    (motion,) = target.pieces
-    for quantity, unit, *_, column in _QUANTITIES:
-        plots[f"{quantity}/reference"] = Series([f"reference [{unit}]"], [grey], motion.t[:-1], motion.twist[:-1, column])
-    for r in robots:
-        name, run = r.plant, r.run
-        ink = Track(name, ()).bright
-        pale, dark = mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)
-        for quantity, unit, done, wanted, commanded, _ in _QUANTITIES:
-            plots[f"{quantity}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(done))
-            plots[f"{quantity}/{name}_wanted"] = Series([f"{name} wanted [{unit}]"], [pale], run.t, run.column(wanted))
-            command = Series([f"{name} command [{unit}]"], [dark], run.t, run.column(commanded), held=True)
-            plots[f"{quantity}/{name}_command"] = command
-        for error, unit in _ERRORS:
-            plots[f"{error}/{name}"] = Series([f"{name} [{unit}]"], [ink], run.t, run.column(error))
-        names = [f"{name} {side} [N m]" for side in ("left", "right")]
-        shades = [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
-        plots[f"torque/{name}"] = Series(names, shades, run.t, run.columns("torque_left", "torque_right"))
-    return plots

@@ -1,33 +1,100 @@
-"""Robots in motion, as scenes show them: where each is, what of it is shown, and from where all can be seen."""
+"""Robots in motion, as scenes show them: what they look like, where each is, and from where all can be seen."""
+# pyright: reportAttributeAccessIssue=false
+# (mujoco's compiled modules have no type stubs)
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
-from ssmr.geometry import integral, relative, rotate_body_to_world
+from ssmr.geometry import integral, relative
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.report.looks import looks_of
-from validation.report.palette import Rgb, colour, mix
-from validation.simulator.description import Robot, load_robot
+from validation.report.palette import WHITE, Rgb, colour, mix
+from validation.simulator.composing import VISUAL_GROUP, compose_robot
+from validation.simulator.description import WHEELS, Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 
-BLACK: Rgb = (0, 0, 0)
-WHITE: Rgb = (255, 255, 255)
 GROUND: Rgb = (222, 225, 229)
 OTHER_GROUND: Rgb = (160, 188, 214)
 POSE_PERIOD = 0.02
 """Time between two poses of a robot [s]: 50 Hz is smooth to the eye."""
 MOST_POSES = 45_000
 """Most poses of a robot: 50 Hz for a quarter of an hour, 6 Hz for two hours."""
-MOST_SAMPLES = 45_000
-"""Most samples of lines over time: twenty for each point of a screen's width."""
-_FIELD_OF_VIEW = math.radians(55.0)  # of the viewer's eye, from top to bottom
+_USUAL_SIZE = (0.984, 0.689, 0.363)
+"""Length, width and height of a Husky, for which distances in scenes are given [m]."""
+
+
+class Solid(NamedTuple):
+    """One solid in the frame of its body; what is round stands along its own z."""
+
+    kind: str
+    """`BOX`, `CYLINDER`, `CAPSULE` or `ELLIPSOID`, as MuJoCo calls it."""
+    size: FloatArray
+    """(3,) half lengths, or radius and half length [m]."""
+    position: FloatArray
+    """(3,) middle [m]."""
+    quat_wxyz: FloatArray
+    """(4,) orientation, w first."""
+    rgba: FloatArray
+    """(4,) colour and opacity, 0 to 1."""
+
+
+class Looks(NamedTuple):
+    """The bodies of a robot, and where each lies when the robot stands at the origin and no wheel has turned."""
+
+    solids: dict[str, list[Solid]]
+    """Solids of `base` and of the four wheels."""
+    places: dict[str, FloatArray]
+    """(3,) of each body, seen from the reference point on the ground below the middle between the axles [m]."""
+    size: FloatArray
+    """(3,) length, width and height of the robot [m]."""
+
+    @property
+    def scale(self) -> float:
+        """Length or width of the robot over a Husky's, the greater ratio, by which distances around it grow."""
+        return float((self.size / _USUAL_SIZE)[:2].max())
+
+
+@lru_cache(maxsize=8)
+def looks_of(robot: Robot) -> Looks:
+    """Return the visual solids of a robot's MuJoCo model.
+
+    Raises:
+        ValueError: its hand-made MJCF cannot be read, or has no looks or some that are not drawn here.
+    """
+    model = compose_robot(robot).compile()
+    base = -np.array(model.site("reference").pos)
+    places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}
+    solids: dict[str, list[Solid]] = {name: [] for name in places}
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
+        body, shape = model.body(model.geom_bodyid[g]).name, mujoco.mjtGeom(int(model.geom_type[g])).name
+        kind = shape.removeprefix("mjGEOM_")
+        if kind not in ("BOX", "CYLINDER", "CAPSULE", "ELLIPSOID") or body not in solids:
+            raise ValueError(f"geom '{model.geom(g).name}' is a {kind} of the body '{body}', which is not drawn")
+        numbers = (model.geom_size[g], model.geom_pos[g], model.geom_quat[g], model.geom_rgba[g])
+        solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, model.geom_quat[g])
+        middle, half = np.split(model.geom_aabb[g], 2)
+        reach = np.abs(rotation.reshape(3, 3)) @ half
+        middle = places[body] + model.geom_pos[g] + rotation.reshape(3, 3) @ middle
+        low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
+    if empty := [body for body, found in solids.items() if not found]:
+        raise ValueError(f"body '{empty[0]}' has no geom of group {VISUAL_GROUP}: there is nothing to draw")
+    return Looks(solids, places, high - low)
+
+
+def tinted(rgba: FloatArray, rgb: Rgb, darkest: float) -> FloatArray:
+    """Return a (4,) colour as a shade of another: black becomes `darkest` times `rgb`, bright becomes `rgb`."""
+    luma = float(rgba[:3] @ [0.299, 0.587, 0.114])  # ITU-R BT.601
+    return np.append(min(darkest + luma, 1.0) * np.array(rgb) / 255.0, rgba[3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +115,7 @@ class Track:
     @property
     def bright(self) -> Rgb:
         """Colour of the plant on a dark background, as in the viewer's plots: near-black becomes grey."""
-        own = colour(self.name)
-        return mix(own, WHITE, 0.55) if max(own) < 80 else own
+        return bright(self.name)
 
     @cached_property
     def t(self) -> FloatArray:
@@ -85,19 +151,10 @@ class Track:
         return relative((self.reference or self).pose, self.pose)
 
     @cached_property
-    def apart(self) -> FloatArray:
-        """(M,) distance from the reference's robot [m]."""
-        return np.hypot(self.seen[:, 0], self.seen[:, 1])
-
-    @cached_property
-    def pose_period(self) -> float:
-        """Time between two poses that are shown [s]."""
-        return max(POSE_PERIOD, sum(float(p.t[-1] - p.t[0]) for p in self.pieces) / MOST_POSES)
-
-    @cached_property
     def shown(self) -> list[IndexArray]:
-        """Of each piece the indices of the samples that are shown: the first in every `pose_period`, and the last."""
-        slots = [np.floor((p.t - p.t[0]) / self.pose_period + 1e-6) for p in self.pieces]
+        """Of each piece the indices of the samples that are shown: the first in every 20 ms or more, and the last."""
+        period = max(POSE_PERIOD, sum(float(p.t[-1] - p.t[0]) for p in self.pieces) / MOST_POSES)
+        slots = [np.floor((p.t - p.t[0]) / period + 1e-6) for p in self.pieces]
         return [np.flatnonzero(np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1)) for s in slots]
 
     @property
@@ -113,66 +170,13 @@ class Track:
         return np.concatenate([p.channels[name] for p in self.pieces])
 
 
-class Extent:
-    """Place and size of all paths, and the distance from which an eye sees them.
-
-    Attributes:
-        along: (2,) unit vector along their longest extent, from start to end.
-        across: (2,) unit vector to the left of it.
-        middle: (2,) middle of the extents [m].
-        end: (2,) mean of the paths' ends [m].
-        reach: the longest extent [m].
-        distance: from where an eye sees all of it, with the robots and a margin, in a view twice as wide as high [m].
-        post: how far beyond the end the signpost with the plants' names stands [m].
-        scale: length or width of the robots over a Husky's, the greater ratio, by which distances around them grow.
-    """
-
-    def __init__(self, tracks: Sequence[Track]) -> None:
-        xy = np.concatenate([track.pose[:, :2] for track in tracks])
-        self.scale = scale = float(looks_of(tracks[0].robot).scale[:2].max())
-        self.end = np.mean([track.pieces[-1].xy[-1] for track in tracks], axis=0)
-        offsets = xy - xy.mean(axis=0)
-        along = np.linalg.eigh(offsets.T @ offsets + np.diag([1e-9, 0.0]))[1][:, 1]  # along x where nothing moves
-        self.along = along if along @ (self.end - xy[0]) >= 0.0 else -along
-        self.across = rotate_body_to_world([0.0, 1.0], math.atan2(self.along[1], self.along[0]))
-        frame = np.stack([self.along, self.across])
-        inside = xy @ frame.T
-        low, high = inside.min(axis=0), inside.max(axis=0)
-        self.middle = 0.5 * (low + high) @ frame
-        self.reach = float((high - low).max())
-        slope = math.tan(0.5 * _FIELD_OF_VIEW)
-        length, width = 0.5 * (high - low)
-        beside = 0.8 * scale
-        least = (length + beside) / (1.8 * slope), (0.6 * width + beside) / slope
-        self.distance = max(3.0 * scale, *least) + 0.6 * float(width)
-        self.post = max(beside, 0.1 * self.distance)
+def bright(name: str) -> Rgb:
+    """Return the colour of a plant where near-black would not show: that of the figures, or grey."""
+    rgb = colour(name)
+    return mix(rgb, WHITE, 0.5) if max(rgb) < 80 else rgb
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Lines of one entity: k values over the same stamps. Of very many samples it keeps those that outline the lines."""
-
-    names: Sequence[str]
-    """k names, with unit."""
-    colours: Sequence[Rgb]
-    t: FloatArray
-    """(M,) [s]."""
-    values: FloatArray
-    """(M,) or (M, k)."""
-    held: bool = False
-    """True where each value holds until the next, as commands do."""
-    samples: int = field(init=False)
-    """Number of samples that there were."""
-
-    def __post_init__(self) -> None:
-        """Keep what is drawn: copies, so that the rest can be forgotten."""
-        kept = outline_of(self.values)
-        for name, value in (("samples", len(self.t)), ("t", self.t[kept]), ("values", self.values[kept])):
-            object.__setattr__(self, name, value)
-
-
-@dataclass(frozen=True, eq=False)
-class History:
+class History(NamedTuple):
     """Values that change from step to step of a search, not over the robots' time."""
 
     title: str
@@ -186,22 +190,23 @@ class History:
     """(G, k), of the steps 0 to G - 1; where one is not finite, the line is interrupted."""
 
 
-def outline_of(values: FloatArray, most: int = MOST_SAMPLES) -> IndexArray:
-    """Return the indices of at most `most` samples that outline lines over time; all of them where there are no more.
+class Extent(NamedTuple):
+    """Place and size of all paths."""
 
-    The least and the greatest value of every stretch are kept: the outline is that of the whole lines.
+    middle: FloatArray
+    """(2,) middle of all positions [m]."""
+    along: FloatArray
+    """(2,) unit vector from the start to the ends, along x where nothing moves."""
+    reach: float
+    """The longest extent [m]."""
+    scale: float
+    """Size of the robots over a Husky's."""
 
-    Args:
-        values: (M,) or (M, k) values of k lines.
-        most: most samples, at least 2 k + 2.
-    """
-    table = values.reshape(len(values), -1)
-    m, k = table.shape
-    if m <= most:
-        return np.arange(m)
-    edges = np.linspace(0, m, (most - 2) // (2 * k) + 1).astype(np.intp)
-    lengths, starts = np.diff(edges), edges[:-1]
-    rows = np.minimum(starts[:, None] + np.arange(lengths.max()), edges[1:, None] - 1)  # shorter stretches repeat their end
-    inside = table[rows]
-    kept = [starts[:, None] + pick(inside, axis=1) for pick in (np.argmin, np.argmax)]
-    return np.unique(np.concatenate([[0, m - 1], *(np.minimum(at, m - 1).ravel() for at in kept)])).astype(np.intp)
+
+def extent_of(tracks: Sequence[Track]) -> Extent:
+    """Return the extent of robots in motion."""
+    xy = np.concatenate([track.pose[:, :2] for track in tracks])
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - tracks[0].pose[0, :2]
+    along = way / np.hypot(*way) if np.hypot(*way) > 1e-6 else np.array([1.0, 0.0])
+    return Extent(0.5 * (low + high), along, float((high - low).max()), looks_of(tracks[0].robot).scale)

@@ -63,7 +63,7 @@ TOPICS = {"/cmd_vel", "/fix", "/husky_velocity_controller/odom", "/imu/data", "/
 
 
 def topics_of(path: Path, **options: object) -> dict[str, Topic]:
-    return {topic.name: topic for topic in read_topics(path, ReadOptions(**options))[0]}
+    return {topic.name: topic for topic in read_topics(path, ReadOptions(**options))}
 
 
 def test_every_kind_of_bag_gives_the_same_topics(bag_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_what_is_no_bag_or_an_empty_one_is_said_so(tmp_path: Path, kind: str) ->
 
 def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path, "sqlite", poses([(0.1 * k, 0.1 * k) for k in range(5)], math.nan))
-    assert "/pose, 0.000 s: x is nan, wanted a finite number [m]; topics pose=none leaves it out" in fault(path)
+    assert "/pose, 0.000 s: x is nan m, wanted a finite number [m]; topics pose=none leaves it out" in fault(path)
 
 
 def test_topics_that_do_not_overlap_are_refused(tmp_path: Path) -> None:

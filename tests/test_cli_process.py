@@ -132,21 +132,6 @@ def test_failed_runs_have_their_status(error: Exception, status: int, capsys: py
 
 
 # ------------------------------------------------------------------------------------------- files
-def test_what_killed_processes_left_is_swept_and_what_is_being_made_stays(tmp_path: Path) -> None:
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    mine = store.temporary_beside(tmp_path / "a.json")
-    left = mine.with_name(mine.name.replace(f"-{os.getpid()}-", f"-{dead.pid}-"))
-    elsewhere = mine.with_name(f".ssmr-00000000-{dead.pid}-abc.part.json")  # a folder that computers share
-    for path in (mine, left, elsewhere):
-        path.write_text("half")
-    folder = left.with_suffix("")
-    folder.mkdir()
-    (folder / "half").write_text("half")
-    store.write_text(tmp_path / "b.json", "whole")
-    assert sorted(tmp_path.iterdir()) == sorted([mine, elsewhere, tmp_path / "b.json"])
-
-
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     store.write_text(path, "old")

@@ -88,8 +88,6 @@ def test_sizes_are_limited_before_anything_is_held(tmp_path: Path) -> None:
     bag = write(tmp_path, "mcap", poses_at)
     with pytest.raises(FileError, match=r"too many messages or topics: the limit samples is 7"):
         read_log(bag, ReadOptions(limits=USUAL.changed({"samples": 7})))
-    with pytest.raises(FileError, match=r"more than the 100 bytes allowed \(limit bag_size\)"):
-        read_log(bag, ReadOptions(limits=USUAL.changed({"bag_size": 1e-4})))
 
 
 # --------------------------------------------------------------------------------------------------- time
@@ -112,7 +110,7 @@ T = 0.05 * np.arange(1200)
         (T * 1e-300, 2, "the median step is 5e-302 s, but the limit rate is 100000 Hz"),
         (np.append(T, 1e9), 1202, "time jumps from 59.95 to 1e+09 s, but the limit gap is 3600 s"),
         (np.append(T, 1e5), 1202, "time jumps from 59.95 to 100000 s"),
-        (np.append(T, 1e300), 1202, "there is 1e+300 s, but the limit stamp is 4.3e+09 s"),
+        (np.append(T, 1e300), 1202, "time jumps from 59.95 to 1e+300 s"),
         (np.append(-1e9, T), 3, "time jumps from -1e+09 to 0 s"),
         (np.sort(np.append(T, 5e-324)), 3, "the step from the sample before is 4.94e-324 s"),
         (4.0 * np.arange(250_000), 250_001, "the log spans 999996 s, but the limit span is 864000 s"),
@@ -147,7 +145,7 @@ def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path,
     values[700] = value
     path = drive(tmp_path, T, {name: values})
     for read in (read_csv, info, lambda p: open_source(str(p))):
-        with pytest.raises(FileError, match=r"there is .* but the limit") as refused:
+        with pytest.raises(FileError, match=r"there is .*, more than") as refused:
             read(path)
         assert (refused.value.line, refused.value.column) == (702, name)
 
@@ -156,9 +154,7 @@ def test_channels_that_cannot_be_are_left_out(tmp_path: Path, caplog: pytest.Log
     odd = np.where(np.arange(1200) == 700, 1e308, 0.0)
     path = drive(tmp_path, T, {"x": np.sin(T), "odom_v": odd, "odom_w": odd, "battery": odd, "acc": 1e30 * (odd > 0.0)})
     assert list(read_csv(path).groups["channels"].columns) == ["acc"]
-    assert (
-        "line 702, column odom_v: there is 1e+308 m/s, but the limit speed is 100 m/s; the column is left out" in caplog.text
-    )
+    assert "line 702, column odom_v: there is 1e+308 m/s, more than 100; the column is left out" in caplog.text
     assert info(path).log.groups["channels"].columns.keys() == {"acc"}
 
 
@@ -178,7 +174,7 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
         ]
 
     bag = write(tmp_path, "mcap", far)
-    with pytest.raises(FileError, match=r"/odom, 0.000 s: odom_v is 1e\+\d+, but the limit speed is 100 m/s"):
+    with pytest.raises(FileError, match=r"/odom, 0.000 s: odom_v is 1e\+\d+ m/s, more than 100;"):
         read_log(bag)
     found = info(bag)
     assert len(found.log.left_out) == 5
@@ -188,7 +184,7 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
 @pytest.mark.parametrize(
     ("t", "x", "said"),
     [
-        (T, 1e9 * T, "drive.odd, 0.150 s: x is 1.5e+08, but the limit position is 1e+08 m"),
+        (T, 1e9 * T, "drive.odd, 0.150 s: x is 1.5e+08 m, more than 1e+08"),
         (1e9 * T, T, "drive.odd, sample 1: the median step is 5e+07 s"),
     ],
 )
@@ -203,8 +199,6 @@ def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
     with pytest.raises(FileError) as refused:
         read_log(tmp_path / "drive.odd")
     assert said in str(refused.value)
-    assert len(read_log(tmp_path / "drive.odd", ReadOptions(limits=USUAL.changed({"position": 1e12, "period": 1e9,
-           "stamp": 1e12, "gap": 1e9, "span": 1e12}))).groups) == 1  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------------- the limits themselves

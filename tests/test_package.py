@@ -49,7 +49,6 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
         "_models/husky.xml",
         "thesis/published.toml",
         "files/sample.csv",
-        "files/foxglove.json",
         "thesis/verdicts.toml",
         "replicate/templates/lead.md",
     }

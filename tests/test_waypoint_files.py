@@ -40,7 +40,7 @@ def refused(path: Path, speed: float | None = None) -> str:
 # ------------------------------------------------------------------------------------------------------------ bad files
 
 BAD_FILES: dict[str, tuple[str | bytes, str]] = {
-    "empty": ("", ": the file is empty; a file of waypoints begins with a header that names x and y [m]"),
+    "empty": ("", ": the file is empty; wanted a header line with the names of columns"),
     "header alone": (HEADER, ": there are no waypoints after the header; a trajectory needs at least two"),
     "one row": (HEADER + "0,0,0\n", ": there is one waypoint after the header"),
     "no x": ("t,y\n0,0\n1,1\n", ", line 1: there is no column x among 't', 'y'; a file of waypoints begins with"),
@@ -56,7 +56,7 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "one place": (HEADER + "0,1,2\n1,1,2\n2,1,2\n", ", line 4: no waypoint is away from the first, so there is no heading"),
     "time back": (HEADER + "0,0,0\n\n2,1,2\n1,2,2\n", ", line 5, column t: time must increase, but 1 s follows 2 s"),
     "time twice": (HEADER + "0,0,0\n0,1,2\n", ", line 3, column t: time must increase, but 0 s follows 0 s"),
-    "rubbish": (bytes(range(256)), ", line 2: there is a byte that is not UTF-8"),
+    "rubbish": (bytes(range(256)), ", line 1: there is a NUL byte; wanted a CSV file, which is plain UTF-8 text"),
     "open quote": (HEADER + '0,"0,0\n', ", line 2: this is no CSV"),
 }
 

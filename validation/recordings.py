@@ -16,23 +16,24 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.types import FloatArray
 from validation import cli
 from validation.bench.reckoning import Reckoning, commissioned_on, reckon, with_filter
-from validation.bench.simulated_logs import SensorFaults, is_simulated, open_log
-from validation.files.bags import SHOWN
+from validation.bench.simulated_logs import SensorFaults, open_log
 from validation.files.faults import REST_LEAST, STOCK, Faults, Rest, find_faults, find_rest, unbiased
-from validation.files.formats import check_apart, format_of_target, losses, write_log
+from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
 from validation.files.log import Log, ReadOptions, Stamps
 from validation.files.offsets import Offset, estimate_offsets, synchronised
-from validation.files.reading import FileError
+from validation.files.reading import FileError, exists, read_file
 from validation.plants.filters import LEARNING, THESIS, StateFilter, load_filter, odometry_of
-from validation.plants.profile import choose_profile
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
-from validation.simulator.description import WHEELS, Robot, load_robot
-from validation.simulator.exporting import urdf_text
-from validation.store import write_json, write_text
+from validation.simulator.description import Robot, load_robot
+from validation.store import write_json
 from validation.words import file_name
+
+_OURS = (b'"ssmr.info/1"', b'"ssmr.filter/1"')
+"""Texts in files that are replaced without being asked, for this program wrote them."""
+_MOST_OURS = 1 << 26  # greatest size of such a file [bytes]
 
 
 # ------------------------------------------------------------------------------------------ options
@@ -64,6 +65,8 @@ class LogOptions(cli.Common):
     """Amplitude of an oscillation of a simulated localiser that is no motion of the robot (Sec. 4.5)."""
     swing_hz: Annotated[float, cli.option(metavar="HZ")] = 1.0
     """Frequency of that oscillation."""
+    overwrite: cli.Flag = False
+    """Replace a file that is there already."""
 
     def opened(self, *, lenient: bool = False) -> Log:
         """Return the log; a `lenient` reading leaves out topics that cannot be used."""
@@ -77,9 +80,9 @@ class LogOptions(cli.Common):
             return STOCK
         return odometry_of((self.robot if isinstance(self.robot, Robot) else load_robot(self.robot)).drive)
 
-    def target(self) -> Path | None:
-        """Return the file that the command line writes; None for none."""
-        return self.out
+    def usual_target(self, ending: str) -> Path:
+        """Return the file that is written where none is named."""
+        return Path("runs") / "recordings" / f"{file_name(Path(self.source).stem)}{ending}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +95,6 @@ class Info(LogOptions):
     filter: Annotated[str | Path, cli.text_of("thesis|learning|FILE.toml"), cli.option()] = LEARNING
     """State filter beside the thesis' in the table of dead reckoning: one that is learning on a robot that nobody has
     commissioned, or that of a file, which commission writes."""
-
-    def target(self) -> Path | None:
-        """Return the JSON file, where one is wanted."""
-        return self.json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,26 +117,19 @@ class Convert(LogOptions):
     """Let the state filter of wheels and gyro fill x, y and yaw."""
     filter: Annotated[str | Path, cli.text_of("thesis|learning|FILE.toml"), cli.option()] = THESIS
     """State filter for --ekf."""
-    gps_std: Annotated[float, cli.option(metavar="METRES")] = 0.0
-    """Standard deviation of GPS positions, which --ekf takes in by their stamps; --sync takes out their delay."""
     start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
     """Leave out what was logged before this time."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was logged after this time."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a rate that is not positive, or a negative width of smoothing or standard deviation."""
+        """Raise a ValueError for a rate that is not positive, a negative width of smoothing, or a filter without use."""
         if self.rate is not None and not 0.0 < self.rate < math.inf:
             raise ValueError(f"rate {self.rate} must be positive [Hz]")
-        for name, unit in (("smooth", "s"), ("gps_std", "m")):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} {getattr(self, name)} must not be negative [{unit}]")
-        if not self.ekf and (self.gps_std or str(self.filter) != THESIS):
-            raise ValueError("filter and gps_std are for ekf, which is not asked for")
-
-    def target(self) -> Path:
-        """Return the file to write."""
-        return self.out or Path("runs") / "recordings" / f"{file_name(Path(self.source).stem)}.csv"
+        if not 0.0 <= self.smooth < math.inf:
+            raise ValueError(f"smooth {self.smooth} must not be negative [s]")
+        if not self.ekf and str(self.filter) != THESIS:
+            raise ValueError("filter is for ekf, which is not asked for")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,10 +139,6 @@ class Commission(LogOptions):
     out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.toml")] = None
     """TOML file to write the filter into."""
 
-    def target(self) -> Path:
-        """Return the file to write."""
-        return self.out or Path("runs") / "recordings" / f"{file_name(Path(self.source).stem)}.toml"
-
 
 # ------------------------------------------------------------------------------------------ reports
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -159,11 +147,14 @@ class LogReport(Report):
 
     program: str = "recordings"  # type: ignore[misc]  # see Report
     log: Log
+    """The log; of a conversion the new one, with its own stamps unless another rate was asked for."""
     offsets: Sequence[Offset]
     """Delays between its groups, before anything was changed."""
+    save_as: Callable[[Path], object] | None = None
+    """Function that writes the file that it is for; None for its JSON."""
 
     def write(self, path: str | Path) -> None:
-        """Write what it is for, whole or not at all; the folder of `path` is made if it is missing.
+        """Write the file that it is for, whole or not at all; the folder of `path` is made if it is missing.
 
         Raises:
             ValueError: `path` is a folder, the log itself or a part of it, or cannot hold it.
@@ -172,10 +163,10 @@ class LogReport(Report):
         path = Path(path)
         check_apart(path, self.log.path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._write(path)
-
-    def _write(self, path: Path) -> None:
-        write_json(path, self.as_dict())
+        if self.save_as is None:
+            write_json(path, self.as_dict())
+        else:
+            self.save_as(path)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,30 +181,10 @@ class LogInfo(LogReport):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ConvertedLog(LogReport):
-    """A log after a conversion: `log` with its own stamps, unless another rate was asked for.
-
-    Its file is a log (.csv), a TUM trajectory (.tum), a ROS 2 bag (.mcap), beside which lies a layout for Foxglove, or a
-    ROS 1 bag (.bag).
-    """
-
-    on_one_clock: Log
-
-    def _write(self, path: Path) -> None:
-        write_log(self.log if format_of_target(path).own_stamps else self.on_one_clock, path)
-        if path.suffix.lower() == ".mcap":
-            layout = Path(__file__).parent / "files" / "foxglove.json"
-            write_text(path.with_suffix(".foxglove.json"), layout.read_text(encoding="utf-8"))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class CommissionedFilter(LogReport):
     """A state filter that knows the robot of a log; its file is TOML."""
 
     filter: StateFilter
-
-    def _write(self, path: Path) -> None:
-        self.filter.save(path)
 
 
 # ------------------------------------------------------------------------------------------ programs
@@ -239,15 +210,9 @@ def info(o: Info) -> LogInfo:
         "schema": "ssmr.info/1",
         "source": str(log.path),
         "groups": {
-            name: {
-                "source": group.source,
-                "samples": len(group.t),
-                "rate_hz": 1.0 / group.period,
-                "from_s": float(group.t[0]),
-                "to_s": float(group.t[-1]),
-                "columns": list(group.columns),
-                "gaps_s": [list(gap) for gap in group.gaps()],
-            }
+            name: {"source": group.source, "samples": len(group.t), "rate_hz": 1.0 / group.period,
+                   "from_s": float(group.t[0]), "to_s": float(group.t[-1]), "columns": list(group.columns),
+                   "gaps_s": [list(gap) for gap in group.gaps()]}
             for name, group in log.groups.items()
         },
         "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
@@ -261,22 +226,21 @@ def info(o: Info) -> LogInfo:
         "implausible": list(faults.implausible),
         "gyro_at_rest": None if rest is None else asdict(rest),
         "dead_reckoning": None if reckoning is None else asdict(reckoning),
-    }
+    }  # fmt: skip
     return LogInfo(
         title=log.path.name, document=document, log=log, offsets=offsets, rest=rest, reckoning=reckoning, faults=faults,
         alarms=log.left_out,
-        tables=[_contents(log), _fault_table(faults), _offset_table(offsets), _reckoning_table(reckoning)],
-        sentences=[*log.remarks, *_gap_sentences(log), *_rest_sentences(log, rest), *faults.implausible],
+        tables=[_contents(log), _offset_table(offsets), _reckoning_table(reckoning)],
+        sentences=[*log.remarks, *_gap_sentences(log), *_rest_sentences(log, rest), *faults.sentences()],
     )  # fmt: skip
 
 
 @cli.program(Convert)
-def convert(o: Convert) -> ConvertedLog:
-    """Write a log in another format: .csv, .tum, .mcap or .bag.
+def convert(o: Convert) -> LogReport:
+    """Write a log in another format: .csv, .tum or .mcap.
 
-    A .tum file is a trajectory for evo, .mcap a ROS 2 bag, .bag a ROS 1 bag.
-
-    Bags keep the stamps of every group of columns, unless --rate is given.
+    A .tum file is a trajectory for evo, .mcap a ROS 2 bag, which keeps the stamps of every group of columns unless --rate is
+    given.
 
     Offsets of time, bias, filter, smoothing, cutting, one clock, alignment: that is the order of changes.
 
@@ -286,36 +250,24 @@ def convert(o: Convert) -> ConvertedLog:
     """
     if o.out is not None:
         format_of_target(o.out)
-        check_apart(o.out, o.source)
     log = o.opened()
     offsets = estimate_offsets(log)
     changed = synchronised(log, offsets) if o.sync else log
     changed = unbiased(changed) if o.unbias else changed
-    if o.gps_std and "gps" not in changed.groups:
-        raise FileError(log.path, "gps_std needs GPS positions, which the log has none of")
-    if o.ekf:
-        filtered = with_filter(changed, load_filter(o.filter, o.odometry()).settings, o.gps_std)
-        if filtered is None:
-            raise FileError(log.path, "ekf needs wheels or odometry, and with an IMU samples of both at the same time")
-        changed = filtered
-    if o.robot is not None or o.profile is not None or is_simulated(str(o.source)):
-        robot = choose_profile(o.profile, o.robot, "thesis-lab").robot
-        changed = replace(changed, description=urdf_text(robot, {wheel: f"{wheel}_wheel" for wheel in WHEELS}))
+    changed = with_filter(changed, load_filter(o.filter, o.odometry()).settings) if o.ekf else changed
     changed = changed.smoothed(o.smooth).cut(o.start, o.until)
     merged = changed.on_one_clock(o.rate)
     if o.align:
         changed, merged = changed.aligned(), merged.aligned()
-    changed = changed if o.rate is None else merged
     t, period = merged.t, next(iter(merged.groups.values())).period
-    names = ", ".join(merged.columns)
-    sentences = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {1.0 / period:.2f} Hz: {names}"]
+    sentences = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {1.0 / period:.2f} Hz: {', '.join(merged.columns)}"]
     if o.sync and offsets:
         sentences.append("the offsets of time were taken out of the measurements; commands stay as they were")
-    if o.out is not None:
-        sentences += losses(changed if format_of_target(o.out).own_stamps else merged, o.out)
-    return ConvertedLog(
-        title=log.path.name, document={}, log=changed, on_one_clock=merged, offsets=offsets,
+    changed = changed if o.rate is None else merged
+    return LogReport(
+        title=log.path.name, document={}, log=changed, offsets=offsets,
         tables=[_offset_table(offsets)], sentences=sentences,
+        save_as=lambda path: write_log(changed if format_of_target(path).own_stamps else merged, path),
     )  # fmt: skip
 
 
@@ -331,12 +283,9 @@ def commission(o: Commission) -> CommissionedFilter:
     """
     log = o.opened()
     offsets = estimate_offsets(log)
-    settings = commissioned_on(synchronised(log, offsets), o.odometry())
-    if settings is None:
-        raise FileError(log.path, "commissioning needs wheels or odometry, and poses x, y, yaw of a better sensor")
-    made = StateFilter(log.path.stem, settings)
+    made = StateFilter(log.path.stem, commissioned_on(synchronised(log, offsets), o.odometry()))
     return CommissionedFilter(
-        title=log.path.name, document=made.as_dict(), log=log, offsets=offsets, filter=made,
+        title=log.path.name, document=made.as_dict(), log=log, offsets=offsets, filter=made, save_as=made.save,
         tables=[_offset_table(offsets)], sentences=[f"{made.name}: {made.sentence()}"],
     )  # fmt: skip
 
@@ -362,29 +311,10 @@ def _sampling(t: FloatArray) -> Mapping[str, Any]:
     return {"samples": len(t), "rate_Hz": 1.0 / period if period > 0.0 else math.nan, **span}
 
 
-def _fault_table(faults: Faults) -> Table:
-    """Return what the log says about itself; no rows where it has nothing that could be looked at."""
-    rows = []
-    if faults.jumps is not None:
-        t, steps, turns = faults.jumps.t, faults.jumps.metres, faults.jumps.radians
-        worst = f"up to {steps.max():.2f} m and {DEGREES.text(turns.max())}°, {t[0]:.2f} to {t[-1]:.2f} s" if len(t) else ""
-        rows.append({"fault": "jumps of the localiser", "found": str(len(t)), "where": worst})
-    if faults.uncommanded_share is not None:
-        share = f"{100.0 * faults.uncommanded_share:.1f} %"
-        rows.append({"fault": "time in which wheels turn without a command", "found": share, "where": ""})
-    if rows or faults.dead_columns:
-        dead = {"found": str(len(faults.dead_columns)), "where": ", ".join(faults.dead_columns)}
-        rows.append({"fault": "columns that stay the same while it moves", **dead})
-    return Table("Health of the log", rows)
-
-
 def _offset_table(offsets: Sequence[Offset]) -> Table:
     """Return the delay of each signal behind the one with the surest clock; no rows where no delay is known."""
-    rows = [
-        {"signal": o.late, "behind": o.behind, "late_s": o.seconds, "standard_error_s": o.standard_error,
-         "correlation": o.correlation}
-        for o in offsets
-    ]  # fmt: skip
+    keys = {"late": "signal", "behind": "behind", "seconds": "late_s", "standard_error": "standard_error_s"}
+    rows = [{keys.get(name, name): value for name, value in asdict(offset).items()} for offset in offsets]
     units = {"late_s": Unit("s", 1.0, 4), "standard_error_s": Unit("s", 1.0, 4), "correlation": Unit("1", 1.0, 3)}
     caption = "From yaw rates, for the position from speeds. Negative: early, as commands are."
     return Table("Offsets of time", rows, caption, units=units)
@@ -400,13 +330,12 @@ def _reckoning_table(reckoning: Reckoning | None) -> Table:
 
 
 def _gap_sentences(log: Log) -> list[str]:
-    sentences = []
-    for source, gaps in dict.fromkeys((g.source, tuple(g.gaps())) for g in log.groups.values()):
-        at = ", ".join(f"{a:.3f} to {b:.3f} s" for a, b in gaps[:SHOWN])
-        more = f" and {len(gaps) - SHOWN} more" if len(gaps) > SHOWN else ""
-        if gaps:
-            sentences.append(f"{source}: {len(gaps)} gap{'s' * (len(gaps) > 1)}: {at}{more}")
-    return sentences
+    gaps = {group.source: group.gaps() for group in log.groups.values()}
+    return [
+        f"{source}: {len(found)} gap{'s' * (len(found) > 1)}, the first from {found[0][0]:.3f} to {found[0][1]:.3f} s"
+        for source, found in gaps.items()
+        if found
+    ]
 
 
 def _rest_sentences(log: Log, rest: Rest | None) -> list[str]:
@@ -418,15 +347,23 @@ def _rest_sentences(log: Log, rest: Rest | None) -> list[str]:
 
 
 # ------------------------------------------------------------------------------------------ the command line
-def _command(program: cli.Program[Any, Any], option: str) -> Callable[[Any], None]:
-    """Return the function behind a subcommand, which writes the file that `option` names."""
+def _check_target(target: Path, o: LogOptions) -> None:
+    """Refuse to replace the log itself, a part of it, or a file that somebody else wrote, unless `overwrite` is given."""
+    check_apart(target, o.source)
+    if exists(target) and not o.overwrite and not any(text in read_file(target, _MOST_OURS) for text in _OURS):
+        raise FileError(target, "there is such a file already; name another, or replace it by --overwrite")
 
-    def main(options: LogOptions) -> None:
-        target = options.target()
+
+def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> Callable[[Any], None]:
+    """Return the function behind a subcommand, which writes the file that `option` names, or the usual one."""
+
+    def main(o: Any) -> None:
+        named = o.json if option == "--json" else o.out
+        target = named or (o.usual_target(ending) if ending else None)
         with cli.mistakes_are_users():
-            if target is not None:
-                check_apart(target, options.source)
-            found: LogReport = program.function(options if isinstance(options, Info) else replace(options, out=target))
+            if named is not None:
+                _check_target(named, o)
+            found: LogReport = program.function(o if named is None or option == "--json" else replace(o, out=target))
             if target is not None:
                 with cli.writes(option, target):
                     found.write(target)
@@ -435,14 +372,14 @@ def _command(program: cli.Program[Any, Any], option: str) -> Callable[[Any], Non
         cli.report_result(found, [] if target is None else [target])
 
     main.__doc__ = (inspect.getdoc(program.function) or "").partition("\n\nRaises:")[0]
-    main.__annotations__ = {"options": program.options}
+    main.__annotations__ = {"o": program.options}
     return main
 
 
 PROGRAM = {
     "info": _command(info, "--json"),
-    "convert": _command(convert, "--out"),
-    "commission": _command(commission, "--out"),
+    "convert": _command(convert, "--out", ".csv"),
+    "commission": _command(commission, "--out", ".toml"),
 }
 
 if __name__ == "__main__":

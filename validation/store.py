@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import hashlib
 import json
 import math
 import os
 import platform
 import secrets
-import shutil
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import metadata
@@ -35,46 +33,15 @@ def _version(package: str) -> str:
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return the path of a file or folder in which `path` is made before it is put in its place; nothing is there yet.
-
-    Its name says which process makes it, so that `remove_leftovers` can tell what a killed process left from what is still
-    in the making.
-    """
-    return path.with_name(f"{_mine(os.getpid())}{secrets.token_hex(4)}.part{path.suffix}")
-
-
-def _mine(process: int | str) -> str:
-    """Return how names of temporary files of a process on this computer begin: folders may be shared by several."""
-    return f".ssmr-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-{process}-"
-
-
-def remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files and folders that processes of this computer left behind when they were killed."""
-    for left in folder.glob(f"{_mine('*')}*.part*"):
-        process = left.name.removeprefix(_mine("")[:-1]).partition("-")[0]
-        if process.isdigit() and not _lives(int(process)):
-            if left.is_dir() and not left.is_symlink():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
-                with contextlib.suppress(OSError):
-                    left.unlink()
-
-
-def _lives(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        pass  # it is somebody else's
-    return True
+    """Return the path of a hidden file or folder in which `path` is made before it is put in its place; nothing is there."""
+    return path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")
 
 
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` make a file beside `path`, then put it in its place; a failure leaves what was there before.
 
     The file and its folder are synchronised with the disk, so that after a power cut there is the old file or the new one,
-    whole. What killed processes left in the folder is removed.
+    whole.
 
     Args:
         path: where the file shall be; its folder must exist.
@@ -83,7 +50,6 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    remove_leftovers(path.parent)
     temporary = temporary_beside(path)
     try:
         write(temporary)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -11,20 +10,19 @@ import numpy as np
 
 from ssmr._jit import source
 from ssmr.estimation.ekf import aiding_by, run_ekf
-from ssmr.estimation.settings import EkfSettings, SeenPose, commission, learning, zeroed
-from ssmr.geometry import align_rigidly, integral, rotate_body_to_world, travelled
+from ssmr.estimation.settings import EkfSettings, commission, learning, zeroed
+from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import Sides, wheel_rates
 from ssmr.types import FloatArray, State, Trajectory
 from validation.files.faults import STOCK, WheelTwist, standing, wheel_twist
 from validation.files.log import POSE_COLUMNS, POSES, Group, Log
-from validation.files.reading import quoted
+from validation.files.reading import FileError, quoted
 from validation.files.signals import smoothed
 
 _UNKNOWN_SPEED = (0.0, 0.0, 0.0, 1.0, 1.0)
 """Standard deviations of the start of a filter that learns [m, m, rad, m/s, rad/s]: a log may begin while the robot
 moves, and a yaw rate that is taken for none would be believed to be the gyro's bias."""
-_FIRST_WAY = 20.0  # way by whose GPS positions the heading at the start is found [m]
 _PIECES = 10  # number of pieces of a log whose means tell how sure a gyro's bias is
 _SMOOTHING, _LEAST_STRETCH = 0.15, 2.0
 """Standard deviation of the Gaussian that smooths poses before they are differentiated, and the least stretch without a gap
@@ -57,48 +55,32 @@ class Reckoning:
     """At least one."""
 
 
-def filtered_motion(
-    log: Log, *, gyro: bool = True, bias: bool = True, settings: EkfSettings = STOCK, gps_std: float = 0.0
-) -> Trajectory | None:
+def filtered_motion(log: Log, settings: EkfSettings = STOCK, *, bias: bool = True) -> Trajectory | None:
     """Run the state filter over a log, from pose 0 on.
 
     It runs at the gyro's stamps, where there is one, and interpolates the wheels' rates linearly between theirs.
 
     Args:
         log: the log.
-        gyro: True if the filter takes in the gyro.
-        bias: True if what the gyro shows whenever the robot stands tells its bias, see `zeroed`, from the beginning on.
-            The bias is subtracted, or a filter that learns begins with it.
         settings: the filter's, with wheel radius and half-track of the robot's driver.
-        gps_std: standard deviation of the log's GPS positions, which the filter takes in by their stamps [m]; 0 to take in
-            none. The motion is then in their frame, in which it begins as the first `_FIRST_WAY` of dead reckoning lies.
+        bias: True if what the gyro shows whenever the robot stands tells its bias, see `zeroed`, from the log's beginning.
+            The bias is subtracted, or a filter that learns begins with it.
 
     Returns:
-        The filter's motion; None without wheels or, if `gyro`, without a gyro.
+        The filter's motion; None without wheels.
     """
     wheels = wheel_twist(log, settings)
-    within = None if wheels is None or not gyro else _gyro_within(log, wheels[0])
-    if wheels is None or (gyro and within is None):
+    if wheels is None:
         return None
-    t, turning = (wheels[0], None) if within is None else within
+    t, turning = _gyro_within(log, wheels[0]) or (wheels[0], None)
     left, right = _rates_at(t, wheels, settings)
     still = standing(log, t)
-    std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
     if turning is not None and bias and settings.learns:
         settings, turning = zeroed(settings, turning[still]), np.where(still, np.nan, turning)
     elif turning is not None and bias:
         turning = turning - zeroed(learning(settings), turning[still]).bias
-    aiding = aiding_by(still) if settings.learns else None
-    motion = run_ekf(t, left, right, turning, settings, State(), std, aiding)
-    fixes = log.groups.get("gps") if gps_std else None
-    points = None if fixes is None else fixes.table(_TRUTHS["gps"])
-    if fixes is None or points is None:
-        return motion
-    seen = zip(fixes.t.tolist(), points.tolist(), strict=True)
-    poses = {at: SeenPose(x, y, math.nan, gps_std**2, math.inf) for at, (x, y) in seen}
-    std = (gps_std, gps_std, 0.5, 1.0, 1.0)
-    aiding = aiding_by(still if settings.learns else np.zeros_like(still), poses)
-    return run_ekf(t, left, right, turning, settings, _start_in(motion, fixes.t, points), std, aiding)
+    std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
+    return run_ekf(t, left, right, turning, settings, State(), std, aiding_by(still) if settings.learns else None)
 
 
 def _rates_at(t: FloatArray, wheels: WheelTwist, settings: EkfSettings) -> Sides:
@@ -116,21 +98,7 @@ def _gyro_within(log: Log, stamps: FloatArray) -> tuple[FloatArray, FloatArray] 
     return (imu.t[within], imu.columns["gyro_z"][within]) if np.count_nonzero(within) > 1 else None
 
 
-def _start_in(motion: Trajectory, t: FloatArray, points: FloatArray) -> State:
-    """Return the pose at which a motion begins in the frame of (N, 2) points, by those of its first `_FIRST_WAY`."""
-    way = travelled(motion.xy)
-    last = motion.t[min(int(np.searchsorted(way, _FIRST_WAY)), len(way) - 1)]
-    first = (t >= motion.t[0]) & (t <= last)
-    if np.count_nonzero(first) < 2:
-        return State()
-    there = np.column_stack([np.interp(t[first], motion.t, column) for column in motion.xy.T])
-    off, onto = there - there.mean(axis=0), points[first] - points[first].mean(axis=0)
-    yaw = math.atan2(float(np.sum(off[:, 0] * onto[:, 1] - off[:, 1] * onto[:, 0])), float(np.sum(off * onto)))
-    x, y = (points[first].mean(axis=0) - rotate_body_to_world(there.mean(axis=0), yaw)).tolist()
-    return State(x, y, yaw)
-
-
-def commissioned_on(log: Log, odometry: EkfSettings = STOCK) -> EkfSettings | None:
+def commissioned_on(log: Log, odometry: EkfSettings = STOCK) -> EkfSettings:
     """Return a filter that knows the constants of the robot of a log, from its wheels and the poses of a better sensor.
 
     Poses are smoothed, and gaps left out. Offsets of time have to be taken out before. Where there is a gyro, its bias is
@@ -140,56 +108,37 @@ def commissioned_on(log: Log, odometry: EkfSettings = STOCK) -> EkfSettings | No
         log: the log.
         odometry: wheel radius and half-track of the robot's driver.
 
-    Returns:
-        None without wheels, or without poses x, y and yaw at the same time.
-
     Raises:
-        ValueError: the robot does not move, or does not turn.
+        ValueError: there are no wheels, or no poses at the same time, or the robot does not move, or does not turn.
     """
     wheels, pose = wheel_twist(log, odometry), log.groups.get("pose")
     columns = None if pose is None else pose.table(POSE_COLUMNS)
-    if wheels is None or pose is None or columns is None:
-        return None
-    gyro = _gyro_within(log, wheels[0])
-    rims = np.column_stack(_rates_at(pose.t, wheels, odometry))
-    drives, off, within = list[Trajectory](), list[FloatArray](), (pose.t >= wheels[0][0]) & (pose.t <= wheels[0][-1])
-    for part in np.split(np.arange(len(pose.t)), np.flatnonzero(np.diff(pose.t) > pose.longest_step()) + 1):
-        kept = part[within[part]]
-        t = pose.t[kept]
-        if len(t) and t[-1] - t[0] > _LEAST_STRETCH:
-            found = np.column_stack([smoothed(t, column, _SMOOTHING) for column in columns[kept].T])
-            x, y, turn = np.gradient(found, t, axis=0).T
-            c, s = np.cos(found[:, 2]), np.sin(found[:, 2])
-            drives.append(Trajectory(t, found, np.column_stack([c * x + s * y, c * y - s * x, turn]), rims[kept]))
-            if gyro is not None:
-                off.append(np.interp(t, *gyro) - turn)
-    settings = commission(drives, odometry) if drives else None
-    if settings is None or not off:
+    drives, off = list[Trajectory](), list[FloatArray]()
+    if wheels is not None and pose is not None and columns is not None:
+        gyro, rims = _gyro_within(log, wheels[0]), np.column_stack(_rates_at(pose.t, wheels, odometry))
+        within = (pose.t >= wheels[0][0]) & (pose.t <= wheels[0][-1])
+        for part in np.split(np.arange(len(pose.t)), np.flatnonzero(np.diff(pose.t) > pose.longest_step()) + 1):
+            kept = part[within[part]]
+            t = pose.t[kept]
+            if len(t) and t[-1] - t[0] > _LEAST_STRETCH:
+                found = np.column_stack([smoothed(t, column, _SMOOTHING) for column in columns[kept].T])
+                x, y, turn = np.gradient(found, t, axis=0).T
+                c, s = np.cos(found[:, 2]), np.sin(found[:, 2])
+                drives.append(Trajectory(t, found, np.column_stack([c * x + s * y, c * y - s * x, turn]), rims[kept]))
+                off += [] if gyro is None else [np.interp(t, *gyro) - turn]
+    if not drives:
+        raise FileError(log.path, "commissioning needs wheels or odometry, and poses x, y, yaw of a better sensor")
+    settings = commission(drives, odometry)
+    if not off:
         return settings
     means = [np.mean(part) for part in np.array_split(np.concatenate(off), _PIECES)]
     return replace(settings, bias=float(np.mean(means)), bias_std=float(np.std(means) / np.sqrt(_PIECES - 1)))
 
 
-def integrated(log: Log, settings: EkfSettings = STOCK) -> tuple[FloatArray, FloatArray] | None:
-    """Integrate the wheels' speed along the integral of the gyro, with the midpoint rule.
-
-    Returns:
-        (M,) stamps [s] and (M, 2) positions [m]; None without wheels or gyro.
-    """
-    wheels = wheel_twist(log, settings)
-    within = None if wheels is None else _gyro_within(log, wheels[0])
-    if wheels is None or within is None:
-        return None
-    (stamps, v, _), (t, rate) = wheels, within
-    dt, yaw = np.diff(t), integral(t, rate)
-    speed, heading = np.interp(t[:-1] + 0.5 * dt, stamps, v), 0.5 * (yaw[1:] + yaw[:-1])
-    return t, np.column_stack([np.cumulative_sum(dt * speed * f(heading), include_initial=True) for f in (np.cos, np.sin)])
-
-
 def reckon(
     log: Log, settings: EkfSettings = STOCK, more: Mapping[str, EkfSettings] = MappingProxyType({})
 ) -> Reckoning | None:
-    """Compare all ways of dead reckoning that a log allows with its positions by satellite or by a localiser.
+    """Compare ways of dead reckoning with a log's positions by satellite or by a localiser.
 
     `settings` of the filter have wheel radius and half-track of the robot's driver; `more` has further filters, by name.
 
@@ -224,41 +173,33 @@ def _tracks(
         xy = log.groups["odom"].table(names[:2]) if "odom" in log.groups else None
         if xy is not None:
             yield "odometry's own pose", log.groups["odom"].t, xy
-    plain = integrated(log, settings)
-    if plain is not None:
-        yield "wheels' speed, gyro's heading", *plain
-    for name, gyro, bias, used in (
-        ("filter of wheels", False, False, settings),
-        ("filter of wheels and gyro", True, False, settings),
-        ("filter, bias learned at rest", True, True, settings),
-        *((name, True, True, further) for name, further in more.items()),
-    ):
-        motion = filtered_motion(log, gyro=gyro, bias=bias, settings=used)
-        if motion is not None:
+    ways = [("filter of wheels", settings, False)]
+    if "imu" in log.groups:
+        ways = [("filter of wheels and gyro", settings, False), ("filter, bias learned at rest", settings, True)]
+        ways += [(name, further, True) for name, further in more.items()]
+    for name, used, bias in ways:
+        if (motion := filtered_motion(log, used, bias=bias)) is not None:
             yield name, motion.t, motion.xy
 
 
-def with_filter(log: Log, settings: EkfSettings = STOCK, gps_std: float = 0.0) -> Log | None:
-    """Return the log with the filter's pose as its x, y, yaw, see `filtered_motion`; None without wheels.
+def with_filter(log: Log, settings: EkfSettings = STOCK) -> Log:
+    """Return the log with the filter's pose as its x, y, yaw, see `filtered_motion`.
 
     Columns that had these names before are called odom_x ... or pose_x ... in the result.
 
     Raises:
-        ValueError: there is a column of such a name already.
+        ValueError: there are no wheels, or there is a column of such a name already.
     """
-    motion = filtered_motion(log, settings=settings, gps_std=gps_std)
-    motion = motion or filtered_motion(log, gyro=False, settings=settings, gps_std=gps_std)
+    motion = filtered_motion(log, settings)
     if motion is None:
-        return None
+        raise FileError(log.path, "ekf needs wheels or odometry, which the log has none of")
     groups = {
         name: replace(g, columns={(f"{name}_{n}" if n in POSE_COLUMNS else n): a for n, a in g.columns.items()})
         for name, g in log.groups.items()
     }
     named = [name for group in groups.values() for name in group.columns]
     if twice := sorted({name for name in named if named.count(name) > 1}):
-        raise ValueError(
-            f"the log has a column {quoted(twice)} already, which ekf would write the former pose to; rename it"
-        )
+        raise FileError(log.path, f"there is a column {quoted(twice)} already, which the former pose needs; rename it")
     old = {"localiser": groups.pop("pose")} if "pose" in groups else {}
     pose = Group("state filter", motion.t, dict(zip(POSE_COLUMNS, motion.pose.T, strict=True)))
     return replace(log, groups={"pose": pose, **groups, **old})

@@ -52,33 +52,6 @@ def varied() -> Commands:
     return Commands(COMMAND_PERIOD, np.column_stack([v, 0.5 * np.sin(0.7 * t) + 0.4 * np.sin(1.9 * t)]))
 
 
-def is_simulated(name: str) -> bool:
-    """Return whether a name is a drive to be simulated, SCENARIO or SCENARIO@PLANT."""
-    return name.partition("@")[0] in (*TRAJECTORIES, "varied")
-
-
-def simulated_log(name: str, profile: Profile, seed: int, faults: SensorFaults | None = None) -> Log:
-    """Drive a plant from the origin and log it; see `log_of_drive`.
-
-    Args:
-        name: SCENARIO@PLANT; mujoco if no plant is named.
-        profile: parameters of the plant.
-        seed: seed of all noise.
-        faults: faults of the log; `SensorFaults()` if not given.
-
-    Raises:
-        ValueError: an unknown scenario or plant.
-        SsmrError: the plant diverged.
-    """
-    scenario, _, plant = name.partition("@")
-    plant = plant or STANDARD
-    if not is_simulated(name) or plant not in ALL_PLANTS:
-        known = ", ".join((*TRAJECTORIES, "varied"))
-        raise ValueError(f"no drive '{name}'; there are: {known}, each with @ and any of {', '.join(ALL_PLANTS)}")
-    commands = TRAJECTORIES[scenario].commands() if scenario in TRAJECTORIES else varied()
-    return log_of_drive(Path(name), commands, plant, profile, seed, faults)
-
-
 def log_of_drive(
     path: Path,
     driven: Commands,
@@ -134,10 +107,11 @@ def open_log(
     robot: str | Path | Robot | None = None,
     faults: SensorFaults | None = None,
 ) -> Log:
-    """Read a log, or drive a plant and log it.
+    """Read a log, or drive a plant and log it, see `log_of_drive`.
 
     Args:
-        source: path of a log, or a drive to be simulated, such as traj4@mujoco.
+        source: path of a log, or a drive to be simulated: traj1 to traj4 or varied, with @ and a plant (mujoco if none is
+            named).
         options: choices for logs with topics; all guessed if not given.
         profile: profile of the plant that is driven; None for `thesis-lab`, or the robot's own numbers if that is of another
             robot than `robot`.
@@ -146,11 +120,16 @@ def open_log(
         faults: faults of its log; `SensorFaults()` if not given.
 
     Raises:
-        ValueError: the log cannot be opened, or the seed is negative.
+        ValueError: the log cannot be opened, there is no such plant, or the seed is negative.
         SsmrError: the plant diverged.
     """
     if seed < 0:
         raise ValueError(f"seed {seed} must not be negative")
-    if is_simulated(str(source)):
-        return simulated_log(str(source), choose_profile(profile, robot, "thesis-lab"), seed, faults)
-    return read_log(source, options)
+    scenario, _, plant = str(source).partition("@")
+    if scenario not in (*TRAJECTORIES, "varied"):
+        return read_log(source, options)
+    if (plant or STANDARD) not in ALL_PLANTS:
+        raise ValueError(f"no plant '{plant}' in '{source}'; there are: {', '.join(ALL_PLANTS)}")
+    commands = TRAJECTORIES[scenario].commands() if scenario in TRAJECTORIES else varied()
+    used = choose_profile(profile, robot, "thesis-lab")
+    return log_of_drive(Path(source), commands, plant or STANDARD, used, seed, faults)

@@ -5,6 +5,7 @@ A file has a header that names x and y [m] and, where it brings its times, t [s]
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import resources
@@ -18,10 +19,11 @@ from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
 from validation.files.csv_logs import CsvTable, read_csv_table
 from validation.files.limits import USUAL, LogLimits
+from validation.files.log import Column
 from validation.files.reading import FileError, quoted
 
 _HEADER = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
-_UNITS = {"x": "m", "y": "m", "t": "s"}
+_UNITS = {name: Column(unit, "", math.inf) for name, unit in (("x", "m"), ("y", "m"), ("t", "s"))}
 
 DEFAULT_SPEED = 0.25
 """Speed of the sample trajectories where none is given [m/s]; the slower of the thesis' two."""

@@ -220,7 +220,7 @@ Limits = Annotated[
     parsed(lambda text: USUAL.changed(read_values(text)), "NAME=X,...", lambda limits: ""),
     option(
         default="those of docs/logs.md",
-        help="Other limits of a recording, such as span=1e7,speed=200. A wrong name lists all.",
+        help="Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all.",
     ),
 ]
 """NAME=NUMBER,... as limits of a log that replace the usual ones."""

@@ -10,13 +10,12 @@ joints with `wheel` and `left` or `right` in their names, averaged over each sid
 Topics get roles, and become groups of columns: cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z
 from `imu`, about the vertical that its accelerometer shows; x, y, yaw from `pose` or, without one, from `odom`; odom_v and
 odom_w from `odom` (and odom_x, odom_y, odom_yaw where there is a `pose`); and gps_east, gps_north from `gps`, metres from
-its first fix.
+its first fix. A topic `/columns/GROUP/NAME` of Float64, as this project writes them, is the column NAME of that group.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,26 +29,19 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
 from validation.files.limits import LogLimits
-from validation.files.log import POSE_COLUMNS, Group, Log, ReadOptions, Stamps, Topic, check_group, is_column_name
-from validation.files.reading import DAMAGE, FileError, opened, parse_json, quoted
+from validation.files.log import POSE_COLUMNS, Group, Log, ReadOptions, Stamps, Topic, check_group
+from validation.files.reading import DAMAGE, FileError, opened, quoted
 from validation.words import shortened
 
-METADATA = "metadata.yaml"
-"""File that describes the folder of a ROS 2 bag."""
-MAP_TOPIC = "/recording/columns"
-"""Topic of the one message that says which columns the topics of a bag hold, for bags that this project wrote."""
-TEXT = "std_msgs/msg/String"
-"""Type of the message of `MAP_TOPIC`."""
-CHANNEL = "std_msgs/msg/Float64"
-"""Type of the messages that hold one number; they are read where `MAP_TOPIC` says which column that is."""
+CHANNEL, CHANNELS = "std_msgs/msg/Float64", "/columns/"
+"""Type of the messages that hold one number, and how the names of such topics begin where they are columns."""
+_METADATA = "metadata.yaml"  # file that describes the folder of a ROS 2 bag
 _CLOCK_JUMP = 1.0
 """Difference between the steps of the header's and the bag's stamps from which the header's clock has jumped [s]; a message
 that is only written late differs by less, and is sorted."""
 _OTHER_CLOCK = 60.0
 """Median distance from the bag's stamps from which a header's clock is another one, such as the time since start-up [s]."""
 _LATEST_NS = 2**62  # greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits
-SHOWN = 5
-"""Number of jumps or gaps that a sentence lists."""
 _TF_PARENTS, _TF_CHILDREN = ("map", "world", "mocap", "vicon", "optitrack"), ("base_link", "base_footprint")
 """A transform is taken for the pose only from one of these parents to one of these children: odom to base_link is
 odometry."""
@@ -68,13 +60,18 @@ class Role(NamedTuple):
     preferred: tuple[str, ...] = ()
     """Parts of topics' names that are preferred."""
 
+    def fits(self, topic: Topic) -> bool:
+        """Return whether a topic has the columns that the role needs."""
+        there = topic.columns or ()
+        return all(n in there for n in self.columns) or (self.columns == _RATES and all(n in there for n in _ANGLES))
+
 
 _RATES, _ANGLES = ("rate_left", "rate_right"), ("angle_left", "angle_right")
 ROLES: Mapping[str, Role] = MappingProxyType(
     {
         "cmd": Role(("v", "w"), ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"), ("cmd_vel",)),
         "odom": Role(("v", "w"), ("nav_msgs/msg/Odometry",), ("controller", "wheel")),
-        "wheels": Role((), ("sensor_msgs/msg/JointState",)),
+        "wheels": Role(_RATES, ("sensor_msgs/msg/JointState",)),
         "imu": Role(("gyro_x", "gyro_y", "gyro_z"), ("sensor_msgs/msg/Imu",), ("imu/data",)),
         "pose": Role(POSE_COLUMNS, ("geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")),
         "gps": Role(("latitude", "longitude"), ("sensor_msgs/msg/NavSatFix",)),
@@ -86,6 +83,7 @@ _Row = tuple[str, int, dict[str, float]]
 """Suffix of the topic, the header's stamp [ns] (0 for none), and the numbers by column."""
 
 
+# ------------------------------------------------------------------------------------------ messages
 def _header_ns(message: Any) -> int:
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
@@ -149,6 +147,7 @@ READERS: Mapping[str, Callable[[Any], Iterator[_Row]]] = MappingProxyType(
 """Functions that read a message, by its type; for a further type, add a line."""
 
 
+# ------------------------------------------------------------------------------------------ topics
 @dataclass
 class _Messages:
     """Messages of one topic and type that have the same columns, in the order of writing."""
@@ -169,24 +168,10 @@ class _Messages:
 
 _Collected = dict[tuple[str, str, tuple[str, ...]], _Messages]
 """Messages by topic, type and columns."""
-_Written = Mapping[str, tuple[str, tuple[str, ...]]]
-"""Group and columns by topic, in a bag that this project wrote."""
 
 
-def _check_files(path: Path, limits: LogLimits) -> None:
-    """Refuse what is no bag by its files, before any library opens them."""
-    if path.is_dir() and not (path / METADATA).exists():
-        raise FileError(path, f"this folder is no ROS 2 bag: there is no {METADATA} in it")
-    size, most = 0, limits.bytes_of("bag_size")
-    for file in sorted(p for p in path.iterdir() if not p.is_dir()) if path.is_dir() else [path]:
-        with opened(file, most, "bag_size") as stream:
-            size += os.fstat(stream.fileno()).st_size
-    if size > most:
-        raise FileError(path, f"its files have {size / 1e6:.6g} MB, but {limits.says('bag_size')}")
-
-
-def read_topics(path: Path, options: ReadOptions) -> tuple[list[Topic], _Written]:
-    """Read the topics of a bag, and the groups and columns by topic that it says, if this project wrote it.
+def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
+    """Read the topics of a bag.
 
     Raises:
         FileError: there is no such bag, it is damaged, empty or beyond the limits.
@@ -201,12 +186,11 @@ def read_topics(path: Path, options: ReadOptions) -> tuple[list[Topic], _Written
     except ImportError as missing:
         raise FileError(path, f"reading bags needs rosbags: pip install rosbags ({missing})") from None
     try:
-        _check_files(path, options.limits)
+        _check_files(path)
         # the type store serves bags that do not contain their message types: ROS 2 before Iron
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            written = _written(reader)
-            found = _messages(path, reader, written, options.limits)
-            used = {topic.partition(":")[0] for topic, _, _ in found} | {MAP_TOPIC}
+            found = _messages(path, reader, options.limits)
+            used = {topic.partition(":")[0] for topic, _, _ in found}
             counts: dict[tuple[str, str], int] = {}
             for c in reader.connections:
                 if c.topic not in used and c.msgcount:
@@ -221,22 +205,22 @@ def read_topics(path: Path, options: ReadOptions) -> tuple[list[Topic], _Written
     clocks = {key: found[key].stamps(options.stamps) for key in sorted(found)}
     epoch = min((int(ns.min()) for ns, _ in clocks.values()), default=0)
     topics = [_topic(*key, found[key], *clock, epoch) for key, clock in clocks.items()]
-    return [*topics, *(Topic(*key, np.broadcast_to(0.0, many), None) for key, many in counts.items())], written
+    return [*topics, *(Topic(*key, np.broadcast_to(0.0, many), None) for key, many in counts.items())]
 
 
-def _written(reader: Any) -> _Written:
-    """Return what the message of `MAP_TOPIC` says, nothing without one; any error is that of a damaged bag."""
-    maps = [c for c in reader.connections if c.topic == MAP_TOPIC and c.msgtype == TEXT]
-    for connection, _, raw in reader.messages(maps) if maps else ():
-        document = parse_json(reader.deserialize(raw, connection.msgtype).data, MAP_TOPIC)
-        return {topic: (str(group), tuple(map(str, columns))) for topic, (group, columns) in document.items()}
-    return {}
+def _check_files(path: Path) -> None:
+    """Refuse what is no bag by its files, before any library opens them."""
+    if path.is_dir() and not (path / _METADATA).exists():
+        raise FileError(path, f"this folder is no ROS 2 bag: there is no {_METADATA} in it")
+    for file in sorted(p for p in path.iterdir() if not p.is_dir()) if path.is_dir() else [path]:
+        with opened(file):
+            pass
 
 
-def _messages(path: Path, reader: Any, written: _Written, limits: LogLimits) -> _Collected:
+def _messages(path: Path, reader: Any, limits: LogLimits) -> _Collected:
     """Return all messages that can be read; a FileError says that there are more than the limits allow."""
     found: _Collected = {}
-    known = [c for c in reader.connections if c.msgtype in READERS and (c.msgtype != CHANNEL or c.topic in written)]
+    known = [c for c in reader.connections if c.msgtype in READERS and (c.msgtype != CHANNEL or _column(c.topic))]
     for count, (connection, ns, raw) in enumerate(reader.messages(known) if known else ()):
         for name, many in (("samples", count + 1), ("columns", len(found))):
             if many > getattr(limits, name):
@@ -252,6 +236,12 @@ def _messages(path: Path, reader: Any, written: _Written, limits: LogLimits) -> 
     return found
 
 
+def _column(topic: str) -> tuple[str, str] | None:
+    """Return the group and the name of the column that a topic of Float64 holds by its own name; None for none."""
+    group, slash, name = topic.removeprefix(CHANNELS).partition("/")
+    return (group, name) if topic.startswith(CHANNELS) and group and slash and name and name != "t" else None
+
+
 def _topic(
     name: str, kind: str, names: Sequence[str], messages: _Messages, ns: NDArray[np.int64], clock: Stamps, epoch: int
 ) -> Topic:
@@ -265,33 +255,8 @@ def _topic(
     return Topic(name, kind, t, dict(zip(names, np.ascontiguousarray(table.T), strict=True)), clock, jumps, late)
 
 
-# ------------------------------------------------------------------------------------------ roles of topics
-def _fits(topic: Topic, role: str) -> bool:
-    """Return whether a topic has the columns that the role needs."""
-    if role == "wheels":
-        return any(name in (topic.columns or ()) for name in (_RATES[0], _ANGLES[0]))
-    return all(name in (topic.columns or ()) for name in ROLES[role].columns)
-
-
-def _guess(topics: Sequence[Topic], role: str) -> Topic | None:
-    """Return the topic of a role by its message type; None where none of such a type has at least two samples.
-
-    Among several, one with a preferred part in its name goes first, then a type that the role lists earlier, then the one
-    with more samples, then the alphabet. A transform that does not place the robot in a map has no role.
-    """
-    types, parts = ROLES[role].types, ROLES[role].preferred
-    able = []
-    for topic in topics:
-        parent, arrow, child = topic.name.partition(":")[2].partition("->")
-        placed = not arrow or (parent in _TF_PARENTS and child.split("/")[-1] in _TF_CHILDREN)
-        if topic.type in types and _fits(topic, role) and len(topic.t) > 1 and placed:
-            rank = (not any(p in topic.name for p in parts), types.index(topic.type), -len(topic.t), topic.name)
-            able.append((rank, topic))
-    return min(able, key=lambda ranked: ranked[0])[1] if able else None
-
-
 def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str]) -> dict[str, Topic]:
-    """Return the topic of each role: as named, and guessed for the roles that are not.
+    """Return the topic of each role: as named, and guessed by its message type for the roles that are not.
 
     Args:
         path: the bag.
@@ -303,7 +268,7 @@ def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str])
     """
     if unknown := [role for role in named if role not in ROLES]:
         raise FileError(path, f"unknown role {quoted(unknown)}; there are: {', '.join(ROLES)}")
-    chosen = {role: _guess(topics, role) for role in ROLES if role not in named}
+    chosen = {role: _guess(topics, ROLES[role]) for role in ROLES if role not in named}
     for role, name in named.items():
         if name == "none":
             continue
@@ -313,38 +278,53 @@ def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str])
             raise FileError(path, f"there is no topic {name}; there are: {there}")
         if topic.columns is None:
             raise FileError(path, f"nothing can be read from topic {name}: {len(topic.t)} messages of {topic.type}")
-        if not _fits(topic, role):
-            wanted = f"wanted {' or '.join(ROLES[role].columns) or 'wheels'}, as of {ROLES[role].types[0]}"
+        if not ROLES[role].fits(topic):
+            wanted = f"wanted {' or '.join(ROLES[role].columns)}, as of {ROLES[role].types[0]}"
             raise FileError(path, f"topic {name} of {topic.type} cannot be {role}: {wanted}")
     return {role: found for role in ROLES if (found := chosen.get(role)) is not None}
 
 
+def _guess(topics: Sequence[Topic], role: Role) -> Topic | None:
+    """Return the topic of a role by its message type; None where none of such a type has at least two samples.
+
+    Among several, one with a preferred part in its name goes first, then a type that the role lists earlier, then the one
+    with more samples, then the alphabet. A transform that does not place the robot in a map has no role.
+    """
+    able = []
+    for topic in topics:
+        parent, arrow, child = topic.name.partition(":")[2].partition("->")
+        placed = not arrow or (parent in _TF_PARENTS and child.split("/")[-1] in _TF_CHILDREN)
+        if topic.type in role.types and role.fits(topic) and len(topic.t) > 1 and placed:
+            preferred = any(part in topic.name for part in role.preferred)
+            able.append(((not preferred, role.types.index(topic.type), -len(topic.t), topic.name), topic))
+    return min(able, key=lambda ranked: ranked[0])[1] if able else None
+
+
 # ------------------------------------------------------------------------------------------ groups of columns
-def _samples(path: Path, topic: Topic) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Return stamps and columns of a topic, the first sample of each stamp; a FileError says why there are none."""
+def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) -> Group:
+    """Return a topic as the group of its role, the first sample of each stamp.
+
+    `prefix` begins the names of the columns of odometry's pose. A FileError says what cannot be used.
+    """
     if topic.jumps:
         when, size = topic.jumps[0]
         many = f", and {len(topic.jumps) - 1} times more" if len(topic.jumps) > 1 else ""
         what = f"the clock of topic {topic.name} jumps by {size:+.3f} s after {when:.3f} s{many}"
-        raise FileError(path, f"{what}; stamps bag takes the times of writing")
+        raise FileError(path, f"{what}; stamps bag takes the times of writing; topics {role}=none leaves it out")
     first = np.concatenate([[True], np.diff(topic.t) > 0.0])
-    if np.count_nonzero(first) < 2:
-        raise FileError(path, f"topic {topic.name} has fewer than two samples")
-    return topic.t[first], {name: values[first] for name, values in (topic.columns or {}).items()}
-
-
-def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) -> Group:
-    """Return a topic as the group of its role; `prefix` begins the names of the columns of odometry's pose."""
+    t, columns = topic.t[first], {name: values[first] for name, values in (topic.columns or {}).items()}
     try:
-        t, columns = _samples(path, topic)
+        if len(t) < 2:
+            raise FileError(path, f"topic {topic.name} has fewer than two samples")
         with np.errstate(all="ignore"):  # what is not finite then is refused below
             found = _converted(role, t, columns)
-        if role in ("pose", "odom") and _fits(topic, "pose"):
+        if role in ("pose", "odom") and ROLES["pose"].fits(topic):
             found |= {f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n] for n in POSE_COLUMNS}
         group = Group(topic.name, t, found)
         check_group(path, group, limits)
     except FileError as fault:
-        raise FileError(path, f"{fault.what}; topics {role}=none leaves it out") from fault
+        remedy = "" if role == CHANNEL else f"; topics {role}=none leaves it out"
+        raise FileError(path, f"{fault.what}{remedy}") from fault
     return group
 
 
@@ -361,25 +341,7 @@ def _converted(role: str, t: FloatArray, columns: Mapping[str, FloatArray]) -> d
         return {"gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"]) @ vertical(columns)}
     if role == "gps":
         return dict(zip(("gps_east", "gps_north"), to_local(columns["latitude"], columns["longitude"]), strict=True))
-    return {}
-
-
-def _with_channel(
-    path: Path, groups: dict[str, Group], topic: Topic, written: _Written, limits: LogLimits
-) -> dict[str, Group]:
-    """Return the groups with a topic of single numbers as the column that it was written from."""
-    name, columns = written[topic.name]
-    taken = {column for group in groups.values() for column in group.columns}
-    if len(columns) != 1 or columns[0] == "t" or not is_column_name(columns[0]) or columns[0] in taken:
-        raise FileError(path, f"topic {topic.name} cannot be column {quoted(columns)} of group {quoted([name])}")
-    t, values = _samples(path, topic)
-    group = Group(topic.name, t, {columns[0]: values["value"]})
-    check_group(path, group, limits)
-    if name not in groups:
-        return {**groups, name: group}
-    if not np.array_equal(groups[name].t, t):
-        raise FileError(path, f"topic {topic.name} has other stamps than its group {quoted([name])}")
-    return {**groups, name: replace(groups[name], columns={**groups[name].columns, **group.columns})}
+    return dict(columns) if role == CHANNEL else {}
 
 
 def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
@@ -404,18 +366,16 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
     return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
 
 
-def _remarks(topic: Topic) -> list[str]:
-    """Return sentences about a topic's clock: jumps, stamps of writing, late samples."""
-    found = []
-    if many := len(topic.jumps):
-        at = ", ".join(f"{size:+.3f} s after {when:.3f} s" for when, size in topic.jumps[:SHOWN])
-        more = f" and {many - SHOWN} more" if many > SHOWN else ""
-        found.append(f"{topic.name}: the clock jumps {'once' if many == 1 else f'{many} times'}: {at}{more}")
-    if topic.stamps == "bag":
-        found.append(f"{topic.name}: stamps are those of writing; the messages have none of that clock")
+def _remarks(topic: Topic) -> Iterator[str]:
+    """Yield sentences about a topic's clock: jumps, stamps of writing, late samples."""
+    if topic.jumps:
+        when, size = topic.jumps[0]
+        many = "once" if len(topic.jumps) == 1 else f"{len(topic.jumps)} times"
+        yield f"{topic.name}: the clock jumps {many}, first by {size:+.3f} s after {when:.3f} s"
+    if topic.stamps == "bag" and topic.type != CHANNEL:
+        yield f"{topic.name}: stamps are those of writing; the messages have none of that clock"
     if topic.late:
-        found.append(f"{topic.name}: {topic.late} samples came late and were sorted in")
-    return found
+        yield f"{topic.name}: {topic.late} samples came late and were sorted in"
 
 
 def read_bag(path: Path, options: ReadOptions) -> Log:
@@ -424,27 +384,37 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     Raises:
         FileError: there is no such bag, it is damaged, empty or beyond the limits, or a topic cannot be used.
     """
-    topics, written = read_topics(path, options)
+    topics = read_topics(path, options)
     chosen = choose_topics(path, topics, options.topics)
-    channels = [topic for topic in topics if topic.type == CHANNEL and topic.columns is not None]
-    if not chosen and not channels and not options.lenient:
+    single = [topic for topic in topics if topic.type == CHANNEL and topic.columns is not None]
+    if not chosen and not single and not options.lenient:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)
         found = there or "no topic of a type that can be read"
         raise FileError(path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {found}")
     groups: dict[str, Group] = {}
     left_out = []
-    for role, topic in (*chosen.items(), *(("", topic) for topic in channels)):
+    posed = "pose" in chosen or any(topic.name.startswith(f"{CHANNELS}pose/") for topic in single)
+    for role, topic in (*chosen.items(), *((CHANNEL, topic) for topic in single)):
         try:
-            if role:
-                odometrys = role == "odom" and ("pose" in chosen or "odom_x" in written.get(topic.name, ("", ()))[1])
-                groups[role] = _group(path, role, topic, "odom_" if odometrys else "", options.limits)
+            group = _group(path, role, topic, "odom_" if posed and role == "odom" else "", options.limits)
+            if role == CHANNEL:
+                _add(path, groups, group)
             else:
-                groups = _with_channel(path, groups, topic, written, options.limits)
+                groups[role] = group
         except FileError as fault:
             if not options.lenient:
                 raise
             left_out.append(str(fault))
-    roles = {id(topic): role for role, topic in chosen.items()} | {id(t): written[t.name][0] for t in channels}
+    roles = {id(topic): role for role, topic in chosen.items()} | {id(t): "column" for t in single}
     listed = [replace(topic, role=roles.get(id(topic), "")) for topic in topics]
-    remarks = [remark for topic in topics if topic.type != CHANNEL for remark in _remarks(topic)]
-    return Log(path, groups, listed, remarks, left_out, options.limits)
+    return Log(path, groups, listed, [remark for topic in topics for remark in _remarks(topic)], left_out, options.limits)
+
+
+def _add(path: Path, groups: dict[str, Group], single: Group) -> None:
+    """Put a group of single numbers into the group that the topic names, as the column that it names."""
+    key, name = _column(single.source) or ("", "")
+    before = groups.get(key, replace(single, columns={}))
+    if any(name in group.columns for group in groups.values()) or not np.array_equal(before.t, single.t):
+        raise FileError(path, f"topic {single.source} is a column twice, or has other stamps than its group")
+    column = Group(single.source, single.t, {name: single.columns["value"]})
+    groups[key] = replace(before, columns={**before.columns, **column.columns})

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray
 from validation.files.limits import USUAL, LogLimits, find_time_fault
-from validation.files.log import ANY_COLUMN, COLUMNS, RECORDED, Log, ReadOptions, is_column_name
+from validation.files.log import RECORDED, Column, Log, ReadOptions, column_of, is_column_name
 from validation.files.reading import FileError, opened, quoted
 from validation.store import write_atomic
 
@@ -39,29 +39,19 @@ class CsvTable:
     bad: Sequence[tuple[int, str] | None]
     """Row and text of each column's first cell that is no finite number; None for a column without one."""
 
-    limits: LogLimits
-    """Limits that it was read with."""
-
-    def numbers(self, place: int, unit: str, limit: str | None = None) -> FloatArray:
-        """Return a column as (M,) finite numbers.
-
-        Args:
-            place: index of the column.
-            unit: unit of its numbers, for messages.
-            limit: name of the limit of its numbers; None for none.
+    def numbers(self, place: int, known: Column) -> FloatArray:
+        """Return the column at `place` as (M,) finite numbers, no greater than such a column's can be.
 
         Raises:
-            FileError: a cell is no finite number, or beyond the limit.
+            FileError: a cell is no finite number, or too large.
         """
-        values, what = self.columns[place], ""
-        if (bad := self.bad[place]) is not None:
-            row, cell = bad
-            what = f"there is {quoted([cell.strip()]) if cell.strip() else 'nothing'}, wanted a finite number [{unit}]"
-        elif limit is not None and (beyond := self.limits.first_beyond(limit, values)) is not None:
-            row, what = beyond, f"there is {f'{values[beyond]:g} {unit}'.strip()}, but {self.limits.says(limit)}"
-        if what:
-            raise FileError(self.path, what, self.lines[row], self.header[place])
-        return values
+        bad, fault = self.bad[place], known.fault(self.columns[place])
+        if bad is not None:
+            row, cell = bad[0], bad[1].strip()
+            fault = row, f"{quoted([cell]) if cell else 'nothing'}, wanted a finite number [{known.unit}]"
+        if fault is not None:
+            raise FileError(self.path, f"there is {fault[1]}", self.lines[fault[0]], self.header[place])
+        return self.columns[place]
 
 
 def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
@@ -98,7 +88,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
                 bad[place] = (len(lines), cell)
         lines.append(line)
     numbers = [np.array(column, dtype=np.float64) for column in columns]
-    return CsvTable(path, [name.strip() for name in header], header_line, lines, numbers, bad, limits)
+    return CsvTable(path, [name.strip() for name in header], header_line, lines, numbers, bad)
 
 
 def _number(cell: str) -> float:
@@ -137,10 +127,8 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     _check_names(table)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
-        known = COLUMNS.get(name, ANY_COLUMN)
-        unit, limit = ("s", None) if name == "t" else (known.unit, known.limit)
         try:
-            columns[name] = table.numbers(place, unit, limit)
+            columns[name] = table.numbers(place, Column("s", "", math.inf) if name == "t" else column_of(name))
         except FileError as fault:
             if name == "t" or name in RECORDED:
                 raise

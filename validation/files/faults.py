@@ -1,6 +1,6 @@
 """Faults that a log shows by itself: a localiser that jumps, driving without commands, dead columns, numbers of no robot.
 
-`LogLimits` refuses what cannot be. Nothing here is certain enough to refuse a log; it says what is not to be trusted. The
+`read_log` refuses what cannot be. Nothing here is certain enough to refuse a log; it says what is not to be trusted. The
 wheels say when the robot moves, and what the gyro shows while it stands is the gyro's bias.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 
 # ------------------------------------------------------------------------------------------ what the wheels say
 def twist_of(group: Group | None, settings: EkfSettings = STOCK) -> WheelTwist | None:
-    """Return the motion by a group's encoders or odometry; None without either.
+    """Return the motion by a group's encoders, odometry or commands; None without any.
 
     Encoders are converted with the radius and half-track of a state filter's settings.
     """
@@ -74,8 +74,8 @@ def twist_of(group: Group | None, settings: EkfSettings = STOCK) -> WheelTwist |
     if (rates := group.table(COMMAND_COLUMNS["wheels"])) is not None:
         left, right = rates.T
         return group.t, *source(body_rates)(left, right, settings.half_track, settings.radius)
-    odometry = group.table(("odom_v", "odom_w"))
-    return None if odometry is None else (group.t, *odometry.T)
+    tables = [group.table(names) for names in (("odom_v", "odom_w"), COMMAND_COLUMNS["twist"])]
+    return next(((group.t, *table.T) for table in tables if table is not None), None)
 
 
 def wheel_twist(log: Log, settings: EkfSettings = STOCK) -> WheelTwist | None:
@@ -126,9 +126,7 @@ def unbiased(log: Log) -> Log:
     rest = find_rest(log)
     if rest is None:
         raise FileError(log.path, f"unbias needs a gyro, and wheels that stand for {REST_LEAST:g} s in all")
-    imu = log.groups["imu"]
-    columns = {**imu.columns, "gyro_z": imu.columns["gyro_z"] - rest.bias}
-    return replace(log, groups={**log.groups, "imu": replace(imu, columns=columns)})
+    return log.changed("imu", {"gyro_z": log.columns["gyro_z"] - rest.bias})
 
 
 # ------------------------------------------------------------------------------------------ faults
@@ -184,11 +182,12 @@ def find_jumps(log: Log) -> Jumps | None:
 
     A step from one new pose to the next is a jump if it is longer than the fastest wheel's path in that time by `JUMP_M`, or
     turns further than the wheels by `JUMP_RAD`; slipping wheels only make a robot slower. Gaps are no steps. Without wheels
-    the commands say how fast the robot was.
+    the commands say how fast the robot was. Wheels of another robot than a stock Husky are larger: the median ratio of
+    the driven steps to the wheels' paths says by how much, jumps or not.
     """
     group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
     pose = None if group is None else group.table(POSE_COLUMNS)
-    twist = wheel_twist(log) or _commanded(log)
+    twist = wheel_twist(log) or twist_of(log.groups.get("cmd"))
     if group is None or pose is None or twist is None:
         return None
     stamps, v, w = twist
@@ -197,30 +196,15 @@ def find_jumps(log: Log) -> Jumps | None:
     new = np.flatnonzero(fresh_poses(group.t, pose))
     t, steps = group.t[new], np.diff(pose[new], axis=0)
     metres, radians, dt = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2]), np.diff(t)
-    path = _FASTER * _scale(rim, stamps, t, metres) * _greatest_around(t, stamps, rim) * dt
+    middle = np.interp(0.5 * (t[1:] + t[:-1]), stamps, rim)
+    driven = (middle > 0.5 * np.percentile(rim, 90.0)) & (middle > 0.0)
+    larger = max(1.0, float(np.median(metres[driven] / dt[driven] / middle[driven]))) if np.any(driven) else 1.0
+    path = _FASTER * larger * _greatest_around(t, stamps, rim) * dt
     turn = _FASTER * _greatest_around(t, stamps, turning) * dt
     beyond = (metres - path > JUMP_M) | (radians - turn > JUMP_RAD)
     piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
     at = np.flatnonzero(beyond & (np.diff(piece) == 0))
     return Jumps(new[at + 1], t[at + 1], metres[at], radians[at])
-
-
-def _commanded(log: Log) -> WheelTwist | None:
-    command = log.groups.get("cmd")
-    table = None if command is None else command.table(COMMAND_COLUMNS["twist"])
-    return None if command is None or table is None else (command.t, *table.T)
-
-
-def _scale(rim: FloatArray, stamps: FloatArray, t: FloatArray, metres: FloatArray) -> float:
-    """Return how many times faster than a stock Husky with these wheel rates the robot is, at least 1.
-
-    Wheels of another robot are larger. The median of the driven steps' own ratios says by how much, jumps or not.
-    """
-    at = np.interp(0.5 * (t[1:] + t[:-1]), stamps, rim)
-    driven = at > 0.5 * np.percentile(rim, 90.0)
-    if not np.any(driven & (at > 0.0)):
-        return 1.0
-    return max(1.0, float(np.median(metres[driven] / np.diff(t)[driven] / at[driven])))
 
 
 def _greatest_around(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
@@ -247,7 +231,7 @@ def _fastest_wheel(log: Log) -> tuple[FloatArray, FloatArray] | None:
 
 def _uncommanded_share(log: Log) -> float | None:
     """Return the share of time in which wheels turn although nothing was commanded for `AFTER_COMMAND_S`."""
-    wheels, command = _fastest_wheel(log), _commanded(log)
+    wheels, command = _fastest_wheel(log), twist_of(log.groups.get("cmd"))
     if wheels is None or command is None:
         return None
     t, rate = wheels
@@ -302,30 +286,27 @@ def _mismatches(log: Log) -> Iterator[str]:
         return
     t, v, w = wheels
     grid = np.arange(t[0], t[-1], _RATIO_S)
-    there = {name: (group.t, values) for group in log.groups.values() for name, values in group.columns.items()}
 
     def steps(stamps: FloatArray, values: FloatArray) -> FloatArray:
         return np.abs(np.diff(np.interp(grid, stamps, values)))
 
     rolled, turned = steps(t, integral(t, np.abs(v))), steps(t, integral(t, w))
-    if "x" in there and "y" in there:
-        ratio = _median_ratio(np.hypot(steps(*there["x"]), steps(*there["y"])), rolled)
-        if ratio > _TOO_FAR:
-            yield f"x and y move {ratio:.3g} times as far as the wheels roll: they may be in mm or cm"
-        elif ratio < 1.0 / _TOO_FAR:
-            far = f"{1.0 / ratio:.3g} times as far as x and y move"
-            yield f"the wheels roll {far}: rates may be in rpm or degrees per second"
-    if "yaw" in there and (ratio := _median_ratio(steps(*there["yaw"]), turned)) > _TOO_FAR:
-        yield f"yaw turns {ratio:.3g} times as far as the wheels say: it may be in degrees"
-    if "gyro_z" in there:
-        stamps, rate = there["gyro_z"]
-        if (ratio := _median_ratio(steps(stamps, integral(stamps, rate)), turned)) > _TOO_FAR:
-            yield f"gyro_z turns {ratio:.3g} times as far as the wheels say: it may be in degrees per second"
+    for group in log.groups.values():
+        there = {name: steps(group.t, values) for name, values in group.columns.items() if name in POSE_COLUMNS}
+        if "gyro_z" in group.columns:
+            there["gyro_z"] = steps(group.t, integral(group.t, group.columns["gyro_z"]))
+        if "x" in there and "y" in there:
+            if (far := _ratio(np.hypot(there["x"], there["y"]), rolled)) > _TOO_FAR:
+                yield f"x and y move {far:.3g} times as far as the wheels roll: they may be in mm or cm"
+            elif far < 1.0 / _TOO_FAR:
+                yield f"the wheels roll {1.0 / far:.3g} times as far as x and y move: rates may be in rpm or degrees"
+        for name, unit in (("yaw", "degrees"), ("gyro_z", "degrees per second")):
+            if name in there and (far := _ratio(there[name], turned)) > _TOO_FAR:
+                yield f"{name} turns {far:.3g} times as far as the wheels say: it may be in {unit}"
 
 
-def _median_ratio(moved: FloatArray, wheels: FloatArray) -> float:
-    """Return the median of the ratio over the intervals in which the wheels move [1]; 1 where there are few."""
-    driven = wheels > _RATIO_LEAST
-    if np.count_nonzero(driven) < _RATIO_COUNT:
-        return 1.0
-    return max(float(np.median(moved[driven] / wheels[driven])), 1e-9)
+def _ratio(moved: FloatArray, by_wheels: FloatArray) -> float:
+    """Return the median ratio over the intervals in which the wheels move [1]; 1 where there are few."""
+    driven = by_wheels > _RATIO_LEAST
+    few = np.count_nonzero(driven) < _RATIO_COUNT
+    return 1.0 if few else max(float(np.median(moved[driven] / by_wheels[driven])), 1e-9)

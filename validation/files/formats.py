@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
-from validation.files.bag_writing import bag_losses, write_bag
-from validation.files.bags import METADATA, read_bag
+from validation.files.bag_writing import write_bag
+from validation.files.bags import read_bag
 from validation.files.csv_logs import read_csv, write_csv
 from validation.files.log import POSE_COLUMNS, Log, ReadOptions, check_group
-from validation.files.reading import FileError, exists, quoted
+from validation.files.reading import FileError, exists
 from validation.store import write_atomic
-
-SAMPLE_LOG = "sample"
-"""Name, where the path of a log is wanted, of the one that travels with the package: 70 s of the MuJoCo Husky of profile
-husky-tile at 20 Hz, as `recordings convert varied@mujoco --profile husky-tile --rate 20` writes it, rounded."""
 
 
 def write_tum(log: Log, path: Path) -> None:
@@ -36,12 +32,6 @@ def write_tum(log: Log, path: Path) -> None:
     write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
 
 
-def tum_losses(log: Log, path: Path) -> list[str]:
-    """Return a sentence about the columns that a trajectory does not hold."""
-    left_out = [name for name in log.columns if name not in POSE_COLUMNS]
-    return [f"{path.name} holds the pose to nine decimals, and not: {quoted(left_out)}"] if left_out else []
-
-
 @dataclass(frozen=True)
 class LogFormat:
     """A file format of logs."""
@@ -53,9 +43,6 @@ class LogFormat:
     that is only written. A format with one clock returns `Log.of_columns(path, columns)`."""
     write: Callable[[Log, Path], None] | None = None
     """Function that writes a log whole or not at all; None for a format that is only read."""
-    losses: Callable[[Log, Path], Sequence[str]] | None = None
-    """Function that returns sentences about what such a file would not hold of a log, or hold under other names, and raises
-    ValueError if it cannot hold the log; None for a format that holds everything."""
     folder: str = ""
     """Name of the folders that are read as well, such as `the folder of a ROS 2 bag`; empty where only files are."""
     own_stamps: bool = False
@@ -68,16 +55,21 @@ class LogFormat:
 
 FORMATS = (
     LogFormat((".csv",), read_csv, write_csv),
-    LogFormat((".tum",), None, write_tum, tum_losses),
-    LogFormat((".bag", ".mcap"), read_bag, write_bag, bag_losses, "the folder of a ROS 2 bag", own_stamps=True),
+    LogFormat((".tum",), None, write_tum),
+    LogFormat((".bag",), read_bag),
+    LogFormat((".mcap",), read_bag, write_bag, "the folder of a ROS 2 bag", own_stamps=True),
 )
 """Every format of logs. A new one is a module with a function that reads or writes it, and its line here."""
 
 
 def log_path(name: str | Path) -> Path:
-    """Return the path of a log: `sample` is the one that travels with the package, unless there is a file of that name."""
+    """Return the path of a log: `sample` is the one that travels with the package, unless there is a file of that name.
+
+    It holds 70 s of the MuJoCo Husky of profile husky-tile at 20 Hz, as `recordings convert varied@mujoco --profile
+    husky-tile --rate 20` writes it, rounded.
+    """
     path = Path(name)
-    return Path(__file__).with_name("sample.csv") if str(name) == SAMPLE_LOG and not exists(path) else path
+    return Path(__file__).with_name("sample.csv") if str(name) == "sample" and not exists(path) else path
 
 
 def readable() -> str:
@@ -138,37 +130,16 @@ def write_log(log: Log, path: str | Path) -> None:
     write(log, path)
 
 
-def losses(log: Log, path: str | Path) -> Sequence[str]:
-    """Return sentences about what the file at `path` would not hold of a log, or hold under other names.
-
-    Raises:
-        ValueError: no format that can be written has that ending, or it cannot hold the log.
-    """
-    find = format_of_target(path).losses
-    return () if find is None else find(log, Path(path))
-
-
 def check_apart(target: str | Path, source: str | Path) -> None:
-    """Refuse to write a file of any kind over a log or into it, before any work is done.
-
-    Args:
-        target: file that is to be written.
-        source: log that is read; it need not exist, as a simulated drive does not.
+    """Refuse to write a file of any kind over a log or a part of it, before any work is done.
 
     Raises:
-        ValueError: the target is a folder, the source itself, or lies in the folder of a ROS 2 bag that is the source.
+        ValueError: the target is a folder, or there is the source itself, or a part of the ROS 2 bag that is the source.
     """
     target, source = Path(target), Path(source)
-    if exists(target) and target.is_dir():
-        raise ValueError(f"{target} is a folder; name a file")
-    if not exists(source):
+    if not exists(target):
         return
-    if exists(target) and target.samefile(source):
-        raise ValueError(f"{target} is the log itself; name another file")
-    bag = source if source.is_dir() else source.parent
-    try:
-        inside = (bag / METADATA).is_file() and bag.resolve() in target.absolute().resolve().parents
-    except (OSError, RuntimeError) as cause:  # a link that leads to itself
-        raise ValueError(f"{target}: where it lies cannot be seen ({cause})") from cause
-    if inside:
-        raise ValueError(f"{target} lies in the bag {bag}; name a file outside of it")
+    if target.is_dir():
+        raise ValueError(f"{target} is a folder; name a file")
+    if exists(source) and (target.samefile(source) or source.resolve() in target.resolve().parents):
+        raise ValueError(f"{target} is the log itself, or a part of it; name another file")

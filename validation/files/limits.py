@@ -26,24 +26,20 @@ def _limit(default: float, unit: str) -> Any:
 
 @dataclass(frozen=True)
 class LogLimits:
-    """The greatest values that a log may have; each can be raised, to infinity if need be.
+    """The greatest sizes that a log may have; each can be raised, to infinity if need be.
 
     Raises:
         ValueError: a limit that is not positive.
     """
 
     table_size: float = _limit(500.0, "MB")
-    """Size of a CSV file, which is read whole."""
-    bag_size: float = _limit(100_000.0, "MB")
-    """Size of a bag, all its files together; it is read message by message."""
+    """Size of a CSV file, which is read whole; bags are read message by message."""
     columns: float = _limit(1000.0, "1")
     """Number of columns, and of topics that are read."""
     samples: float = _limit(1e7, "1")
     """Number of rows, of messages that are read, and of instants of a common clock."""
     cells: float = _limit(1e8, "1")
     """Number of samples times number of columns."""
-    stamp: float = _limit(4.3e9, "s")
-    """Size of a time stamp: Unix time reaches this in the year 2106."""
     span: float = _limit(864_000.0, "s")
     """Time from the first sample to the last."""
     gap: float = _limit(3600.0, "s")
@@ -52,20 +48,6 @@ class LogLimits:
     """Median step of time."""
     rate: float = _limit(1e5, "Hz")
     """Samples a second, by the median step."""
-    speed: float = _limit(100.0, "m/s")
-    """Size of `cmd_v` and `odom_v`."""
-    turning: float = _limit(1000.0, "rad/s")
-    """Size of `cmd_w`, `odom_w` and `gyro_z`."""
-    wheel_rate: float = _limit(1e4, "rad/s")
-    """Size of `enc_left` and `enc_right`."""
-    position: float = _limit(1e8, "m")
-    """Size of `x`, `y` and all other positions; coordinates of maps reach 1e7."""
-    angle: float = _limit(1e7, "rad")
-    """Size of `yaw`, and of a wheel's angle."""
-    acceleration: float = _limit(1e5, "m/s²")
-    """Size of an accelerometer's readings."""
-    channel: float = _limit(1e100, "1")
-    """Size of numbers in columns whose meaning is unknown."""
 
     def __post_init__(self) -> None:
         """Check that all are positive."""
@@ -83,18 +65,13 @@ class LogLimits:
         return replace(self, **values)
 
     def says(self, name: str) -> str:
-        """Return what a limit is, as messages say it: `the limit speed is 100 m/s`."""
+        """Return what a limit is, as messages say it: `the limit span is 864000 s`."""
         unit = described(LogLimits)[name].unit
         return f"the limit {name} is {getattr(self, name):g}{'' if unit == '1' else f' {unit}'}"
 
     def bytes_of(self, name: str) -> int:
         """Return a limit that is given in MB, in bytes."""
         return int(min(1e6 * float(getattr(self, name)), 2.0**62))
-
-    def first_beyond(self, name: str, values: FloatArray) -> int | None:
-        """Return the index of the first of (M,) values that is not within a limit, NaN included; None if all are."""
-        beyond = np.flatnonzero(~(np.abs(values) <= getattr(self, name)))
-        return int(beyond[0]) if len(beyond) else None
 
 
 USUAL = LogLimits()
@@ -112,19 +89,15 @@ class TimeFault(NamedTuple):
 
 def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     """Return what is wrong with (M,) finite stamps [s], M at least 2; None if they can be the time of a log."""
-    beyond = limits.first_beyond("stamp", t)
     with np.errstate(over="ignore", invalid="ignore"):  # what is infinite then is beyond every limit
-        middle, steps = float(np.median(np.abs(t))), np.diff(t)
+        steps, span = np.diff(t), float(t[-1] - t[0])
         usual = float(np.median(steps))
-    if beyond is not None and middle <= limits.stamp:  # one among others: those say that the unit is right
-        return TimeFault(beyond, f"there is {t[beyond]:.9g} s, but {limits.says('stamp')}")
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
         k = int(back[0])
         return TimeFault(k + 1, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s")
-    if usual > limits.period or beyond is not None:
-        name = "period" if usual > limits.period else "stamp"
-        return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says(name)}{_other_unit(usual)}")
+    if usual > limits.period:
+        return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says('period')}{_other_unit(usual)}")
     if usual * limits.rate < 1.0:
         return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says('rate')}; wanted t in seconds")
     short, long = int(np.argmin(steps)), int(np.argmax(steps))
@@ -133,8 +106,8 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     if steps[long] > limits.gap:
         jump = f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s"
         return TimeFault(long + 1, f"{jump}, but {limits.says('gap')}: cut the log there")
-    if t[-1] - t[0] > limits.span:
-        return TimeFault(len(t) - 1, f"the log spans {t[-1] - t[0]:.6g} s, but {limits.says('span')}{_other_unit(usual)}")
+    if span > limits.span:
+        return TimeFault(len(t) - 1, f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}")
     return None
 
 

@@ -32,35 +32,44 @@ class Column(NamedTuple):
     unit: str
     group: str
     """Group of the columns that are sampled together with it."""
-    limit: str
-    """Name of the limit of its numbers in `LogLimits`."""
+    most: float
+    """Size from which its numbers are damaged, or in another unit."""
     usual: float = math.inf
     """Greatest size that it has on a ground robot."""
     others: str = ""
     """Units that it may be in where it is larger."""
 
+    def fault(self, values: FloatArray) -> tuple[int, str] | None:
+        """Return the index of the first of (M,) values that cannot be, and what is wrong with it; None if all can be."""
+        beyond = np.flatnonzero(~(np.abs(values) <= self.most))
+        if not len(beyond):
+            return None
+        k = int(beyond[0])
+        wanted = f"more than {self.most:g}" if math.isfinite(values[k]) else f"wanted a finite number [{self.unit}]"
+        return k, f"{f'{values[k]:g} {self.unit}'.strip()}, {wanted}"
+
 
 _RPM, _DEGREES = "rpm, ticks or degrees per second", "degrees per second"
 COLUMNS: Mapping[str, Column] = MappingProxyType(
     {
-        **dict.fromkeys(("x", "y"), Column("m", "pose", "position")),
-        "yaw": Column("rad", "pose", "angle"),
-        **dict.fromkeys(("enc_left", "enc_right"), Column("rad/s", "wheels", "wheel_rate", 100.0, _RPM)),
-        "odom_v": Column("m/s", "odom", "speed", 10.0, "mm/s or km/h"),
-        "odom_w": Column("rad/s", "odom", "turning", 15.0, _DEGREES),
-        **dict.fromkeys(("odom_x", "odom_y"), Column("m", "odom", "position")),
-        "odom_yaw": Column("rad", "odom", "angle"),
-        "gyro_z": Column("rad/s", "imu", "turning", 15.0, _DEGREES),
-        **dict.fromkeys(("gps_east", "gps_north"), Column("m", "gps", "position")),
-        "cmd_v": Column("m/s", "cmd", "speed", 10.0, "mm/s or km/h"),
-        "cmd_w": Column("rad/s", "cmd", "turning", 15.0, _DEGREES),
-        **dict.fromkeys(("acc_x", "acc_y", "acc_z"), Column("m/s²", "channels", "acceleration", 160.0, "mg")),
-        **dict.fromkeys(("current_left", "current_right"), Column("A", "channels", "channel", 1000.0, "mA")),
-        **dict.fromkeys(("voltage_left", "voltage_right"), Column("V", "channels", "channel", 200.0, "mV")),
+        **dict.fromkeys(("x", "y"), Column("m", "pose", 1e8)),
+        "yaw": Column("rad", "pose", 1e7),
+        **dict.fromkeys(("enc_left", "enc_right"), Column("rad/s", "wheels", 1e4, 100.0, _RPM)),
+        "odom_v": Column("m/s", "odom", 100.0, 10.0, "mm/s or km/h"),
+        "odom_w": Column("rad/s", "odom", 1000.0, 15.0, _DEGREES),
+        **dict.fromkeys(("odom_x", "odom_y"), Column("m", "odom", 1e8)),
+        "odom_yaw": Column("rad", "odom", 1e7),
+        "gyro_z": Column("rad/s", "imu", 1000.0, 15.0, _DEGREES),
+        **dict.fromkeys(("gps_east", "gps_north"), Column("m", "gps", 1e8)),
+        "cmd_v": Column("m/s", "cmd", 100.0, 10.0, "mm/s or km/h"),
+        "cmd_w": Column("rad/s", "cmd", 1000.0, 15.0, _DEGREES),
+        **dict.fromkeys(("acc_x", "acc_y", "acc_z"), Column("m/s²", "channels", 1e5, 160.0, "mg")),
+        **dict.fromkeys(("current_left", "current_right"), Column("A", "channels", 1e100, 1000.0, "mA")),
+        **dict.fromkeys(("voltage_left", "voltage_right"), Column("V", "channels", 1e100, 200.0, "mV")),
     }
 )
 """Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is asked for."""
-ANY_COLUMN = Column("", "channels", "channel")
+ANY_COLUMN = Column("", "channels", 1e100)
 """Any other column."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {g: tuple(n for n, c in COLUMNS.items() if c.group == g) for g in dict.fromkeys(c.group for c in COLUMNS.values())}
@@ -78,6 +87,11 @@ COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
 """The two columns that drive a plant, by kind of command."""
 
 _GAP_FACTOR = 2.5  # A step longer than this many periods is a gap: one dropped sample is tolerated, two are not
+
+
+def column_of(name: str) -> Column:
+    """Return what is known of a column."""
+    return COLUMNS.get(name, ANY_COLUMN)
 
 
 def is_column_name(name: str) -> bool:
@@ -141,7 +155,7 @@ Stamps = Literal["header", "bag"]
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Choices for formats with topics; a format without topics ignores them or refuses them."""
+    """Choices for formats with topics, and limits for all; a format without topics refuses their names."""
 
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named are guessed."""
@@ -150,7 +164,7 @@ class ReadOptions:
     lenient: bool = False
     """Leave out topics that cannot be used, and say so in `Log.left_out`, instead of raising an error."""
     limits: LogLimits = USUAL
-    """Greatest sizes and numbers that a log may have."""
+    """Greatest sizes that a log may have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +204,6 @@ class Log:
     """Sentences about topics that cannot be used."""
     limits: LogLimits = USUAL
     """Limits that it was read with; they hold for its common clock as well."""
-    description: str = ""
-    """URDF of its robot, which goes into bags; empty where it is not known."""
 
     @classmethod
     def of_columns(cls, path: str | Path, columns: Mapping[str, ArrayLike], limits: LogLimits = USUAL) -> Log:
@@ -208,17 +220,16 @@ class Log:
             raise FileError(path, f"{unknown[0]!r} is no name of a column")
         if not any(name in RECORDED for name in arrays):
             raise FileError(path, _NOTHING)
+        groups: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
         try:
             t = frozen_array(arrays.pop("t"), "t", (None,))
-            angles = {name: np.unwrap(a) for name, a in arrays.items() if COLUMNS.get(name, ANY_COLUMN).unit == "rad"}
-            arrays = {name: frozen_array(angles.get(name, a), name, (len(t),)) for name, a in arrays.items()}
+            for name, a in arrays.items():
+                known = column_of(name)
+                groups[known.group][name] = frozen_array(np.unwrap(a) if known.unit == "rad" else a, name, (len(t),))
         except ValueError as cause:
             raise FileError(path, str(cause)) from cause
         if np.any(t[1:] <= t[:-1]):
             raise FileError(path, f"t must increase; it does not after sample {int(np.argmax(t[1:] <= t[:-1]))}")
-        groups: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
-        for name, a in arrays.items():
-            groups[COLUMNS.get(name, ANY_COLUMN).group][name] = a
         return cls(path, {name: Group(path.name, t, found) for name, found in groups.items() if found}, limits=limits)
 
     @property
@@ -234,6 +245,11 @@ class Log:
     def has(self, names: Iterable[str]) -> bool:
         """Return whether it has all of these columns."""
         return set(names) <= set(self.columns)
+
+    def changed(self, name: str, columns: Mapping[str, FloatArray]) -> Log:
+        """Return the log with columns of the group `name` replaced or added, each (M,)."""
+        group = self.groups[name]
+        return replace(self, groups={**self.groups, name: replace(group, columns={**group.columns, **columns})})
 
     # ----------------------------------------------------------------------------------------- on one clock
     @property
@@ -342,40 +358,34 @@ class Log:
 
     def smoothed(self, sigma: float) -> Log:
         """Return the log with measurements smoothed over `sigma` [s] by `smoothed`; commands stay as they were given."""
-        groups = dict(self.groups)
+        log = self
         for name, g in self.groups.items():
             if name != "cmd":
-                columns = {n: smoothed(g.t, a, sigma, g.longest_step()) for n, a in g.columns.items()}
-                groups[name] = replace(g, columns=columns)
-        return replace(self, groups=groups)
+                log = log.changed(name, {n: smoothed(g.t, a, sigma, g.longest_step()) for n, a in g.columns.items()})
+        return log
 
     def aligned(self) -> Log:
         """Return the log with every pose in it relative to its own first one (Sec. 4.2)."""
-        groups = dict(self.groups)
+        log = self
         for name, g in self.groups.items():
             for names in POSES:
                 if (pose := g.table(names)) is not None:
-                    aligned = dict(zip(names, relative(pose[0], pose).T, strict=True))
-                    groups[name] = replace(groups[name], columns={**groups[name].columns, **aligned})
-        return replace(self, groups=groups)
+                    log = log.changed(name, dict(zip(names, relative(pose[0], pose).T, strict=True)))
+        return log
 
 
 def check_group(path: Path, group: Group, limits: LogLimits) -> None:
     """Refuse times and numbers of a group that cannot be.
 
     Raises:
-        FileError: they are not finite or beyond the limits; the message names the group's source, the time and the column.
+        FileError: they are not finite or too large; the message names the group's source, the time and the column.
     """
-    if fault := find_time_fault(group.t, limits):
-        raise FileError(path, f"{group.source}, sample {fault.row + 1}: {fault.what}")
+    if late := find_time_fault(group.t, limits):
+        raise FileError(path, f"{group.source}, sample {late.row + 1}: {late.what}")
     for name, values in group.columns.items():
-        known = COLUMNS.get(name, ANY_COLUMN)
-        k = limits.first_beyond(known.limit, values)
-        if k is not None:
-            wanted = (
-                f"but {limits.says(known.limit)}" if math.isfinite(values[k]) else f"wanted a finite number [{known.unit}]"
-            )
-            raise FileError(path, f"{group.source}, {group.t[k]:.3f} s: {name} is {values[k]:g}, {wanted}")
+        if fault := column_of(name).fault(values):
+            k, what = fault
+            raise FileError(path, f"{group.source}, {group.t[k]:.3f} s: {name} is {what}")
 
 
 def _spans(groups: Iterable[Group]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -61,17 +61,17 @@ class _Signal:
     """(M,) rates."""
     group: Group
     """Group whose gaps are its own."""
-    jumps: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    """(K, 2) beginnings and ends of jumps of the localiser, in which it tells nothing [s]."""
+    jumps: Sequence[tuple[float, float]] = ()
+    """Beginnings and ends of jumps of the localiser, in which it tells nothing [s]."""
     is_held: bool = False
     """True for commands, which hold until the next one."""
 
     def known(self, grid: FloatArray) -> NDArray[np.bool_]:
         """Return (N,) whether it tells anything at instants `grid` [s]."""
-        inside = np.zeros(len(grid) + 1, dtype=np.int64)
-        np.add.at(inside, np.searchsorted(grid, self.jumps[:, 0]), 1)
-        np.add.at(inside, np.searchsorted(grid, self.jumps[:, 1]), -1)
-        return ~self.group.in_gaps(grid) & (np.cumsum(inside[:-1]) == 0)
+        found = ~self.group.in_gaps(grid)
+        for start, stop in self.jumps:
+            found[np.searchsorted(grid, start) : np.searchsorted(grid, stop)] = False
+        return found
 
     def at(self, grid: FloatArray) -> FloatArray:
         """Return the (N,) rates at instants `grid` [s]."""
@@ -93,39 +93,46 @@ class _Poses:
     jumped: NDArray[np.bool_]
     """(K - 1,) whether the localiser jumped in that step."""
 
-    def slopes(self) -> FloatArray:
-        """Return the (K - 1, 3) rates of change of the steps."""
-        return np.diff(self.pose, axis=0) / np.diff(self.t)[:, None]
+    @classmethod
+    def of(cls, log: Log) -> _Poses | None:
+        """Return the new poses of a log; None where it has none."""
+        group = log.groups.get("pose")
+        pose = None if group is None else group.table(POSE_COLUMNS)
+        if group is None or pose is None:
+            return None
+        new = np.flatnonzero(fresh_poses(group.t, pose))
+        jumps = find_jumps(log)
+        jumped = np.isin(new[1:], () if jumps is None else jumps.index)
+        return cls(group, group.t[new], pose[new], jumped) if len(new) > 2 else None
 
     @property
     def middle(self) -> FloatArray:
         """(K - 1,) middles of the steps [s]."""
         return 0.5 * (self.t[1:] + self.t[:-1])
 
+    def slopes(self) -> FloatArray:
+        """Return the (K - 1, 3) rates of change of the steps."""
+        return np.diff(self.pose, axis=0) / np.diff(self.t)[:, None]
+
     def signal(self, rates: FloatArray) -> _Signal:
         """Return (K - 1,) rates of the steps as a signal; jumps tell nothing."""
-        at = np.flatnonzero(self.jumped)
-        spans = np.column_stack([self.t[at], self.t[at + 1]])
+        spans = [(float(self.t[k]), float(self.t[k + 1])) for k in np.flatnonzero(self.jumped)]
         return _Signal(self.middle[~self.jumped], rates[~self.jumped], self.group, spans)
 
 
-def _poses(log: Log) -> _Poses | None:
-    """Return the new poses of a log; None where it has none."""
-    group = log.groups.get("pose")
-    pose = None if group is None else group.table(POSE_COLUMNS)
-    if group is None or pose is None:
-        return None
-    new = np.flatnonzero(fresh_poses(group.t, pose))
-    jumps = find_jumps(log)
-    jumped = np.isin(new[1:], () if jumps is None else jumps.index)
-    return _Poses(group, group.t[new], pose[new], jumped) if len(new) > 2 else None
-
-
 def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[str, _Signal]]:
-    """Return the yaw rates that a log tells, by group, in `_CLOCK_ORDER` and then commands; and the speeds of its wheels."""
+    """Return the yaw rates that a log tells, by group, in `_CLOCK_ORDER` and then commands; and the speeds of its wheels.
+
+    Wheel rates are interpolated from one fresh sample of a side to its next: where the sides are refreshed in turn, a row
+    has a rate that is new and one that is old.
+    """
     turning, speeds = dict[str, _Signal](), dict[str, _Signal]()
     for name in (n for n in (*_CLOCK_ORDER, "cmd") if n in log.groups):
         group = log.groups[name]
+        for side in (n for n in COMMAND_COLUMNS["wheels"] if n in group.columns):
+            new = refreshed(group.t, group.columns[side][:, None])
+            steady = np.interp(group.t, group.t[new], group.columns[side][new])
+            group = replace(group, columns={**group.columns, side: steady})
         twist = twist_of(group) if name in ("wheels", "odom") else None
         rate = group.columns.get({"imu": "gyro_z", "cmd": "cmd_w"}.get(name, ""))
         if name == "pose" and poses is not None:
@@ -138,21 +145,6 @@ def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[s
     return turning, speeds
 
 
-def _each_side_for_itself(log: Log) -> Log:
-    """Return the log with wheel rates interpolated from one fresh sample of a side to its next.
-
-    Where the sides are refreshed in turn, a row has a rate that is new and one that is old.
-    """
-    wheels = log.groups.get("wheels")
-    if wheels is None:
-        return log
-    columns = dict(wheels.columns)
-    for side in (n for n in COMMAND_COLUMNS["wheels"] if n in columns):
-        new = refreshed(wheels.t, columns[side][:, None])
-        columns[side] = np.interp(wheels.t, wheels.t[new], columns[side][new])
-    return replace(log, groups={**log.groups, "wheels": replace(wheels, columns=columns)})
-
-
 def estimate_offsets(log: Log) -> list[Offset]:
     """Estimate delays behind the first group of `_CLOCK_ORDER`.
 
@@ -161,8 +153,7 @@ def estimate_offsets(log: Log) -> list[Offset]:
     added. The delay of commands is negative, because a robot follows them. What does not resemble the other, or is zero, is
     left out. Samples that were only logged again do not count, nor do jumps of the localiser.
     """
-    log = _each_side_for_itself(log)
-    poses = _poses(log)
+    poses = _Poses.of(log)
     turning, speeds = _signals(log, poses)
     reference, *others = list(turning) or [""]
     found: list[Offset] = []
@@ -202,7 +193,7 @@ def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
     late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
     groups = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in log.groups.items()}
     known = [late[name] for name in ("position", "pose_yaw") if name in late]
-    poses = _poses(log)
+    poses = _Poses.of(log)
     if poses is not None and known:
         groups["pose"] = _moved(poses, known[0], known[-1])
     return replace(log, groups=groups)
@@ -211,8 +202,7 @@ def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
 def _moved(poses: _Poses, position: float, yaw: float) -> Group:
     """Return the group of poses whose positions and headings were late by so much [s]."""
     group = poses.group
-    keep = np.ones(len(group.t), dtype=bool)
-    columns = dict(group.columns)
+    keep, columns = np.ones(len(group.t), dtype=bool), dict(group.columns)
     for name, delay, values in zip(POSE_COLUMNS, (0.0, 0.0, yaw - position), poses.pose.T, strict=True):
         at = group.t + delay
         keep &= (at >= poses.t[0]) & (at <= poses.t[-1]) & ~group.in_gaps(at)

@@ -9,9 +9,10 @@ import os
 import reprlib
 import stat
 import struct
+import sys
 import tomllib
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,11 +21,11 @@ from validation.words import one_line
 DAMAGE = (OSError, EOFError, struct.error, zlib.error, SyntaxError, LookupError, ValueError, TypeError, AttributeError,
           ArithmeticError, AssertionError, RuntimeError, MemoryError)  # fmt: skip
 """Errors that readers of foreign formats raise on damaged files, besides their own; they promise nothing narrower."""
-MOST_TEXT = 1 << 18
+_MOST_TEXT = 1 << 18
 """Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have less than ten thousand."""
 _MOST_DEEP = 32
 """Greatest depth of tables and lists inside one another; what comes out of the parsers is walked by recursion later."""
-_MOST_DOTS = 500  # greatest number of dots in a line of TOML: the parser's time grows with the square of those in a key
+_TOO_DEEP = f"tables and lists lie more than {_MOST_DEEP} deep inside one another"
 _MOST_NAMED = 5  # greatest number of unknown keys that a message names
 _WHOLE = 2**63
 """Whole numbers lie below this in size, as TOML wants it; Python's own have no end, and floats cannot hold them."""
@@ -58,8 +59,14 @@ def exists(path: Path) -> bool:
         return False
 
 
+def is_number(value: object) -> bool:
+    """Return whether a value of a text is a number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+# ------------------------------------------------------------------------------------------ files
 @contextlib.contextmanager
-def opened(path: str | Path, most_bytes: int, limit: str = "") -> Iterator[BinaryIO]:
+def opened(path: str | Path, most_bytes: int = sys.maxsize, limit: str = "") -> Iterator[BinaryIO]:
     """Yield a regular file, open for reading bytes; neither a pipe nor a device is waited for, or read without end.
 
     Args:
@@ -76,9 +83,12 @@ def opened(path: str | Path, most_bytes: int, limit: str = "") -> Iterator[Binar
         try:
             about = os.fstat(number)
             if not stat.S_ISREG(about.st_mode):
-                raise FileError(path, f"this is {_kind(about.st_mode)}, wanted a file")
+                kinds = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"))
+                kind = next((words for is_kind, words in kinds if is_kind(about.st_mode)), "a device")
+                raise FileError(path, f"this is {kind}, wanted a file")
             if about.st_size > most_bytes:
-                raise FileError(path, f"the file has {_size(about.st_size)}, more than {_allowed(most_bytes, limit)}")
+                allowed = f"the {_size(most_bytes)} allowed{f' (limit {limit})' if limit else ''}"
+                raise FileError(path, f"the file has {_size(about.st_size)}, more than {allowed}")
             with os.fdopen(number, "rb", closefd=False) as stream:
                 yield stream
         finally:
@@ -89,38 +99,21 @@ def opened(path: str | Path, most_bytes: int, limit: str = "") -> Iterator[Binar
         raise FileError(path, f"the file cannot be read ({error.strerror or error})") from error
 
 
-def is_number(value: object) -> bool:
-    """Return whether a value of a text is a number; true and false are none."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _kind(mode: int) -> str:
-    """Return in words what a thing that is no regular file is."""
-    kinds = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"))
-    return next((words for is_kind, words in kinds if is_kind(mode)), "a device")
-
-
 def _size(count: int) -> str:
     """Return a number of bytes in words."""
     return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
 
 
-def _allowed(most_bytes: int, limit: str) -> str:
-    """Return a size that is allowed in words, and the name of its limit."""
-    return f"the {_size(most_bytes)} allowed{f' (limit {limit})' if limit else ''}"
-
-
 def read_file(path: str | Path, most_bytes: int, limit: str = "") -> bytes:
     """Return what a regular file holds; the arguments and errors are those of `opened`."""
     with opened(path, most_bytes, limit) as stream:
-        size = os.fstat(stream.fileno()).st_size
-        data = stream.read(min(most_bytes, max(size, MOST_TEXT)) + 1)
+        data = stream.read(min(most_bytes, max(os.fstat(stream.fileno()).st_size, _MOST_TEXT)) + 1)
     if len(data) > most_bytes:  # it grew, or its size is not told, as below /proc
-        raise FileError(path, f"the file has more than {_allowed(most_bytes, limit)}")
+        raise FileError(path, f"the file has more than the {_size(most_bytes)} allowed")
     return data
 
 
-def read_text(path: str | Path, most_bytes: int = MOST_TEXT) -> str:
+def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
     """Return the text of a file in UTF-8, without the mark that some editors write in front.
 
     Raises:
@@ -134,7 +127,8 @@ def read_text(path: str | Path, most_bytes: int = MOST_TEXT) -> str:
         raise ValueError(f"{path}: the file cannot be read as text; line {line} has a byte that is not UTF-8") from error
 
 
-def read_toml(path: str | Path, most_bytes: int = MOST_TEXT) -> dict[str, Any]:
+# ------------------------------------------------------------------------------------------ documents
+def read_toml(path: str | Path, most_bytes: int = _MOST_TEXT) -> dict[str, Any]:
     """Return the document of a TOML file; numbers may be infinite or NaN there.
 
     Raises:
@@ -149,12 +143,7 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
     Raises:
         ValueError: it is no TOML, or is nested too deep.
     """
-    if any(line.count(".") > _MOST_DOTS for line in text.split("\n")):
-        raise ValueError(f"{name}: a line has more than {_MOST_DOTS} dots; write it as several")
-    try:
-        return dict(_shallow(tomllib.loads(text)))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{name}: {_said(error)}") from error
+    return dict(_parsed(tomllib.loads, text, name, finite=False))
 
 
 def read_json(path: str | Path, most_bytes: int) -> Any:
@@ -173,10 +162,33 @@ def parse_json(text: str, name: str) -> Any:
     Raises:
         ValueError: it is no JSON, is nested too deep, or holds a number that is not finite.
     """
+    return _parsed(json.loads, text, name, finite=True)
+
+
+def _parsed(parse: Callable[[str], Any], text: str, name: str, *, finite: bool) -> Any:
+    """Return the document of a text; a ValueError of one line says why it is none that can be walked and written again."""
     try:
-        return _shallow(json.loads(text), finite=True)
+        document = parse(text)
+        _check(document, finite)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{name}: {_said(error)}") from error
+        why = _TOO_DEEP if isinstance(error, RecursionError) else " ".join(str(error).split())
+        raise ValueError(f"{name}: {why}") from error
+    return document
+
+
+def _check(value: Any, finite: bool, depth: int = 0) -> None:
+    """Refuse what others could not hold: deep nests, numbers that are too large or not `finite`, halves of characters."""
+    if depth > _MOST_DEEP:
+        raise ValueError(_TOO_DEEP)
+    if isinstance(value, int) and abs(value) >= _WHOLE:
+        raise ValueError("a whole number has more than 64 bits")
+    if finite and isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("a number is not finite")
+    if isinstance(value, str):
+        value.encode()  # JSON can name half of a pair that stands for one character
+    if isinstance(value, dict | list):
+        for part in [*value, *value.values()] if isinstance(value, dict) else value:
+            _check(part, finite, depth + 1)
 
 
 def require_known(table: Any, known: Iterable[str], where: str) -> None:
@@ -190,33 +202,3 @@ def require_known(table: Any, known: Iterable[str], where: str) -> None:
     if unknown := sorted(set(table) - set(known)):
         some = ", ".join(unknown[:_MOST_NAMED])
         raise ValueError(f"{where} has unknown keys {some}; there are: {', '.join(sorted(known))}")
-
-
-def _said(error: Exception) -> str:
-    """Return the message of a parser in one line."""
-    return _TOO_DEEP if isinstance(error, RecursionError) else " ".join(str(error).split())
-
-
-_TOO_DEEP = f"tables and lists lie more than {_MOST_DEEP} deep inside one another"
-
-
-def _shallow(document: Any, *, finite: bool = False) -> Any:
-    """Return a document that can be walked by recursion, and whose numbers and texts others can hold.
-
-    Raises:
-        ValueError: it is nested too deep, or holds a number that is too large or not `finite`, or half of a character.
-    """
-    level = [document]
-    for _ in range(_MOST_DEEP + 1):
-        for value in level:
-            if isinstance(value, int) and abs(value) >= _WHOLE:
-                raise ValueError("a whole number has more than 64 bits")
-            if finite and isinstance(value, float) and not math.isfinite(value):
-                raise ValueError("a number is not finite")
-            if isinstance(value, str):
-                value.encode()  # JSON can name half of a pair that stands for one character
-        inner = [value for value in level if isinstance(value, dict | list)]
-        level = [part for value in inner for part in ([*value, *value.values()] if isinstance(value, dict) else value)]
-        if not level:
-            return document
-    raise ValueError(_TOO_DEEP)

@@ -15,15 +15,13 @@ from scipy.optimize import least_squares
 from ssmr.robot.drivetrain import bridge_reading, quasi_static_twist, side_forces
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
-from validation import load_robot
+from validation import load_profile, load_robot
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import creep
-from validation.study.drivetrain.evidence import sensor_of
-from validation.study.drivetrain.friction import COULOMB_SCALE
-from validation.study.drivetrain.logs import chassis_of, drive_log
-from validation.study.drivetrain.samples import window_means
+from validation.study.drivetrain_fit import COULOMB_SCALE
+from validation.study.drivetrain_logs import chassis_of, drive_log, sensor_of, window_means
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)
@@ -37,7 +35,7 @@ CHECKED = 0.5
 """`impratio` at which the other step and the other speed are tried."""
 CURVE = np.array([[2.5, 1.25], [3.0, 1.5]])
 """Wheel rates of one curve at two speeds [rad/s]."""
-HUSKY = chassis_of("husky")
+HUSKY = chassis_of(load_profile("husky-tile"))
 
 
 def mujoco_shares(rates: FloatArray, impratio: float, timestep: float = 0.002) -> tuple[FloatArray, float]:

@@ -9,9 +9,13 @@ import numpy as np
 from ssmr.robot.drivetrain import SetPointLaw, battery_current, quasi_static_twist, rim_speeds, side_forces
 from ssmr.types import FloatArray
 from validation.files.log import Log
-from validation.study.drivetrain.logs import Chassis, chassis_of
+from validation.plants.profile import choose_profile, load_profile
+from validation.study.drivetrain_logs import Chassis, chassis_of
 
-HUSKY, WARTHOG = chassis_of("husky"), chassis_of("warthog", mass=470.0)
+HUSKY, WARTHOG = (
+    chassis_of(load_profile("husky-tile")),
+    chassis_of(choose_profile(None, "warthog", "husky-tile"), mass=470.0),
+)
 LAW = SetPointLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
 FRICTION, LOSSES, SLIP, RHO, INERTIA = 11.0, (2.0, 2.8), 0.09, 0.15, 0.2
 """Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A s^2/rad]."""
@@ -39,7 +43,9 @@ def random_drive(seed: int, commands: int, chassis: Chassis, law: SetPointLaw = 
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)
     speeds = np.vstack([np.zeros((1, 2)), rim_speeds(held, _FINE, law, chassis.speed_limit)])
-    return Motion(_FINE * np.arange(len(speeds)), np.vstack([held, held[-1:]]), speeds.T / chassis.command_radius)
+    return Motion(
+        np.arange(len(speeds), dtype=np.float64) * _FINE, np.vstack([held, held[-1:]]), speeds.T / chassis.command_radius
+    )
 
 
 def bridge_log(name: str, motion: Motion, current: FloatArray, ripple: float, seed: int, yaw: FloatArray | None) -> Log:

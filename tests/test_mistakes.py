@@ -140,7 +140,6 @@ MISTAKES = {
     "study drivetrain": "recording",
     "study drivetrain --ground missing.csv": "missing.csv: there is no such file",
     "study drivetrain --recording up.csv --resamples 0": "resamples",
-    "study drivetrain --recording up.csv --robot x": "no robot 'x'",
     "study filter --references sine,sine": "twice",
     "study filter --frictions -1": "-1",
     "study filter --seeds 0": "seeds",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +15,9 @@ from ssmr.control.tick import LOG_COLUMNS, LOST
 from tests.conftest import ROUNDOFF, exit_status
 from validation.bench.gains import FIELDS, GainsError, GainSet, load_gains
 from validation.bench.mismatch import single_mismatches
-from validation.cli import Program
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.study.__main__ import PROGRAM
-from validation.study.catalogue import STUDIES, Study
-from validation.study.result import StudyResult
 from validation.study.robustness import RobustnessStudy, RunErrors, draw_cases, errors_of, study_robustness
 
 MISSION = line(0.75, length=3.6)
@@ -132,13 +129,3 @@ def test_the_picture_has_every_controller(small: Report) -> None:
 def run_program(*arguments: str) -> int:
     """Exit status of the program, in this process."""
     return exit_status(PROGRAM, *arguments)
-
-
-@pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
-def test_a_declaration_leads_to_options_a_function_and_a_result(study: Study) -> None:
-    assert study.options().__class__ is study.options
-    assert study.question[-1] == "?"
-    if not isinstance(study.run, Program):
-        result = get_type_hints(study.run)["return"]
-        assert issubclass(result, StudyResult)
-        assert result.study == study.name

@@ -23,10 +23,10 @@ from benchmarks.rows import MissingError, Row, optional, report
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli
-from validation.fit.objective import FitCost
-from validation.fit.problem import FitProblem
-from validation.fit.refine import STARTS, Remembered, arrivals, error_slopes
-from validation.fit.targets import FitSources, open_targets
+from validation.identify.objective import FitCost
+from validation.identify.problem import FitProblem
+from validation.identify.refine import STARTS, Remembered, arrivals, error_slopes
+from validation.identify.targets import FitSources, open_targets
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space
 

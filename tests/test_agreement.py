@@ -62,7 +62,7 @@ def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
     The better of two short searches: one of five ends in a valley with a multiple of the cost, whatever the bounds.
     """
     model: str = request.param
-    options: dict[str, Any] = {"objective": "path", "method": "jde", "population": 30, "generations": 100, "patience": 40}
+    options: dict[str, Any] = {"objective": "path", "search": "jde", "population": 30, "generations": 100, "patience": 40}
     found = (fit(model, "traj4@mujoco", load_profile("thesis-lab"), seed=seed, **options) for seed in (1, 2))
     fitted = min(found, key=lambda result: result.cost).profile
     return model, {t: driven(fitted, t, "mujoco", model).metrics["d_rms_m"] for t in TRAJECTORIES}

@@ -16,9 +16,7 @@ import tomli_w
 from tests.conftest import EXACT, exit_status
 from validation import load_profile, load_robot, recordings
 from validation.compare import compare
-from validation.fit import __main__ as fit_program
 from validation.fit import fit
-from validation.fit.run import FitParameters
 from validation.learning import tracking
 from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile, make_plant
 from validation.plants.searchable import find, searchable
@@ -27,7 +25,6 @@ from validation.simulator.description import Robot
 from validation.study import __main__ as study_program
 from validation.study.terrain import PLANAR, TerrainAxes, study_terrain
 from validation.track import track
-from validation.tune import __main__ as tune_program
 from validation.tune import tune
 
 
@@ -86,7 +83,7 @@ def test_track(robot: str, tmp_path: Path) -> None:
 
 def test_tune(tmp_path: Path) -> None:
     short = ["--population", "8", "--generations", "2", "--reference", "circle@0.5", "--held-out", "line@0.5"]
-    found = run(tune_program.main, "jackal", tmp_path, "pid", *short)
+    found = run(tune, "jackal", tmp_path, "pid", *short)
     assert found["cost"] <= found["baseline_cost"]
     assert tomllib.loads((tmp_path / "gains.toml").read_text())["provenance"]["robot"] == "jackal"
 
@@ -95,7 +92,7 @@ def test_fit_of_a_planar_model(tmp_path: Path) -> None:
     """The fitted profile keeps its robot, also one that no other machine knows."""
     robot = str(stranger(tmp_path))
     short = ["--population", "16", "--generations", "8", "--start", "profile", "--seed", "1"]
-    found = run(fit_program.main, robot, tmp_path / "out", "improved", "--to", "traj4@mujoco", *short)
+    found = run(fit, robot, tmp_path / "out", "improved", "--to", "traj4@mujoco", *short)
     before = compare("traj4", plants=("improved",), reference="mujoco", robot=robot).plants["improved"].metrics["d_rms_m"]
     assert found["train"]["d_rms_m"] < 0.7 * before
     fitted = load_profile(str(tmp_path / "out" / "profile.toml"))
@@ -184,7 +181,9 @@ def test_every_door_takes_a_robot_in_every_form(robot: str) -> None:
         assert door(robot) == door(loaded) == loaded
     if Path(robot).exists():
         assert doors[0](Path(robot)) == loaded
-    assert tune("smc", "line@0.5", robot=loaded, held_out=(), free=("k_x",), **small).robot == loaded.name
+    assert (
+        tune("smc", "line@0.5", robot=loaded, held_out=(), free=("k_x",), **small).problem.profile.robot.name == loaded.name
+    )
 
 
 def test_a_profile_of_another_robot_is_refused(robot: str) -> None:
@@ -225,8 +224,16 @@ def test_a_warthogs_numbers_can_be_fitted() -> None:
         s = find("mujoco", number, warthog)
         assert s.lower < value < s.upper
     numbers = {"wheel_radius": 0.3, "yaw_inertia": 80.0}
-    start = FitParameters(free=tuple(numbers), start=numbers, robot=warthog)
-    found = fit("mujoco", "traj1@kinematic", parameters=start, method="jde", population=5, generations=1)
+    found = fit(
+        "mujoco",
+        "traj1@kinematic",
+        free=tuple(numbers),
+        start=numbers,
+        robot=warthog,
+        search="jde",
+        population=5,
+        generations=1,
+    )
     assert {p.name: p.before for p in found.parameters} == {"wheel_radius": 0.3, "yaw_inertia": warthog.yaw_inertia}
 
 

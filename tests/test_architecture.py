@@ -26,7 +26,7 @@ ROOMS = (
     {"validation.bench"},
     {"validation.report"},
     {"validation.cli"},
-    {"validation.compare", "validation.recordings", "validation.robots"},
+    {"validation.compare", "validation.recordings", "validation.robots", "validation.identify"},
     {"validation.fit", "validation.track"},
     {"validation.tune", "validation.ros", "validation.learning"},
     {"validation.study", "validation.drive"},
@@ -117,7 +117,7 @@ def test_only_programs_know_the_command_line() -> None:
     for name in modules():
         known = {"validation.cli", "tyro"} & imports(name)
         is_program = (
-            name.endswith((".__main__", ".replicate.run"))
+            name.endswith((".__main__", ".replicate.run", ".identify.options"))
             or name.count(".") == 1
             or room_of(name) in ("validation.study", "validation.ros")
         )
@@ -207,7 +207,7 @@ PRICES = {
     "ssmr": (9_630, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (1_090, "options, help, exit status, progress of every program"),
     "validation/engines": (1_020, "second opinions by ODE and Drake"),
-    "validation/fit": (3_000, "parameters of any plant from a log, with their uncertainty"),
+    "validation/identify": (2_180, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (770, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_350, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (980, "every plant declared once, and profiles"),
@@ -221,10 +221,9 @@ PRICES = {
         1_950,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
-    "validation/tune": (1_330, "gains are searched for"),
     "validation/.": (
-        2_020,
-        "comparison, robots, a drive by hand, what a log contains and its conversion, whole writing",
+        2_900,
+        "comparison, fit, tuning, robots, a drive by hand, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (590, "speed beside other libraries"),
 }

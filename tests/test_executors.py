@@ -13,9 +13,9 @@ import pytest
 from ssmr.errors import SsmrError
 from tests.conftest import EXACT
 from tests.test_objective import log_target, problem, scenario
-from validation.fit.executors import costs_by, dask_executor
-from validation.fit.objective import FitCost
-from validation.fit.run import fit
+from validation.fit import fit
+from validation.identify.executors import costs_by, dask_executor
+from validation.identify.objective import FitCost
 from validation.plants.profile import Profile
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")  # dask's own
@@ -46,7 +46,7 @@ def test_a_fit_by_processes_is_the_same_and_their_loss_keeps_what_was_rated(tmp_
         lost.shutdown()
 
     with pytest.raises(SsmrError, match=r"^the executor that rates .*; 1 generations are kept in .*, and resume goes on"):
-        fit("linear", "traj3@linear", executor=lost, progress=shut, checkpoint=tmp_path / "checkpoint.npz", **OPTIONS)
+        fit("linear", "traj3@linear", executor=lost, progress=shut, out=tmp_path, **OPTIONS)
 
 
 def test_a_fit_by_dask_is_the_same() -> None:
@@ -61,7 +61,7 @@ def test_a_fit_by_dask_is_the_same() -> None:
 @pytest.mark.parametrize("address", ["nonsense", "", "tcp://", "tcp://127.0.0.1:1", "tcp://127.0.0.1:99999999"])
 def test_an_address_where_nobody_answers_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
-    monkeypatch.setattr("validation.fit.executors.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("validation.identify.executors.CONNECT_TIMEOUT", 0.5)
     with pytest.raises(ValueError, match="no dask scheduler answers"), dask_executor(address):
         pass
 

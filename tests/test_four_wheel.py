@@ -294,7 +294,7 @@ def test_closed_loops_equal_the_slow_loop() -> None:
 def test_a_fit_finds_the_tyres_again() -> None:
     """From tyres twice as stiff along and half as stiff across; 0.1 mm of path are left, which hardly tell more."""
     start = {"stiffness_x": 15.0, "stiffness_y": 4.0, "wheel_radius": 0.158}
-    found = fit("four_wheel", "traj4@four_wheel", free=tuple(start), start=start, method="lsq", generations=12)
+    found = fit("four_wheel", "traj4@four_wheel", free=tuple(start), start=start, search="lsq", generations=12)
     values = {p.name: p.value for p in found.parameters}
     assert values["wheel_radius"] == pytest.approx(0.161315, rel=1e-3)
     for name in ("stiffness_x", "stiffness_y"):

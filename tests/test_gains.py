@@ -29,10 +29,10 @@ from validation.bench.gains import (
     profile_sets,
 )
 from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.filters import odometry_of
 from validation.plants.profile import load_profile, shipped
 from validation.thesis import published
-from validation.tune.cost import TuneCost, costs_of
 
 PRINTED = {
     "pid": {

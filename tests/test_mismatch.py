@@ -138,20 +138,20 @@ def _settings() -> Any:
 
 def test_a_robust_tuning_is_scored_on_robots_that_it_has_not_seen(lab: Profile) -> None:
     found = tune("lqr", "circle@0.5", lab, robots="robust", draws=6, seed=2, workers=2, **FEW)
-    assert found.tuned_on == draw_mismatches(6, 2, TUNING, lab.robot)
+    assert found.problem.mismatches == draw_mismatches(6, 2, TUNING, lab.robot)
     assert found.scored_on == draw_mismatches(6, 2, SCORING, lab.robot)
     assert {name: len(costs) for name, costs in found.scores.items()} == {"tuned": 6, "baseline": 6, "shipped": 6}
     assert found.cost <= found.baseline_cost
     document = found.as_dict()["robots"]
     assert document["worst_share"] == 0.2
     assert document["costs"]["tuned"] == list(found.scores["tuned"])
-    assert document["tuned_on"][0] == asdict(found.tuned_on[0])
+    assert document["tuned_on"][0] == asdict(found.problem.mismatches[0])
     assert "robots that the tuning has not seen" in found.table()
-    assert found.gain_set.provenance["robots"][0] == found.tuned_on[0].label
+    assert found.gain_set.provenance["robots"][0] == found.problem.mismatches[0].label
     again = tune("lqr", "circle@0.5", lab, robots="robust", draws=6, seed=2, workers=1, **FEW)
     assert (again.gains, again.cost, again.scores) == (found.gains, found.cost, found.scores)
     other = tune("lqr", "circle@0.5", lab, robots="robust", draws=6, seed=3, workers=2, **FEW)
-    assert other.tuned_on != found.tuned_on
+    assert other.problem.mismatches != found.problem.mismatches
 
 
 def test_the_cost_of_a_robust_tuning_is_that_of_the_worst(lab: Profile) -> None:
@@ -159,9 +159,9 @@ def test_the_cost_of_a_robust_tuning_is_that_of_the_worst(lab: Profile) -> None:
     found = tune("lqr", "circle@0.5", lab, robots="robust", draws=5, seed=4, noise=False, **FEW)
     law = make_controller(lab, found.gain_set)
     _, ways = open_reference("circle", 0.5)
-    from validation.tune.cost import TuneCost, costs_of
+    from validation.identify.tuning import TuneCost, costs_of
 
-    robots = [mismatched(lab, "linear", m) for m in found.tuned_on]
+    robots = [mismatched(lab, "linear", m) for m in found.problem.mismatches]
     runs = run_robots(robots, [law] * 5, [_settings()] * 5, ways, [4])
     target = ways.trajectory(_settings().position_period)
     costs = costs_of(runs, target, ways.rms_speed, TuneCost(k_u=50.0))

@@ -64,7 +64,7 @@ MISTAKES = {
     f"{FIT} --workers 0": "--workers: '0' must be a whole number from 1 on",
     f"{FIT} --yaw-weight -1": "yaw_weight",
     f"{FIT} --scheduler tcp://127.0.0.1:9": "no dask scheduler answers at tcp://127.0.0.1:9",
-    f"{FIT} --out file": "cannot be made",
+    f"{FIT} --out file": "no folder that can be written",
     "fit kinematic --to bare.csv --input wheels": "no column enc_left, enc_right",
     "fit kinematic --to traj4@kinematic --held-out ring.csv": "error: ring.csv: ",
     "fit mujoco --to traj4 --free yaw_inertia --bounds yaw_inertia=1:9": "no rigid body",
@@ -91,7 +91,7 @@ MISTAKES = {
     "tune pid --reference circle@fast": "REFERENCE@SPEED",
     "tune pid --reference ''": "no reference is named",
     "tune pid --population 3": "population",
-    "tune pid --noise-seeds 0": "--noise-seeds: '0' must be",
+    "tune pid --noise-seeds 0": "noise_seeds must lie within 1 and",
     "tune lqr --fix r_v=-1": "r_v",
     "tune pid --guard -1": "guard",
     "recordings info nowhere.bag": "nowhere.bag: there is no such file",
@@ -205,7 +205,7 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
         pytest.skip("the extra 'ros2' is not installed")
     if "--scheduler" in command and not find_spec("distributed"):
         pytest.skip("the extra 'cluster' is not installed")
-    monkeypatch.setattr("validation.fit.executors.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("validation.identify.executors.CONNECT_TIMEOUT", 0.5)
     monkeypatch.chdir(place)
     program, *arguments = shlex.split(command)
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}

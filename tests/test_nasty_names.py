@@ -16,12 +16,12 @@ from tests.conftest import exit_status
 from tests.urdf_factory import UrdfRobot
 from validation import cli
 from validation.compare import compare
-from validation.fit.__main__ import main as fit
+from validation.fit import fit
 from validation.plants.profile import load_profile
 from validation.recordings import PROGRAM as LOG_COMMANDS
 from validation.robots import PROGRAM as ROBOT_COMMANDS
 from validation.track import track
-from validation.tune.__main__ import main as tune
+from validation.tune import tune
 
 NAME = "n\x1b[31m$a_{\udcff\u202e[red]<b>`|(y)"
 """Of files: an escape sequence, a formula that ends nowhere, a byte that is no text, a turn of direction, markup."""
@@ -70,7 +70,7 @@ RUNS: dict[str, tuple[Main, tuple[str, ...]]] = {
     "convert to a bag": (LOG_COMMANDS, ("convert", FILE, "--out", f"b{NAME}.mcap")),
     "check a robot": (ROBOT_COMMANDS, ("check", f"r{NAME}.toml")),
     "import a robot": (ROBOT_COMMANDS, ("import", f"u{NAME}.urdf", "--out", f"i{NAME}.toml")),
-    "fit": (fit, ("linear", "--to", FILE, *SEARCH, "--name", NAME, "--rerun")),
+    "fit": (fit, ("linear", "--to", FILE, *SEARCH, "--name", NAME)),
     "track": (track, ("pid", WAYPOINTS, "--speed", "0.5", "--profile", PROFILE, "--plant", "linear", "--gains", GAINS)),
     "tune": (tune, ("pid", "--reference", f"{WAYPOINTS}@0.5", "--plant", "linear", *SEARCH)),
 }

@@ -14,9 +14,9 @@ from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
 from validation.bench.sources import drive, horizons_of, open_source, source_of
 from validation.files.log import Log
-from validation.fit.objective import FitCost, FitTarget, make_raters, windows
-from validation.fit.problem import FitProblem
-from validation.fit.uncertainty import estimate
+from validation.identify.objective import FitCost, FitTarget, make_raters, windows
+from validation.identify.problem import FitProblem
+from validation.identify.uncertainty import estimate
 from validation.plants.profile import PLANTS, Profile, make_plant
 from validation.plants.searchable import find, make_space, searchable, with_values
 from validation.plants.table import plant_kind

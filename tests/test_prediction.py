@@ -27,8 +27,8 @@ from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.identify.tuning import delayed
 from validation.plants.profile import load_profile
-from validation.tune.problem import delayed
 
 TRUTH = LoopSettings("truth", disturbance=False)
 STRONG = Drive(delay_v=0.2, delay_w=0.2, torque_limit=1e3)

@@ -14,9 +14,9 @@ from ssmr.types import FloatArray
 from tests.robots import HUSKY
 from tests.test_objective import log_target, scenario
 from validation.fit import fit
-from validation.fit.objective import FitCost, PathRater, path_offsets
-from validation.fit.problem import FitProblem
-from validation.fit.refine import APART, Remembered, arrivals, descend, next_start
+from validation.identify.objective import FitCost, PathRater, path_offsets
+from validation.identify.problem import FitProblem
+from validation.identify.refine import APART, Remembered, arrivals, descend, next_start
 from validation.plants.profile import Profile
 from validation.plants.searchable import find, make_space
 from validation.plants.table import plant_kind
@@ -38,43 +38,37 @@ def truth(lab: Profile, names: tuple[str, ...]) -> FloatArray:
 def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(lab: Profile, objective: Any) -> None:
     """Twelve candidates over four generations are nowhere near; least squares go on to the truth."""
     options = {**quick(), "objective": objective}
-    short = fit("improved", "traj4@improved", lab, method="jde", **options)
-    whole = fit("improved", "traj4@improved", lab, method="hybrid", **options)
-    assert whole.evaluations_by_stage["jde"] == short.evaluations
-    assert whole.evaluations == sum(whole.evaluations_by_stage.values())
+    short = fit("improved", "traj4@improved", lab, search="jde", **options)
+    whole = fit("improved", "traj4@improved", lab, search="hybrid", **options)
+    assert whole.course.by_stage["jde"] == short.course.evaluations
+    assert whole.course.evaluations == sum(whole.course.by_stage.values())
     assert whole.cost < 0.05 * short.cost
     for parameter, wanted in zip(whole.parameters, truth(lab, FREE), strict=True):
         assert abs(parameter.share(parameter.value) - parameter.share(wanted)) < RECOVERED, parameter.name
 
 
 def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
-    found = fit("improved", "traj4@improved", lab, free=FREE, objective="sync", method="lsq")
+    found = fit("improved", "traj4@improved", lab, free=FREE, objective="sync", search="lsq")
     assert found.cost < 1e-6  # these are the profile's own numbers
-    assert found.generations == 0
+    assert found.course.jde.generation == 0
     away = fit(
-        "improved", "traj4@improved", lab, free=FREE, objective="sync", method="lsq", start={"delay": 0.3, "gain": 60.0}
+        "improved", "traj4@improved", lab, free=FREE, objective="sync", search="lsq", start={"delay": 0.3, "gain": 60.0}
     )
     assert away.cost < 1e-4
-    assert away.stopped_by == "least squares"
-
-
-def test_the_result_does_not_depend_on_workers(lab: Profile) -> None:
-    one, two = (fit("linear", "traj2@mujoco", lab, method="hybrid", population=8, generations=2, workers=w) for w in (1, 2))
-    assert one.cost == two.cost
-    assert one.as_dict()["parameters"] == two.as_dict()["parameters"]
+    assert away.course.stopped_by == "least squares"
 
 
 def test_it_is_never_worse_than_its_first_stage(lab: Profile) -> None:
     for seed in range(3):
         one, both = (
-            fit("coulomb", "traj1@mujoco", lab, method=m, population=8, generations=3, seed=seed) for m in ("jde", "hybrid")
+            fit("coulomb", "traj1@mujoco", lab, search=m, population=8, generations=3, seed=seed) for m in ("jde", "hybrid")
         )
         assert both.cost <= one.cost
 
 
 def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: Path, monkeypatch: Any) -> None:
-    whole = fit("improved", "traj4@improved", lab, method="hybrid", **quick(objective="sync"))
-    checkpoint, real, calls = tmp_path / "checkpoint.npz", FitProblem.residuals, []
+    whole = fit("improved", "traj4@improved", lab, search="hybrid", **quick(objective="sync"))
+    real, calls = FitProblem.residuals, []
 
     def cut(self: FitProblem, points: FloatArray, workers: int = 1) -> FloatArray:
         calls.append(len(points))
@@ -83,16 +77,14 @@ def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: P
         return real(self, points, workers)
 
     monkeypatch.setattr(FitProblem, "residuals", cut)
-    options = {"method": "hybrid", "checkpoint": checkpoint, **quick(objective="sync")}
+    options = {"search": "hybrid", "out": tmp_path, **quick(objective="sync")}
     part = fit("improved", "traj4@improved", lab, **options)
     assert part.status == "interrupted"
     assert math.isfinite(part.cost)
     monkeypatch.setattr(FitProblem, "residuals", real)
-    rest = fit(
-        "improved", "traj4@improved", lab, method="hybrid", checkpoint=checkpoint, resume=True, **quick(objective="sync")
-    )
+    rest = fit("improved", "traj4@improved", lab, search="hybrid", out=tmp_path, resume=True, **quick(objective="sync"))
     assert rest.cost == whole.cost
-    assert rest.evaluations == whole.evaluations
+    assert rest.course.evaluations == whole.course.evaluations
     assert [p.value for p in rest.parameters] == [p.value for p in whole.parameters]
 
 

@@ -19,7 +19,7 @@ from validation.bench.sources import WindowCut, commands_on_grid, open_source, s
 from validation.files.csv_logs import write_csv
 from validation.files.limits import USUAL
 from validation.files.log import Log, fresh_poses
-from validation.fit.objective import windows
+from validation.identify.objective import windows
 
 EXACT_FIT = 1e-9
 """A least-squares fit of noise-free poses: rounding of 1e-16 over a span of half a second, with room to spare."""

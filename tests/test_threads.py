@@ -19,8 +19,8 @@ from validation.tune import tune
 lab = load_profile("thesis-lab")
 few = {"population": 8, "generations": 1, "workers": 2}
 for model in ("coulomb", "four_wheel", "mujoco"):
-    fit(model, to="traj4@improved", profile=lab, method="jde", **few)
-tune("lqr", references="line", profile=lab, **few)
+    fit(model, to="traj4@improved", profile=lab, search="jde", **few)
+tune("lqr", references=("line",), profile=lab, **few)
 try:
     print(numba.threading_layer())
 except ValueError:

@@ -6,7 +6,6 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,15 +19,21 @@ from ssmr.metrics.declared import compare_paths
 from tests.conftest import EXACT, ROUNDOFF, Launch, exit_status
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.identify.tuning import (
+    TuneCase,
+    TuneCost,
+    TuneProblem,
+    costs_of,
+    delayed,
+    make_tuning_space,
+    widened_sentences,
+)
 from validation.plants.profile import Profile
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import parse_terrain
 from validation.track import track
-from validation.tune import __main__ as tune
-from validation.tune.cost import TuneCost, costs_of
-from validation.tune.problem import TuneCase, TuneProblem, delayed, make_tuning_space, widened_sentences
-from validation.tune.run import tune as tune_gains
+from validation.tune import tune
 
 QUIET = LoopSettings("truth", disturbance=False)
 
@@ -45,10 +50,6 @@ def problem(lab: Profile, cost: TuneCost | None = None, controller: str = "pid",
 
 def published_point(p: TuneProblem) -> np.ndarray:
     return p.space.points(np.array([p.base.values[name] for name in p.space.names]))
-
-
-def call(main: Callable[..., None], *args: str) -> int:
-    return exit_status(main, *args)
 
 
 # --------------------------------------------------------------------------------------------------------- costs
@@ -171,35 +172,33 @@ def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(lab: Profil
     """One gain, in bounds that hold the start at their end and beyond it only what is worse."""
     start = load_gains("lqr", "published").values["r_v"]
     options = {"plants": ("linear",), "free": ("r_v",), "bounds": {"r_v": (start, 400.0)}, "held_out": ("line@0.5",)}
-    found = tune_gains("lqr", "circle@0.5", lab, noise=False, population=8, generations=1, **options)
+    found = tune("lqr", "circle@0.5", lab, noise=False, population=8, generations=1, **options)
     assert dict(found.gains) == dict(load_gains("lqr", "published").values)
     assert found.cost == found.baseline_cost
-    assert found.worse_than_start is False
+    assert found.as_dict()["worse_than_start"] is False
     assert any("No candidate costs less than lqr-published" in note for note in found.notes())
     assert found.parameters[0].value == start
 
 
 def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
     options = {"plants": ("linear",), "free": ("q_x",), "population": 5, "generations": 1, "held_out": ("square@0.5",)}
-    found = tune_gains("lqr", "circle@0.5", lab, noise=False, **options)
-    assert found.shipped_name == "lqr-tuned"
+    found = tune("lqr", "circle@0.5", lab, noise=False, **options)
+    assert found.shipped is not None
+    assert found.shipped.name == "lqr-tuned"
     (trained,), (held,) = found.train, found.held_out
-    assert trained.shipped is not None
-    assert found.shipped_cost == pytest.approx(trained.shipped.cost, rel=ROUNDOFF)
-    assert held.shipped is not None
+    assert found.shipped_cost == pytest.approx(trained.runs["shipped"].cost, rel=ROUNDOFF)
     document = found.as_dict()
     assert document["shipped_cost"] == found.shipped_cost
-    assert document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"] == held.shipped.cost
-    assert found.table().count("shipped") >= 2
-    own = tune_gains("lqr", "circle@0.5", lab, noise=False, gains="tuned", **options)
-    assert own.train[0].shipped is None, "the shipped gains are what it began with"
+    assert document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"] == held.runs["shipped"].cost
+    own = tune("lqr", ("circle@0.5",), lab, noise=False, gains="tuned", **options)
+    assert "shipped" not in own.train[0].runs, "the shipped gains are what it began with"
     assert own.shipped_cost == own.baseline_cost
 
 
 def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path, launch: Launch) -> None:
     args = ["lqr", "--plant", "linear", "--reference", "circle@0.5", "--held-out", "line@0.5", "--population", "8"]
     args += ["--generations", "4", "--seed", "3", "--free", "q_x,r_v,q_yaw"]
-    assert call(tune.main, *args, "--out", str(tmp_path / "a")) == 0
+    assert exit_status(tune, *args, "--out", str(tmp_path / "a")) == 0
     a = json.loads((tmp_path / "a" / "tune.json").read_text())
     assert a["schema"] == "ssmr.tune/1"
     assert a["cost"] <= a["baseline_cost"]
@@ -217,14 +216,14 @@ def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path, launch: Launc
         pass
     child.kill()
     child.wait()
-    assert call(tune.main, *args, "--out", str(tmp_path / "b"), "--resume") == 0
+    assert exit_status(tune, *args, "--out", str(tmp_path / "b"), "--resume") == 0
     b = json.loads((tmp_path / "b" / "tune.json").read_text())
     assert (a["gains"], a["cost"], a["evaluations"]) == (b["gains"], b["cost"], b["evaluations"])
 
 
 def test_a_robot_that_starts_beside_its_reference_comes_back_to_it(tmp_path: Path) -> None:
     args = ["smc", "line", "--speed", "0.5", "--plant", "linear", "--no-noise", "--no-rerun", "--start", "-0.1,0.3,0.5"]
-    assert call(track, *args, "--out", str(tmp_path)) == 0
+    assert exit_status(track, *args, "--out", str(tmp_path)) == 0
     found = json.loads((tmp_path / "track.json").read_text())
     assert found["options"]["start"] == [-0.1, 0.3, 0.5]
     assert found["metrics"]["cross_track_max_m"] >= 0.3

@@ -12,10 +12,10 @@ from ssmr.search.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray
 from tests.robots import HUSKY
 from tests.test_objective import scenario
-from validation.fit.objective import FitCost, FitTarget
-from validation.fit.problem import FitProblem
-from validation.fit.refine import Remembered, descend
-from validation.fit.uncertainty import estimate
+from validation.identify.objective import FitCost, FitTarget
+from validation.identify.problem import FitProblem
+from validation.identify.refine import Remembered, descend
+from validation.identify.uncertainty import estimate
 from validation.plants.profile import Profile
 from validation.plants.searchable import make_space
 

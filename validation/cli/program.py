@@ -91,7 +91,7 @@ class Program(Generic[P, R]):
                 folder = options.out or options.folder()
                 require_writable(folder)
                 with shown(self.__name__) as show:
-                    report = self.function(replace(options, progress=show))
+                    report = self.function(replace(options, progress=show, out=folder))
             finish(report, options, output_folder(folder))
 
         main.__doc__ = (inspect.getdoc(self.function) or "").partition("\n\nRaises:")[0]

@@ -80,7 +80,7 @@ def _tuned(controller: str, task: Task) -> Findings:
     searches = []
     for seed in range(task.seed, task.seed + task.budget.searches):
         found = tune(
-            controller, "generic@0.25", _PROFILE, plants=("improved",), held_out=(), gains="published", from_scratch=True,
+            controller, ("generic@0.25",), _PROFILE, plants=("improved",), held_out=(), gains="published", from_scratch=True,
             guard=0.0, seeds=(0,), population=population, generations=generations, seed=seed, workers=task.workers,
             progress=task.progress,
         ).as_dict()  # fmt: skip

@@ -52,7 +52,7 @@ def _fitted(model: str, task: Task) -> Findings:
     (population, generations), (parameters, distances) = task.budget.fit, _FITS[model]
     found = fit(
         model, "traj4@mujoco", _PROFILE, held_out=("traj1", "traj2", "traj3"), objective="path", population=population,
-        generations=generations, method="jde", seed=task.seed, workers=task.workers, progress=task.progress,
+        generations=generations, search="jde", seed=task.seed, workers=task.workers, progress=task.progress,
     ).as_dict()  # fmt: skip
     if found["status"] == "interrupted":
         raise KeyboardInterrupt

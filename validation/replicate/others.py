@@ -25,8 +25,8 @@ from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import Trajectory
 from validation.bench.sources import Source, drive, open_source
 from validation.files.signals import moving_mean
-from validation.fit.objective import FitCost, FitTarget
-from validation.fit.problem import FitProblem
+from validation.identify.objective import FitCost, FitTarget
+from validation.identify.problem import FitProblem
 from validation.plants.four_wheel import tyred_defaults
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space

@@ -11,7 +11,7 @@ from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import CommandKind
 from validation import cli
 from validation.bench.sources import Source, open_source
-from validation.fit.targets import MOST_TIME
+from validation.identify.targets import MOST_TIME
 from validation.plants.profile import Profile, choose_profile
 
 HORIZON = 6.0

@@ -36,6 +36,7 @@ from validation.bench.loops import (
 from validation.bench.user_law import is_user_law
 from validation.bench.waypoint_files import REFERENCES, open_reference, split_speed
 from validation.files.reading import FileError
+from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import PLANTS, Profile, choose_profile
 from validation.report import drawing
 from validation.report.report import Report
@@ -44,7 +45,6 @@ from validation.report.tables import with_robot
 from validation.study.options import AS_NAMES, AnyStudy, require_seeds
 from validation.study.ranking import agreement, choice, mean_costs, places, rank_correlation
 from validation.study.sweep import picture, sweep
-from validation.tune.cost import TuneCost, costs_of
 
 _USUAL_PROFILES = ("thesis-lab", "husky-tile")
 _USUAL_REFERENCES = ("eight", "u-turn", "stop-and-go", "slalom", "square", "spiral", "sine", "generic", "circle", "line")

@@ -44,16 +44,13 @@ class Residuals(Protocol):
     @property
     def robust(self) -> bool:
         """Return whether errors beyond their median count by their size, and not by its square (`soft_l1`)."""
-        ...
 
     @property
     def cheap(self) -> bool:
         """Return whether many motions cost little, so that the optimum may be found finely."""
-        ...
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return (S, K) errors of (S, n) points of the unit cube, in the cost's unit; NaN for one that is impossible."""
-        ...
 
 
 @dataclass
@@ -71,7 +68,7 @@ class Remembered:
         return len(self.points)
 
     def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return (S, K) errors of (S, n) points; `drive` is asked only for those that are not known yet."""
+        """Return (S, K) errors of (S, n) points; `drive` is called only with those that are not known yet."""
         if len(self._known) != len(self.points):
             self._known = {point.tobytes(): i for i, point in enumerate(self.points)}
         new = [i for i, point in enumerate(points) if point.tobytes() not in self._known]
@@ -114,11 +111,10 @@ def arrivals(
         end, size = descend(problem, start, driven, workers, on_step, least)
         visited, least = [*visited, start, end], min(least, size)
         yield end
+        start = None
         if k + 1 < starts and math.isfinite(size):
             errors, slopes = error_slopes(lambda new: driven.look_up(new, lambda p: problem.residuals(p, workers)), end)
             start = woken(errors, slopes, end, visited)
-        else:
-            start = None
         start = next_start(points, costs, visited) if start is None else start
 
 
@@ -176,15 +172,8 @@ def descend(
 ) -> tuple[FloatArray, float]:
     """Return the (n,) point of the unit cube where least squares from a start end, and the size of the errors there.
 
-    An interrupt passes through.
-
-    Args:
-        problem: what is fitted.
-        start: (n,) point of the unit cube, of a candidate that can be driven.
-        driven: what was driven before; what is driven now is added.
-        workers: number of threads; the result does not depend on it.
-        on_step: called after every population.
-        goal: least size of the errors at the ends of earlier starts; a start that does not come near it is given up.
+    An interrupt passes through. The arguments are those of `arrivals`, and `goal` is the least size of the errors at the
+    ends of earlier starts: a start that does not come near it is given up.
     """
     n, robust = len(start), problem.robust
 

@@ -17,9 +17,9 @@ from scipy.special import stdtrit
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.fit.data import FittedParameter
-from validation.fit.problem import FitProblem
-from validation.fit.refine import Remembered, error_slopes, median_size
+from validation.identify.found import bound_sentences
+from validation.identify.problem import FitProblem
+from validation.identify.refine import Remembered, error_slopes, median_size
 from validation.plants.table import SIMULATED
 
 _FEWEST_BLOCKS = 8  # fewer say too little about their own scatter
@@ -114,36 +114,6 @@ def _sandwich(curvature: FloatArray, doubt: FloatArray, sums: FloatArray) -> Flo
     inverse = np.linalg.inv(curvature + ridge)
     spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * _IGNORANCE) ** 2) @ inverse)
     return np.asarray((axes * np.clip(spread, 0.0, _IGNORANCE**2)) @ axes.T)
-
-
-def found_parameters(
-    space: ParameterSpace, point: FloatArray, before: Sequence[float], uncertainty: Uncertainty | None = None
-) -> tuple[FittedParameter, ...]:
-    """Return the parameters at an (n,) point of the unit cube, with the values of before and, if known, their errors."""
-    values, at_bound = space.values(point), space.at_bound(point)
-    out = []
-    for i, p in enumerate(space.parameters):
-        error, interval = None, None
-        if uncertainty is not None and np.isfinite(uncertainty.standard_error[i]):
-            error = float(uncertainty.standard_error[i])
-            interval = (float(uncertainty.interval[i, 0]), float(uncertainty.interval[i, 1]))
-        value, was, bound = float(values[i]), float(before[i]), bool(at_bound[i])
-        out.append(FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, was, bound, error, interval))
-    return tuple(out)
-
-
-def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
-    """Return a sentence for each parameter that a search left at a bound, with advice that can be followed."""
-    out = []
-    for p, at_bound, x in zip(space.parameters, space.at_bound(point), point, strict=True):
-        if at_bound:
-            end, bound, limit = ("lower", p.lower, p.least) if x < 0.5 else ("upper", p.upper, p.greatest)
-            if bound == limit:
-                advice = f"values {'below' if end == 'lower' else 'above'} are impossible; fix it there, or look for a cause"
-            else:
-                advice = "give it wider bounds, or fix it"
-            out.append(f"{p.name} ended at its {end} bound, {p.text(bound)}: {advice}.")
-    return out
 
 
 def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty | None) -> tuple[str, ...]:

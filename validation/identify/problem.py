@@ -16,7 +16,7 @@ import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.fit.objective import FitCost, FitTarget, make_raters
+from validation.identify.objective import FitCost, FitTarget, make_raters
 from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import with_values
 from validation.plants.table import plant_kind

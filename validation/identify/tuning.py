@@ -1,26 +1,106 @@
-"""The problem of a tuning: points of the unit cube in, costs of closed loops along references out."""
+"""The problem of a tuning: gains as points of the unit cube in, costs of closed loops along references out."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
+from ssmr._jit import jit_alone, share_among_threads
 from ssmr.control.laws import LAWS
-from ssmr.control.loop import LoopSettings
+from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
-from ssmr.parameters import described
+from ssmr.metrics.declared import Metrics
+from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, measured_length, one_sided_kernel
+from ssmr.parameters import MOST_SEED, described, require_within
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
 from validation.bench.gains import GainSet
 from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
 from validation.bench.mismatch import Mismatch, mismatched, worst_mean
+from validation.identify.search import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
-from validation.tune.cost import GUARD_DISTANCE, TuneCost, costs_of
-from validation.tune.data import Followed, TunedRun
+
+TuneMeasure = Literal["path", "time"]
+MOST_SEEDS = 10_000
+"""Greatest number of draws of noise that a cost is the mean of."""
+GUARD_DISTANCE = 1.0
+"""Distance from its target within which the robot must stay for the stability guard [m]."""
+
+
+@dataclass(frozen=True)
+class TuneCost:
+    """The cost that a tuning makes small, over all references and plants together."""
+
+    cost: TuneMeasure = "path"
+    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times in the place of distances between
+    paths (Sec. 5)."""
+    guard: float = 0.1
+    """Candidates that lose the reference with this much more delay are refused [s]; 0 turns this off."""
+    seeds: Sequence[int] = (0,)
+    """Seeds of noise and disturbance; the cost is the mean over them."""
+    k_rms: float = 100.0
+    """Weight of d_rms, or of the RMS position error at equal times [1/m]; Tab. 4.3, 4.20."""
+    k_haus: float = 15.0
+    """Weight of d_haus, or of the greatest position error at equal times [1/m]."""
+    k_ratio: float = 10.0
+    """Weight of |1 - d_ratio|."""
+    k_bend: float = 10.0
+    """Weight of |1 - e_bend_ratio|."""
+    k_u: float = 0.0
+    """Weight of |1 - u_RMS|, the speed's RMS over that of the reference; Tab. 4.20 has 50 for the LQR."""
+
+    def __post_init__(self) -> None:
+        """Check names and weights.
+
+        Raises:
+            ValueError: an unknown cost, a weight out of its range, no seed, too many, or one out of its range.
+        """
+        if self.cost not in get_args(TuneMeasure):
+            raise ValueError(f"unknown cost '{self.cost}'; there are: {', '.join(get_args(TuneMeasure))}")
+        require_within(self, ("k_rms", "k_haus", "k_ratio", "k_bend", "k_u"), 0.0, 1e6)
+        require_within(self, ("guard",), 0.0, 10.0)
+        if not 1 <= len(self.seeds) <= MOST_SEEDS:
+            raise ValueError(f"seeds must name 1 to {MOST_SEEDS} seeds")
+        object.__setattr__(self, "seeds", tuple(self.seeds))
+        require_within(self, ("seeds",), 0, MOST_SEED, whole=True)
+
+
+@jit_alone
+def _path_measures(poses, truth, out):
+    """Write (S, 4) d_rms, d_haus, d_ratio and e_bend_ratio of (S, M, 3) poses against (N, 3)."""
+    length = measured_length(truth)
+    for i in range(len(poses)):
+        out[i, 0], out[i, 1], out[i, 2] = one_sided_kernel(poses[i], truth, length)
+        out[i, 3] = bend_ratio_kernel(poses[i], truth)
+
+
+def costs_of(runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost, workers: int = 1) -> FloatArray:
+    """Return the (S,) costs of runs along one reference, whose speed has this RMS [m/s]; infinite where a robot was lost.
+
+    The runs are rated on `workers` threads; the costs do not depend on their number.
+    """
+    out = np.full(len(runs), np.inf)
+    kept = [i for i, run in enumerate(runs) if not run.lost]
+    if not kept:
+        return out
+    poses = np.array([runs[i].table[:, :3] for i in kept])
+    measures = np.empty((len(poses), 4))
+    share_among_threads(lambda i, k: _path_measures(poses[i:k], target.pose, measures[i:k]), len(poses), workers)
+    d_rms, d_haus = measures[:, 0], measures[:, 1]
+    if cost.cost == "time":
+        apart = np.hypot(*np.moveaxis(poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2], 2, 0))
+        d_rms, d_haus = np.sqrt(np.mean(apart**2, axis=1)), apart.max(axis=1)
+    u_rms = np.array([np.sqrt(np.mean(runs[i].column("v_x") ** 2)) for i in kept]) / max(speed, 1e-9)
+    found = cost.k_rms * d_rms + cost.k_haus * d_haus + cost.k_ratio * np.abs(1.0 - measures[:, 2])
+    found += cost.k_u * np.abs(1.0 - u_rms)
+    if bending_energy(target.xy) >= BENDING_FLOOR:  # a straight reference has no ratio
+        found += cost.k_bend * np.abs(1.0 - measures[:, 3])
+    out[kept] = np.where(np.isfinite(found), found, np.inf)
+    return out
 
 
 def make_tuning_space(
@@ -52,33 +132,25 @@ def make_tuning_space(
     for name in names:
         usual = declared(known[name], bounds.get(name))
         value = usual.lower if start is None else start[name]
-        if usual.lower <= value <= usual.upper:
-            found.append(usual)
-        elif name in bounds:
-            own = f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search begins"
-            raise ValueError(f"{own}; widen them, begin with other gains, or begin from scratch")
-        else:
-            found.append(
-                replace(usual, lower=min(usual.lower, _rounded(0.5 * value)), upper=max(usual.upper, _rounded(1.5 * value)))
-            )
+        if not usual.lower <= value <= usual.upper:
+            if name in bounds:
+                own = (
+                    f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search begins"
+                )
+                raise ValueError(f"{own}; widen them, begin with other gains, or begin from scratch")
+            low, high = (float(f"{share * value:.2g}") for share in (0.5, 1.5))  # two digits, for tables and pictures
+            usual = replace(usual, lower=min(usual.lower, low), upper=max(usual.upper, high))
+        found.append(usual)
     return ParameterSpace(tuple(found))
 
 
-def _rounded(value: float) -> float:
-    """Return a number with two digits, which a table and a picture have room for."""
-    return float(f"{value:.2g}")
-
-
 def widened_sentences(controller: str, space: ParameterSpace, start: Mapping[str, float]) -> list[str]:
-    """Return a sentence for each gain whose usual bounds had to be widened to hold the `start`."""
-    usual = described(LAWS[controller].gains)
-    out = []
+    """Return a sentence for each gain whose usual bounds leave out the `start`, and had to be widened to hold it."""
+    usual, out = described(LAWS[controller].gains), []
     for p in space.parameters:
         low, high = usual[p.name].search or (p.lower, p.upper)
-        value = start[p.name]
-        wide = (low, _rounded(1.5 * value)) if value > high else (_rounded(0.5 * value), high)
-        if not low <= value <= high and (p.lower, p.upper) == wide:
-            was = f"its usual bounds, {low:g} to {high:g}, leave out {p.text(value)}, which the search began with"
+        if not low <= start[p.name] <= high:
+            was = f"its usual bounds, {low:g} to {high:g}, leave out {p.text(start[p.name])}, which the search began with"
             out.append(f"{p.name} was searched from {p.lower:g} to {p.upper:g}: {was}.")
     return out
 
@@ -104,6 +176,17 @@ class TuneCase:
         return self.waypoints.trajectory(self.settings.position_period)
 
 
+class RatedRun(NamedTuple):
+    """One run along a reference, and how well it went."""
+
+    run: ClosedRun
+    """The run; it may have been lost."""
+    metrics: Metrics
+    """Metrics of the run."""
+    cost: float
+    """Cost of the run; infinite where it was lost."""
+
+
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
     """Return the same robot, on the same ground and with the same physics, that acts on its commands `more` later [s]."""
     late = replace(robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more)
@@ -122,17 +205,15 @@ class TuneProblem:
         space: ParameterSpace,
         cases: Sequence[TuneCase],
         cost: TuneCost,
-        shipped: GainSet | None = None,
         mismatches: Sequence[Mismatch] = (),
     ) -> None:
         """Sample the references, and delay each robot for the stability guard, or make the robots with `mismatches`.
 
-        The profile gives model-based laws their model; the tuned gains are compared with those of `base`, and with those
-        that are `shipped` if these are others. With mismatches, costs are means over the worst fifth of those robots.
+        The profile gives model-based laws their model, and `base` the gains that are not searched. With mismatches, costs
+        are means over the worst fifth of those robots, which have delays of their own and no guard.
         """
         self.profile, self.base, self.space, self.cases, self.cost = profile, base, space, tuple(cases), cost
-        self.shipped, self.mismatches = shipped, tuple(mismatches)
-        self._seeds = cost.seeds or (0,)
+        self.mismatches = tuple(mismatches)
         self._targets = [case.target for case in self.cases]
         guarded = cost.guard > 0.0 and not self.mismatches
         self._late = [delayed(case.robot, cost.guard) if guarded else None for case in self.cases]
@@ -154,11 +235,7 @@ class TuneProblem:
             return None
 
     def costs(
-        self,
-        points: FloatArray,
-        limits: FloatArray | None = None,
-        workers: int = 1,
-        on_share: Callable[[float], object] | None = None,
+        self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
     ) -> FloatArray:
         """Rate candidates case by case, see `SearchProblem.costs`.
 
@@ -172,34 +249,21 @@ class TuneProblem:
             laws = [self.controller(p) for p in points]
         bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
         sums = np.tile([np.inf if law is None else 0.0 for law in laws], (len(self._robots[0]), 1))  # by robot
-        total = float(sum(case.waypoints.duration for case in self.cases))
-        done = 0.0
+        total, done = sum(case.waypoints.duration for case in self.cases), 0.0
         for k, case in enumerate(self.cases):
-            worst, share, driven = worst_mean(sums), case.waypoints.duration / total, itertools.count(1)
-
-            def on_robot(begun: float = done, part: float = share / len(sums), driven: Iterator[int] = driven) -> None:
-                if on_share is not None:
-                    on_share(begun + part * next(driven))
-
+            worst = worst_mean(sums)
             live = [i for i in range(len(points)) if np.isfinite(worst[i]) and (k == 0 or worst[i] <= bounds[i])]
             if live:
-                sums[:, live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers, on_robot=on_robot)
-            done += share
-            if on_share is not None and not live:
+                sums[:, live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
+            done += case.waypoints.duration / total
+            if on_share is not None:
                 on_share(done)
         return worst_mean(sums) / len(self.cases)
 
-    def _case_costs(
-        self,
-        k: int,
-        laws: Sequence[AnyController],
-        workers: int,
-        searching: bool = True,
-        on_robot: Callable[[], object] | None = None,
-    ) -> FloatArray:
+    def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True) -> FloatArray:
         """Return the (R, S) costs of candidates with each robot on one case, means over the seeds.
 
-        In a search the guard is asked, and a candidate that lost one robot is not driven on: its costs with the next are
+        In a search the guard counts, and a candidate that lost one robot is not driven on: its costs with the next are
         infinite.
         """
         case, late = self.cases[k], self._late[k]
@@ -209,11 +273,9 @@ class TuneProblem:
             if kept:
                 row[kept] = self._robot_costs(k, robot, [laws[i] for i in kept], workers)
             kept = [i for i in kept if np.isfinite(row[i])] if searching else kept
-            if on_robot is not None:
-                on_robot()
         if late is not None and searching and kept:
             some, around = [laws[i] for i in kept], [case.settings] * len(kept)
-            runs = run_robots([late] * len(kept), some, around, case.waypoints, self._seeds[:1], workers)
+            runs = run_robots([late] * len(kept), some, around, case.waypoints, self.cost.seeds[:1], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
                     found[:, i] = np.inf
@@ -222,9 +284,9 @@ class TuneProblem:
     def _robot_costs(self, k: int, robot: ClosedLoopRobot, laws: Sequence[AnyController], workers: int) -> FloatArray:
         """Return the (S,) costs of candidates with one robot on one case, the means over the seeds."""
         case, found, n = self.cases[k], np.zeros(len(laws)), len(laws)
-        for seed in self._seeds:
+        for seed in self.cost.seeds:
             runs = run_robots([robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
-            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self._seeds)
+            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self.cost.seeds)
         return found
 
     def costs_by_robot(self, gains: GainSet, workers: int, guarded: bool = False) -> FloatArray:
@@ -240,16 +302,13 @@ class TuneProblem:
         """Return the cost of gains, by default without the guard; infinite where they lose a reference or fail the guard."""
         return float(worst_mean(self.costs_by_robot(gains, workers, guarded)))
 
-    def compared(self, case: TuneCase, tuned: GainSet, workers: int) -> TunedRun:
-        """Drive one case with the tuned gains, those of before and the shipped ones, with the first seed's noise."""
-        sets = [tuned, self.base, *([] if self.shipped is None else [self.shipped])]
-        laws, n = [make_controller(self.profile, gains) for gains in sets], len(sets)
-        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self._seeds[:1], workers)
+    def rated(self, case: TuneCase, sets: Mapping[str, GainSet], workers: int) -> dict[str, RatedRun]:
+        """Drive one case with several sets of gains, with the first seed's noise; return their runs by the same names."""
+        laws, n = [make_controller(self.profile, gains) for gains in sets.values()], len(sets)
+        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self.cost.seeds[:1], workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
-        followed = [
-            Followed(run, rate(run, case.waypoints, case.robot), float(cost)) for run, cost in zip(runs, costs, strict=True)
-        ]
-        return TunedRun(case.label, case.reference, case.waypoints.speed, case.robot.name, case.target, *followed)
+        every = zip(sets, runs, costs, strict=True)
+        return {name: RatedRun(run, rate(run, case.waypoints, case.robot), float(cost)) for name, run, cost in every}
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""

@@ -13,7 +13,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
 from validation.bench.sources import Source, drive, open_source
 from validation.files.limits import USUAL, LogLimits
-from validation.fit.objective import FitTarget
+from validation.identify.objective import FitTarget
 from validation.plants.profile import Profile, make_plant
 
 Input = Literal["commands", "wheels", "both"]

@@ -1,0 +1,428 @@
+"""Find a plant's parameters from motions: `python -m validation.fit MODEL --to SOURCE`."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import math
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ssmr.errors import SsmrError
+from ssmr.search.jde import JdeSettings
+from ssmr.search.space import ParameterSpace
+from ssmr.types import FloatArray
+from validation import cli, store
+from validation.bench.sources import standing_sentences
+from validation.files.limits import USUAL
+from validation.identify.executors import dask_executor
+from validation.identify.figure import Line, Paths, legend_row, search_figure
+from validation.identify.found import SearchReport, found_parameters, found_table, search_document
+from validation.identify.objective import FitCost, FitTarget, Objective
+from validation.identify.options import Searching
+from validation.identify.problem import FitProblem
+from validation.identify.refine import STARTS
+from validation.identify.scores import HORIZONS, Scored, built, score, scored
+from validation.identify.search import Search, interruption, search_for
+from validation.identify.targets import FitSources, Input, is_scenario, open_targets
+from validation.identify.uncertainty import Uncertainty, estimate, sentences
+from validation.plants.kind import Occasion, PlantProfile
+from validation.plants.profile import Profile, choose_profile
+from validation.plants.searchable import find, make_space, with_values
+from validation.plants.table import PLANTS, SIMULATED, plant_kind
+from validation.progress import Progress
+from validation.report import drawing
+from validation.report.motions import HEADLINE_HORIZON, interval_table
+from validation.report.table import Table
+from validation.simulator.description import with_robot
+from validation.words import file_name, one_line, shortened
+
+Method = Literal["jde", "hybrid", "lsq"]
+"""How a fit searches: differential evolution; a short one, then least squares; or least squares from one start."""
+_SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
+    ("jde", False): (50, 300),
+    ("jde", True): (32, 60),
+    ("hybrid", False): (20, 10),
+    ("hybrid", True): (20, 4),
+    ("lsq", False): (5, 1),  # of which only the first candidate counts
+    ("lsq", True): (5, 1),
+}
+"""Usual population and generations of jDE for planar models (Tab. 3.7 of the thesis for `jde`) and for simulated bodies."""
+_STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
+"""Greatest number of starts of least squares."""
+_JAGGED = (50, 100)
+"""Usual population and generations of a hybrid search of planar models for the path objective: distances between samples
+make it jagged, so least squares go to the right place but not to the least cost there."""
+PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
+"""The profile that a fit begins with unless another is given."""
+_TOLD = ("input", "from", "until", "objective", "position_weight")  # options that the provenance of a fitted profile repeats
+_SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
+
+
+def _start(text: str) -> dict[str, float]:
+    return {} if text == "profile" else cli.read_values(text)
+
+
+@dataclass(frozen=True)
+class Fit(Searching):
+    """Options of `fit`."""
+
+    model: Annotated[str, tyro.conf.Positional, cli.one_of(PLANTS)]
+    """Plant to fit."""
+    to: Annotated[str | Path | Sequence[str | Path], cli.text_of("SOURCE,...")]
+    """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
+    robot: cli.AnyRobot = None
+    input: Annotated[Input, cli.option()] = "commands"
+    """Inputs of a recording that drive the plant: commands, measured wheel rates, or both, each in its turn."""
+    start_at: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    """Leave out what was recorded before this time [s]."""
+    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
+    """Leave out what was recorded after this time [s]."""
+    held_out: Annotated[cli.Names, cli.option(metavar="SOURCE,...", default="none")] = ()
+    """Sources to test on, separated by commas. A fitted recording stands for its parts outside --from and --until."""
+    limits: cli.Limits = USUAL
+    start: Annotated[
+        Mapping[str, float] | None, cli.parsed(_start, "profile|NAME=X,..."), cli.option(default="all are drawn at random")
+    ] = None
+    """A candidate of the first population: the profile's numbers, or some that replace them, such as friction=0.4."""
+    objective: Annotated[Objective | None, cli.option(default="path for scenarios, horizon for recordings")] = None
+    """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative poses, seconds later)."""
+    horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0)
+    """Horizons of the horizon objective [s]."""
+    yaw_weight: Annotated[float, cli.option(metavar="M/RAD")] = 1.0
+    """Position error that counts as much as a radian of yaw error, in the sync and horizon objectives."""
+    position_weight: Annotated[float, cli.option(metavar="X")] = 1.0
+    """Weight of position errors in the sync and horizon objectives; 0 fits the heading alone, where positions are not to be
+    trusted."""
+    search: Annotated[Method, cli.option()] = "hybrid"
+    """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go to the optimum, from its
+    best candidate and from others far from it. jde: differential evolution alone, as in the thesis; ask for it to repeat the
+    thesis, or where different seeds of hybrid end at different places. lsq: least squares alone, from --start, which is the
+    profile's numbers if it is not given."""
+    scheduler: Annotated[str | None, cli.option(metavar="ADDRESS", default="threads of this computer")] = None
+    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates of jDE."""
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        return Path("runs") / "fit" / file_name(f"{self.model}-{Path(next(iter(self.names), '')).stem}")
+
+    @property
+    def names(self) -> list[str]:
+        """The sources that it is fitted to, as the user named them."""
+        if isinstance(self.to, Path) or (isinstance(self.to, str) and Path(self.to).exists()):
+            return [str(self.to)]
+        parts = self.to.split(",") if isinstance(self.to, str) else map(str, self.to)
+        return [part.strip() for part in parts if part.strip()]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fitted(SearchReport):
+    """A plant's fitted parameters, their uncertainty, and how well they predict motion."""
+
+    model: str
+    """The plant that was fitted."""
+    profile: Profile
+    """The profile that the fit began with, with the fitted numbers and their provenance in it."""
+    correlation: FloatArray | None
+    """(n, n) correlation of the parameters' errors; None where it was not estimated."""
+    train: tuple[Scored, ...]
+    """Scores on each source that it was fitted to."""
+    held_out: tuple[Scored, ...]
+    """Scores on each source that the fit has not seen."""
+
+    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
+        """Write profile.toml, fit.png and, last, fit.json; return their paths.
+
+        Raises:
+            OSError: the folder cannot be made or written.
+        """
+        path = store.make_folder(Path(folder)) / "profile.toml"
+        self.profile.save(path)
+        return [path, *super().save(folder, recording=recording)]
+
+
+@cli.program(Fit)
+def fit(o: Fit) -> Fitted:
+    """Fit a plant's parameters to motions by differential evolution (jDE), least squares, or one after the other.
+
+    Prints tables; writes fit.json, profile.toml, fit.png and checkpoint.npz.
+
+    Ctrl-C ends the search and writes the best result found so far.
+
+    Raises:
+        ValueError: a name, number or file that cannot be used; the message says which.
+        SsmrError: a plant diverged, or no candidate could be driven.
+        OSError: the checkpoint cannot be written.
+        KeyboardInterrupt: interrupted before any candidate was rated.
+    """
+    names = o.names
+    occasion: Occasion = "scenario" if all(map(is_scenario, names)) else "recording"
+    usual = plant_kind(o.model).free[occasion]
+    base = choose_profile(o.profile, o.robot, PROFILES[occasion])
+    begun = with_values(o.model, base.plants[o.model], list(o.fix), o.fix.values())
+    free = [name for name in (usual if o.free is None else o.free) if name not in o.fix]
+    space = make_space(o.model, free, o.bounds, begun.robot)
+    start = _first_points(space, o.model, begun, {} if o.start is None and o.search == "lsq" else o.start)
+    sources = FitSources(o.input, o.start_at, o.until, tuple(o.held_out), o.limits)
+    targets, held_out = open_targets(names, base, sources)
+    cost = FitCost(o.objective, tuple(o.horizons), o.yaw_weight, o.position_weight)
+    problem = FitProblem(o.model, begun, space, targets, cost)
+    _require_possible(problem, o.bounds)
+    simulated = o.model in SIMULATED
+    jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
+    settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
+    found = _searched(o, problem, settings, start)
+    total = settings.generations + 1 + found.starts
+    o.progress(Progress(total, total, "standard errors and scores"))
+    return _judged(o, problem, base, settings, found, held_out)
+
+
+def _first_points(
+    space: ParameterSpace, model: str, base: PlantProfile, start: Mapping[str, float] | None
+) -> FloatArray | None:
+    """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
+    if start is None:
+        return None
+    for name in start:
+        find(model, name, base.robot)
+        if name not in space.names:
+            raise ValueError(f"start names {name}, which is not free")
+    values = [start.get(name, find(model, name, base.robot).read(base)) for name in space.names]
+    values = [p.upper if value == math.inf else value for p, value in zip(space.parameters, values, strict=True)]  # no limit
+    return space.points(np.array(values)[None])
+
+
+def _require_possible(problem: FitProblem, given: Container[str]) -> None:
+    """Refuse numbers that no candidate can have: the profile's own, and given bounds of the inertia that no body has.
+
+    Where default bounds reach farther than a robot's other numbers allow, candidates beyond are rated as impossible.
+    """
+    heavy = ("yaw_inertia", "mass") if problem.model in SIMULATED else ()
+    bodies = [p for p in problem.space.parameters if p.name in heavy and p.name in given]
+    for end in ({}, *({p.name: end} for p in bodies for end in (p.lower, p.upper))):
+        try:
+            built(problem.model, with_values(problem.model, problem.base, list(end), end.values()))
+        except ValueError as error:
+            raise ValueError(f"{''.join(f'bounds of {name}: ' for name in end)}{error}") from error
+
+
+def _searched(o: Fit, problem: FitProblem, settings: JdeSettings, start: FloatArray | None) -> Search:
+    """Return the search after all its stages, or where it was interrupted."""
+    with contextlib.ExitStack() as stack:
+        rated_by = o
+        if o.scheduler is not None:
+            executor, shares = stack.enter_context(dask_executor(o.scheduler))
+            rated_by = replace(o, executor=executor, workers=shares)
+        found = search_for(problem, settings, rated_by, start, _STARTS[o.search])
+    if found.starts and not found.interrupted:
+        found.refine(problem, o.threads)
+    return found
+
+
+def _judged(
+    o: Fit, problem: FitProblem, base: Profile, settings: JdeSettings, found: Search, held_out: Sequence[FitTarget]
+) -> Fitted:
+    """Estimate how sure the numbers are, score the fitted plant on all sources, and return the report."""
+    point, space, troubles = found.best, problem.space, list[str]()
+    uncertainty: Uncertainty | None = None
+    if not found.interrupted:
+        try:
+            uncertainty = estimate(problem, point, o.threads, found.driven)
+        except (SsmrError, np.linalg.LinAlgError) as error:
+            troubles.append(f"Standard errors could not be estimated: {error}.")
+    before = [find(o.model, name, problem.base.robot).read(problem.base) for name in space.names]
+    errors = (None, None) if uncertainty is None else (uncertainty.standard_error, uncertainty.interval)
+    parameters = found_parameters(space, point, before, *errors)
+    fitted = problem.candidate(point)
+    assert fitted is not None
+    train = tuple(scored(problem, fitted, target) for target in problem.targets)
+    judged = []
+    for target in held_out:
+        try:
+            judged.append(scored(problem, fitted, target))
+        except SsmrError as error:
+            troubles.append(f"The fitted plant cannot be driven along {target.label}, which was held out: {error}.")
+    warned = [warning for target in (*problem.targets, *held_out) for warning in target.source.warnings]
+    for target in (*problem.targets, *held_out):
+        warned += standing_sentences(target.source, HEADLINE_HORIZON)
+    notes = [*dict.fromkeys(warned), *sentences(o.model, space, point, uncertainty), *troubles]
+    if uncertainty is not None:
+        notes.append(f"Standard errors come from: {uncertainty.method}.")
+    source = ",".join(o.names)
+    bare = Fitted(
+        program="fit",
+        title=f"{o.model} fitted to {one_line(source)}, begun with profile {with_robot(base.name, base.robot.name)}",
+        tables=(),
+        document={},
+        draw=_draw,
+        sentences=[one_line(note) for note in notes],
+        options=_options(o, problem, settings),
+        **interruption(found),
+        course=found,
+        cost=found.cost,
+        cost_name=str(problem.cost.objective),
+        parameters=parameters,
+        model=o.model,
+        profile=base,
+        correlation=None if uncertainty is None else uncertainty.correlation,
+        train=train,
+        held_out=tuple(judged),
+    )
+    method = "" if uncertainty is None else uncertainty.method
+    profile = _fitted_profile(o, bare, fitted, source, method)
+    together = score("all fitted to", problem.targets, [each.motion for each in train])
+    document = _document(bare, source, o.seed, method, together)
+    return replace(bare, profile=profile, tables=_tables(bare), document=document)
+
+
+def _options(o: Fit, problem: FitProblem, settings: JdeSettings) -> dict[str, Any]:
+    """Return the options as fit.json holds them."""
+    recorded = any(target.source.reference == "recording" for target in problem.targets)
+    cost = problem.cost
+    return {
+        "input": o.input if recorded else None,
+        "from": o.start_at,
+        "until": o.until,
+        "objective": cost.objective,
+        **({"horizons_s": list(cost.horizons)} if cost.objective == "horizon" else {}),
+        **({"yaw_weight_m_rad": cost.yaw_weight} if cost.objective != "path" else {}),
+        **({"position_weight": cost.position_weight} if cost.position_weight != 1.0 else {}),
+        "fixed": dict(o.fix) or None,
+        "search": o.search,
+        **{k: v for k, v in asdict(settings).items() if k != "target" or o.target is not None},
+        "start": None if o.start is None else dict(o.start),
+        "scheduler": o.scheduler,
+    }
+
+
+def _fitted_profile(o: Fit, f: Fitted, plant: PlantProfile, source: str, method: str) -> Profile:
+    """Return the profile that the fit began with, its plant's numbers replaced, and their provenance."""
+    base, how = f.profile, {"lsq": "least squares", "hybrid": "jDE, then least squares", "jde": "jDE"}[o.search]
+    if o.search != "lsq":
+        how += f", population {f.options['population']}"
+    provenance = {
+        "source": source,
+        **{k: v for k, v in f.options.items() if v is not None and k in _TOLD},
+        "method": how,
+        "seed": o.seed,
+        "status": f.status,
+        "cost": f.cost,
+        "evaluations": f.course.evaluations,
+        "generations": f.course.jde.generation,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "versions": dict(f.versions),
+        "standard_errors": {p.name: p.standard_error for p in f.parameters if p.standard_error is not None},
+        "standard_errors_by": method,
+        "train": _summary(f.train),
+        "held_out": _summary(f.held_out),
+    }
+    said = base.description
+    if not base.provenance:
+        robot = base.robot.title or base.robot.name
+        said = f"{robot}, with what was fitted to {source}; the rest is as its file has it"
+    return replace(
+        base,
+        name=o.name or f"{base.name}-fitted",
+        description=said,
+        plants={**base.plants, f.model: plant},
+        provenance={**base.provenance, f.model: {k: v for k, v in provenance.items() if v not in ({}, "")}},
+    )
+
+
+def _summary(scored: Sequence[Scored]) -> dict[str, Any]:
+    """Return the headline of each source's scores, by its file's name."""
+    out: dict[str, Any] = {}
+    for s in scored:
+        label = s.label.rpartition("/")[2]
+        if (errors := s.horizons.get(HEADLINE_HORIZON)) is not None:
+            out[label] = {"position_median_6s_m": errors.position_median_m, "yaw_median_6s_rad": errors.yaw_median_rad}
+        else:
+            out[label] = {"d_rms_m": s.metrics["d_rms_m"], "sync_rms_m": s.metrics["sync_rms_m"]}
+    return out
+
+
+def _named(f: Fitted) -> list[tuple[str, Scored]]:
+    """Return the scores on each source, with its name in tables and pictures."""
+    every = [*(("", s) for s in f.train), *(("held out: ", s) for s in f.held_out)]
+    return [(f"{lead}{shortened(Path(s.label).name, 32)}", s) for lead, s in every]
+
+
+def _tables(f: Fitted) -> list[Table]:
+    """Return the parameters, the scores on each source, and the errors by horizon where there are recordings."""
+    scores = [{"source": name, **{key: s.metrics[key] for key in _SHOWN}} for name, s in _named(f)]
+    errors = [
+        {"horizon_s": h, "source": name, "windows": e.n, **{k: v for k, v in asdict(e).items() if k != "n"}}
+        for h in HORIZONS
+        for name, s in _named(f)
+        if (e := s.horizons.get(h)) is not None
+    ]
+    overlapping = [(h, name, s.windows[h].summary()) for h in HORIZONS for name, s in _named(f) if h in s.windows]
+    return [
+        found_table(f.title, f.parameters, "parameter", "before", f.effort),
+        Table("Scores of the fitted plant", scores),
+        Table("Error of the relative pose after a horizon", errors, group="horizon_s"),
+        interval_table(overlapping, "source"),
+    ]
+
+
+def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
+    """Return what fit.json holds before its tables."""
+    matrix = None if f.correlation is None else f.correlation.tolist()
+    return {
+        "schema": "ssmr.fit/1",
+        "model": f.model,
+        "source": source,
+        "profile": f.profile.name,
+        "robot": f.profile.robot.name,
+        **search_document(f.course, f.cost, f.cost_name, seed, f.parameters),
+        "search": f.options["search"],
+        "correlation": None if matrix is None else {"names": [p.name for p in f.parameters], "matrix": matrix},
+        "standard_errors_by": method,
+        "train": together.as_dict(),
+        "train_by_source": {s.label: s.as_dict() for s in f.train},
+        "held_out": {s.label: s.as_dict() for s in f.held_out},
+    }
+
+
+def _draw(f: Fitted) -> Figure:
+    """Return the picture: the search, the parameters, and the paths along each scenario, or the errors by horizon."""
+    ink, paths, marks = drawing.ink_of(f.model), list[Paths](), list[drawing.HorizonMarks]()
+    for k, (name, s) in enumerate(_named(f)):
+        if s.horizons:
+            marks.append(drawing.HorizonMarks(name, ink if s in f.train else drawing.BESIDE_INK, "osvDP"[k % 5], s.horizons))
+            continue
+        lines = [Line("true motion", s.truth[0].xy, "0.1", drawing.BROAD), Line("fitted", s.motion[0].xy, ink)]
+        if s.before:
+            lines.append(Line("before", s.before[0].xy, drawing.BESIDE_INK, 1.1, drawing.DASHED))
+        paths.append(Paths(name, f"d_rms {1e3 * s.metrics['d_rms_m']:.4g} mm", lines, s not in f.train))
+    return search_figure(f, ink, "before", paths, _horizon_rows(marks))
+
+
+def _horizon_rows(marks: Sequence[drawing.HorizonMarks]) -> list[drawing.Row]:
+    """Return panels of position and yaw error by horizon."""
+    if not marks:
+        return []
+    bar = "median, bar to 95th percentile"
+    legend = {m.name: Line2D([], [], color=m.ink, marker=m.marker, markeredgecolor="white", linewidth=2.5) for m in marks}
+
+    def metres(ax: Axes) -> None:
+        title = f"Position error by horizon [m]: {bar}"
+        drawing.draw_horizons(marks, title, lambda e: (e.position_median_m, e.position_p95_m), ax)
+
+    def degrees(ax: Axes) -> None:
+        drawing.draw_horizons(marks, f"Yaw error by horizon [deg]: {bar}", drawing.yaw_degrees, ax)
+
+    return [legend_row(legend), drawing.side_by_side(2.6, [metres, degrees])]
+
+
+if __name__ == "__main__":
+    fit.main()

@@ -1,0 +1,324 @@
+"""Run a search: generations, checkpoints, interruption and progress, for a fit and for a tuning alike."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import logging
+import math
+import time
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ssmr.errors import SsmrError
+from ssmr.search.jde import Jde, JdeSettings
+from ssmr.search.space import ParameterSpace
+from ssmr.types import FloatArray
+from validation import store
+from validation.files import reading
+from validation.identify.executors import costs_by
+from validation.identify.options import Searching
+from validation.identify.refine import Remembered, Residuals, arrivals
+from validation.progress import Progress, Report, silent
+
+_MOST_BYTES = 1 << 28  # of a checkpoint; one of a thousand candidates and generations has less than a million
+_SHOWN_VALUES = 4  # of the best candidate in a line of progress
+_log = logging.getLogger(__name__)
+
+OnShare = Callable[[float], object] | None
+"""What is called, from any thread, with the share of a generation that is rated."""
+Evaluate = Callable[[FloatArray, FloatArray, OnShare], FloatArray]
+"""A function that rates a generation: points, limits and `on_share`, see `SearchProblem.costs`."""
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be read, or that belongs to another search."""
+
+
+class SearchProblem(Protocol):
+    """Everything that a search needs to know of what is searched."""
+
+    @property
+    def space(self) -> ParameterSpace:
+        """The parameters with their bounds."""
+
+    def costs(self, points: FloatArray, limits: FloatArray | None, workers: int, on_share: OnShare) -> FloatArray:
+        """Return the (S,) costs of (S, n) points of the unit cube; infinite for one that is impossible or fails.
+
+        Args:
+            points: the candidates.
+            limits: (S,) costs; a candidate whose partial sum exceeds its limit is abandoned, and that sum is returned.
+            workers: number of threads; the result does not depend on it.
+            on_share: called with the share of the work that is done.
+        """
+
+    def identity(self) -> dict[str, object]:
+        """Return all that decides the costs, by name: a checkpoint belongs to a search of equal identity."""
+
+
+class RefinableProblem(SearchProblem, Residuals, Protocol):
+    """A problem with residuals and costs."""
+
+
+@dataclass
+class Search:
+    """A search under way: the optimiser, and what is remembered of its generations."""
+
+    jde: Jde
+    """The optimiser."""
+    identity: Mapping[str, str]
+    """Digests of all that decides the outcome, by what they are digests of."""
+    space: ParameterSpace | None = None
+    """The parameters, for texts of progress."""
+    checkpoint: Path | None = None
+    """File that the state is written to after every generation."""
+    progress: Report = silent
+    """Called as the search goes on."""
+    best_cost: list[float] = field(default_factory=list)
+    """(G,) least cost so far by generation; the first is that of the initial population."""
+    median_cost: list[float] = field(default_factory=list)
+    """(G,) median over the population's members of finite cost; NaN where there is none."""
+    wall_s: float = 0.0
+    """Time that the search took [s], over all its runs."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended it."""
+    starts: int = 0
+    """Number of starts of least squares that are to follow the optimiser."""
+    driven: Remembered = field(default_factory=Remembered)
+    """What least squares have driven after the optimiser."""
+    refined: tuple[FloatArray, float] | None = None
+    """The best point that least squares found, and its cost; None where they found none that is better."""
+    ends: int = 0
+    """Number of points at which least squares have ended; each was rated by its cost too."""
+
+    @property
+    def best(self) -> FloatArray:
+        """(n,) the best point of the unit cube so far."""
+        return self.jde.best if self.refined is None else self.refined[0]
+
+    @property
+    def cost(self) -> float:
+        """Its cost."""
+        return float(self.jde.best_cost if self.refined is None else self.refined[1])
+
+    @property
+    def by_stage(self) -> dict[str, int]:
+        """Number of candidates that each stage rated."""
+        return {"jde": self.jde.evaluations, "lsq": len(self.driven) + self.ends}
+
+    @property
+    def evaluations(self) -> int:
+        """Number of candidates that were rated."""
+        return sum(self.by_stage.values())
+
+    @property
+    def status(self) -> str:
+        """`finished` or `interrupted`."""
+        return "interrupted" if self.interrupted else "finished"
+
+    @property
+    def stopped_by(self) -> str:
+        """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
+        if self.interrupted:
+            return "interrupt"
+        return "least squares" if len(self.driven) else self.jde.finished
+
+    def run(self, evaluate: Evaluate, most: int | None = None) -> None:
+        """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed; what was found stays.
+
+        The checkpoint is written, and the best candidate shown as progress, after every generation.
+        """
+        began, rated = time.perf_counter(), self.jde.evaluations
+        zero = began - self.wall_s
+
+        def tell(share: float) -> None:
+            rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
+            total = self.jde.settings.generations + 1 + self.starts
+            self.progress(Progress(len(self.best_cost) + share, total, f"{self._best_text()}, {rate:.1f} candidates/s"))
+
+        try:
+            while not self.jde.finished and (most is None or len(self.best_cost) <= most):
+                self.jde.tell(evaluate(self.jde.ask(), self.jde.costs, tell))
+                self.remember()
+                self._keep(zero)
+                tell(0.0)
+        except KeyboardInterrupt:
+            self.interrupted = True
+        self.wall_s = time.perf_counter() - zero
+
+    def refine(self, problem: RefinableProblem, threads: int) -> None:
+        """Go on by least squares: from the best candidate and others far from it, or with one start from the first.
+
+        A search that has reached its target is over.
+        """
+        if self.jde.finished == "target":
+            return
+        zero = time.perf_counter() - self.wall_s
+        points, costs, before = self.jde.population, self.jde.costs, self.jde.settings.generations + 1
+        if self.starts == 1 and np.isfinite(costs[0]):
+            points, costs = points[:1], costs[:1]
+
+        def step() -> None:
+            self._keep(zero)
+            text = f"least squares, start {self.ends + 1} of {self.starts}: cost {self.cost:.5g}"
+            self.progress(Progress(before + self.ends, before + self.starts, f"{text}, {len(self.driven)} motions"))
+
+        try:
+            for end in arrivals(problem, points, costs, self.starts, self.driven, threads, step):
+                self.ends += 1
+                cost = float(problem.costs(end[None], None, threads, None)[0])
+                if cost < self.cost:
+                    self.refined = end, cost
+        except KeyboardInterrupt:
+            self.interrupted = True
+        self.wall_s = time.perf_counter() - zero
+
+    def remember(self) -> None:
+        """Note the costs of the generation that the optimiser was told last."""
+        finite = self.jde.costs[np.isfinite(self.jde.costs)]
+        self.best_cost.append(float(self.jde.best_cost))
+        self.median_cost.append(float(np.median(finite)) if len(finite) else np.nan)
+
+    def _best_text(self) -> str:
+        text = f"cost {self.jde.best_cost:.5g}"
+        if self.space is None or not np.isfinite(self.jde.best_cost):
+            return text
+        values = [f"{n} {v:.4g}" for n, v in zip(self.space.names, self.space.values(self.jde.best), strict=True)]
+        return f"{text}: {', '.join(values[:_SHOWN_VALUES])}{', …' * (len(values) > _SHOWN_VALUES)}"
+
+    def _keep(self, zero: float) -> None:
+        """Note the time since `zero` on the clock, and write the checkpoint if there is one."""
+        self.wall_s = time.perf_counter() - zero
+        if self.checkpoint is not None:
+            self.save(self.checkpoint)
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint, whole or not at all."""
+        arrays = {
+            "fit_identity": np.array(json.dumps(dict(self.identity))),
+            "fit_versions": np.array(json.dumps(store.versions())),
+            "fit_best_cost": np.array(self.best_cost),
+            "fit_median_cost": np.array(self.median_cost),
+            "fit_wall_s": np.array(self.wall_s),
+            **{f"jde_{name}": value for name, value in self.jde.state().items()},
+        }
+        if len(self.driven):
+            arrays |= {"lsq_points": np.array(self.driven.points), "lsq_errors": np.array(self.driven.errors)}
+        store.write_atomic(path, lambda temporary: np.savez(temporary, allow_pickle=False, **arrays))
+
+    @classmethod
+    def load(cls, path: Path, identity: Mapping[str, str]) -> tuple[Search, dict[str, str]]:
+        """Return the search of a checkpoint, which must have this identity, and the package versions that it began with.
+
+        Raises:
+            CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
+        """
+        try:
+            content = io.BytesIO(reading.read_file(path, _MOST_BYTES))
+        except ValueError as error:
+            raise CheckpointError(str(error)) from error
+        try:
+            with np.load(content, allow_pickle=False) as file:
+                data = dict(file)
+            was, versions = (dict(json.loads(str(data[name]))) for name in ("fit_identity", "fit_versions"))
+            jde = Jde.restore({name.removeprefix("jde_"): v for name, v in data.items() if name.startswith("jde_")})
+            best, median, wall_s = (data[f"fit_{name}"].tolist() for name in ("best_cost", "median_cost", "wall_s"))
+            driven = Remembered(list(data.get("lsq_points", ())), list(data.get("lsq_errors", ())))
+        except (zipfile.BadZipFile, LookupError, ValueError, TypeError, *reading.DAMAGE) as error:
+            raise _damaged(path, error) from error
+        if differs := [name for name in identity if was.get(name) != identity[name]]:
+            raise CheckpointError(
+                f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
+                "ask for the same search again, or begin anew without resume"
+            )
+        return cls(jde, identity, best_cost=best, median_cost=median, wall_s=wall_s, driven=driven), versions
+
+
+def _damaged(path: Path, error: Exception) -> CheckpointError:
+    return CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})")
+
+
+def search_for(
+    problem: SearchProblem,
+    settings: JdeSettings,
+    options: Searching,
+    start: FloatArray | None = None,
+    starts: int = 0,
+) -> Search:
+    """Search from the beginning, or from a checkpoint, until a stop rule holds, or Ctrl-C.
+
+    Args:
+        problem: what is searched.
+        settings: settings of the optimiser.
+        options: seed, threads, executor, progress and checkpoint.
+        start: (k, n) candidates for the first population.
+        starts: starts of least squares that are to follow; where it is one, the first population is enough.
+
+    Returns:
+        The search, with at least one candidate of finite cost.
+
+    Raises:
+        ValueError: settings that make no sense, or the checkpoint of another search.
+        UnusableFolder: the folder of the checkpoint cannot be made or written.
+        OSError: the checkpoint cannot be written.
+        KeyboardInterrupt: it was interrupted before it found anything.
+        SsmrError: every candidate was impossible or failed, or the executor was lost; what was rated before is kept.
+    """
+    plain = {**problem.identity(), "settings of the search": asdict(settings)}
+    plain |= {"start": None if start is None else start.tolist(), "seed": options.seed}
+    identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
+    search, kept = None, options.checkpoint
+    if options.resume:
+        if kept is None:
+            raise ValueError("resume needs the folder out, with a checkpoint to continue from")
+        search = _loaded(kept, identity, len(problem.space), settings)
+    search = search or Search(Jde(len(problem.space), settings, options.seed, start), identity)
+    search.space, search.starts, search.checkpoint, search.progress = problem.space, starts, kept, options.progress
+    if kept is not None:
+        store.make_folder(kept.parent)
+
+    def evaluate(points: FloatArray, limits: FloatArray, on_share: OnShare) -> FloatArray:
+        if options.executor is None:
+            return problem.costs(points, limits, options.threads, on_share)
+        return costs_by(options.executor, options.threads, problem.costs, points, limits)
+
+    try:
+        search.run(evaluate, 0 if starts == 1 else None)
+    except SsmrError as error:
+        if kept is None or not search.best_cost:
+            raise
+        what = f"{len(search.best_cost)} generations are kept in {kept}, and resume goes on from there"
+        raise SsmrError(f"{error}; {what}", **error.evidence) from error
+    if not math.isfinite(search.jde.best_cost):
+        if search.interrupted:
+            raise KeyboardInterrupt
+        raise SsmrError("every candidate was impossible or failed; change the bounds, or the values that are held")
+    return search
+
+
+def _loaded(checkpoint: Path, identity: Mapping[str, str], n: int, settings: JdeSettings) -> Search | None:
+    """Return the search that a checkpoint holds; None where there is no such file."""
+    if not checkpoint.is_file():
+        _log.warning("there is no %s to resume from; the search begins anew", checkpoint)
+        return None
+    search, versions = Search.load(checkpoint, identity)
+    if (search.jde.n, search.jde.settings) != (n, settings):
+        raise _damaged(checkpoint, ValueError("its population is that of another search"))
+    now = store.versions()
+    if differs := [f"{name} {was}, now {now.get(name)}" for name, was in versions.items() if was != now.get(name)]:
+        _log.warning("the search began with other versions, so its course may differ: %s", "; ".join(differs))
+    return search
+
+
+def interruption(search: Search) -> dict[str, Any]:
+    """Return the fields of a report that say whether its search was interrupted, and how to go on."""
+    if not search.interrupted or search.checkpoint is None:
+        return {"status": search.status}
+    said = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
+    return {"status": search.status, "alarms": (said,)}

@@ -24,9 +24,8 @@ from ssmr.types import Commands, State, Trajectory
 from validation import load_robot
 from validation.plants.profile import load_profile
 from validation.simulator.calibration import Calibration
-from validation.simulator.contact_law import ContactLaw, contact_law
-from validation.simulator.health import check_health, examine, run_health
-from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model, wheel_geoms
+from validation.simulator.health import check_health, run_health
+from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import creep
@@ -137,17 +136,9 @@ def table_turning() -> None:
         print_row(friction, f"{found.torque:.2f}", f"{form:.2f}", f"depth {1e3 * found.depth:.2f} mm")
 
 
-def law_of(calibration: Calibration, impedance: Impedance | None = None) -> ContactLaw:
-    """Return the law of a robot's contact at rest."""
-    model = robot_model(calibration, settings=PhysicsSettings(solimp=impedance))
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, nstep=500)
-    return contact_law(model, data, wheel_geoms(model))
-
-
 def table_lift() -> None:
     """Print, by impedance at zero depth, the largest friction times slip speed at which all tyres stay down."""
-    print("\nimpedance d0, friction: mu v at which a tyre lifts [m/s], and the law's")
+    print("\nimpedance d0, friction: mu v at which a tyre lifts [m/s]")
     for d0 in (0.1, 0.2, 0.5, 0.9):
         for friction in (0.3, 0.6, 1.0):
             low, high, impedance = 0.05, 20.0, (d0, 0.95, 0.005, 0.5, 2.0)
@@ -159,19 +150,16 @@ def table_lift() -> None:
                 else:
                     low, last = rate, found
             slip = last.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
-            limit = law_of(husky(friction=friction), impedance).slip_limit
-            print_row(d0, friction, f"{friction * slip:.4f}", f"{friction * limit:.4f}")
+            print_row(d0, friction, f"{friction * slip:.4f}")
 
 
 def table_rise() -> None:
-    """Print by how much the body rides higher at a friction times slip speed, turning on the spot, and the law's."""
-    print("\nfriction 0.3, mu v [m/s]: rise of the body [mm], law")
-    law = law_of(husky())
+    """Print by how much the body rides higher at a friction times slip speed, turning on the spot."""
+    print("\nfriction 0.3, mu v [m/s]: rise of the body [mm]")
+    still = turn(husky(), 1e-3, None, 4.0).depth
     for product in (0.05, 0.1, 0.2, 0.4, 0.6, 0.7):
-        rate = product / law.friction * TRACK / (0.5 * WHEELBASE * DIAGONAL)
-        found = turn(husky(), rate, None, 4.0)
-        slip = found.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
-        print_row(product, f"{1e3 * (law.depth(0.0) - found.depth):.2f}", f"{1e3 * law.rise(slip):.2f}")
+        found = turn(husky(), product / 0.3 * TRACK / (0.5 * WHEELBASE * DIAGONAL), None, 4.0)
+        print_row(product, f"{1e3 * (still - found.depth):.2f}")
 
 
 def table_trembling() -> None:
@@ -183,9 +171,8 @@ def table_trembling() -> None:
     ):  # fmt: skip
         calibration = husky(friction=0.7, gain=gain, armature=armature)
         plant = MujocoPlant(calibration, replace(lab_drive(400.0), wheel_lag=lag))
-        examined = examine(plant.model, calibration)
         runs = [plant.run(TRAJECTORIES[name].commands(), State(), plant.dt) for name in ("traj1", "traj4")]
-        print_row(gain, armature, 1e3 * lag, *(f"{run_health(examined, [run]).load_sum_rms_N:.1f}" for run in runs))
+        print_row(gain, armature, 1e3 * lag, *(f"{run_health(plant.model, [run]).load_sum_rms_N:.1f}" for run in runs))
 
 
 def lab_drive(torque_limit: float) -> Drive:

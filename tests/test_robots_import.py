@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +53,7 @@ def robots(draw: st.DrawFn) -> UrdfRobot:
         (0.1 * wheelbase * draw(numbers), -0.1 * track * draw(numbers), axle + 0.3 * radius * draw(numbers)),
         (float(inertia[0]), float(inertia[1]), float(inertia[2])), wheel, names, draw(st.permutations(range(4))),
         tuple((0.0, f * math.cos(r), -f * math.sin(r)) for f, r in zip(flips, rolls, strict=True)), rolls,
-        round(draw(st.floats(-0.6, 0.6)), 9), lumps=(tuple(away), tuple(-away)),
+        lumps=(tuple(away), tuple(-away)),
     )  # fmt: skip
 
 
@@ -86,19 +85,6 @@ def test_the_file_is_one_that_checks_without_a_fault(tmp_path: Path) -> None:
     assert any("geometry.link" in remark for remark in drafted.remarks)
 
 
-def test_a_robot_that_drives_along_y_is_turned(tmp_path: Path) -> None:
-    straight = imported(
-        UrdfRobot(names=[f"{n}_wheel" for n in ("front_left", "front_right", "rear_left", "rear_right")]), tmp_path
-    )
-    turned = replace(UrdfRobot(), heading=0.5 * math.pi, names=("front_left", "front_right", "rear_left", "rear_right"))
-    found = imported(turned, tmp_path)
-    np.testing.assert_allclose(found.robot.masses.com, straight.robot.masses.com, atol=1e-8)
-    np.testing.assert_allclose(found.robot.masses.inertia, straight.robot.masses.inertia, rtol=1e-6)
-    assert any("forward is 90°" in remark and "names" in remark for remark in found.remarks)
-    backward = imported(replace(turned, heading=-0.5 * math.pi), tmp_path)
-    assert any("forward is -90°" in remark for remark in backward.remarks)
-
-
 def test_rockers_are_no_wheels(tmp_path: Path) -> None:
     """As of a Warthog: revolute joints across the robot that carry the wheels."""
     text = UrdfRobot().text()
@@ -108,7 +94,7 @@ def test_rockers_are_no_wheels(tmp_path: Path) -> None:
         for end in ("front", "rear"):
             x = 0.25 if end == "front" else -0.25
             text = text.replace(
-                f'<parent link="base_link"/><child link="{end}_{side}"/><origin xyz="{x} {y} 0.03" rpy="0.0 0 0.0"/>',
+                f'<parent link="base_link"/><child link="{end}_{side}"/><origin xyz="{x} {y} 0.03" rpy="0.0 0 0"/>',
                 f'<parent link="{side}_rocker"/><child link="{end}_{side}"/><origin xyz="{x} 0 0"/>',
             )
     assert text.count('<parent link="left_rocker"/>') == 2
@@ -153,6 +139,7 @@ REFUSED = {
         .replace("</robot>", extra_wheel("knuckle", 0, 0, axis="0 0 1", kind="revolute") + "</robot>"),
         "can be steered by joint 'knuckle_joint'",
     ),
+    "tyres of meshes": (UrdfRobot(drums=False).text(), "give --wheel-radius and --wheel-width"),
     "no masses": (WHEELS.replace('<mass value="40.0"/>', '<mass value="0"/>'), "its body has no mass"),
     "not XML": ("schema = 1", "this is no XML"),
     "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><xacro:a/></robot>', "expand it first"),

@@ -31,14 +31,8 @@ class UrdfRobot:
     axes: Sequence[tuple[float, float, float]] = ((0, 1, 0),) * 4
     """Axes of the joints in the wheels' frames, which `rolls` turn about x [rad]."""
     rolls: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
-    heading: float = 0.0
-    """Of the robot in the file's frame [rad]."""
-    kind: str = "continuous"
-    """Type of the wheels' joints."""
-    shape: str = "collision"
-    """Part of a wheel that has a cylinder; `mesh` for a mesh alone."""
-    limit: str = ""
-    """More text in a wheel's joint."""
+    drums: bool = True
+    """Whether the tyres have cylinders of collision; else there are meshes alone."""
     more: str = ""
     """More links and joints."""
     lumps: Sequence[tuple[float, float, float]] = field(default=((0.0, 0.0, 0.0),))
@@ -48,10 +42,6 @@ class UrdfRobot:
         """Return the moments of inertia of a wheel about a diameter and about its axle: a solid cylinder's."""
         return self.wheel * (3.0 * self.radius**2 + self.width**2) / 12.0, 0.5 * self.wheel * self.radius**2
 
-    def _turned(self, x: float, y: float) -> tuple[float, float]:
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        return c * x - s * y, s * x + c * y
-
     def _body(self) -> str:
         each = self.mass / len(self.lumps)
         away = np.array(self.lumps)
@@ -59,11 +49,11 @@ class UrdfRobot:
         own = (np.diag(self.inertia) - spread) / len(self.lumps)
         parts = ['<link name="base_link"/>']
         for k, p in enumerate(away):
-            (x, y), z = self._turned(self.com[0] + p[0], self.com[1] + p[1]), self.com[2] + p[2]
+            x, y, z = np.add(self.com, p).tolist()
             keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
             tensor = " ".join(f'{key}="{own[at]!r}"'.replace("np.float64(", "").replace(")", "") for key, at in keys.items())
             parts.append(
-                f'<link name="part{k}"><inertial><origin xyz="0 0 {z}" rpy="0 0 {self.heading}"/><mass value="{each}"/>'
+                f'<link name="part{k}"><inertial><origin xyz="0 0 {z}"/><mass value="{each}"/>'
                 f"<inertia {tensor}/></inertial></link>"
                 f'<joint name="part{k}_joint" type="fixed"><parent link="base_link"/><child link="part{k}"/>'
                 f'<origin xyz="{x} {y} 0"/></joint>'
@@ -72,21 +62,21 @@ class UrdfRobot:
 
     def _wheel(self, k: int) -> str:
         name, (front, left) = self.names[k], list(CORNERS.values())[k]
-        x, y = self._turned(0.5 * front * self.wheelbase, 0.5 * left * self.track)
+        x, y = 0.5 * front * self.wheelbase, 0.5 * left * self.track
         across, spin = self.spin()
         roll = self.rolls[k]  # the wheel's own frame is turned about x; its shape and inertia are turned back
         mesh = '<geometry><mesh filename="package://nowhere/wheel.dae"/></geometry>'
         cylinder = f'<geometry><cylinder radius="{self.radius}" length="{self.width}"/></geometry>'
         shape = f"<visual>{mesh}</visual><collision>{mesh}</collision>"
-        if self.shape != "mesh":
+        if self.drums:
             turned = f'<origin xyz="0 0 0" rpy="{0.5 * math.pi - roll} 0 0"/>'
-            shape = f"<visual>{mesh}</visual><{self.shape}>{turned}{cylinder}</{self.shape}>"
+            shape = f"<visual>{mesh}</visual><collision>{turned}{cylinder}</collision>"
         return (
             f'<link name="{name}"><inertial><origin rpy="{-roll} 0 0"/><mass value="{self.wheel}"/>'
             f'<inertia ixx="{across}" ixy="0" ixz="0" iyy="{spin}" iyz="0" izz="{across}"/></inertial>{shape}</link>'
-            f'<joint name="{name}_joint" type="{self.kind}"><parent link="base_link"/><child link="{name}"/>'
-            f'<origin xyz="{x} {y} {self.axle}" rpy="{roll} 0 {self.heading}"/>'
-            f'<axis xyz="{" ".join(map(str, self.axes[k]))}"/>{self.limit}</joint>'
+            f'<joint name="{name}_joint" type="continuous"><parent link="base_link"/><child link="{name}"/>'
+            f'<origin xyz="{x} {y} {self.axle}" rpy="{roll} 0 0"/>'
+            f'<axis xyz="{" ".join(map(str, self.axes[k]))}"/></joint>'
         )
 
     def text(self) -> str:

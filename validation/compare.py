@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -44,7 +44,7 @@ from validation.report.motions import (
     headline_horizon,
 )
 from validation.report.tables import with_robot
-from validation.simulator.health import Health, examine, run_health
+from validation.simulator.health import Health, run_health
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT
 from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
@@ -204,12 +204,11 @@ class PreparedComparison:
 
     def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:
         """Return the verdict on a plant's run; None for a plant without wheel loads, and on ground that is not even."""
-        plant, localiser = self.plants[name], self.profile.section(name).localiser
+        plant = self.plants[name]
         if not isinstance(plant, MujocoPlant) or not self.options.terrain.even:
             return None
-        bodies = [replace(motion, twist=localiser.body_twist(motion.twist)) for motion in motions]
         given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
-        return run_health(examine(plant.model, plant.calibration), bodies, given_rates=given)
+        return run_health(plant.model, motions, given_rates=given)
 
     def _drive_all(self, workers: int | None, progress: Report) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
         """Return all motions and each plant's wall time; plants run side by side, the pieces of one after another."""

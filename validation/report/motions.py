@@ -42,8 +42,6 @@ _HEALTH = (
     "apparent mass: push force divided by acceleration",
     "peak torque: the greatest of a side",
     "load sum rms: deviation of the four loads' sum from the weight",
-    "slip limit: slip at which the soft contact would lift a tyre",
-    "rise: height that the body gains at the greatest slip",
 )
 
 
@@ -210,16 +208,13 @@ def _load_table(plants: Mapping[str, PlantResult]) -> Table:
 
 
 def _health_table(plants: Mapping[str, PlantResult]) -> Table:
-    """Return inertia, torque and slip of the plants that know them."""
+    """Return inertia, torque and trembling of the plants that know them."""
     rows = [
         {
             "plant": name,
             "apparent_mass_kg": h.apparent_mass_kg,
             "peak_torque_N_m": h.peak_torque_N_m,
             "load_sum_rms_N": h.load_sum_rms_N,
-            "slip_m_s": h.slip_speed_m_s,
-            "slip_limit_m_s": h.slip_limit_m_s,
-            "rise_m": h.ride_rise_m,
             "verdict": h.verdict,
         }
         for name, result in plants.items()

@@ -13,7 +13,7 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import GRAVITY, ROTOR_SHARE, WHEELS, Robot
-from validation.simulator.health import examine
+from validation.simulator.health import apparent_mass
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin
 
@@ -149,7 +149,7 @@ def measure_robot(robot: Robot) -> Measured:
     found = measure_spin(spin(MujocoPlant(stiff, free), 0.05 * math.ceil((SPIN_LEAD + turn) / 0.05), rate), stiff)
     return Measured(
         found.get("multiplier"), found.get("ripple"), found["lifted_share"], tuple(map(float, loads)),
-        examine(own.model, calibration).apparent_mass,
+        apparent_mass(own.model),
     )  # fmt: skip
 
 

@@ -1,8 +1,7 @@
-"""Whether a run of a MuJoCo robot can be believed: wheel loads, inertia, torque and slip speed."""
+"""Whether a run of a MuJoCo robot can be believed: wheel loads, inertia and torque."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -11,10 +10,7 @@ import mujoco
 import numpy as np
 
 from ssmr.types import FloatArray, Trajectory
-from validation.simulator.calibration import Calibration
-from validation.simulator.contact_law import ContactLaw, contact_law
-from validation.simulator.description import SIDES, WHEELS
-from validation.simulator.model import GRAVITY, wheel_geoms
+from validation.simulator.description import GRAVITY
 
 LIFT_SHARE = 0.02
 """A wheel whose load falls below this share of its mean has left the ground."""
@@ -48,12 +44,6 @@ class Health:
     """Root mean square of the loads' sum less the weight, after the start (`START_TIME`) [N]."""
     weight_N: float | None = None
     """Weight [N]."""
-    slip_speed_m_s: float | None = None
-    """Greatest slip speed of a tyre over the run [m/s] (`Examined.slip_speeds`)."""
-    slip_limit_m_s: float | None = None
-    """Slip speed at which the soft contact lifts a tyre off the ground [m/s] (`contact_law`)."""
-    ride_rise_m: float | None = None
-    """How much higher the body rides at the greatest slip speed than where its wheels roll [m], by the contact's law."""
 
     @property
     def ok(self) -> bool:
@@ -63,63 +53,40 @@ class Health:
     @property
     def trembles(self) -> bool:
         """Whether the loads' sum deviates from the weight by more than `TREMBLE_SHARE` of it."""
-        if self.load_sum_rms_N is None or self.weight_N is None:
-            return False
-        return self.load_sum_rms_N > TREMBLE_SHARE * self.weight_N
-
-    @property
-    def slips_too_fast(self) -> bool:
-        """Whether a tyre slipped faster than the soft contact can hold it on the ground."""
-        return self.slip_speed_m_s is not None and self.slip_speed_m_s > (self.slip_limit_m_s or math.inf)
+        return (self.load_sum_rms_N or 0.0) > TREMBLE_SHARE * (self.weight_N or 0.0)
 
     @property
     def verdict(self) -> str:
         """Return in a few words how the run is."""
-        if not self.ok:
-            return "unhealthy"
-        found = ("loads tremble",) * self.trembles + ("slips too fast",) * self.slips_too_fast
-        return ", ".join(found) or "healthy"
+        return "unhealthy" if not self.ok else "loads tremble" if self.trembles else "healthy"
 
     @property
     def advice(self) -> str:
         """Text that says what is wrong and what to change; empty if all is well."""
-        return "; ".join(filter(None, (self._of_loads(), self._of_trembling(), self._of_slip())))
-
-    def _of_loads(self) -> str:
-        if self.ok:
-            return ""
-        what = (
-            f"a wheel left the ground (least load {100 * self.lowest_load_share:.1f} % of its mean)"
-            if self.lowest_load_share < LIFT_SHARE
-            else f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of the mean, "
-            f"at most {100 * DEVIATION_LIMIT:.0f} %)"
-        )
-        return (
-            f"{what}: keep the soft contact that follows from the size of the wheels, an elliptic cone and a time step "
-            "of at most 5 ms; if they are as shipped, lower the gain, raise the armature or limit the acceleration"
-        )
-
-    def _of_trembling(self) -> str:
-        if not self.trembles or self.load_sum_rms_N is None or self.weight_N is None:
-            return ""
-        what = (
-            f"wheel loads tremble (their sum deviates from the weight by {self.load_sum_rms_N:.1f} N rms, "
-            f"at most {TREMBLE_SHARE * self.weight_N:.1f} N)"
-        )
-        if self.peak_torque_N_m is None:
-            return f"{what}: smooth the given wheel rates"
-        return (
-            f"{what}: let the driver go over from each command to the next (command_ramp), let its reference lag, "
-            "lower the gain, or raise the armature, which makes the robot heavier to push"
-        )
-
-    def _of_slip(self) -> str:
-        if not self.slips_too_fast:
-            return ""
-        return (
-            f"a tyre slips at {self.slip_speed_m_s:.2f} m/s, but the soft contact lifts it off the ground beyond "
-            f"{self.slip_limit_m_s:.2f} m/s: drive more gently, or lower the friction"
-        )
+        found = []
+        if not self.ok:
+            lifted = f"a wheel left the ground (least load {100 * self.lowest_load_share:.1f} % of its mean)"
+            rough = (
+                f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of the mean, "
+                f"at most {100 * DEVIATION_LIMIT:.0f} %)"
+            )
+            found.append(
+                f"{lifted if self.lowest_load_share < LIFT_SHARE else rough}: keep the soft contact that follows from the "
+                "size of the wheels, an elliptic cone and a time step of at most 5 ms; if they are as shipped, lower the "
+                "gain, raise the armature or limit the acceleration"
+            )
+        if self.trembles:
+            remedy = (
+                "smooth the given wheel rates"
+                if self.peak_torque_N_m is None
+                else "let the driver go over from each command to the next (command_ramp), let its reference lag, "
+                "lower the gain, or raise the armature, which makes the robot heavier to push"
+            )
+            found.append(
+                f"wheel loads tremble (their sum deviates from the weight by {self.load_sum_rms_N:.1f} N rms, "
+                f"at most {TREMBLE_SHARE * (self.weight_N or 0.0):.1f} N): {remedy}"
+            )
+        return "; ".join(found)
 
     def as_dict(self) -> dict[str, Any]:
         """Return all that is known, with the verdict and the advice, as JSON files have it."""
@@ -133,65 +100,18 @@ def check_health(wheel_loads: FloatArray) -> Health:
     return Health(float((wheel_loads.min(axis=0) / mean).min()), float((wheel_loads.std(axis=0) / mean).max()))
 
 
-@dataclass(frozen=True, eq=False)
-class Examined:
-    """What a robot's model says about itself, at rest and when it is pushed."""
-
-    apparent_mass: float
-    """Constant thrust over acceleration [kg]."""
-    weight: float
-    """Weight [N]."""
-    contact: ContactLaw
-    """The law of the contact under the tyre that slip lifts first."""
-    places: FloatArray
-    """(4, 2) places of the wheels in the body [m], ahead and to the left; in the order of `WHEELS`."""
-    radii: FloatArray
-    """(2,) rolling radii of the left and the right wheels [m]."""
-    grip: tuple[float, float]
-    """Friction of a tyre along its wheel and across it, over the greater of both [1]."""
-
-    def slip_speeds(self, motion: Trajectory) -> FloatArray:
-        """Return (M, 4) slip speeds of the tyres [m/s] in a motion of the body.
-
-        Where friction depends on direction, slip in the direction of less friction counts less: the contact feels the
-        product.
-        """
-        v_x, v_y, rate = motion.twist.T
-        rolling = (motion.wheels * self.radii)[:, [SIDES.index(wheel.split("_")[1]) for wheel in WHEELS]]
-        along = v_x[:, None] - rate[:, None] * self.places[:, 1] - rolling
-        across = v_y[:, None] + rate[:, None] * self.places[:, 0]
-        return np.hypot(self.grip[0] * along, self.grip[1] * across)
-
-
-def examine(model: mujoco.MjModel, calibration: Calibration) -> Examined:
-    """Return what a calibrated model says about itself on level ground.
+def apparent_mass(model: mujoco.MjModel) -> float:
+    """Return thrust over acceleration [kg] of a resting, undriven robot that is pushed ahead on level ground.
 
     Args:
-        model: the robot on level ground; it is left as it is.
-        calibration: the robot's numbers.
-
-    Raises:
-        ValueError: no tyre touches the ground, or the friction cone is not elliptic.
+        model: the robot; it is left as it is.
     """
     model = mujoco.MjModel.__copy__(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
     for loss in (model.tendon_frictionloss, model.dof_frictionloss, model.dof_damping):
         loss[:] = 0.0
-    data = mujoco.MjData(model)
+    data, base = mujoco.MjData(model), model.body("base").id
     mujoco.mj_step(model, data, nstep=round(SETTLE_TIME / model.opt.timestep))
-    contact = contact_law(model, data, wheel_geoms(model))
-    base = model.body("base").id
-    half, ratio = 0.5 * calibration.radius_difference, calibration.friction_ratio
-    return Examined(
-        _pushed(model, data, base), float(model.body_subtreemass[base]) * GRAVITY, contact,
-        np.array([model.body(wheel).pos[:2] for wheel in WHEELS]),
-        np.array([calibration.wheel_radius + half, calibration.wheel_radius - half]),
-        (1.0 / max(ratio, 1.0), ratio / max(ratio, 1.0)),
-    )  # fmt: skip
-
-
-def _pushed(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> float:
-    """Push the base of a resting, undriven robot ahead, and return thrust over acceleration [kg]."""
     thrust = PUSH_SHARE * float(model.body_subtreemass[base]) * GRAVITY
     data.xfrc_applied[base, 0] = thrust
     half = round(0.5 * PUSH_TIME / model.opt.timestep)
@@ -201,23 +121,21 @@ def _pushed(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> float:
     return thrust * half * model.opt.timestep / (float(data.qvel[0]) - before)
 
 
-def run_health(examined: Examined, motions: Sequence[Trajectory], *, given_rates: bool = False) -> Health:
+def run_health(model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_rates: bool = False) -> Health:
     """Judge a run on level ground: the worst over all its pieces.
 
     Args:
-        examined: the robot.
+        model: the robot.
         motions: motions of its body, with the channels `wheel_load_N` and `torque_N_m`.
         given_rates: the wheels turned at given rates, whatever torque that took.
     """
     verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions]
-    slip = max(float(examined.slip_speeds(m).max()) for m in motions)
-    excess = np.concatenate([_after_start(m) for m in motions]) - examined.weight
-    rms = float(np.sqrt(np.mean(excess**2)))
+    weight = float(model.body_subtreemass[model.body("base").id]) * GRAVITY
+    excess = np.concatenate([_after_start(m) for m in motions]) - weight
     peak = max(float(np.abs(m.channels["torque_N_m"]).max()) for m in motions)
-    contact = examined.contact
     return Health(
-        min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts), examined.apparent_mass,
-        None if given_rates else peak, rms, examined.weight, slip, contact.slip_limit, contact.rise(slip),
+        min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts), apparent_mass(model),
+        None if given_rates else peak, float(np.sqrt(np.mean(excess**2))), weight,
     )  # fmt: skip
 
 

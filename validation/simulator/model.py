@@ -19,7 +19,6 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot
-from validation.simulator.contact_law import soft_contact
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.parts import robot_parts, scratch
@@ -41,6 +40,8 @@ BELT_TIME = 0.030834
 READ_SENSORS = frozenset(f"{what}_{wheel}" for what in ("load", "torque") for wheel in WHEELS)
 """Sensors of the simulated robot. The other channels of a run follow from its states, and the IMU from a state
 (`MujocoPlant.imu`); accelerometers would make MuJoCo compute all bodies' accelerations at each step."""
+_CLOSE = 1e-8
+"""Last relative step of Newton's method for a depth, beyond which rounding remains."""
 LEAST_SHARE = 0.02
 """Least load that a tyre's depth is computed for, over a quarter of the weight [1]: a wheel that carries nothing sinks
 nowhere."""
@@ -229,8 +230,49 @@ def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = ""
     loads = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE) * calibration.mass * GRAVITY
     points = CONTACT_POINTS[calibration.wheel_shape]
     weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
-    laws = [soft_contact(load / points, weight, solref, solimp) for load, weight in zip(loads, weights, strict=True)]
-    return np.array([law.depth(0.0) for law in laws])
+    depths = [resting_depth(load / points * weight, solref, solimp) for load, weight in zip(loads, weights, strict=True)]
+    return np.array(depths)
+
+
+def resting_depth(give: float, solref: tuple[float, float], solimp: tuple[float, float, float, float, float]) -> float:
+    """Return how deep a soft contact is pressed in at rest [m].
+
+    A contact with the depth delta has an impedance d(delta), a curve of two power laws, and gives way by A (1 - d) / d for
+    each newton, where A is its inverse mass (docs/physics.md, "Why the contact is soft"). With the load N
+
+        N A (1 - d) / d = k d delta,  k = 1 / (d_max T)^2 for a damping ratio of one
+
+    Args:
+        give: N A [m/s2]: the load, times `body_invweight0` of the wheel.
+        solref: time constant T [s] and damping ratio [1], as MuJoCo has them.
+        solimp: impedance, as MuJoCo has it.
+    """
+    (time, ratio), (least, most, width, middle, power) = solref, solimp
+    stiffness = 1.0 / (most * time * ratio) ** 2
+
+    def impedance(depth: float) -> tuple[float, float]:
+        """Return d(depth) [1] and its slope [1/m]."""
+        x = min(depth / width, 1.0)
+        if x == 1.0:
+            return most, 0.0
+        if x <= middle:
+            slope = power * (x / middle) ** (power - 1.0)
+            y = slope * x / power
+        else:
+            slope = power * ((1.0 - x) / (1.0 - middle)) ** (power - 1.0)
+            y = 1.0 - slope * (1.0 - x) / power
+        return least + y * (most - least), slope * (most - least) / width
+
+    low, high, depth = 0.0, math.inf, 0.5 * width
+    while True:  # Newton's method, where that leaves the bracket a bisection
+        d, rise = impedance(depth)
+        value = stiffness * d * depth - give * (1.0 - d) / d
+        slope = stiffness * (d + rise * depth) + give * rise / d**2
+        low, high = (low, depth) if value > 0.0 else (depth, high)
+        step = value / slope
+        if abs(step) <= _CLOSE * depth:
+            return depth - step
+        depth = depth - step if low < depth - step < high else min(0.5 * (low + high), 2.0 * depth)
 
 
 def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> None:

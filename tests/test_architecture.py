@@ -214,7 +214,7 @@ PRICES = {
     "validation/replicate": (1_670, "the thesis beside us, row by row"),
     "validation/report": (3_280, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_500, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_990, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/simulator": (3_590, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (3_820, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),
     "validation/thesis": (240, "the thesis' numbers"),
     "validation/bench": (

@@ -9,8 +9,6 @@ import re
 import runpy
 import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -24,11 +22,10 @@ from ssmr.models.law import PLANAR_MODELS, planar_law
 from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
-from tests.robots import HUSKY
 from tests.test_architecture import modules, room_of
 from validation.bench.simulated_logs import SensorFaults
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import WHEELS, Geometry, Masses, Simulation
+from validation.simulator.description import Geometry, Masses, Simulation
 from validation.simulator.drafting import unit_of_key
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,20 +45,6 @@ DOCUMENTED = (
     *(law.gains for law in LAWS.values()),
 )
 GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}
-PHYSICAL = {
-    "option": {"timestep", "integrator", "cone", "impratio", "iterations", "tolerance"},
-    "flag": {"multiccd"},
-    "default tire": {"condim", "priority", "friction", "solref", "solimp"},
-    "default wheel": {"armature", "damping", "frictionloss"},
-    "body": {"pos"},
-    "inertial": {"pos", "mass", "diaginertia"},
-    "site imu": {"pos"},
-    "geom tires": {"size"},
-    "joint belts": {"solref", "solimp"},
-    "tendon joints": {"coef"},
-    "velocity motors": {"kv", "forcerange"},
-}
-"""Which attributes of husky.xml are physics, by element; what is not here is looks, or says nothing the table could miss."""
 
 
 def tables(page: str) -> dict[str, list[list[str]]]:
@@ -132,40 +115,6 @@ def test_constants_are_listed_as_they_are() -> None:
     for name, written, *_ in tables("parameters.md")["Constants"]:
         room, _, attribute = name.strip("`").rpartition(".")
         assert matches(written, constant(room, attribute)), name
-
-
-def elements() -> Mapping[str, list[Mapping[str, str]]]:
-    """Attributes of the elements of husky.xml that hold physics, by the names the page gives them."""
-    root = ElementTree.parse(HUSKY.mjcf_path).getroot()
-    found: dict[str, list[Mapping[str, str]]] = {"flag": [e.attrib for e in root.iterfind("option/flag")]}
-    found["option"] = [e.attrib for e in root.iterfind("option")]
-    for kind in ("tire", "wheel"):
-        found[f"default {kind}"] = [e.attrib for e in root.iterfind(f".//default[@class='{kind}']/*") if e.tag != "default"]
-    for name in ("base", *WHEELS):
-        found[f"body {name}"] = [e.attrib for e in root.iterfind(f".//body[@name='{name}']")]
-    found["inertial base"] = [e.attrib for e in root.iterfind(".//body[@name='base']/inertial")]
-    found["inertial wheels"] = [e.attrib for w in WHEELS for e in root.iterfind(f".//body[@name='{w}']/inertial")]
-    found["geom tires"] = [e.attrib for w in WHEELS for e in root.iterfind(f".//geom[@name='{w}_tire']")]
-    found["site imu"] = [e.attrib for e in root.iterfind(".//site[@name='imu']")]
-    found["joint belts"] = [e.attrib for e in root.iterfind("equality/joint")]
-    found["tendon joints"] = [e.attrib for e in root.iterfind("tendon/fixed/joint")]
-    found["velocity motors"] = [e.attrib for e in root.iterfind("actuator/velocity")]
-    return found
-
-
-def test_numbers_of_husky_xml_are_listed_as_they_are() -> None:
-    rows = {(row[0], row[1]): row[2] for row in tables("parameters.md")["husky.xml"]}
-    there = elements()
-    for (element, attribute), written in rows.items():
-        values = {a[attribute] for a in there[element] if attribute in a}
-        assert values == {written}, (element, attribute)
-    for element, attributes in there.items():
-        physical = PHYSICAL.get(element) or PHYSICAL[element.split()[0]]
-        used = {name for a in attributes for name in a} & physical
-        if element == "inertial wheels":
-            assert all(a["pos"] == "0 0 0" for a in attributes)  # at the wheels' centres: nothing to list
-            used -= {"pos"}
-        assert used == {attribute for e, attribute in rows if e == element}, element
 
 
 def without_code(text: str) -> str:

@@ -46,7 +46,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
         archive.extractall(site)
     profiles = {f"validation/plants/profiles/{p.name}" for p in (ROOT / "validation/plants/profiles").glob("*.toml")}
     data = {
-        "_models/husky.xml",
+        "_models/husky.toml",
         "thesis/published.toml",
         "files/sample.csv",
         "thesis/verdicts.toml",

@@ -12,8 +12,9 @@ import pytest
 from validation import load_robot
 from validation.robots import export_robot
 from validation.simulator.calibration import Calibration
+from validation.simulator.composing import contact_settings
 from validation.simulator.description import WHEELS, Robot, shipped_robots
-from validation.simulator.model import contact_settings, robot_model
+from validation.simulator.model import robot_model
 
 SAME_TURN = 0.02
 """The yaw rates on the spot may differ by this share: tyres touch in two points in both models, but sink differently."""
@@ -86,6 +87,15 @@ def test_a_urdf_read_back_in_mujoco_is_the_robot(name: str) -> None:
     assert turned == pytest.approx(own_turned, rel=SAME_TURN)
     assert height == pytest.approx(robot.geometry.base_height, abs=SAME_HEIGHT * radius)
     assert own_height == pytest.approx(robot.geometry.base_height, abs=SAME_HEIGHT * radius)
+
+
+def test_an_mjcf_read_back_is_the_robot_that_is_simulated() -> None:
+    robot = load_robot("jackal")
+    model, own = mujoco.MjModel.from_xml_string(export_robot(robot, "mjcf")), robot_model(Calibration.of(robot))
+    np.testing.assert_allclose(model.body_inertia[:6], own.body_inertia[:6], rtol=1e-5)
+    tire, opt = model.geom("front_left_tire"), model.opt
+    np.testing.assert_allclose(tire.solimp, contact_settings(robot)[1], rtol=1e-5)
+    assert (opt.impratio, opt.timestep, opt.cone) == (100.0, own.opt.timestep, own.opt.cone)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -36,7 +36,6 @@ def changed(name: str = "warthog", **sections: Mapping[str, Any]) -> Robot:
     document = load_robot(name).as_document()
     for section, numbers in sections.items():
         document[section] = {**document.get(section, {}), **numbers}
-    document.pop("mjcf", None)
     return parse_robot({**document, "name": "changed"})
 
 

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from tests.conftest import EXACT, exit_status
@@ -27,8 +26,6 @@ from validation.track import track
 
 SAMPLED = 0.06
 """Relative: statistics of 16 000 correlation areas, of which slopes are rarer than heights."""
-SLAB = 2e-3
-"""A floor of two slabs of one friction against a plane, at the end of 9.7 m [m]: another collision routine."""
 NEWTON = PhysicsSettings(solver="Newton")
 """Solver that is exact enough to tell what the ground does."""
 ROUNDED = 1e-9
@@ -38,7 +35,6 @@ terrains = st.one_of(
     st.just(FLAT),
     st.builds(lambda s, t: Terrain("ramp", slope=s, toward=t), st.floats(0, 0.7), st.floats(-3.2, 3.2)),
     st.builds(lambda h, n: Terrain("rough", height=h, seed=n), st.floats(0, 0.02), st.integers(0, 10**6)),
-    st.builds(lambda r, e: Terrain("split", friction_ratio=r, edge_offset=e), st.floats(0.1, 2), st.floats(-5, 5)),
 )
 
 
@@ -46,7 +42,7 @@ terrains = st.one_of(
 def test_what_is_written_is_read_back(terrain: Terrain) -> None:
     again = parse_terrain(terrain.spec)
     assert again.kind == terrain.kind
-    for name in ("slope", "toward", "height", "length", "seed", "friction_ratio", "edge_heading", "edge_offset"):
+    for name in ("slope", "toward", "height", "length", "seed"):
         assert getattr(again, name) == pytest.approx(getattr(terrain, name), rel=1e-10, abs=1e-12)
     assert terrain.words
 
@@ -71,7 +67,6 @@ def test_the_first_key_may_be_left_out() -> None:
         ("rough:5,seed=" + "9" * 400, "at most 200 characters"),
         ("rough:5,seed=" + "9" * 180, "seed"),
         ("hill\nside", "unknown terrain 'hill side'"),
-        ("split:0", "outside"),
     ],
 )
 def test_mistakes_are_told(text: str, words: str) -> None:
@@ -116,9 +111,7 @@ def end_on(lab: Profile, spec: str, name: str = "traj4") -> np.ndarray:
     return np.array(plant.run(TRAJECTORIES[name].commands(), State(), 0.05).pose[-1])
 
 
-@pytest.mark.parametrize(
-    ("spec", "tolerance"), [("ramp:0", EXACT), ("rough:0", ROUNDED), ("split:friction_ratio=1,edge_m=8", SLAB)]
-)
+@pytest.mark.parametrize(("spec", "tolerance"), [("ramp:0", EXACT), ("rough:0", ROUNDED)])
 def test_terrains_of_no_effect_change_nothing(lab: Profile, spec: str, tolerance: float) -> None:
     np.testing.assert_allclose(end_on(lab, spec), end_on(lab, "flat"), atol=tolerance, rtol=0.0)
 
@@ -131,14 +124,6 @@ def test_a_ramp_that_rises_to_the_left_mirrors_one_that_rises_to_the_right(lab: 
     for one, other in ((straight, straight), (turn, mirrored)):
         a, b = (p.run(c, State(), 0.05).pose for p, c in zip(plants, (one, other), strict=True))
         np.testing.assert_allclose(a * [1, -1, -1], b, atol=1e-7)
-
-
-def test_it_turns_towards_the_side_with_the_grip_while_it_slides() -> None:
-    """On a floor of two frictions a hard start pulls to the slippery side: the side with the grip gets ahead."""
-    drive = Drive(delay_v=0.0, delay_w=0.0, torque_limit=400.0)
-    start = Commands(0.05, np.tile([1.0, 0.0], (10, 1)))
-    plant = MujocoPlant(husky(friction=0.3), drive, terrain=parse_terrain("split:0.3"))
-    assert plant.run(start, State(), 0.05).yaw[-1] < -0.01  # grip on the left, so it turns right
 
 
 def test_rough_ground_lifts_the_robot_as_the_ground_lies(lab: Profile) -> None:
@@ -159,7 +144,7 @@ def test_a_run_equals_its_steps_on_rough_ground(lab: Profile) -> None:
     np.testing.assert_array_equal([state.x, state.y, state.yaw], whole.pose[-1])
 
 
-@pytest.mark.parametrize("spec", ["ramp:4", "rough:2", "split:0.5"])
+@pytest.mark.parametrize("spec", ["ramp:4", "rough:2"])
 def test_halving_the_step_on_terrain_moves_the_end_by_little(lab: Profile, spec: str) -> None:
     """Rough ground's wheels lift and land; 2 ms resolves that to a hundredth of what roughness does to the path."""
     section, terrain = lab.plants["mujoco"], parse_terrain(spec)
@@ -167,7 +152,7 @@ def test_halving_the_step_on_terrain_moves_the_end_by_little(lab: Profile, spec:
     for dt in (0.002, 0.001):
         plant = MujocoPlant(replace(section.parameters, timestep=dt), section.drive, terrain=terrain)
         ends.append(plant.run(commands, State(), 0.05).xy[-1])
-    assert np.hypot(*(ends[0] - ends[1])) < {"ramp:4": 5e-3, "rough:2": 0.02, "split:0.5": 5e-3}[spec]
+    assert np.hypot(*(ends[0] - ends[1])) < {"ramp:4": 5e-3, "rough:2": 0.02}[spec]
 
 
 def test_programs_drive_on_it(tmp_path: Path) -> None:

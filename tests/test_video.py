@@ -46,7 +46,7 @@ def graphics(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.skip(str(error))
 
 
-@pytest.mark.parametrize("ground", ["flat", "ramp:10", "rough:20", "split:0.5"])
+@pytest.mark.parametrize("ground", ["flat", "ramp:10", "rough:20"])
 def test_robots_stand_where_they_are_put(ground: str) -> None:
     stage = Stage(load_robot(), ("mujoco", "improved"), parse_terrain(ground))
     stage.place(1, np.array([2.0, -1.0, 0.5 * math.pi]), np.array([0.3, -0.2]))

@@ -31,6 +31,7 @@ from validation.simulator.checking import (
     tyre_hull_overlap,
     whole_com,
 )
+from validation.simulator.composing import compose_robot
 from validation.simulator.description import GRAVITY, SCHEMA, SECTIONS, WHEELS, Robot, load_robot, shipped_robots
 from validation.simulator.drafting import RobotDraft, draft_robot, unit_of_key
 from validation.simulator.exporting import sdf_text, urdf_text
@@ -371,14 +372,14 @@ class ExportOptions:
 
     robot: Annotated[str, tyro.conf.Positional, cli.option(metavar="ROBOT")]
     """Name of a robot that comes with the package, or path of a robot's file."""
-    to: Annotated[Literal["urdf", "sdf"], cli.option()] = "urdf"
-    """Format: urdf for ROS, sdf for Gazebo."""
-    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.urdf or NAME.sdf")] = None
+    to: Annotated[Literal["urdf", "sdf", "mjcf"], cli.option()] = "urdf"
+    """Format: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo."""
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.urdf, .sdf or .mjcf")] = None
     """File to write; there must be none of that name."""
 
 
-def export_robot(robot: str | Path | Robot, to: Literal["urdf", "sdf"] = "urdf") -> str:
-    """Return a robot as the text of a URDF, or of an SDF model for Gazebo.
+def export_robot(robot: str | Path | Robot, to: Literal["urdf", "sdf", "mjcf"] = "urdf") -> str:
+    """Return a robot as the text of a URDF, of an SDF model for Gazebo, or of an MJCF with its motors and sensors.
 
     Args:
         robot: name of a shipped robot, path of a robot's file, or the robot itself.
@@ -387,14 +388,18 @@ def export_robot(robot: str | Path | Robot, to: Literal["urdf", "sdf"] = "urdf")
     Raises:
         RobotError: there is no such robot, or its file cannot be read.
     """
-    joints = {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS}
-    return sdf_text(_loaded(robot)) if to == "sdf" else urdf_text(_loaded(robot), joints)
+    chosen = _loaded(robot)
+    if to == "mjcf":
+        spec = compose_robot(chosen)
+        spec.compile()  # only then can it be written
+        return str(spec.to_xml())
+    return sdf_text(chosen) if to == "sdf" else urdf_text(chosen, {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS})
 
 
 def _export(options: ExportOptions) -> None:
-    """Write a robot as a URDF or as an SDF model: shapes, masses, inertia and joints; of an SDF friction and torque too.
+    """Write a robot as a URDF, an SDF or an MJCF model: shapes, masses, inertia and joints.
 
-    How a robot's driver and motors act neither format can say.
+    SDF and MJCF have friction and torque, too. How a robot's driver acts no format can say.
     """
     with cli.mistakes_are_users():
         robot = load_robot(options.robot)

@@ -34,7 +34,7 @@ except ImportError as missing:
 from ssmr.geometry import quat_wxyz_to_xyzw, roll_pitch_yaw_to_quat_wxyz, shift_reference, wrap_angle, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
-from validation.report.tracks import GROUND, OTHER_GROUND, Extent, History, Solid, Track, extent_of, looks_of, tinted
+from validation.report.tracks import GROUND, Extent, History, Solid, Track, extent_of, looks_of, tinted
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.store import write_atomic
@@ -256,16 +256,6 @@ def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -
         albedo_factor=(*GROUND, 255),
     )
     recording.log("world/ground", ground, static=True)
-    if terrain.kind == "split":
-        heading = terrain.edge_heading
-        right = np.array([math.sin(heading), -math.cos(heading)])
-        middle = extent.middle - (terrain.edge_offset + extent.middle @ right) * right + margin * right
-        box = rr.Boxes3D(
-            half_sizes=[[margin, margin, 0.5 * _BELOW]], centers=[[*middle, -_BELOW]], colors=[OTHER_GROUND],
-            quaternions=[[0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)]],
-            fill_mode=rr.components.FillMode.Solid,
-        )  # fmt: skip
-        recording.log("world/ground/other", box, static=True)
 
 
 # --- lines over time ---

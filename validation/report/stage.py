@@ -12,7 +12,7 @@ import numpy as np
 from ssmr.geometry import roll_pitch_yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 from validation.report.palette import BLACK, mix
-from validation.report.tracks import GROUND, OTHER_GROUND, bright, looks_of, tinted
+from validation.report.tracks import GROUND, bright, looks_of, tinted
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -37,9 +37,6 @@ class Stage:
             terrain: ground.
             corners: (2, 2) corners of the ground that is drawn where it is rough [m]; 40 m by 40 m around the origin if not
                 given. Other grounds have no end.
-
-        Raises:
-            ValueError: the robot's hand-made MJCF cannot be read, or has looks that are not drawn.
         """
         self.looks, self.names, self.terrain, self._frame = looks_of(robot), tuple(names), terrain, robot.geometry
         spec, scale = mujoco.MjSpec(), self.looks.scale
@@ -95,8 +92,8 @@ class Stage:
 
 
 def _lay_ground(spec: mujoco.MjSpec, terrain: Terrain, corners: FloatArray) -> None:
-    """Add sky and ground: squares of a metre; a slippery part or rough ground without squares."""
-    pale, dark, other = (np.array(rgb) / 255.0 for rgb in (GROUND, mix(GROUND, BLACK, 0.12), OTHER_GROUND))
+    """Add sky and ground: squares of a metre; rough ground without squares."""
+    pale, dark = (np.array(rgb) / 255.0 for rgb in (GROUND, mix(GROUND, BLACK, 0.12)))
     sky, builtin = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     spec.add_texture(type=sky, builtin=builtin, rgb1=[0.75, 0.84, 0.94], rgb2=[1.0, 1.0, 1.0], width=256, height=1536)
     untouched = {"contype": 0, "conaffinity": 0}
@@ -116,10 +113,3 @@ def _lay_ground(spec: mujoco.MjSpec, terrain: Terrain, corners: FloatArray) -> N
     floor = spec.add_material(name="floor", texuniform=True, texrepeat=[0.5, 0.5])
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], material="floor", **untouched)
-    if terrain.kind == "split":
-        half, heading = 100.0, terrain.edge_heading
-        right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX, size=[half, half, 0.001], pos=(half - terrain.edge_offset) * right,
-            quat=[np.cos(0.5 * heading), 0.0, 0.0, np.sin(0.5 * heading)], rgba=[*other, 1.0], **untouched,
-        )  # fmt: skip

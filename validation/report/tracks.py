@@ -21,7 +21,6 @@ from validation.simulator.description import WHEELS, Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 
 GROUND: Rgb = (222, 225, 229)
-OTHER_GROUND: Rgb = (160, 188, 214)
 POSE_PERIOD = 0.02
 """Time between two poses of a robot [s]: 50 Hz is smooth to the eye."""
 MOST_POSES = 45_000
@@ -63,11 +62,7 @@ class Looks(NamedTuple):
 
 @lru_cache(maxsize=8)
 def looks_of(robot: Robot) -> Looks:
-    """Return the visual solids of a robot's MuJoCo model.
-
-    Raises:
-        ValueError: its hand-made MJCF cannot be read, or has no looks or some that are not drawn here.
-    """
+    """Return the visual solids of a robot's MuJoCo model."""
     model = compose_robot(robot).compile()
     base = -np.array(model.site("reference").pos)
     places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}
@@ -76,8 +71,6 @@ def looks_of(robot: Robot) -> Looks:
     for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
         body, shape = model.body(model.geom_bodyid[g]).name, mujoco.mjtGeom(int(model.geom_type[g])).name
         kind = shape.removeprefix("mjGEOM_")
-        if kind not in ("BOX", "CYLINDER", "CAPSULE", "ELLIPSOID") or body not in solids:
-            raise ValueError(f"geom '{model.geom(g).name}' is a {kind} of the body '{body}', which is not drawn")
         numbers = (model.geom_size[g], model.geom_pos[g], model.geom_quat[g], model.geom_rgba[g])
         solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
         rotation = np.empty(9)
@@ -86,8 +79,6 @@ def looks_of(robot: Robot) -> Looks:
         reach = np.abs(rotation.reshape(3, 3)) @ half
         middle = places[body] + model.geom_pos[g] + rotation.reshape(3, 3) @ middle
         low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
-    if empty := [body for body, found in solids.items() if not found]:
-        raise ValueError(f"body '{empty[0]}' has no geom of group {VISUAL_GROUP}: there is nothing to draw")
     return Looks(solids, places, high - low)
 
 

@@ -1,4 +1,4 @@
-"""A robot's file -> MuJoCo's `MjSpec`: composed with the names of models/husky.xml, or read from a hand-made MJCF."""
+"""A robot's file -> MuJoCo's `MjSpec`."""
 # pyright: reportAttributeAccessIssue=false
 # (mujoco's compiled modules have no type stubs)
 
@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 from mujoco import mjtGeom, mjtObj, mjtSensor
 
-from validation.simulator.description import SIDES, WHEELS, Robot
+from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot
 
 VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
@@ -19,44 +19,33 @@ SPOKES, TREADS = 3, 12
 SHAFT_SHARE = 1e-8
 """Mass of the body that carries a virtual shaft over the robot's, and its inertia over mass times wheel radius squared [1]:
 next to nothing."""
+IMPEDANCE = (0.1, 0.95)
+"""Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding wheels hop, and the
+robot would turn at a rate that depends on the time step (docs/physics.md)."""
+CONTACT_DEPTH = 0.030285
+"""Depth at which the contact reaches its full impedance, over the radius of the wheel [1]; 5 mm for a Husky."""
+CONTACT_TIME = 0.15417
+"""Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that grow as the radius and
+times that grow as its root, robots of one shape move alike whatever their size (Froude's similarity)."""
 _HULL, _DARK, _RUBBER, _TREAD, _METAL = (
     [0.98, 0.76, 0.05, 1.0], [0.13, 0.13, 0.14, 1.0], [0.11, 0.11, 0.12, 1.0], [0.2, 0.2, 0.21, 1.0], [0.6, 0.61, 0.63, 1.0],
 )  # fmt: skip
 
 
+def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, float, float, float, float]]:
+    """Return `solref` and `solimp` of the contact of a robot's tyres with the ground, which follow from the wheels' size."""
+    radius = robot.geometry.wheel_radius
+    return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
+
+
 def compose_robot(robot: Robot) -> mujoco.MjSpec:
     """Return the parts of a robot, without ground; they can be changed, and `compile()` makes a model of them.
 
+    `calibrate` and `set_motors` set what a profile may change.
+
     Raises:
-        ValueError: a hand-made MJCF cannot be read, or lacks a part that the programs need, or no rigid body has the moments
-            of inertia; the message names it.
+        ValueError: no rigid body has the moments of inertia.
     """
-    path = robot.mjcf_path
-    if path is None:
-        return _composed(robot)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise ValueError(f"{path}: this is no MJCF that can be read ({' '.join(str(error).split())})") from error
-    for kind, name in _needed(robot):
-        if getattr(spec, kind)(name) is None:
-            raise ValueError(f"{path}: there is no {kind} '{name}'; models/husky.xml shows all the names")
-    return spec
-
-
-def _needed(robot: Robot) -> list[tuple[str, str]]:
-    """Return kind and name of every part that the programs look for."""
-    parts = [("body", "base"), ("joint", "root"), ("site", "reference"), ("site", "imu")]
-    for wheel in WHEELS:
-        parts += [("body", wheel), ("joint", f"{wheel}_wheel"), ("geom", f"{wheel}_tire"), ("site", f"{wheel}_load")]
-        parts += [("sensor", f"load_{wheel}"), ("sensor", f"torque_{wheel}")]
-    for motor in robot.motors:
-        parts += [("tendon", motor), ("actuator", f"{motor}_motor")]
-    return parts
-
-
-def _composed(robot: Robot) -> mujoco.MjSpec:
-    """Return what is built from the robot's numbers; `calibrate` and `set_motors` set what a profile may change."""
     g, m = robot.geometry, robot.masses
     across, spin = m.wheel_inertia
     for key, moments in (("inertia", m.inertia), ("wheel_inertia", (across, spin, across))):
@@ -132,11 +121,13 @@ def _add_wheel(base: Any, robot: Robot, wheel: str) -> None:
     y = 0.5 * g.track * (1.0 if wheel.endswith("left") else -1.0)
     radius, half = g.wheel_radius, 0.5 * g.wheel_width
     across, spin = m.wheel_inertia
+    solref, solimp = contact_settings(robot)
     body = _add_body(base, wheel, [x, y, g.axle_height], m.wheel, [0, 0, 0], [across, spin, across])
     body.add_joint(name=f"{wheel}_wheel", axis=[0, 1, 0], armature=robot.simulation.armature)
     body.add_geom(
         name=f"{wheel}_tire", type=mjtGeom.mjGEOM_ELLIPSOID, size=[radius, half, radius], contype=1, conaffinity=1, condim=3,
         priority=1, group=3, rgba=[0.2, 0.6, 0.9, 0.4], friction=[robot.simulation.friction, 0.005, 0.0001], mass=0.0,
+        solref=solref, solimp=solimp,
     )  # fmt: skip
     body.add_site(name=f"{wheel}_load", size=[1.2 * math.hypot(radius, half)] * 3, group=4)
     axle = {"zaxis": [0, 1, 0]}

@@ -181,9 +181,6 @@ class Robot:
     """One sentence that says which robot is meant."""
     sources: tuple[tuple[str, str], ...] = ()
     """Section or `section.key`, and its grade and source."""
-    mjcf: str = ""
-    """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is absolute; empty where the model
-    is composed from the numbers."""
     said: tuple[str, ...] = field(default=(), compare=False)
     """The numbers that the file says, as `section.key`; the others were estimated."""
 
@@ -191,11 +188,6 @@ class Robot:
     def shipped(self) -> bool:
         """Whether this is one of the robots that come with the package, which are known by their names."""
         return _loaded.get(self.name) == self
-
-    @property
-    def mjcf_path(self) -> Path | None:
-        """Path of the hand-made MJCF, if there is one."""
-        return models_folder() / self.mjcf if self.mjcf else None
 
     def as_document(self) -> dict[str, Any]:
         """Return what the robot's file says, as `parse_robot` reads it."""
@@ -258,7 +250,7 @@ SECTIONS: Mapping[str, type] = MappingProxyType(
     {"geometry": Geometry, "mass": Masses, "simulation": Simulation, "drive": Drive, "vehicle": Vehicle}
 )
 """The sections of a robot's file, and the dataclass that each fills."""
-_TEXTS = ("name", "title", "description", "mjcf")
+_TEXTS = ("name", "title", "description")
 
 
 def models_folder() -> Path:
@@ -270,7 +262,7 @@ def models_folder() -> Path:
     packaged = Path(str(resources.files("validation"))) / "_models"
     source = Path(__file__).resolve().parents[2] / "models"
     for path in (packaged, source):
-        if (path / "husky.xml").is_file():
+        if (path / f"{USUAL_ROBOT}.toml").is_file():
             return path
     raise FileNotFoundError(f"robots' files are neither in {packaged} nor in {source}: the installation is incomplete")
 
@@ -299,7 +291,7 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
             f"no robot '{one_line(name)}'; there are: {', '.join(shipped_robots())}; or give the path of a robot's file"
         )
     try:
-        robot = parse_robot(reading.read_toml(path), path.parent)
+        robot = parse_robot(reading.read_toml(path))
     except RobotError:
         raise
     except ValueError as error:
@@ -309,12 +301,8 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     return robot
 
 
-def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
-    """Return the robot that a document describes.
-
-    Args:
-        document: what the TOML file holds.
-        folder: where the file lies; the path of a hand-made MJCF starts there.
+def parse_robot(document: Mapping[str, Any]) -> Robot:
+    """Return the robot that a document describes, which is what a TOML file holds.
 
     Raises:
         ValueError: it says something that cannot be; the message names section and key.
@@ -334,12 +322,9 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     drive = Drive(**{**usual, "torque_limit": math.inf, "v_max": math.inf, "w_max": math.inf, **given["drive"]})
     sources = _sources(document.get("sources", {}))
     said = tuple(f"{section}.{key}" for section, numbers in given.items() for key in numbers)
-    mjcf = texts.pop("mjcf")
-    if mjcf and folder != models_folder():
-        mjcf = str((folder / mjcf).resolve())
     robot = Robot(
         geometry=geometry, masses=masses, simulation=simulation, drive=drive, vehicle=Vehicle(),
-        sources=sources, mjcf=mjcf, said=said, **texts,
+        sources=sources, said=said, **texts,
     )  # fmt: skip
     half = 0.5 * geometry.wheelbase
     planar = {"mass": masses.total, "yaw_inertia": robot.yaw_inertia, "wheel_radius": radius, "a": half, "b": half}

@@ -8,7 +8,6 @@ same robot.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,7 +17,7 @@ from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
-from validation.simulator.composing import add_integral_parts, compose_robot
+from validation.simulator.composing import add_integral_parts, compose_robot, contact_settings
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
 from validation.simulator.failures import mujoco_failures
 from validation.simulator.parts import robot_parts, scratch
@@ -27,14 +26,6 @@ from validation.simulator.terrain import FLAT, Terrain
 
 CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
 """Points in which each shape of tyre touches level ground."""
-IMPEDANCE = (0.1, 0.95)
-"""Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding wheels hop, and the
-robot would turn at a rate that depends on the time step (docs/physics.md)."""
-CONTACT_DEPTH = 0.030285
-"""Depth at which the contact reaches its full impedance, over the radius of the wheel [1]; 5 mm for a Husky."""
-CONTACT_TIME = 0.15417
-"""Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that grow as the radius and
-times that grow as its root, robots of one shape move alike whatever their size (Froude's similarity)."""
 BELT_TIME = 0.030834
 """Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a Husky."""
 READ_SENSORS = frozenset(f"{what}_{wheel}" for what in ("load", "torque") for wheel in WHEELS)
@@ -47,17 +38,11 @@ LEAST_SHARE = 0.02
 nowhere."""
 
 
-def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, float, float, float, float]]:
-    """Return `solref` and `solimp` of the contact of a robot's tyres with the ground, which follow from the wheels' size."""
-    radius = robot.geometry.wheel_radius
-    return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
-
-
 def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) -> mujoco.MjSpec:
     """Return robot and ground, without looks and without the sensors that nobody reads here: they cost time.
 
     Tyres and ground are contact pairs: their two tangential frictions may differ, and MuJoCo need not look for what else
-    might touch. Only a floor of two slabs has none. `integral` adds the motors' integral parts.
+    might touch. `integral` adds the motors' integral parts.
     """
     spec = compose_robot(robot)
     if integral:
@@ -66,15 +51,13 @@ def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) 
         spec.delete(part)
     for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
         spec.delete(part)
-    world, paired = spec.worldbody, terrain.kind != "split"
-    if terrain.kind == "split":
-        _lay_slabs(world, terrain)
-    elif terrain.kind != "rough":
-        world.add_geom(name=_GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+    world = spec.worldbody
+    if terrain.kind != "rough":
+        world.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
-        tire, ground = spec.geom(f"{wheel}_tire"), _GROUND
-        tire.contype, tire.conaffinity = int(not paired), 0  # it touches ground, and no tyre: capsules reach far
+        tire, ground = spec.geom(f"{wheel}_tire"), "ground"
+        tire.contype, tire.conaffinity = 0, 0  # it touches the ground of its pair, and no tyre: capsules reach far
         tire.type, tire.size = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}"), [radius, half, radius]
         if shape != "ellipsoid":
             tire.alt.type, tire.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, [0, 1, 0]
@@ -82,35 +65,8 @@ def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) 
             patch, ground = world.add_body(name=f"{wheel}_ground", mocap=True), f"{wheel}_ground"
             size = [2 * radius, 2 * radius, 0.05]
             patch.add_geom(name=ground, type=mujoco.mjtGeom.mjGEOM_PLANE, size=size, contype=0, conaffinity=0)
-        if paired:
-            spec.add_pair(geomname1=ground, geomname2=tire.name, condim=3)
+        spec.add_pair(geomname1=ground, geomname2=tire.name, condim=3)
     return spec
-
-
-def _lay_slabs(world: Any, terrain: Terrain) -> None:
-    """Add two slabs side by side: planes have no edge.
-
-    Of two geoms that touch, the one of higher priority says friction and softness: the slippery slab's above the tyre's, the
-    tyre's above the other slab's.
-    """
-    half = 0.5 * SLAB_SIZE
-    slab = {
-        "type": mujoco.mjtGeom.mjGEOM_BOX, "size": [half, half, 0.5 * GROUND_DEPTH], "euler": [0, 0, terrain.edge_heading],
-    }  # fmt: skip
-    left = np.array([-math.sin(terrain.edge_heading), math.cos(terrain.edge_heading), 0.0])
-    down = np.array([0.0, 0.0, -0.5 * GROUND_DEPTH])
-    world.add_geom(name=_OTHER_GROUND, pos=left * (terrain.edge_offset - half) + down, priority=2, **slab)
-    world.add_geom(name=_GROUND, pos=left * (terrain.edge_offset + half) + down, **slab)
-
-
-_GROUND = "ground"
-"""The ground, or the part of a two-friction floor that lies left of its edge."""
-_OTHER_GROUND = "other_ground"
-"""The part of a two-friction floor that lies right of its edge."""
-GROUND_DEPTH = 0.5
-"""Depth of a two-friction floor's slabs [m]: far deeper than any tyre sinks."""
-SLAB_SIZE = 200.0
-"""Size of each half of a two-friction floor [m]: farther than any run goes."""
 
 
 def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
@@ -149,8 +105,7 @@ def robot_model(
     """Return a compiled and calibrated model, which belongs to the caller; its motors are those of `drive`.
 
     Raises:
-        ValueError: a calibration whose inertia no body can have, tyres that the terrain cannot have, or a hand-made MJCF
-            that cannot be read or lacks a part.
+        ValueError: a calibration whose inertia no body can have, tyres that the terrain cannot have.
     """
     key = structure_of(calibration, terrain, drive)
     if key not in _models:
@@ -172,16 +127,10 @@ def set_numbers(
     Raises:
         ValueError: as `robot_model`; the model may then be unfit for use until numbers are set that go together.
     """
-    if calibration.friction_ratio != 1.0 and terrain.kind == "split":
-        raise ValueError(f"friction_ratio {calibration.friction_ratio} cannot be had on {terrain.words}: it needs one plane")
     terrain.require_room(calibration.wheel_radius)
     model.opt.gravity = terrain.gravity(GRAVITY)
     set_motors(model, calibration, drive)  # first: what `calibrate` lets MuJoCo derive depends on the shafts' inertia
     calibrate(model, calibration)
-    if terrain.kind == "split":
-        other = model.geom(_OTHER_GROUND).id
-        model.geom_friction[other, 0] = calibration.friction * terrain.friction_ratio
-        model.geom_solref[other], model.geom_solimp[other] = contact_settings(calibration.robot)
     apply_settings(model, settings, wheel_geoms(model), calibration.friction_ratio)
 
 

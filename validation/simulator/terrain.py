@@ -1,4 +1,4 @@
-"""The ground that a simulated robot stands on: level, a ramp, rough, or of two frictions. The planar models know none of it.
+"""The ground that a simulated robot stands on: level, a ramp, or rough. The planar models know none of it.
 
 On the command line a terrain is `KIND`, `KIND:NUMBER` or `KIND:KEY=NUMBER,...`: `ramp:5`, `rough:height_mm=5,seed=3`. Units
 are in the keys there; in here they are SI.
@@ -23,7 +23,7 @@ from validation.words import one_line
 if TYPE_CHECKING:
     from ssmr.robot.ground import Surface
 
-Kind = Literal["flat", "ramp", "rough", "split"]
+Kind = Literal["flat", "ramp", "rough"]
 
 PERIOD = 40.0
 """Rough ground repeats itself after so much in x and y [m]: farther than most runs go."""
@@ -47,12 +47,6 @@ class Terrain:
     """Correlation length of rough ground [m]: its autocorrelation is exp(-(distance/length)^2)."""
     seed: int = 0
     """Seed of rough ground."""
-    friction_ratio: float = 1.0
-    """Friction right of a two-friction floor's edge, over the calibrated one, which holds left of it [1]."""
-    edge_heading: float = 0.0
-    """Heading along which the edge of a two-friction floor runs [rad]."""
-    edge_offset: float = 0.0
-    """Distance of that edge to the left of the world's origin [m]."""
 
     def __post_init__(self) -> None:
         """Check kind and ranges."""
@@ -61,15 +55,13 @@ class Terrain:
         require_in_range(self, "slope", 0.0, math.radians(45.0))
         require_in_range(self, "height", 0.0, 0.2)
         require_in_range(self, "length", 0.1, 10.0)
-        require_in_range(self, "friction_ratio", 0.0, 10.0, open_low=True)
-        for name in ("toward", "edge_heading", "edge_offset"):
-            require_in_range(self, name, -1e3, 1e3)
+        require_in_range(self, "toward", -1e3, 1e3)
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
 
     @property
     def even(self) -> bool:
         """Whether the ground is level and without bumps, so that wheel loads on it must be smooth."""
-        return self.kind in ("flat", "split")
+        return self.kind == "flat"
 
     @property
     def level(self) -> bool:
@@ -156,7 +148,6 @@ class Terrain:
             "flat": "level ground",
             "ramp": f"a ramp of {math.degrees(self.slope):g}° that rises toward {math.degrees(self.toward):g}°",
             "rough": f"rough ground of {1e3 * self.height:g} mm rms, correlation length {1e3 * self.length:g} mm",
-            "split": f"a floor with {self.friction_ratio:g} times the friction right of an edge",
         }[self.kind]
 
 
@@ -166,11 +157,6 @@ _KEYS: Mapping[str, Mapping[str, tuple[str, float]]] = MappingProxyType(
         "flat": {},
         "ramp": {"slope_deg": ("slope", _DEGREE), "toward_deg": ("toward", _DEGREE)},
         "rough": {"height_mm": ("height", _MILLI), "length_mm": ("length", _MILLI), "seed": ("seed", 1)},
-        "split": {
-            "friction_ratio": ("friction_ratio", 1.0),
-            "edge_deg": ("edge_heading", _DEGREE),
-            "edge_m": ("edge_offset", 1.0),
-        },
     }
 )
 """The keys of each kind on the command line, with the field that each sets and its unit in SI; the first may be left out."""

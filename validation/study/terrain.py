@@ -44,12 +44,11 @@ from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, with_quasi_
 from validation.study.options import StudyOptions, require_seeds
 from validation.study.sweep import sweep
 
-AxisName = Literal["speed", "slope", "roughness", "friction"]
+AxisName = Literal["speed", "slope", "roughness"]
 AXES: Mapping[AxisName, tuple[str, str, float, float]] = {
     "speed": ("Speed on level ground", "m/s", 1.0, 0.5),
     "slope": ("Slope", "°", 180.0 / math.pi, 0.0),
     "roughness": ("Height of rough ground (rms)", "mm", 1e3, 0.0),
-    "friction": ("Friction lost right of an edge", "%", 100.0, 0.0),
 }
 """Each quantity that grows: its name, the unit in which it is shown, how many of those make one SI unit, and the value that
 the thesis' experiments have [SI]."""
@@ -68,8 +67,6 @@ class TerrainAxes:
     """Slopes of ramps [rad]."""
     roughness: tuple[float, ...] = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008)
     """Root mean square heights of rough ground [m]."""
-    friction: tuple[float, ...] = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
-    """Shares of the friction that one side has lost [1]."""
     directions: tuple[float, ...] = tuple(map(math.radians, (0.0, 90.0, 180.0, 270.0)))
     """Headings in which ramps rise [rad]."""
     controllers: tuple[str, ...] = ("pid", "lqr")
@@ -108,8 +105,6 @@ class TerrainStudy(StudyOptions):
             return [Terrain("ramp", slope=value, toward=d) for d in self.axes.directions]
         if axis == "roughness" and value > 0.0:
             return [Terrain("rough", height=value, seed=self.seed + k) for k in range(self.seeds)]
-        if axis == "friction" and value > 0.0:  # where the edge runs the other way, left and right change sides
-            return [Terrain("split", friction_ratio=1.0 - value, edge_heading=h) for h in (0.0, math.pi)]
         return [FLAT]
 
 
@@ -124,7 +119,7 @@ class Case(NamedTuple):
 
 @cli.program(TerrainStudy)
 def study_terrain(o: TerrainStudy) -> Report:
-    """Measure the errors of planar models and trackers as speed, slope, roughness and loss of grip grow.
+    """Measure the errors of planar models and trackers as speed, slope and roughness grow.
 
     Raises:
         ValueError: the profile does not exist, or its numbers do not fit together.

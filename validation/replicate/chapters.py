@@ -12,7 +12,7 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 from validation.progress import Report as Progressing
-from validation.report.columns import ending_of
+from validation.report.columns import Unit, ending_of
 from validation.report.drawing import Row as PanelRow
 from validation.report.table import Row, Table
 from validation.report.tables import markdown_table
@@ -125,9 +125,8 @@ def chapter_of(section: Section, found: Findings) -> Chapter:
         if line.startswith("## "):
             numbers, _, caption = line.removeprefix("## ").partition(": ")
             first, _, last = numbers.partition("–")
-            some = {n: rows for n, rows in found.tables.items() if n == first or (last and order_of(first) < order_of(n))}
-            some = {n: rows for n, rows in some.items() if not last or order_of(n) <= order_of(last)}
-            tables.append(_side_by_side(f"{named(numbers)}. {caption}", some))
+            shown = [n for n in found.tables if order_of(first) <= order_of(n) <= order_of(last or first)]
+            tables.append(_side_by_side(f"{named(numbers)}. {caption}", {n: found.tables[n] for n in shown}))
     text = "\n".join(line for line in lines if not line.startswith("## ")).strip()
     several = [named(t) for t in section.tables]
     where = f"{several[0]}–{section.tables[-1]}" if len(several) > 2 else ", ".join(several)
@@ -176,8 +175,9 @@ def _side_by_side(title: str, tables: Mapping[str, Rows]) -> Table:
     ]
     used = {key for line in lines for key, value in line.items() if value is not None}
     headings = {key: key.removesuffix(ending_of(key)) for key in used} if wide else {}
+    ratios = {key: Unit("", 1.0, 4, significant=5) for key in used if "_ratio" in key}
     shown = [{k: v for k, v in line.items() if k in used} for line in lines]
-    return Table(title, shown, "\n".join(captions), headings=headings)
+    return Table(title, shown, "\n".join(captions), units=ratios, headings=headings)
 
 
 def _wide(metric: str, pair: Pair) -> Row:

@@ -150,13 +150,13 @@ class TrackedTables:
             number: number of the table.
             supposed: whether under the supposition about what the thesis does not print, see `supposition`.
         """
-        said = published.table(number)
-        gains = load_gains(said["controller"], said.get("gains", "published"))
-        if supposed and said["controller"] == "lqr":
+        theirs = published.table(number)
+        gains = load_gains(theirs["controller"], theirs.get("gains", "published"))
+        if supposed and theirs["controller"] == "lqr":
             gains = supposed_gains(gains)
-        where = said["trajectory"], float(said["speed_m_s"])
+        where = theirs["trajectory"], float(theirs["speed_m_s"])
         simulated = self._drive(gains, *where, "improved")
-        if said["comparison"] == "reference_vs_simulated":
+        if theirs["comparison"] == "reference_vs_simulated":
             wanted = reference_of(simulated[0], open_reference(*where)[1], whole=True)
             motions = [supposed_path(s.motion) if supposed else s.motion for s in simulated if not s.lost]
             found = [compare_paths(motion, wanted) for motion in motions]
@@ -167,9 +167,9 @@ class TrackedTables:
 
     def _beside(self, number: str) -> Mapping[str, float]:
         """Return mean metrics of the MuJoCo robot, without disturbance, against the reference of a table."""
-        said = published.table(number)
-        where = said["trajectory"], float(said["speed_m_s"])
-        runs = self._drive(load_gains(said["controller"], said.get("gains", "published")), *where, "mujoco")
+        theirs = published.table(number)
+        where = theirs["trajectory"], float(theirs["speed_m_s"])
+        runs = self._drive(load_gains(theirs["controller"], theirs.get("gains", "published")), *where, "mujoco")
         driven = [rate(r, open_reference(*where)[1], self._robots["mujoco"]) for r in runs if not r.lost]
         return {m: float(np.mean([each[m] for each in driven])) for m in RULE_OF} if driven else {}
 
@@ -181,10 +181,10 @@ class TrackedTables:
 
     def rows(self, number: str) -> Rows:
         """Return a table of the thesis beside ours, which are means over the seeds that kept the reference."""
-        said, found, text = published.table(number), self.compared(number), supposition(number)
-        printed: Mapping[str, float] = next(iter(said["rows"].values()), {})
+        theirs, found, text = published.table(number), self.compared(number), supposition(number)
+        printed: Mapping[str, float] = next(iter(theirs["rows"].values()), {})
         under = self.compared(number, supposed=True) if text else found[:0]
-        beside = self._beside(number) if said["comparison"] == "reference_vs_simulated" else {}
+        beside = self._beside(number) if theirs["comparison"] == "reference_vs_simulated" else {}
         pairs = {}
         for k, (metric, rule) in enumerate(RULE_OF.items()):
             ours, spread = self._mean(found[:, k])
@@ -194,7 +194,7 @@ class TrackedTables:
                 {"ours_mujoco": beside[metric]} if beside else {}, _LOST if ours is None else "",
                 None if supposed is None else Supposed(supposed, by, text, "tracking.md"),
             )  # fmt: skip
-        return {f"{said['trajectory']}_{said['speed_m_s']:.2f}": pairs}
+        return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
 
 
 def supposed_gains(gains: GainSet) -> GainSet:
@@ -213,12 +213,12 @@ def supposed_path(motion: Trajectory) -> Trajectory:
 
 def supposition(number: str) -> str:
     """Return the supposition for one of the thesis' tables in words, without a full stop; empty if there is none."""
-    said = published.table(number)
-    if said["trajectory"] not in _KNOWN_GEOMETRY or said.get("suspect"):
+    theirs = published.table(number)
+    if theirs["trajectory"] not in _KNOWN_GEOMETRY or theirs.get("suspect"):
         return ""
-    logged = _LOGGED.format(spacing=1e3 * float(said["speed_m_s"]) / PATH_RATE_HZ)
-    driven = [_DRIVEN] * (said["controller"] == "lqr")
-    return ", and ".join(driven + [logged] * (said["comparison"] == "reference_vs_simulated"))
+    logged = _LOGGED.format(spacing=1e3 * float(theirs["speed_m_s"]) / PATH_RATE_HZ)
+    driven = [_DRIVEN] * (theirs["controller"] == "lqr")
+    return ", and ".join(driven + [logged] * (theirs["comparison"] == "reference_vs_simulated"))
 
 
 def _tracked(task: Task) -> Findings:

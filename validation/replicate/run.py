@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
@@ -129,7 +128,7 @@ def replicate(o: Replicate) -> Replication:
         status=status,
         found=found,
         chapters=chapters,
-        lead=_lead(o, sections, unexplained),
+        lead=_lead(o.quick, found, unexplained),
     )
 
 
@@ -148,12 +147,13 @@ def _task(o: Replicate, key: str, done: int, total: int) -> Task:
 
 def _tally(tables: Mapping[str, Rows], verdicts: _Verdicts) -> dict[str, int]:
     """Return how many of the rows that the thesis has, though their numbers may be lost, have which verdict."""
-    count: Counter[str] = Counter()
-    for number, rows in tables.items():
-        for row, (each, whole) in verdicts[number].items():
-            if any(pair.is_given or each[metric].see for metric, pair in rows[row].items()):
-                count[whole.status] += 1
-    return {status: count[status] for status in STATUSES}
+    found = [
+        whole.status
+        for number, rows in tables.items()
+        for row, (each, whole) in verdicts[number].items()
+        if any(pair.is_given or each[metric].see for metric, pair in rows[row].items())
+    ]
+    return {status: found.count(status) for status in STATUSES}
 
 
 def _unexplained(tables: Mapping[str, Rows], verdicts: _Verdicts) -> list[str]:
@@ -166,21 +166,15 @@ def _unexplained(tables: Mapping[str, Rows], verdicts: _Verdicts) -> list[str]:
     ]
 
 
-def _lead(o: Replicate, sections: Sequence[Section], unexplained: Sequence[str]) -> str:
+def _lead(quick: bool, found: Container[str], unexplained: Sequence[str]) -> str:
     """Return what stands before the chapters."""
-    missing = [s.key for s in ALL_SECTIONS if s not in sections]
-    return (
-        template("lead")
-        .format(
-            factor=FACTOR,
-            reach=RATIO_REACH,
-            spreads=SPREADS,
-            quick="It was made with `--quick`: fewer generations and seeds, so less can be concluded." if o.quick else "",
-            unexplained=f"Unexplained: {', '.join(unexplained)}." if unexplained else "Every difference has a known reason.",
-            missing=f"Left out (--only): {', '.join(missing)}." if missing else "",
-        )
-        .strip()
-    )
+    missing = [s.key for s in ALL_SECTIONS if s.key not in found]
+    words = {
+        "quick": "It was made with `--quick`: fewer generations and seeds, so less can be concluded." if quick else "",
+        "unexplained": f"Unexplained: {', '.join(unexplained)}." if unexplained else "Every difference has a known reason.",
+        "missing": f"Left out: {', '.join(missing)}." if missing else "",
+    }
+    return template("lead").format(factor=FACTOR, reach=RATIO_REACH, spreads=SPREADS, **words).strip()
 
 
 def _as_dict(rows: Rows, verdicts: Mapping[str, tuple[Mapping[str, Verdict], Verdict]]) -> dict[str, Any]:

@@ -88,7 +88,7 @@ def _drawn_laws(steepness: float) -> list[Row]:
         at = np.linspace(-most, most, 1001)
         for name, (ink, law) in laws.items():
             ax.plot(at, [law(x) for x in at.tolist()], color=ink, label=name, gid=name)
-        ax.set(title=title, xlabel=label, xlim=(-most, most))
+        ax.set(title=title, xlabel=label, xlim=(-most, most), xticks=np.linspace(-most, most, 5))
         ax.legend(frameon=False, fontsize=8.0)
 
     panels = [

@@ -23,7 +23,9 @@ def call(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProces
 
 
 def test_every_program_is_there() -> None:
-    assert set(ssmr.PROGRAMS) == {path.parent.name for path in ROOT.glob("*/__main__.py")} - {"cli"} | {"compare", "track"}
+    packages = {path.parent.name for path in ROOT.glob("*/__main__.py")} - {"cli"}
+    files = {path.stem for path in ROOT.glob("[a-z]*.py") if '__name__ == "__main__"' in path.read_text(encoding="utf-8")}
+    assert set(ssmr.PROGRAMS) == packages | files
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",)])

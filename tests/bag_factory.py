@@ -11,14 +11,13 @@ import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 START = 1_700_000_000
 """Unix time of bags [s]."""
 KINDS = ("ros1", "sqlite", "mcap folder", "mcap")
 """What `write` can make."""
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
-ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 
 Message = tuple[str, float, Any]
 """Topic, instant of writing [s] after START, message."""
@@ -83,14 +82,14 @@ class Maker:
             linear_acceleration_covariance=nine,
         )
 
-    def joints(self, t: float | None, rates: Mapping[str, float], *, angles: bool = False) -> Any:
+    def joints(self, t: float | None, rates: Mapping[str, float]) -> Any:
         values, nothing = np.array(list(rates.values())), np.zeros(0)
         return self(
             "sensor_msgs/JointState",
             header=self.header(t),
             name=list(rates),
-            position=values if angles else nothing,
-            velocity=nothing if angles else values,
+            position=nothing,
+            velocity=values,
             effort=nothing,
         )
 
@@ -105,11 +104,6 @@ class Maker:
             position_covariance=np.zeros(9),
             position_covariance_type=0,
         )
-
-    def transform(self, t: float | None, parent: str, child: str, x: float, y: float, yaw: float) -> Any:
-        moved = self("geometry_msgs/Transform", translation=self.vector(x, y), rotation=self.quaternion(yaw))
-        one = self("geometry_msgs/TransformStamped", header=self.header(t, parent), child_frame_id=child, transform=moved)
-        return self("tf2_msgs/TFMessage", transforms=[one])
 
     def text(self, what: str) -> Any:
         return self("std_msgs/String", data=what)
@@ -161,10 +155,9 @@ def circle(make: Maker, n: int = 60, dt: float = 0.05, late: float = 0.01) -> li
             ("/imu/data", make.imu(t, (0.0, w, 0.0), (0.0, 9.81, 0.0))),  # lies on its side
             ("/vrpn_client_node/husky/pose", make.pose_stamped(t, x, y, yaw)),
             ("/fix", make.fix(t, 45.0 + y / 111_131.78, 7.0 + x / 78_846.8)),
-            ("/tf", make.transform(t, "odom", "base_link", x, y, yaw)),
             ("/rosout", make.text("hello")),
         ]
-    return [(topic, 1.0 + dt * (k // 8) + late, message) for k, (topic, message) in enumerate(messages)]
+    return [(topic, 1.0 + dt * (k // 7) + late, message) for k, (topic, message) in enumerate(messages)]
 
 
 def poses_at(make: Maker, n: int = 20, jump: float = 0.0) -> list[Message]:

@@ -86,6 +86,7 @@ def test_a_filter_that_half_a_log_commissioned_reckons_the_other_half(tmp_path: 
     convert(TILE, sync=True, until=325.0).write(halves[0])
     convert(TILE, sync=True, start=325.0).write(halves[1])
     made = commission(halves[0]).filter
+    assert made is not None
     assert made.settings.bias == pytest.approx(-0.0156, abs=0.001)  # as the recording's own page has it
     assert 1.7 < made.settings.turning < 2.2
     reckoning = info(halves[1], filter=made.save(tmp_path / "tile.toml")).reckoning

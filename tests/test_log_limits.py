@@ -168,7 +168,7 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
                 ("/pose", make.pose_stamped(0.1 * k, value, 0.0, 0.0)),
                 ("/odom", make.odometry(0.1 * k, (0.0, 0.0, 0.0), value, 0.0)),
                 ("/imu", make.imu(0.1 * k, (0.0, 0.0, value), (value, value, -value))),
-                ("/joints", make.joints(0.1 * k, {"left_wheel": value * k, "right_wheel": -value}, angles=True)),
+                ("/joints", make.joints(0.1 * k, {"left_wheel": value * k, "right_wheel": -value})),
                 ("/fix", make.fix(0.1 * k, value, -value * k)),
             )
         ]

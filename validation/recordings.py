@@ -17,7 +17,7 @@ from ssmr.types import FloatArray
 from validation import cli
 from validation.bench.reckoning import Reckoning, commissioned_on, reckon, with_filter
 from validation.bench.simulated_logs import SensorFaults, open_log
-from validation.files.faults import REST_LEAST, STOCK, Faults, Rest, find_faults, find_rest, unbiased
+from validation.files.faults import REST_LEAST, STOCK, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
 from validation.files.log import Log, ReadOptions, Stamps
@@ -31,9 +31,8 @@ from validation.simulator.description import Robot, load_robot
 from validation.store import write_json
 from validation.words import file_name
 
-_OURS = (b'"ssmr.info/1"', b'"ssmr.filter/1"')
-"""Texts in files that are replaced without being asked, for this program wrote them."""
-_MOST_OURS = 1 << 26  # greatest size of such a file [bytes]
+_OURS, _MOST_OURS = (b'"ssmr.info/1"', b'"ssmr.filter/1"'), 1 << 26
+"""Texts in files that are replaced unasked, for this program wrote them; and the greatest size of one [bytes]."""
 
 
 # ------------------------------------------------------------------------------------------ options
@@ -140,7 +139,6 @@ class Commission(LogOptions):
     """TOML file to write the filter into."""
 
 
-# ------------------------------------------------------------------------------------------ reports
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogReport(Report):
     """What was found in a log, or made of it."""
@@ -150,6 +148,12 @@ class LogReport(Report):
     """The log; of a conversion the new one, with its own stamps unless another rate was asked for."""
     offsets: Sequence[Offset]
     """Delays between its groups, before anything was changed."""
+    rest: Rest | None = None
+    """Readings of its gyro at rest; None where they are unknown."""
+    reckoning: Reckoning | None = None
+    """Ways of dead reckoning; None where the log allows none."""
+    filter: StateFilter | None = None
+    """The state filter that was commissioned; None where none was asked for."""
     save_as: Callable[[Path], object] | None = None
     """Function that writes the file that it is for; None for its JSON."""
 
@@ -169,27 +173,9 @@ class LogReport(Report):
             self.save_as(path)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LogInfo(LogReport):
-    """Contents of a log; its file is JSON."""
-
-    rest: Rest | None
-    """Readings of its gyro at rest; None where they are unknown."""
-    reckoning: Reckoning | None
-    """Ways of dead reckoning; None where the log allows none."""
-    faults: Faults
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CommissionedFilter(LogReport):
-    """A state filter that knows the robot of a log; its file is TOML."""
-
-    filter: StateFilter
-
-
 # ------------------------------------------------------------------------------------------ programs
 @cli.program(Info)
-def info(o: Info) -> LogInfo:
+def info(o: Info) -> LogReport:
     """Report what a log contains.
 
     Prints topics or columns, rates, gaps, faults, time offsets and the gyro's bias.
@@ -227,11 +213,11 @@ def info(o: Info) -> LogInfo:
         "gyro_at_rest": None if rest is None else asdict(rest),
         "dead_reckoning": None if reckoning is None else asdict(reckoning),
     }  # fmt: skip
-    return LogInfo(
-        title=log.path.name, document=document, log=log, offsets=offsets, rest=rest, reckoning=reckoning, faults=faults,
+    return LogReport(
+        title=log.path.name, document=document, log=log, offsets=offsets, rest=rest, reckoning=reckoning,
         alarms=log.left_out,
         tables=[_contents(log), _offset_table(offsets), _reckoning_table(reckoning)],
-        sentences=[*log.remarks, *_gap_sentences(log), *_rest_sentences(log, rest), *faults.sentences()],
+        sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences()],
     )  # fmt: skip
 
 
@@ -272,7 +258,7 @@ def convert(o: Convert) -> LogReport:
 
 
 @cli.program(Commission)
-def commission(o: Commission) -> CommissionedFilter:
+def commission(o: Commission) -> LogReport:
     """Write a state filter that knows the robot of a log, from its wheels and the poses of a better sensor.
 
     Offsets of time are taken out first. Use the file with --filter, on other drives.
@@ -284,7 +270,7 @@ def commission(o: Commission) -> CommissionedFilter:
     log = o.opened()
     offsets = estimate_offsets(log)
     made = StateFilter(log.path.stem, commissioned_on(synchronised(log, offsets), o.odometry()))
-    return CommissionedFilter(
+    return LogReport(
         title=log.path.name, document=made.as_dict(), log=log, offsets=offsets, filter=made, save_as=made.save,
         tables=[_offset_table(offsets)], sentences=[f"{made.name}: {made.sentence()}"],
     )  # fmt: skip
@@ -329,21 +315,19 @@ def _reckoning_table(reckoning: Reckoning | None) -> Table:
     return Table("Dead reckoning", rows, caption)
 
 
-def _gap_sentences(log: Log) -> list[str]:
+def _sentences(log: Log, rest: Rest | None) -> list[str]:
+    """Return what gaps there are, and what the gyro shows at rest."""
     gaps = {group.source: group.gaps() for group in log.groups.values()}
-    return [
-        f"{source}: {len(found)} gap{'s' * (len(found) > 1)}, the first from {found[0][0]:.3f} to {found[0][1]:.3f} s"
-        for source, found in gaps.items()
-        if found
+    found = [
+        f"{source}: {len(some)} gap{'s' * (len(some) > 1)}, the first from {some[0][0]:.3f} to {some[0][1]:.3f} s"
+        for source, some in gaps.items()
+        if some
     ]
-
-
-def _rest_sentences(log: Log, rest: Rest | None) -> list[str]:
-    if rest is None:
-        unknown = f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
-        return [unknown] if "imu" in log.groups else []
-    bias = f"{rest.bias:+.5f} rad/s ({DEGREES.text(rest.bias)}°/s)"
-    return [f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s"]
+    if rest is not None:
+        bias = f"{rest.bias:+.5f} rad/s ({DEGREES.text(rest.bias)}°/s)"
+        return [*found, f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s"]
+    unknown = f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
+    return [*found, unknown] if "imu" in log.groups else found
 
 
 # ------------------------------------------------------------------------------------------ the command line

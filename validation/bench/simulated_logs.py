@@ -61,16 +61,9 @@ def log_of_drive(
     faults: SensorFaults | None = None,
     terrain: Terrain = FLAT,
 ) -> Log:
-    """Drive a plant from the origin, at rest before and after, and log it.
+    """Drive a plant of a profile from the origin, at rest before and after, and log it as `path`.
 
-    Args:
-        path: what the log is called after.
-        driven: commands.
-        plant: name of the plant.
-        profile: parameters of the plant.
-        seed: seed of all noise.
-        faults: faults of the log; `SensorFaults()` if not given.
-        terrain: ground of MuJoCo's robot.
+    `seed` is that of all noise; the log has `SensorFaults()` if no faults are given; `terrain` is for MuJoCo's robot.
 
     Returns:
         Commands at their own rate, wheels and gyro at 50 Hz, poses of the tracked point at 125 Hz.
@@ -107,7 +100,7 @@ def open_log(
     robot: str | Path | Robot | None = None,
     faults: SensorFaults | None = None,
 ) -> Log:
-    """Read a log, or drive a plant and log it, see `log_of_drive`.
+    """Read a log with its options, or drive a plant and log it, see `log_of_drive`.
 
     Args:
         source: path of a log, or a drive to be simulated: traj1 to traj4 or varied, with @ and a plant (mujoco if none is
@@ -116,8 +109,8 @@ def open_log(
         profile: profile of the plant that is driven; None for `thesis-lab`, or the robot's own numbers if that is of another
             robot than `robot`.
         seed: seed of its sensors' noise.
-        robot: the robot that is driven, its name or its path; None for that of the profile.
-        faults: faults of its log; `SensorFaults()` if not given.
+        robot: the robot that is driven; None for that of the profile.
+        faults: faults of its log.
 
     Raises:
         ValueError: the log cannot be opened, there is no such plant, or the seed is negative.

@@ -34,8 +34,7 @@ ours."""
 _MOST_PIECES = 10_000  # greatest number of gap-free stretches of a log: one that has more has no rate of its own
 RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
-STANDING_SHARE = 0.1
-"""Share of windows without any motion from which they are worth a sentence: they lower every median."""
+_STANDING_SHARE = 0.1  # share of windows without any motion from which they are worth a sentence
 _BEGIN = 0.5
 """Length of the beginning whose poses say how a robot moves at first, and of the spans of which slopes are taken [s]."""
 
@@ -97,14 +96,9 @@ class Source:
 def open_source(
     name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None, limits: LogLimits = USUAL
 ) -> Source:
-    """Open a scenario or a log by its name.
+    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log (its path, or `sample`) by its name.
 
-    Args:
-        name: `traj1` ... `traj4`, one of them with `@PLANT`, the path of a log, or `sample`.
-        kind: which of a log's inputs drives the plants.
-        start: leave out what was logged before [s].
-        stop: leave out what was logged after [s].
-        limits: greatest sizes and numbers of a log; the usual ones if not given.
+    `kind` says which of a log's inputs drives the plants; what was logged before `start` or after `stop` [s] is left out.
 
     Raises:
         ValueError: an unknown name, a log that cannot be read or lacks what is asked for.
@@ -136,13 +130,8 @@ def open_source(
 def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | None = None) -> Source:
     """Return a log on one clock as a motion to compare plants on; what is wrong with it is logged as a warning too.
 
-    Where the log has no commands, the speeds of its odometry stand for them, and a warning says so.
-
-    Args:
-        log: the log.
-        name: name that the user gave it.
-        kind: which of its inputs drives the plants.
-        title: name in sentences; the log's own if not given.
+    Where the log has no commands, the speeds of its odometry stand for them, and a warning says so. `name` is what the user
+    gave it, `title` its name in sentences, the log's own if not given; `kind` says which of its inputs drives the plants.
 
     Raises:
         ValueError: it lacks the inputs or the pose.
@@ -308,35 +297,26 @@ def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, I
     return tuple((nothing, nothing) if p.t is None else p.windows(horizon_windows, p.t, horizon) for p in source.pieces)
 
 
-def standing_share(source: Source, horizon: float) -> float | None:
-    """Return the share of the windows of `window_errors_of` in which the robot never moves [1]; None without windows.
+def standing_sentences(source: Source, horizon: float) -> list[str]:
+    """Return a sentence on a log in many windows of which the robot stands; none for one in which it drives.
 
     Wheel rates say whether it moves, commands where there are no wheel rates.
     """
     still = []
     for piece in source.pieces:
-        if piece.t is not None and piece.reference is not None:
-            moved = np.cumulative_sum(_moves(piece, piece.t, piece.reference), include_initial=True)
-            starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
-            still.append(moved[ends + 1] == moved[starts])
-    found = np.concatenate(still) if still else np.empty(0)
-    return float(found.mean()) if len(found) else None
-
-
-def _moves(piece: Piece, t: FloatArray, recorded: Trajectory) -> NDArray[np.intp]:
-    """Return (M,) 1 where the robot moves, else 0."""
-    if np.any(recorded.wheels):
-        rates = np.column_stack([moving_mean(t, side, WHEELS_MEAN_S) for side in recorded.wheels.T])
-        return (np.abs(rates).max(axis=1) > WHEELS_TURN).astype(np.intp)
-    values = piece.commands.values
-    at = np.minimum(((t - t[0]) / piece.commands.dt).astype(np.intp), len(values) - 1)
-    return (np.abs(values[at]).max(axis=1) > ASKS_FOR_MOTION).astype(np.intp)
-
-
-def standing_sentences(source: Source, horizon: float) -> list[str]:
-    """Return a sentence on a log in which the robot often stands; none for one in which it drives."""
-    share = standing_share(source, horizon)
-    if share is None or share < STANDING_SHARE:
+        if piece.t is None or piece.reference is None:
+            continue
+        t, wheels, values = piece.t, piece.reference.wheels, piece.commands.values
+        if np.any(wheels):
+            moves = np.abs([moving_mean(t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
+        else:
+            at = np.minimum(((t - t[0]) / piece.commands.dt).astype(np.intp), len(values) - 1)
+            moves = np.abs(values[at]).max(axis=1) > ASKS_FOR_MOTION
+        moved = np.cumulative_sum(moves.astype(np.intp), include_initial=True)
+        starts, ends = piece.windows(overlapping_windows, t, horizon)
+        still += (moved[ends + 1] == moved[starts]).tolist()
+    share = float(np.mean(still)) if still else 0.0
+    if share < _STANDING_SHARE:
         return []
     windows = f"{100.0 * share:.0f} % of the windows of {horizon:g} s"
     return [f"{source.title}: the robot stands still throughout {windows}, which lowers all medians"]

@@ -35,12 +35,18 @@ _WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_rig
 
 _Fields = Mapping[str, Any]
 """Fields of a message by name, those of messages inside it likewise; what is not there is zero or empty."""
-_Maker = Callable[[int, Sequence[float]], _Fields]
-"""Function that makes a message from its stamp [ns] and the numbers of its columns."""
 
 
-def _header(t: int, frame: str) -> _Fields:
-    return {"stamp": {"sec": t // 10**9, "nanosec": t % 10**9}, "frame_id": frame}
+class _Topic(NamedTuple):
+    """A topic that is to be written."""
+
+    name: str
+    kind: str
+    """Message type."""
+    frame: str
+    """Frame that the messages name in their header."""
+    make: Callable[..., _Fields]
+    """Function that makes a message from its header and the numbers of its columns."""
 
 
 def _turned(yaw: float) -> _Fields:
@@ -55,59 +61,37 @@ def _pose(x: float, y: float, yaw: float) -> _Fields:
     return {"position": {"x": x, "y": y}, "orientation": _turned(yaw)}
 
 
-def _cmd(t: int, row: Sequence[float]) -> _Fields:
-    return {"header": _header(t, _BASE), "twist": _twist(row[0], row[1])}
+def _odometry(header: _Fields, v: float, w: float, *pose: float) -> _Fields:
+    inside = {"pose": {"pose": _pose(*pose)}, "twist": {"twist": _twist(v, w)}}
+    return {"header": header, "child_frame_id": _BASE, **inside}
 
 
-def _joints(t: int, row: Sequence[float]) -> _Fields:
-    return {"header": _header(t, ""), "name": _WHEELS, "velocity": np.tile(row, 2)}
-
-
-def _odometry(t: int, row: Sequence[float]) -> _Fields:
-    pose, twist = {"pose": _pose(*row[2:5])}, {"twist": _twist(row[0], row[1])}
-    return {"header": _header(t, _ODOM), "child_frame_id": _BASE, "pose": pose, "twist": twist}
-
-
-def _imu(t: int, row: Sequence[float]) -> _Fields:
+def _imu(header: _Fields, w: float) -> _Fields:
     unknown = {"orientation_covariance": _UNKNOWN, "linear_acceleration_covariance": _UNKNOWN}
-    return {"header": _header(t, _BASE), "orientation": {"w": 1.0}, "angular_velocity": {"z": row[0]}, **unknown}
+    return {"header": header, "orientation": {"w": 1.0}, "angular_velocity": {"z": w}, **unknown}
 
 
-def _pose_stamped(t: int, row: Sequence[float]) -> _Fields:
-    return {"header": _header(t, _WORLD), "pose": _pose(*row)}
-
-
-def _number(_: int, row: Sequence[float]) -> _Fields:
-    return {"data": row[0]}
-
-
-def _frame(parent: str) -> _Maker:
-    """Return the function that puts the robot's body into a frame, at the pose that ends a row."""
-
-    def make(t: int, row: Sequence[float]) -> _Fields:
-        x, y, yaw = row[-3:]
-        transform = {"translation": {"x": x, "y": y}, "rotation": _turned(yaw)}
-        return {"transforms": [{"header": _header(t, parent), "child_frame_id": _BASE, "transform": transform}]}
-
-    return make
-
-
-class _Topic(NamedTuple):
-    """A topic that is to be written."""
-
-    name: str
-    kind: str
-    """Message type."""
-    make: _Maker
+def _frame(header: _Fields, *row: float) -> _Fields:
+    """Return the message that puts the robot's body into a frame, at the pose that ends a row."""
+    x, y, yaw = row[-3:]
+    transform = {"translation": {"x": x, "y": y}, "rotation": _turned(yaw)}
+    return {"transforms": [{"header": header, "child_frame_id": _BASE, "transform": transform}]}
 
 
 _TOPICS: Mapping[str, _Topic] = {
-    "cmd": _Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", _cmd),
-    "wheels": _Topic("/joint_states", "sensor_msgs/msg/JointState", _joints),
-    "odom": _Topic("/odom", "nav_msgs/msg/Odometry", _odometry),
-    "imu": _Topic("/imu/data", "sensor_msgs/msg/Imu", _imu),
-    "pose": _Topic("/pose", "geometry_msgs/msg/PoseStamped", _pose_stamped),
-}
+    "cmd": _Topic(
+        "/cmd_vel", "geometry_msgs/msg/TwistStamped", _BASE, lambda header, *row: {"header": header, "twist": _twist(*row)}
+    ),
+    "wheels": _Topic(
+        "/joint_states", "sensor_msgs/msg/JointState", "",
+        lambda header, *row: {"header": header, "name": _WHEELS, "velocity": np.tile(row, 2)},
+    ),
+    "odom": _Topic("/odom", "nav_msgs/msg/Odometry", _ODOM, _odometry),
+    "imu": _Topic("/imu/data", "sensor_msgs/msg/Imu", _BASE, _imu),
+    "pose": _Topic(
+        "/pose", "geometry_msgs/msg/PoseStamped", _WORLD, lambda header, *row: {"header": header, "pose": _pose(*row)}
+    ),
+}  # fmt: skip
 """Topic of each group, whose columns are those of `GROUPS` in their order."""
 
 
@@ -116,21 +100,22 @@ def _topics(log: Log) -> Iterator[tuple[_Topic, Group, FloatArray]]:
     body = "pose" if "pose" in log.groups else "odom"  # what says where the body is
     used = set[str]()
     for name, group in log.groups.items():
-        columns = dict(group.columns)
         wanted = GROUPS.get(name, ())
-        if name == "odom" and "x" in columns:  # in a log without another pose, odometry's columns are x, y, yaw
+        if name == "odom" and "x" in group.columns:  # in a log without another pose, odometry's columns are x, y, yaw
             wanted = tuple(dict(zip(POSES[1], POSES[0], strict=True)).get(n, n) for n in wanted)
-        if name in _TOPICS and (table := group.table(wanted)) is not None:
+        table = group.table(wanted) if name in _TOPICS else None
+        if table is not None:
             yield _TOPICS[name], group, table
             if name == body:
-                yield _Topic("/tf", "tf2_msgs/msg/TFMessage", _frame(_WORLD if name == "pose" else _ODOM)), group, table
-            columns = {n: a for n, a in columns.items() if n not in wanted}
-        for column, values in columns.items():
+                yield _Topic("/tf", "tf2_msgs/msg/TFMessage", _TOPICS[name].frame, _frame), group, table
+        for column, values in group.columns.items():
+            if table is not None and column in wanted:
+                continue
             topic = CHANNELS + re.sub(r"[^A-Za-z0-9_/]", "_", f"{name}/{column}")  # what names of topics are made of
             if topic in used:
                 raise ValueError(f"two columns would be written as topic {topic}; rename '{column}'")
             used.add(topic)
-            yield _Topic(topic, CHANNEL, _number), group, values[:, None]
+            yield _Topic(topic, CHANNEL, "", lambda _, value: {"data": value}), group, values[:, None]
 
 
 def _stamps(t: FloatArray, epoch: int) -> list[int]:
@@ -160,7 +145,8 @@ def write_bag(log: Log, path: Path) -> None:
 
     def messages(topic: _Topic, stamps: Sequence[int], rows: Sequence[Sequence[float]]) -> Iterator[tuple[int, _Topic, Any]]:
         for ns, row in zip(stamps, rows, strict=True):
-            yield ns, topic, types.serialize_cdr(_made(types, topic.kind, topic.make(ns, row)), topic.kind)
+            header = {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": topic.frame}
+            yield ns, topic, types.serialize_cdr(_made(types, topic.kind, topic.make(header, *row)), topic.kind)
 
     def write(beside: Path) -> None:
         # a ROS 2 bag is a folder; its one .mcap file is complete in itself

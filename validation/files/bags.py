@@ -4,8 +4,7 @@ Topics with a known message type are read: the planar quantities in them, in SI 
 message has two stamps: the header's, when it was measured, and the bag's, when it was written. The header's is preferred.
 Where there is none, or where it comes from another clock, the bag's is used. Times are counted from the bag's first stamp.
 
-A tf topic is split into one for each pair of frames, named `/tf:PARENT->CHILD`. From joint states only wheels are read:
-joints with `wheel` and `left` or `right` in their names, averaged over each side.
+From joint states only wheels are read: joints with `wheel` and `left` or `right` in their names, averaged over each side.
 
 Topics get roles, and become groups of columns: cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z
 from `imu`, about the vertical that its accelerometer shows; x, y, yaw from `pose` or, without one, from `odom`; odom_v and
@@ -29,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
 from validation.files.limits import LogLimits
-from validation.files.log import POSE_COLUMNS, Group, Log, ReadOptions, Stamps, Topic, check_group
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, ReadOptions, Stamps, Topic, check_group
 from validation.files.reading import DAMAGE, FileError, opened, quoted
 from validation.words import shortened
 
@@ -42,9 +41,6 @@ that is only written late differs by less, and is sorted."""
 _OTHER_CLOCK = 60.0
 """Median distance from the bag's stamps from which a header's clock is another one, such as the time since start-up [s]."""
 _LATEST_NS = 2**62  # greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits
-_TF_PARENTS, _TF_CHILDREN = ("map", "world", "mocap", "vicon", "optitrack"), ("base_link", "base_footprint")
-"""A transform is taken for the pose only from one of these parents to one of these children: odom to base_link is
-odometry."""
 _GRAVITY_SPAN = (8.8, 10.8)
 """Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it, z is the vertical."""
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563  # semi-major axis [m] and flattening [1] of the WGS 84 ellipsoid
@@ -54,7 +50,7 @@ class Role(NamedTuple):
     """What a topic must be for a role."""
 
     columns: tuple[str, ...]
-    """Columns that it must have; wheels need rates or angles of both sides."""
+    """Columns that it must have."""
     types: tuple[str, ...]
     """Message types that are taken for it, the better ones first."""
     preferred: tuple[str, ...] = ()
@@ -62,25 +58,23 @@ class Role(NamedTuple):
 
     def fits(self, topic: Topic) -> bool:
         """Return whether a topic has the columns that the role needs."""
-        there = topic.columns or ()
-        return all(n in there for n in self.columns) or (self.columns == _RATES and all(n in there for n in _ANGLES))
+        return all(n in (topic.columns or ()) for n in self.columns)
 
 
-_RATES, _ANGLES = ("rate_left", "rate_right"), ("angle_left", "angle_right")
 ROLES: Mapping[str, Role] = MappingProxyType(
     {
         "cmd": Role(("v", "w"), ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"), ("cmd_vel",)),
         "odom": Role(("v", "w"), ("nav_msgs/msg/Odometry",), ("controller", "wheel")),
-        "wheels": Role(_RATES, ("sensor_msgs/msg/JointState",)),
+        "wheels": Role(COMMAND_COLUMNS["wheels"], ("sensor_msgs/msg/JointState",)),
         "imu": Role(("gyro_x", "gyro_y", "gyro_z"), ("sensor_msgs/msg/Imu",), ("imu/data",)),
-        "pose": Role(POSE_COLUMNS, ("geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")),
+        "pose": Role(POSE_COLUMNS, ("geometry_msgs/msg/PoseStamped",)),
         "gps": Role(("latitude", "longitude"), ("sensor_msgs/msg/NavSatFix",)),
     }
 )
 """Roles that topics can have, in the order of their groups."""
 
-_Row = tuple[str, int, dict[str, float]]
-"""Suffix of the topic, the header's stamp [ns] (0 for none), and the numbers by column."""
+_Row = tuple[int, dict[str, float]] | None
+"""The header's stamp [ns] (0 for none), and the numbers by column; None for a message that says nothing."""
 
 
 # ------------------------------------------------------------------------------------------ messages
@@ -99,49 +93,39 @@ def _pose(position: Any, orientation: Any) -> dict[str, float]:
     return {"x": position.x, "y": position.y, "yaw": yaw}
 
 
-def _odometry(m: Any) -> Iterator[_Row]:
-    yield "", _header_ns(m), _pose(m.pose.pose.position, m.pose.pose.orientation) | _twist(m.twist.twist)
+def _odometry(m: Any) -> _Row:
+    return _header_ns(m), _pose(m.pose.pose.position, m.pose.pose.orientation) | _twist(m.twist.twist)
 
 
-def _imu(m: Any) -> Iterator[_Row]:
+def _imu(m: Any) -> _Row:
     rates = {f"gyro_{axis}": getattr(m.angular_velocity, axis) for axis in "xyz"}
-    yield "", _header_ns(m), rates | {f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"}
+    return _header_ns(m), rates | {f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"}
 
 
-def _joints(m: Any) -> Iterator[_Row]:
-    """Yield the mean rate of each side's wheels, or their mean angle where a driver sends no rates."""
-    names, values = (_RATES, m.velocity) if len(m.velocity) else (_ANGLES, m.position)
-    if len(values) != len(m.name):
-        return
-    wheels = [(joint.lower(), float(value)) for joint, value in zip(m.name, values, strict=True) if "wheel" in joint.lower()]
-    sides = [[value for joint, value in wheels if side in joint] for side in ("left", "right")]
-    if all(sides):
-        yield "", _header_ns(m), {name: sum(side) / len(side) for name, side in zip(names, sides, strict=True)}
+def _joints(m: Any) -> _Row:
+    """Return the mean rate of each side's wheels."""
+    wheels = [(name.lower(), float(rate)) for name, rate in zip(m.name, m.velocity, strict=False) if "wheel" in name.lower()]
+    sides = [[rate for joint, rate in wheels if side in joint] for side in ("left", "right")]
+    if len(m.velocity) != len(m.name) or not all(sides):
+        return None
+    return _header_ns(m), {n: sum(side) / len(side) for n, side in zip(COMMAND_COLUMNS["wheels"], sides, strict=True)}
 
 
-def _fix(m: Any) -> Iterator[_Row]:
-    if m.status.status >= 0:  # STATUS_FIX and better
-        yield "", _header_ns(m), {"latitude": m.latitude, "longitude": m.longitude}
+def _fix(m: Any) -> _Row:
+    has_fix = m.status.status >= 0  # STATUS_FIX and better
+    return (_header_ns(m), {"latitude": m.latitude, "longitude": m.longitude}) if has_fix else None
 
 
-def _tf(m: Any) -> Iterator[_Row]:
-    for one in m.transforms:
-        frames = f":{one.header.frame_id.lstrip('/')}->{one.child_frame_id.lstrip('/')}"
-        yield frames, _header_ns(one), _pose(one.transform.translation, one.transform.rotation)
-
-
-READERS: Mapping[str, Callable[[Any], Iterator[_Row]]] = MappingProxyType(
+READERS: Mapping[str, Callable[[Any], _Row]] = MappingProxyType(
     {
-        "geometry_msgs/msg/Twist": lambda m: iter([("", 0, _twist(m))]),
-        "geometry_msgs/msg/TwistStamped": lambda m: iter([("", _header_ns(m), _twist(m.twist))]),
-        "geometry_msgs/msg/PoseStamped": lambda m: iter([("", _header_ns(m), _pose(m.pose.position, m.pose.orientation))]),
+        "geometry_msgs/msg/Twist": lambda m: (0, _twist(m)),
+        "geometry_msgs/msg/TwistStamped": lambda m: (_header_ns(m), _twist(m.twist)),
+        "geometry_msgs/msg/PoseStamped": lambda m: (_header_ns(m), _pose(m.pose.position, m.pose.orientation)),
         "nav_msgs/msg/Odometry": _odometry,
         "sensor_msgs/msg/Imu": _imu,
         "sensor_msgs/msg/JointState": _joints,
         "sensor_msgs/msg/NavSatFix": _fix,
-        "tf2_msgs/msg/TFMessage": _tf,
-        "tf/msg/tfMessage": _tf,
-        CHANNEL: lambda m: iter([("", 0, {"value": m.data})]),
+        CHANNEL: lambda m: (0, {"value": m.data}),
     }
 )
 """Functions that read a message, by its type; for a further type, add a line."""
@@ -190,7 +174,7 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
         # the type store serves bags that do not contain their message types: ROS 2 before Iron
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             found = _messages(path, reader, options.limits)
-            used = {topic.partition(":")[0] for topic, _, _ in found}
+            used = {topic for topic, _, _ in found}
             counts: dict[tuple[str, str], int] = {}
             for c in reader.connections:
                 if c.topic not in used and c.msgcount:
@@ -228,11 +212,11 @@ def _messages(path: Path, reader: Any, limits: LogLimits) -> _Collected:
         if not 0 <= ns < _LATEST_NS:
             raise ValueError(f"a message was written at {ns} ns")
         kind = connection.msgtype
-        for suffix, header_ns, numbers in READERS[kind](reader.deserialize(raw, kind)):
-            messages = found.setdefault((connection.topic + suffix, kind, tuple(numbers)), _Messages())
+        if row := READERS[kind](reader.deserialize(raw, kind)):
+            messages = found.setdefault((connection.topic, kind, tuple(row[1])), _Messages())
             messages.written_ns.append(ns)
-            messages.header_ns.append(header_ns)
-            messages.numbers.extend(numbers.values())
+            messages.header_ns.append(row[0])
+            messages.numbers.extend(row[1].values())
     return found
 
 
@@ -249,10 +233,10 @@ def _topic(
     written = np.array(messages.written_ns, dtype=np.int64)
     odd = (np.diff(ns) - np.diff(written)) * 1e-9
     jumps = [(float(written[k + 1] - epoch) * 1e-9, float(odd[k])) for k in np.flatnonzero(np.abs(odd) > _CLOCK_JUMP)]
-    order, late = np.argsort(ns, kind="stable"), int(np.count_nonzero(np.diff(ns) < 0))
+    order = np.argsort(ns, kind="stable")
     table = np.array(messages.numbers, dtype=np.float64).reshape(len(ns), len(names))[order]
     t = np.asarray((ns[order] - epoch) * 1e-9, dtype=np.float64)
-    return Topic(name, kind, t, dict(zip(names, np.ascontiguousarray(table.T), strict=True)), clock, jumps, late)
+    return Topic(name, kind, t, dict(zip(names, np.ascontiguousarray(table.T), strict=True)), clock, jumps)
 
 
 def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str]) -> dict[str, Topic]:
@@ -288,16 +272,15 @@ def _guess(topics: Sequence[Topic], role: Role) -> Topic | None:
     """Return the topic of a role by its message type; None where none of such a type has at least two samples.
 
     Among several, one with a preferred part in its name goes first, then a type that the role lists earlier, then the one
-    with more samples, then the alphabet. A transform that does not place the robot in a map has no role.
+    with more samples, then the alphabet.
     """
-    able = []
-    for topic in topics:
-        parent, arrow, child = topic.name.partition(":")[2].partition("->")
-        placed = not arrow or (parent in _TF_PARENTS and child.split("/")[-1] in _TF_CHILDREN)
-        if topic.type in role.types and role.fits(topic) and len(topic.t) > 1 and placed:
-            preferred = any(part in topic.name for part in role.preferred)
-            able.append(((not preferred, role.types.index(topic.type), -len(topic.t), topic.name), topic))
-    return min(able, key=lambda ranked: ranked[0])[1] if able else None
+
+    def rank(topic: Topic) -> tuple[bool, int, int, str]:
+        preferred = any(part in topic.name for part in role.preferred)
+        return not preferred, role.types.index(topic.type), -len(topic.t), topic.name
+
+    able = [t for t in topics if t.type in role.types and role.fits(t) and len(t.t) > 1]
+    return min(able, key=rank, default=None)
 
 
 # ------------------------------------------------------------------------------------------ groups of columns
@@ -317,7 +300,7 @@ def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) 
         if len(t) < 2:
             raise FileError(path, f"topic {topic.name} has fewer than two samples")
         with np.errstate(all="ignore"):  # what is not finite then is refused below
-            found = _converted(role, t, columns)
+            found = _converted(role, columns)
         if role in ("pose", "odom") and ROLES["pose"].fits(topic):
             found |= {f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n] for n in POSE_COLUMNS}
         group = Group(topic.name, t, found)
@@ -328,20 +311,15 @@ def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) 
     return group
 
 
-def _converted(role: str, t: FloatArray, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def _converted(role: str, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return the columns of a group that a role has besides a pose."""
     if role in ("cmd", "odom"):
         return {f"{role}_v": columns["v"], f"{role}_w": columns["w"]}
-    if role == "wheels" and _RATES[0] in columns:
-        return {"enc_left": columns[_RATES[0]], "enc_right": columns[_RATES[1]]}
-    if role == "wheels":
-        left, right = (np.asarray(np.gradient(np.unwrap(columns[name]), t), dtype=np.float64) for name in _ANGLES)
-        return {"enc_left": left, "enc_right": right}
     if role == "imu":
         return {"gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"]) @ vertical(columns)}
     if role == "gps":
         return dict(zip(("gps_east", "gps_north"), to_local(columns["latitude"], columns["longitude"]), strict=True))
-    return dict(columns) if role == CHANNEL else {}
+    return {} if role == "pose" else dict(columns)
 
 
 def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
@@ -374,8 +352,6 @@ def _remarks(topic: Topic) -> Iterator[str]:
         yield f"{topic.name}: the clock jumps {many}, first by {size:+.3f} s after {when:.3f} s"
     if topic.stamps == "bag" and topic.type != CHANNEL:
         yield f"{topic.name}: stamps are those of writing; the messages have none of that clock"
-    if topic.late:
-        yield f"{topic.name}: {topic.late} samples came late and were sorted in"
 
 
 def read_bag(path: Path, options: ReadOptions) -> Log:

@@ -182,8 +182,6 @@ class Topic:
     """Clock that `t` comes from."""
     jumps: Sequence[tuple[float, float]] = ()
     """Jumps of its clock: the time of writing and the size [s]."""
-    late: int = 0
-    """Number of samples that had to be sorted."""
     role: str = ""
     """Role that it is taken for; empty for none."""
 

@@ -212,7 +212,7 @@ PRICES = {
     "validation/files": (2_310, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (980, "every plant declared once, and profiles"),
     "validation/replicate": (1_670, "the thesis beside us, row by row"),
-    "validation/report": (3_280, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/report": (3_050, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_500, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_590, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (3_820, "answers: contact, engines, terrain, transfer, robustness, filter, drive train, noise"),

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from tests.conftest import metrics_of
 from validation.report.columns import NOTHING, length_unit
 from validation.report.report import Report
-from validation.report.table import Row, Table
-from validation.report.tables import Cell, Grid, text_tables
+from validation.report.table import Cell, Grid, Row, Table, text_tables
 
 texts = st.text("abcdefg hijkl 0123456789", min_size=1, max_size=30).map(lambda t: " ".join(t.split()) or "x")
 numbers = st.floats(-1e6, 1e6).map("{:.4g}".format)

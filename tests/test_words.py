@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 from validation import words
-from validation.report.tables import Cell, Grid, markdown_table
+from validation.report.table import Cell, Grid, markdown_table
 
 NASTY = (
     "\x1b[31mred\x1b[0m",

@@ -43,7 +43,7 @@ from validation.report.motions import (
     comparison_tables,
     headline_horizon,
 )
-from validation.report.tables import with_robot
+from validation.simulator.description import with_robot
 from validation.simulator.health import Health, run_health
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT

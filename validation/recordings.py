@@ -143,7 +143,7 @@ class Commission(LogOptions):
 class LogReport(Report):
     """What was found in a log, or made of it."""
 
-    program: str = "recordings"  # type: ignore[misc]  # see Report
+    program: str = "recordings"
     log: Log
     """The log; of a conversion the new one, with its own stamps unless another rate was asked for."""
     offsets: Sequence[Offset]

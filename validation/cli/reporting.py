@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from validation.progress import Progress, Report
-from validation.report.tables import Grid, least_width, rich_table
+from validation.report.table import Grid, least_width, rich_table
 from validation.words import abridged, each_line, one_line, visible
 
 LOG_EVERY_S = 5.0

@@ -17,7 +17,7 @@ from ssmr.types import FloatArray
 from validation.identify.found import FittedParameter, SearchReport
 from validation.report import drawing
 from validation.report.drawing import ALARM, BESIDE_INK, DASHED, QUIET, Dashes, Ink, Row
-from validation.report.tables import shortened
+from validation.words import shortened
 
 _DECADE = 10.0
 """Costs that span a greater ratio are drawn on a logarithmic scale."""

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 from validation.progress import Report as Progressing
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import Row as PanelRow
-from validation.report.table import Row, Table
-from validation.report.tables import markdown_table
+from validation.report.table import Row, Table, markdown_table
 from validation.thesis.verdicts import Pair, Rows, Verdict, judge, judge_row
 from validation.words import markdown
 

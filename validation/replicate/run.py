@@ -34,8 +34,7 @@ from validation.replicate.theory import THEORY_SECTIONS
 from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
 from validation.report.palette import VERDICT_INKS
 from validation.report.report import FINISHED, INTERRUPTED, Report
-from validation.report.table import Table
-from validation.report.tables import markdown_table
+from validation.report.table import Table, markdown_table
 from validation.thesis.verdicts import FACTOR, RATIO_REACH, SPREADS, STATUSES, UNEXPLAINED, Pair, Rows, Verdict
 
 FRICTION_SECTION, STABILITY_SECTION = THEORY_SECTIONS

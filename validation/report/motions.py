@@ -16,8 +16,7 @@ from ssmr.types import Commands, IndexArray, Trajectory
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.report.tables import with_robot
-from validation.simulator.description import WHEELS, Robot, load_robot
+from validation.simulator.description import WHEELS, Robot, load_robot, with_robot
 from validation.simulator.health import Health
 from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.wheel_loads import WheelLoads

@@ -11,9 +11,8 @@ from validation import store
 from validation.progress import Report as Progressing
 from validation.progress import silent
 from validation.report.columns import legend
-from validation.report.result import Result
-from validation.report.table import Table
-from validation.report.tables import Grid, option_text, report_markdown
+from validation.report.table import Grid, Table, markdown_table, text_tables
+from validation.words import code_span, each_line, markdown, one_line
 
 if TYPE_CHECKING:
     import pandas
@@ -26,10 +25,10 @@ FINISHED, INTERRUPTED = "finished", "interrupted"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Report(Result):
+class Report:
     """What a program found. A program that gives more than this to Python derives from it and adds fields."""
 
-    program: str  # type: ignore[misc]  # a class variable of results that are no reports yet
+    program: str
     """Name of the program and of its files: `compare` for compare.json, compare.png and compare.rrd."""
     title: str
     """What was done, in one line."""
@@ -67,6 +66,10 @@ class Report(Result):
         early = ["It was interrupted; only what was finished before is here."] if self.status == INTERRUPTED else []
         return [*early, *self.sentences]
 
+    def table(self, width: int = 110) -> str:
+        """Return its tables and notes as text of at most `width` columns."""
+        return text_tables(self.grids(), self.notes(), width)
+
     def frame(self, title: str | None = None) -> pandas.DataFrame:
         """Return the table of that title, by default the first one, as a data frame of pandas, in SI units.
 
@@ -93,10 +96,16 @@ class Report(Result):
 
     def markdown(self) -> str:
         """Return all of it as GitHub-flavoured markdown: how it was made, tables, notes, and what the columns mean."""
-        made = {name: value for name, value in self.options.items() if value is not None}
-        facts = {"options": made, "versions": self.versions}
-        keys = dict.fromkeys(key for table in self.tables for key in table.keys)
-        return report_markdown(self.title, facts, self.grids(), self.notes(), [f"- {line}" for line in legend(keys)])
+        lines = [f"# {markdown(self.title)}", ""]
+        for name, values in (("options", self.options), ("versions", self.versions)):
+            made = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None)
+            lines.append(f"- {name}: {code_span(made or 'none')}")
+        for grid in self.grids():
+            lines += ["", f"## {markdown(grid.title)}", "", *markdown_table(grid)]
+            lines += ["", markdown(grid.caption)] if grid.caption else []
+        lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in self.notes())] if self.notes() else []
+        meanings = [f"- {line}" for line in legend(dict.fromkeys(key for table in self.tables for key in table.keys))]
+        return "\n".join([*lines, *(["", "## What the metrics mean", "", *meanings] if meanings else [])]) + "\n"
 
     def report(self) -> Sequence[str]:
         """Return the lines of its markdown file; none where it writes none."""
@@ -121,16 +130,45 @@ class Report(Result):
             raise ValueError(f"nothing moves in a report of {self.program}")
         write_video(self.tracks(self), path, self.title, progress)
 
+    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
+        """Write its picture, report, recording and, last, its JSON file; each is written whole or not at all.
+
+        The JSON file is written even where one of the others cannot be made.
+
+        Args:
+            folder: where to; it is made if it is missing.
+            recording: whether to write the rerun recording too.
+
+        Returns:
+            The paths of what was written.
+
+        Raises:
+            OSError: the folder cannot be made or written.
+        """
+        from validation.report.drawing import save_figure
+
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        picture, text, film, document = (place / f"{self.program}.{ending}" for ending in ("png", "md", "rrd", "json"))
+        written = []
+        try:
+            if self.draw is not None:
+                save_figure(self.figure(), picture)
+                written.append(picture)
+            if report := each_line("\n".join(self.report())):
+                store.write_text(text, report)
+                written.append(text)
+            if recording and self.write_recording(film):
+                written.append(film)
+        finally:  # hours of work are not lost with a picture
+            store.write_json(document, self.as_dict())
+        return [*written, document]
+
     def as_dict(self) -> dict[str, Any]:
         """Return what its JSON file holds: plain values, no NaN."""
         tables = {table.title: list(table.rows) for table in self.tables if table.rows}
-        whole = {
-            **self.document,
-            "notes": list(self.notes()),
-            "options": dict(self.options),
-            "versions": dict(self.versions),
-        }
-        return dict(store.plain({"tables": tables, "status": self.status, **whole}))
+        made = {"notes": list(self.notes()), "options": dict(self.options), "versions": dict(self.versions)}
+        return dict(store.plain({"tables": tables, "status": self.status, **self.document, **made}))
 
     @property
     def made_by(self) -> str:
@@ -138,3 +176,17 @@ class Report(Result):
         used = [f"{name} {self.versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in self.versions]
         chosen = [f"{name} {option_text(value)}" for name, value in self.options.items() if value not in (None, False, ())]
         return " · ".join([*chosen, *used])
+
+    def _repr_markdown_(self) -> str:
+        """Return its tables as a notebook shows them."""
+        blocks = ["\n".join([f"**{markdown(grid.title)}**", "", *markdown_table(grid)]) for grid in self.grids()]
+        return "\n\n".join([*blocks, *map(markdown, self.notes())])
+
+
+def option_text(value: object) -> str:
+    """Return an option as it is written; several values, such as horizons, are joined by commas."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ",".join(map(option_text, value))
+    return f"{value:g}" if isinstance(value, float) else one_line(value)

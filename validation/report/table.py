@@ -1,18 +1,52 @@
-"""A table of rows, whose columns say by their keys how they are written; and its grid, which any medium draws."""
+"""Tables of rows, whose columns say by their keys how they are written, for the terminal (rich) and as markdown."""
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import Any
 
+import rich.table
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.measure import Measurement
+from rich.text import Text
+
 from validation.report.columns import DECLARED, NOTHING, Unit, heading_of, is_length, unit_of
-from validation.report.tables import Cell, Grid, judged_cells
+from validation.words import each_line, markdown_cell, one_line
 
 Row = Mapping[str, Any]
 """A row by key: texts, numbers [SI], None for what there is not, or (median, low, high) for a number with its interval."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry as it is written, and whether it is the best of its kind."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table as it is written: what the terminal and markdown have in common."""
+
+    header: tuple[tuple[str, str], ...]
+    """Name and unit of each column; the unit may be empty."""
+    groups: tuple[tuple[tuple[Cell, ...], ...], ...]
+    """Rows, in groups that a line separates."""
+    left: int
+    """Number of first columns that hold words."""
+    title: str = ""
+    """Heading above the table."""
+    caption: str = ""
+    """Explanation below the table."""
+    trailing: int = 0
+    """Number of last columns that hold words too; the very last one may be wrapped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,31 +89,35 @@ class Table:
             (self.headings.get(k, heading_of(k)), "" if w else units[k].symbol) for k, w in zip(keys, words, strict=True)
         ]
         groups = [
-            self._cells(list(rows), keys, units) for _, rows in groupby(self.rows, lambda row: row.get(self.group or ""))
+            tuple(zip(*(self._column(key, list(rows), units[key]) for key in keys), strict=True))
+            for rows in ([*found] for _, found in groupby(self.rows, lambda row: row.get(self.group or "")))
         ]
         trailing = next((n for n, word in enumerate(reversed(words[left:])) if not word), 0)
         return Grid(tuple(header), tuple(groups), left, self.title, self.caption, trailing)
 
-    def _cells(self, rows: Sequence[Row], keys: Sequence[str], units: Mapping[str, Unit]) -> tuple[tuple[Cell, ...], ...]:
-        """Return the cells of a group of rows."""
-        columns = []
-        for key in keys:
-            texts = {str(i): _text(row.get(key), units[key]) for i, row in enumerate(rows)}
-            declared = DECLARED.get(key)
-            if not self.best or declared is None:
-                columns.append([Cell(text) for text in texts.values()])
-                continue
-            judged = {
-                str(i): row[key]
-                for i, row in enumerate(rows)
-                if isinstance(row.get(key), float)
-                and (declared.wanted == "high" or next(iter(row.values())) != self.reference)
-            }
-            columns.append(list(judged_cells(texts, judged, declared.wanted).values()))
-        return tuple(zip(*columns, strict=True))
+    def _column(self, key: str, rows: Sequence[Row], unit: Unit) -> list[Cell]:
+        """Return a column's cells in a group of rows, the best emphasised: of no less than two, ties as written included."""
+        texts, declared = [_text(row.get(key), unit) for row in rows], DECLARED.get(key)
+        if not self.best or declared is None:
+            return [Cell(text) for text in texts]
+
+        def badness(value: float) -> float:
+            if declared.wanted == "one":
+                return abs(math.log(value)) if value > 0.0 else math.inf
+            return value if declared.wanted == "low" else -value
+
+        judged = {
+            i: badness(row[key])
+            for i, row in enumerate(rows)
+            if isinstance(row.get(key), float)
+            and math.isfinite(row[key])
+            and (declared.wanted == "high" or next(iter(row.values())) != self.reference)
+        }
+        best = texts[min(judged, key=lambda i: judged[i])] if len(judged) > 1 else None
+        return [Cell(text, i in judged and text == best) for i, text in enumerate(texts)]
 
 
-def _numbers(values: Any) -> list[float]:
+def _numbers(values: Iterable[Any]) -> list[float]:
     """Return the numbers among the values of a column, those of intervals too."""
     flat = [part for value in values for part in (value if isinstance(value, tuple) else (value,))]
     return [float(n) for n in flat if isinstance(n, int | float) and not isinstance(n, bool)]
@@ -97,3 +135,90 @@ def _text(value: Any, unit: Unit) -> str:
     if isinstance(value, int | float):
         return unit.text(float(value)) if unit.symbol or not math.isfinite(value) else f"{value:.{unit.significant}g}"
     return NOTHING if value is None else str(value)
+
+
+# --- for the terminal ---
+
+_LABEL, _PROSE = 16, 30
+"""Widths down to which a column of labels and one of sentences are wrapped."""
+
+
+def least_width(grid: Grid) -> int:
+    """Return the width at which a table has all its columns."""
+    console = Console(width=10_000)
+    return Measurement.get(console, console.options, _drawn(grid, range(len(grid.header)))).minimum
+
+
+def rich_table(grid: Grid, width: int | None = None) -> rich.table.Table:
+    """Draw a grid for the terminal. Foreign texts go in as they are, never as markup.
+
+    Args:
+        grid: what to draw.
+        width: columns of the terminal; where the table has too little room, words are wrapped and then the last columns of
+            numbers are left out, which the caption names. None draws all columns.
+    """
+    n = len(grid.header)
+    shown, missing = list(range(n)), list[int]()
+    droppable = [*range(grid.left + 1, n - grid.trailing), *range(n - grid.trailing, n)[: grid.trailing - 1]]
+    console = Console(width=10_000)
+    while width is not None and droppable:
+        if Measurement.get(console, console.options, _drawn(grid, shown)).minimum <= width:
+            break
+        missing.insert(0, droppable.pop())
+        shown.remove(missing[0])
+    names = ", ".join(one_line(grid.header[k][0]) for k in missing)
+    left_out = f"left out for want of room: {names}\n" if missing else ""
+    return _drawn(replace(grid, caption=(left_out + grid.caption).rstrip()), shown)
+
+
+def _drawn(grid: Grid, shown: Iterable[int]) -> rich.table.Table:
+    table = rich.table.Table(
+        box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title_justify="left", caption_justify="left",
+        title=Text(each_line(grid.title), style="bold"), caption=Text(each_line(grid.caption)),
+    )  # fmt: skip
+    last = len(grid.header) - 1
+    for k in shown:
+        name, unit = map(one_line, grid.header[k])
+        is_text = k < grid.left or k > last - grid.trailing
+        heading = name if k < grid.left else name.replace(" ", "\n")
+        cells = [one_line(row[k].text) for group in grid.groups for row in group]
+        least = max(map(cell_len, [*f"{heading}\n[{unit}]".split("\n"), *cells]))
+        if is_text:
+            least = min(least, _PROSE if k == last else _LABEL)
+        table.add_column(
+            Text(f"{heading}\n[{unit}]" if unit else heading), justify="left" if is_text else "right", min_width=least,
+            no_wrap=not is_text, overflow="fold", vertical="bottom",
+        )  # fmt: skip
+    for group in grid.groups:
+        for i, row in enumerate(group):
+            texts = [Text(one_line(row[k].text), style="bold green" if row[k].best else "") for k in shown]
+            table.add_row(*texts, end_section=i + 1 == len(group))
+    return table
+
+
+def text_tables(grids: Iterable[Grid], notes: Iterable[str] = (), width: int = 110) -> str:
+    """Return grids, and sentences below them, as plain text of at most `width` columns."""
+    out = io.StringIO()
+    console = Console(file=out, width=width, color_system=None)
+    for grid in grids:
+        console.print(rich_table(grid, width))
+    for note in notes:
+        console.print(Text(each_line(note)))
+    return out.getvalue()
+
+
+# --- as markdown ---
+
+
+def markdown_table(grid: Grid) -> list[str]:
+    """Draw a grid as the lines of a table of GitHub-flavoured markdown."""
+
+    def line(cells: Iterable[str]) -> str:
+        return "| " + " | ".join(map(markdown_cell, cells)) + " |"
+
+    rows = [row for group in grid.groups for row in group]
+    return [
+        line(f"{name} [{unit}]" if unit else name for name, unit in grid.header),
+        line(":---" if k < grid.left else "---:" for k in range(len(grid.header))),
+        *(line(f"**{cell.text}**" if cell.best else cell.text for cell in row) for row in rows),
+    ]

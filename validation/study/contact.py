@@ -28,9 +28,8 @@ from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of, unit_of
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.report.tables import with_robot
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import Robot, load_robot
+from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SAMPLE, TURNED, creep, measure_spin, rolling_radius, spin, surge

@@ -30,8 +30,7 @@ from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit
 from validation.report.report import Report
 from validation.report.table import Row
-from validation.report.tables import with_robot
-from validation.simulator.description import GRAVITY
+from validation.simulator.description import GRAVITY, with_robot
 from validation.simulator.health import LIFT_SHARE
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant

@@ -34,8 +34,7 @@ from validation.report import drawing
 from validation.report.columns import MILLIMETRES
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.report.tables import with_robot
-from validation.simulator.description import Robot, load_robot
+from validation.simulator.description import Robot, load_robot, with_robot
 from validation.study.options import MOST_RUNS, StudyOptions, require_seeds
 from validation.study.sweep import sweep
 

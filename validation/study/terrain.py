@@ -37,7 +37,7 @@ from validation.report import drawing
 from validation.report.columns import Unit
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.report.tables import with_robot
+from validation.simulator.description import with_robot
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, with_quasi_static

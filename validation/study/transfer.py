@@ -41,7 +41,7 @@ from validation.plants.profile import PLANTS, Profile, choose_profile
 from validation.report import drawing
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.report.tables import with_robot
+from validation.simulator.description import with_robot
 from validation.study.options import AS_NAMES, AnyStudy, require_seeds
 from validation.study.ranking import agreement, choice, mean_costs, places, rank_correlation
 from validation.study.sweep import picture, sweep

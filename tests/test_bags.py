@@ -1,4 +1,4 @@
-"""Bags as streams and as recordings: every generation, every type; what is refused, and how it is said."""
+"""Bags as topics and as logs: every generation, every type; what is refused, and how it is said."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ssmr.robot.localiser import Localiser
-from tests.bag_factory import KINDS, Maker, Message, circle, write
+from tests import bag_factory as make
+from tests.bag_factory import KINDS, Message, circle, poses_at, write
 from tests.conftest import ROUNDOFF
-from validation.bench.sources import drive, open_source
+from validation.bench.sources import open_source
 from validation.files.bags import choose_topics, read_topics, to_local, vertical
 from validation.files.formats import is_log, read_log
 from validation.files.log import RECORDED, Log, ReadOptions, Topic
 from validation.files.reading import FileError
-from validation.plants.profile import Profile, make_plant
 
 STAMP = 1e-6
 """Stamps of bags are whole nanoseconds of a Unix time, which a double of seconds keeps to 0.2 microseconds."""
@@ -28,38 +27,37 @@ STAMP = 1e-6
 @pytest.fixture(scope="session", params=KINDS)
 def bag_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The circle in each kind of bag."""
-    return write(tmp_path_factory.mktemp("bags"), request.param, circle)
+    return write(tmp_path_factory.mktemp("bags"), request.param, circle())
 
 
 # ------------------------------------------------------------------------------------------- what is read
 def test_a_bag_is_the_motion_that_was_recorded(bag_path: Path) -> None:
     assert is_log(bag_path)
-    recording = read_log(bag_path).on_one_clock()
-    assert set(RECORDED) <= set(recording.columns)
-    yaw = 0.4 * (1.0 + recording.t)
-    np.testing.assert_allclose(recording.columns["yaw"], yaw, atol=STAMP)
-    np.testing.assert_allclose(recording.columns["x"], 1.25 * np.sin(yaw), atol=STAMP)
-    np.testing.assert_allclose(recording.columns["enc_left"], 2.25, rtol=ROUNDOFF)  # of the wheels alone, not of the arm
-    np.testing.assert_allclose(recording.columns["enc_right"], 4.25, rtol=ROUNDOFF)
-    np.testing.assert_allclose(recording.columns["gyro_z"], 0.4, rtol=ROUNDOFF)  # about the vertical, not about its z
-    assert recording.columns["cmd_w"][0] == 0.0  # nobody had commanded yet: the stamp of writing is 10 ms later
-    np.testing.assert_allclose(recording.columns["cmd_w"][1:], 0.4, rtol=ROUNDOFF)
-    east = 1.25 * (np.sin(yaw) - math.sin(0.4))
-    np.testing.assert_allclose(recording.columns["gps_east"], east, atol=1e-4)  # the factory's degrees have six digits
-    np.testing.assert_allclose(recording.columns["odom_v"], 0.5, rtol=ROUNDOFF)
-
-
-def test_compare_and_fit_take_bags_for_recordings(bag_path: Path, lab: Profile) -> None:
-    source = open_source(str(bag_path), "wheels", stop=2.0)
-    (piece,) = source.pieces
-    assert piece.t is not None
+    log = read_log(bag_path).on_one_clock()
+    there = log.columns
+    assert set(RECORDED) <= set(there)
+    yaw = 0.4 * (1.0 + log.t)
+    np.testing.assert_allclose(there["yaw"], yaw, atol=STAMP)
+    np.testing.assert_allclose(there["x"], 1.25 * np.sin(yaw), atol=STAMP)
+    np.testing.assert_allclose(there["enc_left"], 2.25, rtol=ROUNDOFF)  # of the wheels alone, not of the arm
+    np.testing.assert_allclose(there["enc_right"], 4.25, rtol=ROUNDOFF)
+    np.testing.assert_allclose(there["gyro_z"], 0.4, rtol=ROUNDOFF)  # about the vertical, not about its z
+    assert there["cmd_w"][0] == 0.0  # nobody had commanded yet: the stamp of writing is 10 ms later
+    np.testing.assert_allclose(there["cmd_w"][1:], 0.4, rtol=ROUNDOFF)
+    np.testing.assert_allclose(there["gps_east"], 1.25 * (np.sin(yaw) - math.sin(0.4)), atol=1e-4)  # of six digits
+    np.testing.assert_allclose(there["odom_v"], 0.5, rtol=ROUNDOFF)
+    (piece,) = open_source(str(bag_path), "wheels", stop=2.0).pieces
     assert piece.t[-1] <= 2.0
-    motion = drive(make_plant(lab, "kinematic"), piece, Localiser(), source.sample_dt)
-    assert len(motion) == len(piece.t)
 
 
-TOPICS = {"/cmd_vel", "/fix", "/husky_velocity_controller/odom", "/imu/data", "/joint_states",
-          "/vrpn_client_node/husky/pose"}  # fmt: skip
+TOPICS = {
+    "/cmd_vel",
+    "/fix",
+    "/husky_velocity_controller/odom",
+    "/imu/data",
+    "/joint_states",
+    "/vrpn_client_node/husky/pose",
+}
 
 
 def topics_of(path: Path, **options: object) -> dict[str, Topic]:
@@ -77,30 +75,21 @@ def test_every_kind_of_bag_gives_the_same_topics(bag_path: Path) -> None:
 
 
 def test_commands_count_as_zero_once_they_are_old(tmp_path: Path) -> None:
-    def silent(make: Maker) -> list[Message]:
-        poses = [("/pose", 0.1 * k, make.pose_stamped(0.1 * k, 0.0, 0.0, 0.0)) for k in range(30)]
-        return sorted(
-            [*poses, *[("/cmd_vel", t, make.twist_stamped(t, 1.0, 0.0)) for t in (0.55, 0.65)]], key=lambda m: m[1]
-        )
-
-    recording = read_log(write(tmp_path, "ros1", silent)).on_one_clock()
-    driven = recording.columns["cmd_v"] > 0.0
-    np.testing.assert_array_equal(driven, (recording.t > 0.55) & (recording.t < 1.15))
+    commands = [("/cmd_vel", t, make.twist_stamped(t, 1.0, 0.0)) for t in (0.55, 0.65)]
+    log = read_log(write(tmp_path, "ros1", sorted([*poses_at(30), *commands], key=lambda m: m[1]))).on_one_clock()
+    np.testing.assert_array_equal(log.columns["cmd_v"] > 0.0, (log.t > 0.55) & (log.t < 1.15))
 
 
 # ------------------------------------------------------------------------------------------- topics
 def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
-    def many(make: Maker) -> list[Message]:
-        out: list[Message] = []
-        for t in 0.1 * np.arange(20):
-            out += [
-                ("/odometry/filtered", t, make.odometry(t, (0.0, 0.0, 0.0), 9.0, 0.0)),
-                ("/husky_velocity_controller/odom", t, make.odometry(t, (0.0, 0.0, 0.0), 1.0, 0.0)),
-                ("/a_first/twist", t, make.twist(9.0, 0.0)),
-                ("/husky/cmd_vel", t, make.twist(1.0, 0.0)),
-            ]
-        return out
-
+    many: list[Message] = []
+    for t in (0.1 * np.arange(20)).tolist():
+        many += [
+            ("/odometry/filtered", t, make.odometry(t, (0.0, 0.0, 0.0), 9.0, 0.0)),
+            ("/husky_velocity_controller/odom", t, make.odometry(t, (0.0, 0.0, 0.0), 1.0, 0.0)),
+            ("/a_first/twist", t, make.twist(9.0, 0.0)),
+            ("/husky/cmd_vel", t, make.twist(1.0, 0.0)),
+        ]
     path = write(tmp_path, "mcap", many)
     topics = list(topics_of(path).values())
     chosen = {role: topic.name for role, topic in choose_topics(path, topics, {}).items()}
@@ -125,59 +114,52 @@ def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message
 
 
 # ------------------------------------------------------------------------------------------- faults
-def fault(path: Path) -> str:
-    with pytest.raises(FileError) as refused:
-        read_log(path).on_one_clock()
-    text = str(refused.value)
-    assert "\n" not in text
-    assert str(path) in text
-    return text
+IMU_LATER = [("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) for k in range(10)]
+FAULTS: dict[str, tuple[list[Message], str]] = {
+    "a clock that jumps": (poses_at(jump=30.0), "jumps by +30.000 s after 1.000 s; stamps bag takes the times of writing"),
+    "no number": (poses_at(value=math.nan), "/pose, 0.000 s: x is nan m, wanted a finite number [m]; topics pose=none"),
+    "no overlap": ([*poses_at(10), *IMU_LATER], "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s"),
+    "nothing of use": ([("/rosout", 0.1 * k, make.text("hello")) for k in range(3)], "nothing of use"),
+    "nothing": ([], "empty"),
+    "one sample": (poses_at(1), "fewer than two samples; topics pose=none leaves it out"),
+}  # fmt: skip
 
 
-def poses(ticks: Sequence[tuple[float, float]], value: float = 0.0):
-    """Poses at (stamp, written) [s]."""
-    return lambda make: [("/pose", written, make.pose_stamped(t, value, 0.0, 0.0)) for t, written in ticks]
+def refused(path: Path, **options: object) -> str:
+    """The one line with which a bag is refused."""
+    with pytest.raises(FileError) as caught:
+        read_log(path, ReadOptions(**options)).on_one_clock()
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+    return str(caught.value)
 
 
-def test_a_clock_that_jumps_is_refused_with_the_way_round(tmp_path: Path) -> None:
-    path = write(tmp_path, "ros1", poses([(0.1 * k + (0.0 if k < 10 else 30.0), 0.1 * k) for k in range(20)]))
-    message = fault(path)
-    assert "the clock of topic /pose jumps by +30.000 s after 1.000 s" in message
-    assert "stamps bag takes the times of writing; topics pose=none leaves it out" in message
-    assert len(read_log(path, ReadOptions(stamps="bag")).t) == 20
+@pytest.mark.parametrize("case", FAULTS)
+def test_what_cannot_be_used_is_refused_with_the_way_round(tmp_path: Path, case: str) -> None:
+    messages, said = FAULTS[case]
+    for kind in ("ros1", "mcap"):
+        named = {"topics": {"pose": "/pose"}} if case == "one sample" else {}
+        path = write(tmp_path, kind, messages)
+        assert said in refused(path, **named)
+    if case == "a clock that jumps":
+        assert len(read_log(path, ReadOptions(stamps="bag")).t) == 20
 
 
 def test_late_samples_are_sorted_and_stamps_of_another_clock_are_not_believed(tmp_path: Path) -> None:
-    ticks = [(0.1 * k, 0.1 * k + (0.25 if k == 7 else 0.0)) for k in range(20)]
-    topic = topics_of(write(tmp_path, "mcap", poses(sorted(ticks, key=lambda m: m[1]))))["/pose"]
-    assert np.all(np.diff(topic.t) > 0.0)
-    booted = write(tmp_path, "mcap", poses([(0.1 * k - 1e6, 0.1 * k) for k in range(20)]), "booted")
-    assert topics_of(booted)["/pose"].stamps == "bag"
+    def topic(ticks: Sequence[tuple[float, float]], name: str) -> Topic:
+        messages = [("/pose", written, make.pose_stamped(t, 0.0)) for t, written in sorted(ticks, key=lambda m: m[1])]
+        return topics_of(write(tmp_path, "mcap", messages, name))["/pose"]
+
+    assert np.all(np.diff(topic([(0.1 * k, 0.1 * k + (0.25 if k == 7 else 0.0)) for k in range(20)], "late").t) > 0.0)
+    assert topic([(0.1 * k - 1e6, 0.1 * k) for k in range(20)], "booted").stamps == "bag"
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_is_no_bag_or_an_empty_one_is_said_so(tmp_path: Path, kind: str) -> None:
+def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
-    assert "no ROS 2 bag: there is no metadata.yaml in it" in fault(tmp_path / "folder")
+    assert "no ROS 2 bag: there is no metadata.yaml in it" in refused(tmp_path / "folder")
     for name in ("text.bag", "text.mcap"):
         (tmp_path / name).write_text("hello, this is no bag at all")
-        assert "no bag that can be read, or a damaged one" in fault(tmp_path / name)
-    assert "empty" in fault(write(tmp_path, kind, lambda make: [], "empty"))
-    talk = write(tmp_path, kind, lambda make: [("/rosout", 0.1 * k, make.text("hello")) for k in range(3)], "talk")
-    assert "nothing of use" in fault(talk)
-
-
-def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, "sqlite", poses([(0.1 * k, 0.1 * k) for k in range(5)], math.nan))
-    assert "/pose, 0.000 s: x is nan m, wanted a finite number [m]; topics pose=none leaves it out" in fault(path)
-
-
-def test_topics_that_do_not_overlap_are_refused(tmp_path: Path) -> None:
-    def apart(make: Maker) -> list[Message]:
-        first = [("/pose", 0.1 * k, make.pose_stamped(0.1 * k, 0.0, 0.0, 0.0)) for k in range(10)]
-        return [*first, *[("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) for k in range(10)]]
-
-    assert "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s" in fault(write(tmp_path, "mcap", apart))
+        assert "no bag that can be read, or a damaged one" in refused(tmp_path / name)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
@@ -187,7 +169,7 @@ def test_damaged_bags_are_read_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, kind: str, data: st.DataObject
 ) -> None:
     if kind not in _WHOLE:
-        whole = write(tmp_path_factory.mktemp("whole"), kind, lambda make: circle(make, 8))
+        whole = write(tmp_path_factory.mktemp("whole"), kind, circle(8))
         _WHOLE[kind] = next(whole.glob("*.db3")) if kind == "sqlite" else whole
     whole = _WHOLE[kind]
     damaged = bytearray(whole.read_bytes())
@@ -201,8 +183,8 @@ def test_damaged_bags_are_read_or_refused_in_one_line(
         path = path.parent
     try:
         log = read_log(path)
-    except FileError as refused:
-        assert "\n" not in str(refused)  # noqa: PT017
+    except FileError as fault:
+        assert "\n" not in str(fault)  # noqa: PT017
     else:
         assert isinstance(log, Log)
 

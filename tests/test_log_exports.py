@@ -68,7 +68,7 @@ def test_what_was_written_is_read_back(tmp_path_factory: pytest.TempPathFactory,
 
 
 def test_odometry_without_another_pose_comes_back_as_the_pose(tmp_path: Path) -> None:
-    bag, mcap, options = write(tmp_path, "ros1", circle), tmp_path / "again.mcap", ReadOptions({"pose": "none"})
+    bag, mcap, options = write(tmp_path, "ros1", circle()), tmp_path / "again.mcap", ReadOptions({"pose": "none"})
     convert(bag, topics={"pose": "none"}).write(mcap)
     first, again = (read_log(p, options).columns for p in (bag, mcap))
     assert set(again) == set(first) > set(POSE_COLUMNS)
@@ -131,7 +131,7 @@ def status(*arguments: object) -> int:
 
 
 def test_no_target_is_its_source_or_a_part_of_it(tmp_path: Path) -> None:
-    bag = write(tmp_path, "mcap", circle).parent
+    bag = write(tmp_path, "mcap", circle()).parent
     before = {p: p.read_bytes() for p in bag.iterdir()}
     part = next(bag.glob("*.mcap"))
     (tmp_path / "part.mcap").symlink_to(part)

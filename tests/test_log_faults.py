@@ -66,12 +66,6 @@ def test_jumps_are_found_where_they_are(name: str, size: float) -> None:
     np.testing.assert_allclose(steps, abs(size), atol=0.13)  # the robot itself drives up to 0.06 m; noise of both poses
 
 
-def test_larger_wheels_are_no_jumps() -> None:
-    columns = drive()
-    fast = {**columns, **{n: 6.0 * columns[n] for n in ("x", "y")}}  # 3.6 m/s: 0.36 m in a step
-    assert faults_of(fast).sentences() == []
-
-
 def test_motion_through_a_gap_is_no_jump() -> None:
     columns = drive()
     keep = (columns["t"] < 20.0) | (columns["t"] > 24.0)
@@ -167,19 +161,6 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path,
         costs.append(fitted.cost)
     assert abs(errors[1] - errors[0]) < 0.5  # of 5 m
     assert abs(costs[1] - costs[0]) < 0.15  # every fifth window of 6 s would span a jump: 0.5 m on average
-
-
-def test_windows_of_the_picture_span_no_jump_either(tmp_path: Path) -> None:
-    at = [float(a) for a in np.arange(4.0, 60.0, 8.0)]
-    write_csv(with_jumps(drive(), dict.fromkeys(at, 2.0)), tmp_path / "log.csv")
-    settings = {"input": "wheels", "horizons": (6.0,)}
-    found = compare(str(tmp_path / "log.csv"), plants=("kinematic",), workers=1, **settings)
-    titles = [ax.get_title(loc="left") for ax in found.figure().axes if ax.get_xlabel() == "ahead [m]"]
-    assert titles
-    for title in titles:
-        start, end = (float(word) for word in title.removesuffix(" s").split(" to "))
-        assert not any(start < a <= end for a in at), title
-    assert found.plants["kinematic"].horizons[6.0].n == sum(len(starts) for starts, _ in found.scoring[6.0])
 
 
 def test_info_writes_what_it_found(tmp_path: Path) -> None:

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 import os
 import re
-import socket
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ssmr.parameters import described
+from tests import bag_factory as make
 from tests.bag_factory import poses_at, write
-from validation import cli
+from tests.conftest import exit_status
 from validation.bench.sources import open_source
-from validation.bench.waypoint_files import read_waypoints
 from validation.files import formats
 from validation.files.csv_logs import read_csv
 from validation.files.formats import LogFormat, read_log
@@ -38,39 +36,19 @@ def drive(folder: Path, t: np.ndarray, columns: dict[str, np.ndarray] | None = N
     return path
 
 
-# --------------------------------------------------------------------------------------------------- regular files only
-def pipe(path: Path) -> None:
-    os.mkfifo(path)
-
-
-def link_to_zero(path: Path) -> None:
-    path.symlink_to("/dev/zero")
-
-
-def local_socket(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as made:
-        made.bind(str(path))
-
-
-@pytest.mark.parametrize("kind", [pipe, link_to_zero, local_socket])
-@pytest.mark.parametrize("name", ["a.csv", "a.bag", "a.mcap", "folder", "way.csv"])
-def test_what_is_no_file_is_refused_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Callable[[Path], None], name: str
-) -> None:
-    monkeypatch.chdir(tmp_path)  # names of sockets are short
-    path = Path(name)
+# --------------------------------------------------------------------------------------------------- files and sizes
+@pytest.mark.parametrize("name", ["a.csv", "a.bag", "a.mcap", "folder"])
+def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
     if name == "folder":
         path.mkdir()
-        kind(path / "metadata.yaml")
-    else:
-        kind(path)
+    os.mkfifo(path / "metadata.yaml" if name == "folder" else path)
     began = time.perf_counter()
-    with pytest.raises(FileError, match=r"a (pipe|device|socket)|cannot be read \(No such device"):
-        read_waypoints(path, 0.25) if name == "way.csv" else read_log(path)
+    with pytest.raises(FileError, match="a pipe"):
+        read_log(path)
     assert time.perf_counter() - began < 5.0
 
 
-# --------------------------------------------------------------------------------------------------- sizes
 def test_sizes_are_limited_before_anything_is_held(tmp_path: Path) -> None:
     huge = tmp_path / "huge.csv"
     with huge.open("wb") as file:
@@ -85,7 +63,7 @@ def test_sizes_are_limited_before_anything_is_held(tmp_path: Path) -> None:
     for limits, line in (({"samples": 50}, 52), ({"cells": 150}, 77)):
         with pytest.raises(FileError, match=f"line {line}: there are too many rows: the limit {next(iter(limits))} is"):
             read_csv(path, ReadOptions(limits=USUAL.changed(limits)))
-    bag = write(tmp_path, "mcap", poses_at)
+    bag = write(tmp_path, "mcap", poses_at())
     with pytest.raises(FileError, match=r"too many messages or topics: the limit samples is 7"):
         read_log(bag, ReadOptions(limits=USUAL.changed({"samples": 7})))
 
@@ -100,16 +78,13 @@ T = 0.05 * np.arange(1200)
         (
             T * 1e9,
             2,
-            "the median step is 5e+07 s, but the limit period is 5 s; t looks like nanoseconds: divide it by 1e+09",
+            "the median step is 5e+07 s, but the limit period is 5 s; t looks like nanoseconds: divide",
         ),
         (T * 1e6, 2, "t looks like microseconds: divide it by 1e+06"),
-        (T * 1e3, 2, "t looks like milliseconds: divide it by 1000"),
-        ((1.7e9 + T) * 1e9, 2, "t looks like nanoseconds"),
-        ((1.7e9 + T) * 1e3, 2, "t looks like milliseconds"),
+        ((1.7e9 + T) * 1e3, 2, "t looks like milliseconds: divide it by 1000"),
         (T * 1e300, 2, "the median step is 5e+298 s"),
         (T * 1e-300, 2, "the median step is 5e-302 s, but the limit rate is 100000 Hz"),
         (np.append(T, 1e9), 1202, "time jumps from 59.95 to 1e+09 s, but the limit gap is 3600 s"),
-        (np.append(T, 1e5), 1202, "time jumps from 59.95 to 100000 s"),
         (np.append(T, 1e300), 1202, "time jumps from 59.95 to 1e+300 s"),
         (np.append(-1e9, T), 3, "time jumps from -1e+09 to 0 s"),
         (np.sort(np.append(T, 5e-324)), 3, "the step from the sample before is 4.94e-324 s"),
@@ -129,23 +104,12 @@ def test_stamps_too_large_to_be_added_are_one_fault(t: tuple[float, ...]) -> Non
         assert find_time_fault(np.array(t), USUAL) is not None
 
 
-def test_a_bag_with_a_stray_stamp_names_the_topic_and_the_sample(tmp_path: Path) -> None:
-    def stray(make):
-        return [*poses_at(make), ("/pose", 1e6, make.pose_stamped(1e6, 0.0, 0.0, 0.0))]
-
-    with pytest.raises(FileError, match=r"/pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"):
-        read_log(write(tmp_path, "ros1", stray))
-
-
 # --------------------------------------------------------------------------------------------------- numbers
-@pytest.mark.parametrize("value", [1e308, -1e308, 1e200])
 @pytest.mark.parametrize("name", ["cmd_v", "cmd_w", "enc_left", "gyro_z", "x", "yaw"])
-def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path, name: str, value: float) -> None:
-    values = np.zeros(1200)
-    values[700] = value
-    path = drive(tmp_path, T, {name: values})
+def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path, name: str) -> None:
+    path = drive(tmp_path, T, {name: np.where(np.arange(1200) == 700, -1e200, 0.0)})
     for read in (read_csv, info, lambda p: open_source(str(p))):
-        with pytest.raises(FileError, match=r"there is .*, more than") as refused:
+        with pytest.raises(FileError, match=r"there is -1e\+200 .*, more than") as refused:
             read(path)
         assert (refused.value.line, refused.value.column) == (702, name)
 
@@ -155,30 +119,30 @@ def test_channels_that_cannot_be_are_left_out(tmp_path: Path, caplog: pytest.Log
     path = drive(tmp_path, T, {"x": np.sin(T), "odom_v": odd, "odom_w": odd, "battery": odd, "acc": 1e30 * (odd > 0.0)})
     assert list(read_csv(path).groups["channels"].columns) == ["acc"]
     assert "line 702, column odom_v: there is 1e+308 m/s, more than 100; the column is left out" in caplog.text
-    assert info(path).log.groups["channels"].columns.keys() == {"acc"}
 
 
-@pytest.mark.parametrize("value", [1e308, 1e200])
-def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_path: Path, value: float) -> None:
-    def far(make):
-        return [
-            (topic, 0.1 * k, message)
-            for k in range(20)
-            for topic, message in (
-                ("/pose", make.pose_stamped(0.1 * k, value, 0.0, 0.0)),
-                ("/odom", make.odometry(0.1 * k, (0.0, 0.0, 0.0), value, 0.0)),
-                ("/imu", make.imu(0.1 * k, (0.0, 0.0, value), (value, value, -value))),
-                ("/joints", make.joints(0.1 * k, {"left_wheel": value * k, "right_wheel": -value})),
-                ("/fix", make.fix(0.1 * k, value, -value * k)),
-            )
-        ]
-
+def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_path: Path) -> None:
+    value = 1e200
+    far = [
+        (topic, 0.1 * k, message)
+        for k in range(20)
+        for topic, message in (
+            ("/pose", make.pose_stamped(0.1 * k, value)),
+            ("/odom", make.odometry(0.1 * k, (0.0, 0.0, 0.0), value, 0.0)),
+            ("/imu", make.imu(0.1 * k, (0.0, 0.0, value), (value, value, -value))),
+            ("/joints", make.joints(0.1 * k, {"left_wheel": value * k, "right_wheel": -value})),
+            ("/fix", make.fix(0.1 * k, value, -value * k)),
+        )
+    ]
     bag = write(tmp_path, "mcap", far)
-    with pytest.raises(FileError, match=r"/odom, 0.000 s: odom_v is 1e\+\d+ m/s, more than 100;"):
+    with pytest.raises(FileError, match=r"/odom, 0.000 s: odom_v is 1e\+200 m/s, more than 100;"):
         read_log(bag)
     found = info(bag)
     assert len(found.log.left_out) == 5
     assert not found.log.groups
+    stray = write(tmp_path, "ros1", [*poses_at(), ("/pose", 1e6, make.pose_stamped(1e6, 0.0))])
+    with pytest.raises(FileError, match=r"/pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"):
+        read_log(stray)
 
 
 @pytest.mark.parametrize(
@@ -203,12 +167,10 @@ def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
 
 # --------------------------------------------------------------------------------------------------- the limits themselves
 def test_limits_can_be_raised_by_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = drive(tmp_path, 10.0 * np.arange(100))
-    with pytest.raises(SystemExit):
-        cli.run(PROGRAM, "recordings", ["info", str(path)])
+    path = str(drive(tmp_path, 10.0 * np.arange(100)))
+    assert exit_status(PROGRAM, "info", path) == 2
     assert "the limit period is 5 s" in capsys.readouterr().err
-    cli.run(PROGRAM, "recordings", ["info", str(path), "--limits", "period=20"])
-    assert "drive.csv" in capsys.readouterr().out
+    assert exit_status(PROGRAM, "info", path, "--limits", "period=20") == 0
     with pytest.raises(ValueError, match="span"):
         LogLimits(span=0.0)
 

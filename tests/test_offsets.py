@@ -75,16 +75,6 @@ def with_group(log: Log, name: str, columns: dict[str, np.ndarray]) -> Log:
     return replace(log, groups={**log.groups, name: replace(log.groups[name], columns=columns)})
 
 
-def test_sides_that_are_refreshed_in_turn_are_no_later_for_that() -> None:
-    """Each side is measured at 4 Hz and logged at 20 Hz, the right one 0.1 s after the left."""
-    log = made(0.1, 0.3, 0.3)
-    wheels, rows = log.groups["wheels"], np.arange(len(log.t))
-    last = {"enc_left": rows // 5 * 5, "enc_right": np.maximum((rows - 2) // 5 * 5 + 2, 0)}
-    found = found_in(with_group(log, "wheels", {side: wheels.columns[side][last[side]] for side in last}))
-    for name, true in (("wheels", 0.1), ("position", 0.3), ("pose_yaw", 0.3)):
-        assert not error_beyond(found[name], true), found[name]
-
-
 def test_standard_errors_are_as_large_as_the_errors() -> None:
     errors, told = [], []
     for seed in range(8):

@@ -72,18 +72,11 @@ def test_a_file_that_does_not_tell_its_size_is_not_read_without_end() -> None:
         reading.read_file(path, 100)
 
 
-@pytest.mark.parametrize("name", ["a\0b", "n" * 5000], ids=["NUL", "long"])
-def test_a_name_that_no_file_can_have_is_a_file_that_is_not_there(name: str, load: Callable[[Path], object]) -> None:
-    with pytest.raises(ValueError, match=r"\S"):
-        load(Path(name))
-
-
 TOO_DEEP = {
     "tables": "a = " + "{b = " * 3000 + "1" + "}" * 3000,
     "lists": "a = " + "[" * 3000 + "]" * 3000,
     "tables that the parser takes": "a = " + "{b = " * 40 + "1" + "}" * 40,
     "dots": ".".join("a" * 400) + " = 1",
-    "more dots": "\n".join(".".join("a" * 2000) + " = 1" for _ in range(20)),
     "a header": "[" + ".".join("a" * 300) + "]",
 }
 
@@ -103,18 +96,7 @@ def test_a_whole_number_of_toml_has_64_bits(tmp_path: Path, text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "[" * 100_000,
-        "[" * 40 + "]" * 40,
-        '{"a":' * 5000,
-        "NaN",
-        "[Infinity]",
-        "1e999",
-        '["\\ud800"]',
-        '{"\\ud800": 1}',
-        "",
-        "{",
-    ],
+    ["[" * 100_000, "[" * 40 + "]" * 40, "NaN", "[1e999]", '["\\ud800"]', '{"\\ud800": 1}', "", "{"],
 )
 def test_no_json_brings_what_cannot_be_walked_or_written(text: str) -> None:
     with pytest.raises(ValueError, match=r"^mine\.json: "):

@@ -19,7 +19,7 @@ from validation.bench import sources
 from validation.bench.sources import WindowCut, commands_on_grid, open_source, source_of, standing_sentences
 from validation.files.csv_logs import write_csv
 from validation.files.limits import USUAL
-from validation.files.log import Log, fresh_poses
+from validation.files.log import Log
 from validation.identify.objective import windows
 
 EXACT_FIT = 1e-9
@@ -72,13 +72,6 @@ def test_sides_that_are_refreshed_in_turn_are_interpolated_one_by_one() -> None:
     ends = (middle > 0.1) & (middle < 4.8)  # until the last sample that is new to a side
     truth = np.column_stack([3.0 * middle, 1.0 - 2.0 * middle])
     np.testing.assert_allclose(made.values[ends], truth[ends], atol=1e-12)
-
-
-def test_fresh_poses() -> None:
-    x = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 2.0, *[2.0] * 12, 3.0, 3.0])
-    yaw = np.array([0.0] * 4 + [1.0] * 16)  # a turn on the spot, at the fifth sample
-    fresh = fresh_poses(ticks(20, 0.1), np.column_stack([x, 0.0 * x, yaw]))
-    assert np.flatnonzero(fresh).tolist() == [0, 2, 4, 5, 16, 17, 18]  # still since 0.5 s, so from 1.6 s on all count
 
 
 @pytest.mark.parametrize("twist", [(0.4, 0.0, 1e-9), (0.4, -0.1, 1.5), (-0.3, 0.2, -2.0)])

@@ -146,7 +146,7 @@ def write_bag(log: Log, path: Path) -> None:
     def messages(topic: _Topic, stamps: Sequence[int], rows: Sequence[Sequence[float]]) -> Iterator[tuple[int, _Topic, Any]]:
         for ns, row in zip(stamps, rows, strict=True):
             header = {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": topic.frame}
-            yield ns, topic, types.serialize_cdr(_made(types, topic.kind, topic.make(header, *row)), topic.kind)
+            yield ns, topic, types.serialize_cdr(message_of(types, topic.kind, topic.make(header, *row)), topic.kind)
 
     def write(beside: Path) -> None:
         # a ROS 2 bag is a folder; its one .mcap file is complete in itself
@@ -164,19 +164,19 @@ def write_bag(log: Log, path: Path) -> None:
     write_atomic(path, write)
 
 
-def _made(types: Any, kind: str, fields: _Fields) -> Any:
-    """Return a message of a type."""
+def message_of(types: Any, kind: str, fields: _Fields) -> Any:
+    """Return a message of a type of a rosbags type store; fields that are not given are zero or empty."""
     from rosbags.interfaces import Nodetype
 
     found = {}
     for name, (node, detail) in types.fielddefs[kind][1]:
         given = fields.get(name)
         if node is Nodetype.NAME:
-            found[name] = _made(types, detail, given or {})
+            found[name] = message_of(types, detail, given or {})
         elif node is Nodetype.BASE:
             found[name] = given or ("" if detail[0] == "string" else 0)
         elif detail[0][0] is Nodetype.NAME:
-            found[name] = [_made(types, detail[0][1], each) for each in given or ()]
+            found[name] = [message_of(types, detail[0][1], each) for each in given or ()]
         else:
             found[name] = np.zeros(detail[1]) if given is None else given
     return types.types[kind](**found)

@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 from ssmr.robot.ground import turn_on_the_spot
-from ssmr.types import Commands, State
+from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK, WHEELBASE
 from tests.test_robustness import run_program
-from validation.bench.sources import Piece, drive, source_of
-from validation.files.log import Log
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.calibration import Calibration
@@ -28,10 +26,8 @@ from validation.study.contact import (
     CONTACT_DRIVES,
     CONTACT_MEASURES,
     Bench,
-    ContactStudy,
     Setting,
     Trial,
-    badness,
     chosen_settings,
     make_bench,
     study_contact,
@@ -70,11 +66,18 @@ def measured(bench: Bench, name: str) -> dict[str, Any]:
     return {"variant": name} | {k: v for take in CONTACT_DRIVES.values() for k, v in take(trial).items()}
 
 
+GOOD = {
+    "ripple_share": 0.01, "lifted_share": 0.005, "glide_share": 0.02, "wander_m": 0.01, "drift_m": 0.001,
+    "off_closed_form_share": FORM_ERROR, "veer_share": 0.001, "creep_m_s": 1e-4, "surge_share": 0.02,
+    "ground_turned_m": 0.005, "step_halved_m": 0.01, "to_improved_m": 0.025, "to_coulomb_m": 0.035, "to_linear_m": 0.025,
+}  # fmt: skip
+"""Greatest sizes of measures of a robot that drives as mechanics says [SI]."""
+
+
 def test_what_is_shipped_is_right_in_everything(small: Report) -> None:
-    for column, (_, limits) in {c: m for some in CONTACT_MEASURES.values() for c, m in some.items()}.items():
-        bad = badness(of(small, BASELINE).get(column), limits)
-        assert np.isnan(bad) or bad == 0.0, column
-    assert abs(of(small, BASELINE)["off_closed_form_share"]) < FORM_ERROR
+    found = of(small, BASELINE)
+    for column, most in GOOD.items():
+        assert abs(found[column]) <= most, column
 
 
 def test_pyramids_know_the_worlds_axes_and_do_not_converge(small: Report) -> None:
@@ -154,6 +157,7 @@ def test_creep_falls_as_one_over_impratio(lab: Profile) -> None:
     found = []
     for ratio in (1.0, 10.0):
         plant = Setting(PhysicsSettings(impratio=ratio), {}).plant(lab.plants["mujoco"])
+        assert isinstance(plant, MujocoPlant)
         gravity = np.array(plant.model.opt.gravity)
         found.append(creep(plant))
         assert np.array_equal(plant.model.opt.gravity, gravity)
@@ -170,7 +174,7 @@ def test_what_cannot_be_driven_says_why(small: Report) -> None:
     assert of(small, HOPELESS) == {"variant": HOPELESS}
     columns = {column for some in CONTACT_MEASURES.values() for column in some}
     for name in (BASELINE, PYRAMIDAL, DEFAULT):
-        assert columns - set(of(small, name)) == {"recording_m", "recording_yaw_rad"}
+        assert columns <= set(of(small, name))
 
 
 def test_a_study_repeats_alone_or_beside_others(small: Report, bench: Bench) -> None:
@@ -183,39 +187,28 @@ def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
     assert of(small, BASELINE)["to_improved_m"] == pytest.approx(np.mean(list(record.values())), abs=2e-4)
 
 
-def test_a_recording_is_judged_from_its_wheel_rates(lab: Profile, tmp_path: Path) -> None:
-    """A recording that the same robot made: as shipped it repeats it, with its weight elsewhere it does not."""
-    section = lab.plants["mujoco"]
-    piece = Piece(Commands(0.05, np.tile([0.4, 0.5], (400, 1))), State(), None, None)
-    made = drive(EVERY[BASELINE].plant(section), piece, section.localiser, 0.05)
-    names, columns = ("t", "enc_left", "enc_right", "x", "y", "yaw"), np.column_stack([made.t, made.wheels, made.pose])
-    recording = Log.of_columns("made.csv", dict(zip(names, columns.T, strict=True)))
-    bench = make_bench(lab, lab, source_of(recording, "made", "wheels"))
-    shipped, elsewhere = (Trial(bench, EVERY[n]).recording() for n in (BASELINE, "centre of mass: maker's"))
-    assert shipped["recording_m"] < 0.02
-    assert shipped["recording_yaw_rad"] < 0.02
-    assert elsewhere["recording_m"] > 0.05
-    short = tmp_path / "short.csv"
-    np.savetxt(short, columns[:80], delimiter=",", header=",".join(names), comments="")
-    with pytest.raises(ValueError, match="6 s without a gap"):
-        ContactStudy(profile=lab, recording=str(short)).opened("wheels")
-
-
 def test_every_setting_can_be_made(lab: Profile) -> None:
     assert list(chosen_settings(["time step"])) == [BASELINE, "time step: 5 ms"]
-    for name, setting in EVERY.items():
+    for name, setting in chosen_settings(()).items():
         assert isinstance(setting.plant(lab.plants["mujoco"]), MujocoPlant)
         assert setting.robot or setting.physics != SHIPPED or name == BASELINE
 
 
-def test_the_picture_has_every_number(small: Report) -> None:
-    written = {text.get_gid(): text.get_text() for ax in small.figure().axes for text in ax.texts}
-    for table in small.tables:
-        for row in table.rows:
-            for column in (c for c in row if c != "variant"):
-                number = float(written[f"{row['variant']}, {column}"])
-                scale = 1e3 if column.endswith(("_m", "_m_s")) else 100.0 if column.endswith("_share") else 1.0
-                assert number == pytest.approx(scale * row[column], abs=0.051), column
+def test_gazebo_s_husky_does_not_come_round_and_a_cone_with_the_centre_in_the_middle_does(
+    lab: Profile, bench: Bench
+) -> None:
+    """The maker's centre of mass alone makes the middle circle a point; that the robot sticks is friction's law."""
+    installed_plant(lab, "ode")
+    gazebo, cone, cured, best = (
+        Trial(bench, EVERY[f"ode: {name}"]).spot()
+        for name in ("Gazebo's Husky", "Gazebo's Husky, emulated cone", "Gazebo's Husky, emulated cone, centred",
+                     "best, emulated cone, exact solver")
+    )  # fmt: skip
+    assert gazebo["multiplier"] is None
+    assert cone["wander_m"] == pytest.approx(0.314, abs=0.02)
+    for right in (cured, best):
+        assert right["wander_m"] < 1e-3
+        assert abs(right["off_closed_form_share"]) < FORM_ERROR
 
 
 def test_the_program_writes_everything(tmp_path: Path) -> None:

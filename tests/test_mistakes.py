@@ -133,8 +133,6 @@ MISTAKES = {
     "ros control pid line --ros 2 --namespace 4wd": "a letter first",
     "study contact --only nothing": "nothing",
     "study contact --profile none": "none",
-    "study contact --recording none.csv": "none.csv",
-    "study contact --from 3": "recording",
     "study contact --workers 0": "--workers",
     "study contact --out file/deep": "name another",
     "study drivetrain": "recording",

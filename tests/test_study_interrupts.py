@@ -20,7 +20,6 @@ from validation.study import transfer
 from validation.study.__main__ import STUDIES, study_named
 from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainStudy
-from validation.study.engines import EnginesStudy
 from validation.study.filter import FilterStudy
 from validation.study.noise import NoiseStudy
 from validation.study.robustness import RobustnessStudy
@@ -39,7 +38,6 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     ),
     "terrain": (TerrainStudy(**TERRAIN), lambda s: sum(len(table.rows) for table in s.tables[:4]), 1),
     "contact": (ContactStudy(only=("cone",)), rows_of, 1),
-    "engines": (EnginesStudy(engines=("mujoco",)), rows_of, 1),
     "transfer": (
         TransferStudy(
             profiles=("thesis-lab",), plants=("kinematic",), judge="linear", controllers=("smc:tuned", "lqr:tuned"),

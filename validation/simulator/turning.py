@@ -10,7 +10,7 @@ import numpy as np
 from ssmr.errors import DivergedError
 from ssmr.robot.ground import SkidTurn, turn_on_the_spot
 from ssmr.robot.vehicle import Drive
-from ssmr.types import Commands, State, Trajectory
+from ssmr.types import Commands, Plant, State, Trajectory
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.health import LIFT_SHARE
@@ -34,7 +34,7 @@ def _twist(v: float, w: float, seconds: float) -> Commands:
     return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)))
 
 
-def rolling_radius(plant: MujocoPlant, speed: float = STRAIGHT_SPEED) -> tuple[float, float]:
+def rolling_radius(plant: Plant, speed: float = STRAIGHT_SPEED) -> tuple[float, float]:
     """Drive straight ahead at a commanded speed [m/s].
 
     Returns:
@@ -88,7 +88,7 @@ class Spin:
     """Number of turns from `SPIN_LEAD` on [1]."""
 
 
-def spin(plant: MujocoPlant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> Spin:
+def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> Spin:
     """Turn on the spot at a commanded yaw rate [rad/s].
 
     Raises:

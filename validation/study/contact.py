@@ -1,8 +1,9 @@
-"""What physics settings of MuJoCo do to the simulated robot, one at a time and together (docs/contact.md).
+"""What physics settings and engines do to the simulated robot (docs/contact.md, docs/engines.md).
 
 The thesis tried friction models, iterations, steps and contact layers of ODE in Gazebo (Sec. 3.7) without success. These are
-the settings of MuJoCo that correspond to them. How deep tyres are pressed into the ground depends on the contact; so does
-the radius that they roll with. Hence every measure is taken with tyres whose size is corrected to the profile's radius.
+the settings of MuJoCo that correspond to them, and ODE and Drake themselves. How deep tyres are pressed into the ground
+depends on the contact; so does the radius that they roll with. Hence every measure is taken with tyres whose size is
+corrected to the profile's radius.
 """
 
 from __future__ import annotations
@@ -15,74 +16,83 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from ssmr.metrics.declared import compare_paths
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import FloatArray, State, Trajectory
+from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation import cli
-from validation.bench.sources import Piece, Source, drive, horizons_of, open_source
+from validation.bench.sources import Piece, drive, open_source
+from validation.engines.drake import DrakeBody, DrakeSettings
+from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
+from validation.engines.plant import EnginePlant
 from validation.plants.profile import PlantProfile, Profile, make_plant
+from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing
-from validation.report.columns import MILLIMETRES, Unit, heading_of, unit_of
+from validation.report.columns import MILLIMETRES, Unit
 from validation.report.report import Report
-from validation.report.table import Row, Table
+from validation.report.table import Row
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.turning import SAMPLE, TURNED, creep, measure_spin, rolling_radius, spin, surge
-from validation.study.options import HORIZON, RecordedOptions
-from validation.study.sweep import meaning_tables, sweep
+from validation.study.options import StudyOptions
+from validation.study.sweep import meaning_tables, picture, sweep
 
 BASELINE = "as shipped"
 """Setting that all others are compared with."""
 MODELS = ("improved", "coulomb", "linear")
 """Published models of the lab's robot, which the robot is compared with on trajectories 1-4."""
-CONTACT_MEASURES: Mapping[str, Mapping[str, tuple[str, tuple[float, float] | None]]] = {
+_RAMP = Terrain("ramp", slope=math.radians(8.0))  # on which other engines stand; MuJoCo's gravity is tilted
+CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
     "Turning on the spot": {
-        "multiplier": ("yaw rate that the wheels ask for over that of the body, turning on the spot", None),
-        "off_closed_form_share": ("deviation of the multiplier from its closed form", (0.01, 0.4)),
-        "ripple_share": ("range of the yaw rate on the spot over its mean", (0.01, 1.0)),
-        "lifted_share": ("share of the time on the spot in which a wheel is off the ground", (0.005, 0.5)),
-        "glide_share": ("greatest speed of the robot's middle on the spot over that of the wheels' rims", (0.02, 1.0)),
-        "wander_m": ("greatest distance of the robot's middle from its first place in 36 s on the spot", (0.01, 0.6)),
-        "drift_m": ("distance of the robot's middle from its place after a whole turn, mean", (0.001, 0.06)),
+        "multiplier": "yaw rate that the wheels ask for over that of the body, turning on the spot",
+        "off_closed_form_share": "deviation of the multiplier from its closed form",
+        "ripple_share": "range of the yaw rate on the spot over its mean",
+        "lifted_share": "share of the time on the spot in which a wheel is off the ground",
+        "glide_share": "greatest speed of the robot's middle on the spot over that of the wheels' rims",
+        "wander_m": "greatest distance of the robot's middle from its first place in 36 s on the spot",
+        "drift_m": "distance of the robot's middle from its place after a whole turn, mean",
     },
     "Straight ahead, at rest, and on trajectories": {
-        "veer_share": ("deviation to the left of a straight drive, over its length", (0.001, 0.03)),
-        "creep_m_s": ("sideways speed at rest on a slope of 8°", (1e-4, 5e-3)),
-        "surge_share": ("greatest speed on trajectory 3 above the speed that the wheels ask for", (0.02, 0.4)),
-        "ground_turned_m": ("distance that the end of trajectory 3 moves if the ground is turned by 45°", (0.005, 1.0)),
-        "step_halved_m": ("distance that the end of trajectory 4 moves if the physics step is halved", (0.01, 0.5)),
-        "to_improved_m": ("d_rms from the improved model, mean over trajectories 1–4", (0.025, 0.5)),
-        "to_coulomb_m": ("d_rms from the Coulomb model, mean over trajectories 1–4", (0.035, 0.5)),
-        "to_linear_m": ("d_rms from the linear model, mean over trajectories 1–4", (0.025, 0.5)),
-        "recording_m": ("median error of the relative position after 6 s against the recording", (0.045, 0.3)),
-        "recording_yaw_rad": ("median error of the relative yaw after 6 s against the recording", (0.035, 0.3)),
+        "veer_share": "deviation to the left of a straight drive, over its length",
+        "creep_m_s": "sideways speed at rest on a slope of 8°",
+        "surge_share": "greatest speed on trajectory 3 above the speed that the wheels ask for",
+        "ground_turned_m": "distance that the end of trajectory 3 moves if the ground is turned by 45°",
+        "step_halved_m": "distance that the end of trajectory 4 moves if the physics step is halved",
+        "to_improved_m": "d_rms from the improved model, mean over trajectories 1–4",
+        "to_coulomb_m": "d_rms from the Coulomb model, mean over trajectories 1–4",
+        "to_linear_m": "d_rms from the linear model, mean over trajectories 1–4",
     },
 }
-"""What is measured, by table: what it means, and the value up to which it is good and that from which on it is bad [SI]."""
+"""What is measured, by table, and what it means."""
 
 
 class Setting(NamedTuple):
     """A setting to be tried."""
 
-    physics: PhysicsSettings
-    """Settings of the physics engine."""
+    physics: PhysicsSettings | OdeSettings | DrakeSettings
+    """Settings of an engine; their type says which it is."""
     robot: Mapping[str, Any]
     """Fields of `Calibration` that change too."""
 
-    def plant(self, section: PlantProfile, wheels: float = 0.0, steps: float = 1.0) -> MujocoPlant:
+    def plant(
+        self, section: PlantProfile, wheels: float = 0.0, steps: float = 1.0, terrain: Terrain = FLAT
+    ) -> MujocoPlant | EnginePlant:
         """Return a profile's robot with wheels larger by `wheels` [m] and `steps` times as many steps.
 
         Raises:
-            ValueError: the parameters do not fit together.
+            ValueError: the parameters do not fit together, or the engine is not installed.
         """
-        c = replace(section.parameters, **self.robot)
+        c, s = replace(section.parameters, **self.robot), self.physics
         c = replace(c, wheel_radius=c.wheel_radius + wheels, timestep=c.timestep / steps)
-        return MujocoPlant(c, section.drive, settings=self.physics)
+        if isinstance(s, OdeSettings):
+            return EnginePlant("ode", lambda numbers: OdeBody(numbers, s), c, section.drive, terrain)
+        if isinstance(s, DrakeSettings):
+            return EnginePlant("drake", lambda numbers: DrakeBody(numbers, s), c, section.drive, terrain)
+        return MujocoPlant(c, section.drive, terrain=terrain, settings=s)
 
 
 def tried_settings(robot: Robot | None = None) -> dict[str, Setting]:
@@ -116,33 +126,42 @@ def tried_settings(robot: Robot | None = None) -> dict[str, Setting]:
         "near ODE: also elliptic cone": Setting(replace(ode, cone="elliptic"), {**fine, **makers}),
         "near ODE: also soft contact": Setting(soft, {**fine, **makers}),
         "near ODE: also centre in the middle": Setting(soft, fine),
+        "ode: its own defaults": Setting(OdeSettings("pyramid", "world", "quick", 20, soft=False, cfm=1e-10), {}),
+        "ode: Gazebo's Husky": Setting(GAZEBO, MAKERS_HUSKY),
+        "ode: Gazebo's Husky, centre in the middle": Setting(GAZEBO, HUSKY),
+        "ode: Gazebo's Husky, emulated cone": Setting(replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY),
+        "ode: Gazebo's Husky, emulated cone, centred": Setting(replace(GAZEBO, friction_law="cone"), HUSKY),
+        "ode: best, emulated cone, exact solver": Setting(OdeSettings(), {}),
+        "drake: its own defaults": Setting(DrakeSettings(stiffness=-1.0, stiction=1e-3), {}),
+        "drake: best, stiction 0.1 mm/s": Setting(DrakeSettings(), {}),
     }
 
 
 def chosen_settings(only: Sequence[str], robot: Robot | None = None) -> dict[str, Setting]:
-    """Return the baseline and a robot's settings of some groups; all if none is named.
+    """Return the baseline and a robot's settings of some groups; all of MuJoCo if none is named.
 
     Raises:
         ValueError: an unknown group.
     """
     every = tried_settings(robot)
-    groups = list(dict.fromkeys(name.partition(":")[0] for name in every if name != BASELINE))
+    groups = dict.fromkeys(name.partition(":")[0] for name in every if name != BASELINE)
     if unknown := [name for name in only if name not in groups]:
         raise ValueError(f"unknown group '{', '.join(unknown)}' in only; there are: {', '.join(groups)}")
-    return {n: s for n, s in every.items() if not only or n == BASELINE or n.partition(":")[0] in only}
+    wanted = only or [group for group in groups if group not in SECOND_OPINIONS]
+    return {n: s for n, s in every.items() if n == BASELINE or n.partition(":")[0] in wanted}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactStudy(RecordedOptions):
+class ContactStudy(StudyOptions):
     """Options of the study of physics settings."""
 
-    only: Annotated[cli.Names, cli.option(default="all groups")] = ()
-    """Groups to try besides what is shipped: cone, impedance, solver, time step, centre of mass, defaults, near ODE."""
+    only: Annotated[cli.Names, cli.option(default="all groups of MuJoCo")] = ()
+    """Groups to try besides what is shipped: cone, impedance, solver, time step, centre of mass, defaults, near ODE, and the
+    other engines, ode and drake."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for an unknown group, or a time without a recording."""
+        """Raise a ValueError for an unknown group."""
         chosen_settings(self.only)
-        super().__post_init__()
 
 
 class Bench(NamedTuple):
@@ -154,20 +173,16 @@ class Bench(NamedTuple):
     """Trajectories 1-4."""
     models: Mapping[str, Mapping[str, Trajectory]]
     """Motions of the published models, by model and trajectory."""
-    recorded: PlantProfile | None
-    """MuJoCo robot that stands for the recorded robot; None without a recording."""
-    recording: Source | None
-    """Recording, with its wheel rates as input."""
 
 
-def make_bench(lab: Profile, recorded: Profile | None = None, recording: Source | None = None) -> Bench:
+def make_bench(lab: Profile) -> Bench:
     """Drive the published models, and return the bench."""
     pieces = {name: open_source(name).pieces[0] for name in TRAJECTORIES}
     models = {
         m: {name: drive(make_plant(lab, m), piece, lab.plants[m].localiser, SAMPLE) for name, piece in pieces.items()}
         for m in MODELS
     }
-    return Bench(lab.section("mujoco"), pieces, models, None if recorded is None else recorded.section("mujoco"), recording)
+    return Bench(lab.section("mujoco"), pieces, models)
 
 
 class Trial:
@@ -175,7 +190,7 @@ class Trial:
 
     def __init__(self, bench: Bench, setting: Setting) -> None:
         """Take over a setting."""
-        self.bench, self.setting, self.localiser = bench, setting, bench.lab.localiser
+        self.bench, self.setting = bench, setting
 
     @cached_property
     def uncorrected(self) -> tuple[Calibration, float]:
@@ -183,18 +198,17 @@ class Trial:
         plant = self.setting.plant(self.bench.lab)
         return plant.calibration, rolling_radius(plant)[0] - plant.calibration.wheel_radius
 
-    @cached_property
-    def plant(self) -> MujocoPlant:
-        """The corrected robot."""
-        return self.setting.plant(self.bench.lab, -self.uncorrected[1])
+    def plant(self, steps: float = 1.0, terrain: Terrain = FLAT) -> MujocoPlant | EnginePlant:
+        """Return the corrected robot."""
+        return self.setting.plant(self.bench.lab, -self.uncorrected[1], steps, terrain)
 
     def straight(self) -> Row:
         """Return what a straight drive shows."""
-        return {"veer_share": rolling_radius(self.plant)[1]}
+        return {"veer_share": rolling_radius(self.plant())[1]}
 
     def spot(self) -> Row:
         """Return what whole turns on the spot show."""
-        found = measure_spin(spin(self.plant), self.uncorrected[0])
+        found = measure_spin(spin(self.plant()), self.uncorrected[0])
         known = {"ripple_share": found.get("ripple"), "glide_share": found["glide"]}
         if "multiplier" in found:
             known["off_closed_form_share"] = found["multiplier"] / found["multiplier_expected"] - 1.0
@@ -202,35 +216,31 @@ class Trial:
 
     def slope(self) -> Row:
         """Return what standing on a slope shows."""
-        return {"creep_m_s": creep(self.plant)}
+        plant = self.plant()
+        if isinstance(plant, MujocoPlant):
+            return {"creep_m_s": creep(plant)}
+        still = Commands(0.05, np.zeros((80, 2)), "wheels")
+        xy = self.plant(terrain=_RAMP).run(still, State(yaw=0.5 * math.pi), SAMPLE).xy
+        return {"creep_m_s": _apart(xy, xy[: len(xy) // 2 + 1]) / (0.5 * still.duration)}
 
     def trajectories(self) -> Row:
         """Return the distances from the published models, and what trajectories 3 and 4 show."""
-        pieces, driver, (numbers, excess) = self.bench.pieces, self.bench.lab.drive, self.uncorrected
-        motions = {name: drive(self.plant, piece, self.localiser, SAMPLE) for name, piece in pieces.items()}
-        turned = drive(self.plant, replace(pieces["traj3"], start=State(yaw=TURNED)), self.localiser, SAMPLE)
-        fine = drive(self.setting.plant(self.bench.lab, -excess, 2.0), pieces["traj4"], self.localiser, SAMPLE)
+        pieces, localiser, numbers = self.bench.pieces, self.bench.lab.localiser, self.uncorrected[0]
+        plant = self.plant()
+        motions = {name: drive(plant, piece, localiser, SAMPLE) for name, piece in pieces.items()}
+        turned = drive(plant, replace(pieces["traj3"], start=State(yaw=TURNED)), localiser, SAMPLE)
+        fine = drive(self.plant(steps=2.0), pieces["traj4"], localiser, SAMPLE)
         c, s = math.cos(TURNED), math.sin(TURNED)
         apart = {
             f"to_{model}_m": float(np.mean([compare_paths(motions[name], path)["d_rms_m"] for name, path in paths.items()]))
             for model, paths in self.bench.models.items()
         }
         return {
-            "surge_share": max(surge(motion, numbers.wheel_radius, driver) for motion in (motions["traj3"], turned)),
+            "surge_share": max(surge(m, numbers.wheel_radius, self.bench.lab.drive) for m in (motions["traj3"], turned)),
             "ground_turned_m": _apart(turned.xy @ np.array([[c, -s], [s, c]]), motions["traj3"].xy),  # in the ground's frame
             "step_halved_m": _apart(fine.xy, motions["traj4"].xy),
             **apart,
         }
-
-    def recording(self) -> Row:
-        """Return the errors of the robot driven with the recording's wheel rates."""
-        source, section = self.bench.recording, self.bench.recorded
-        if source is None or section is None:
-            return {}
-        plant = self.setting.plant(section, -self.uncorrected[1])
-        motions = [drive(plant, piece, section.localiser, source.sample_dt) for piece in source.pieces]
-        errors = horizons_of([(source, motions)], [HORIZON])[HORIZON]
-        return {"recording_m": errors.position_median_m, "recording_yaw_rad": errors.yaw_median_rad}
 
 
 def _apart(one: FloatArray, other: FloatArray) -> float:
@@ -243,7 +253,6 @@ CONTACT_DRIVES = {
     "turn on the spot": Trial.spot,
     "slope": Trial.slope,
     "trajectories": Trial.trajectories,
-    "recording": Trial.recording,
 }
 """What every setting goes through."""
 _UNITS = {
@@ -254,65 +263,40 @@ _UNITS = {
 
 @cli.program(ContactStudy)
 def study_contact(o: ContactStudy) -> Report:
-    """Measure what physics settings of MuJoCo do to the simulated robot, one at a time and together.
+    """Measure what physics settings of MuJoCo, and other engines, do to the simulated robot.
 
     Raises:
-        ValueError: profile or recording do not exist, or do not fit the settings.
+        ValueError: the profile does not exist, or does not fit the settings.
         SsmrError: a published model diverged.
     """
-    lab, (recorded, sources) = o.robot_profile(), o.opened("wheels")
-    bench, chosen = make_bench(lab, recorded, *sources), chosen_settings(o.only, lab.robot)
+    lab = o.robot_profile()
+    bench, chosen = make_bench(lab), chosen_settings(o.only, lab.robot)
     trials = {name: Trial(bench, setting) for name, setting in chosen.items()}
     swept = sweep(trials, CONTACT_DRIVES, workers=o.workers, progress=o.progress)
-    meanings = {title: {c: meaning for c, (meaning, _) in columns.items()} for title, columns in CONTACT_MEASURES.items()}
-    changes = {name: {**_changed(s.physics), **s.robot} for name, s in chosen.items()}
-    facts = {"schema": "ssmr.study.contact/2", "study": "contact", "robot": lab.robot.name, "profile": lab.name}
+    changed = {name: {k: v for k, v in asdict(s.physics).items() if v is not None} for name, s in chosen.items()}
     return Report(
         program="study", title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}", draw=_draw,
-        tables=meaning_tables(swept.rows, meanings, _UNITS), sentences=swept.notes, status=swept.status,
-        options={"recording": sources[0].name if sources else None}, document={**facts, "changes": changes}, has_text=True,
+        tables=meaning_tables(swept.rows, CONTACT_MEASURES, _UNITS), sentences=swept.notes, status=swept.status,
+        document={
+            "schema": "ssmr.study.contact/2", "study": "contact", "robot": lab.robot.name, "profile": lab.name,
+            "changes": {name: {**changed[name], **setting.robot} for name, setting in chosen.items()},
+        },
+        has_text=True,
     )  # fmt: skip
 
 
-def _changed(settings: PhysicsSettings) -> dict[str, Any]:
-    """Return the fields that settings change."""
-    return {name: value for name, value in asdict(settings).items() if value is not None}
-
-
-def badness(value: float | None, limits: tuple[float, float] | None) -> float:
-    """Return where a value lies between limits, on a logarithmic scale from 0 (good) to 1 (bad); NaN without either."""
-    if limits is None or value is None:
-        return math.nan
-    good, bad = limits
-    return min(max(math.log(max(abs(value), 1e-300) / good) / math.log(bad / good), 0.0), 1.0)
-
-
 def _draw(study: Report) -> Figure:
-    """Return the picture: settings as rows, measures as columns, the redder the worse."""
-    title = "What physics settings do to a simulated robot (white: good; the redder, the worse, on a logarithmic scale)"
-    rows = [
-        drawing.text_row(0.3, partial(drawing.draw_section, title)),
-        drawing.Row(1.2 + 0.26 * len(study.tables[0].rows), ((1.0, partial(_draw_rows, study.tables)),)),
-        *drawing.note_rows(study.notes()),
-        drawing.text_row(0.26, partial(drawing.draw_footer, f"{study.title} · {study.made_by}")),
-    ]
-    return drawing.put_together(rows)
+    """Return the picture: what tells settings apart, a bar for each."""
+    rows = {row["variant"]: {**row, **more} for row, more in zip(*(table.rows for table in study.tables), strict=True)}
 
+    def draw(column: str, first: bool, ax: Axes) -> None:
+        values = [row.get(column) or 0.0 for row in rows.values()]
+        ax.barh(range(len(rows)), [max(abs(value), 1e-5) for value in values], gid=column)
+        ax.set(xscale="log", title=column, ylim=(len(rows) - 0.4, -0.6))
+        ax.set_yticks(range(len(rows)), list(rows) if first else [""] * len(rows), fontsize=8.0)
+        if first:
+            drawing.inset(ax, left=1.6)
 
-def _draw_rows(tables: Sequence[Table], ax: Axes) -> None:
-    rows = [{k: v for part in parts for k, v in part.items()} for parts in zip(*(t.rows for t in tables), strict=True)]
-    limits = {c: limit for some in CONTACT_MEASURES.values() for c, (_, limit) in some.items()}
-    columns = [c for c in limits if any(row.get(c) is not None for row in rows)]
-    units = [_UNITS.get(c) or unit_of(c, ()) for c in columns]
-    drawing.inset(ax, left=1.9, above=0.55)
-    bad = np.array([[badness(row.get(c), limits[c]) for c in columns] for row in rows])
-    ax.imshow(bad, LinearSegmentedColormap.from_list("worse", ["white", "#d55e00"]), vmin=0.0, vmax=1.0, aspect="auto")
-    for y, row in enumerate(rows):
-        for x, (column, unit) in enumerate(zip(columns, units, strict=True)):
-            text = "–" if row.get(column) is None else unit.text(row[column])
-            ax.text(x, y, text, ha="center", va="center", gid=f"{row['variant']}, {column}")
-    ax.set_yticks(range(len(rows)), [row["variant"] for row in rows])
-    heads = [heading_of(c).replace(" ", "\n") + f"\n[{unit.symbol}]" for c, unit in zip(columns, units, strict=True)]
-    ax.set_xticks(range(len(columns)), heads, fontsize=8.0)
-    ax.tick_params(labeltop=True, labelbottom=False, length=0.0)
-    ax.grid(visible=False)
+    panels = ((0.4, "ripple_share"), (0.2, "wander_m"), (0.2, "ground_turned_m"), (0.2, "to_improved_m"))
+    bars = tuple((share, partial(draw, column, k == 0)) for k, (share, column) in enumerate(panels))
+    return picture(study, [drawing.Row(1.2 + 0.22 * len(rows), bars)])

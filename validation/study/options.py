@@ -6,17 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, get_args
 
-from ssmr.metrics.poses import horizon_windows
 from ssmr.parameters import MOST_SEED, require_within
-from ssmr.types import CommandKind
 from validation import cli
-from validation.bench.sources import Source, open_source
-from validation.identify.targets import MOST_TIME
 from validation.plants.profile import Profile, choose_profile
-
-HORIZON = 6.0
-"""Length of the windows over which errors against a recording are taken [s]."""
-
 
 AS_NAMES = get_args(cli.Names)[1]
 """Annotation of an option that the command line reads as comma-separated names, whatever it may be in Python."""
@@ -57,38 +49,3 @@ class StudyOptions(AnyStudy):
             ValueError: there is none of that name, its numbers are wrong, or it is of another robot.
         """
         return choose_profile(self.profile, self.robot, "thesis-lab")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordedOptions(StudyOptions):
-    """Options of studies of a robot of the lab, and of a recorded one where there is a recording."""
-
-    recording: Annotated[str | None, cli.option(metavar="PATH", default="none")] = None
-    """Path of a real robot's recording (.csv, or a bag) with wheel rates; it adds columns."""
-    recording_profile: Annotated[cli.AnyProfile, cli.profile_option("husky-tile")] = None
-    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
-    """Leave out what was recorded before this time [s]."""
-    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
-    """Leave out what was recorded after this time [s]."""
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError for a time without a recording, or out of range."""
-        require_within(self, ("start", "until"), -MOST_TIME, MOST_TIME)
-        if self.recording is None and (self.start is not None or self.until is not None):
-            raise ValueError("start (--from) and until cut a recording; name one as recording")
-
-    def opened(self, *kinds: CommandKind) -> tuple[Profile | None, list[Source]]:
-        """Return the robot of the recording, and the recording driven by each kind of input; None and nothing without one.
-
-        Raises:
-            ValueError: profile or recording do not exist, or the recording is a scenario or has no window of 6 s.
-        """
-        if self.recording is None:
-            return None, []
-        recorded = choose_profile(self.recording_profile, self.robot, "husky-tile")
-        sources = [open_source(self.recording, kind, self.start, self.until) for kind in kinds]
-        if any(source.reference != "recording" for source in sources):
-            raise ValueError(f"recording '{self.recording}' is a scenario; wanted the path of a recording")
-        if not any(p.t is not None and len(p.windows(horizon_windows, p.t, HORIZON)[0]) for p in sources[0].pieces):
-            raise ValueError(f"{sources[0].name} has no stretch of {HORIZON:g} s without a gap or a jump of the localiser")
-        return recorded, sources

@@ -22,7 +22,6 @@ from .control.smc import SmcGains as SmcGains
 from .control.waypoints import Waypoints as Waypoints
 from .errors import DivergedError as DivergedError
 from .errors import SsmrError as SsmrError
-from .errors import UnhealthyRunError as UnhealthyRunError
 from .estimation.ekf import run_ekf as run_ekf
 from .estimation.settings import EkfSettings as EkfSettings
 from .lanes import run_population as run_population
@@ -90,7 +89,6 @@ __all__ = [
     "SsmrError",
     "State",
     "Trajectory",
-    "UnhealthyRunError",
     "Vehicle",
     "Waypoints",
     "circle",

@@ -18,9 +18,5 @@ class DivergedError(SsmrError):
     """A simulation left the finite numbers or the simulator gave up; `evidence` says at which step and from what state."""
 
 
-class UnhealthyRunError(SsmrError):
-    """A simulation ran, but its contact physics cannot be trusted; `evidence` holds the wheel loads that show it."""
-
-
 class ControllerError(SsmrError):
     """A controller that is a Python object failed: it raised an error, or its command is no two finite numbers."""

@@ -142,7 +142,6 @@ def test_no_module_needs_ros() -> None:
 MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS, MEDIAN_LINES = 450, 80, 8, 250
 PROTOCOL = {
     "PROGRAM": "the commands of a program that has several",
-    "KIND": "the declaration of each plant that has a module of its own",
     "LAW": "the line of each planar model and of each controller in its table",
     "advance": "each planar model's step, and the function that chooses among them",
     "drive": "the program, and how a plant is driven over a piece of a source",

@@ -138,7 +138,7 @@ def test_gaps_are_not_bridged(lab: Profile, tmp_path: Path) -> None:
 
 def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -> None:
     """A plant whose tracked point is set where the recording's was fits; one whose is not errs by what the point swings."""
-    text = 'schema = "ssmr.profile/1"\n[plants.kinematic]\ntracked_point = [0.3, 0.1]\n'
+    text = 'schema = "ssmr.profile/1"\n[plants.kinematic.localiser]\ntracked_x = 0.3\ntracked_y = 0.1\n'
     (tmp_path / "p.toml").write_text(text)
     shifted = load_profile(str(tmp_path / "p.toml"))
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))

@@ -26,7 +26,7 @@ from ssmr.types import Commands, FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 from tests.robots import HUSKY
 from validation.fit import fit
-from validation.plants.four_wheel import tyred_defaults
+from validation.plants.planar import tyred_defaults
 from validation.plants.table import plant_kind
 from validation.simulator.description import load_robot
 

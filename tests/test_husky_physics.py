@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from ssmr.errors import UnhealthyRunError
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.ground import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
@@ -146,9 +145,8 @@ def test_the_shipped_lab_profile_is_healthy_and_converged(scenario: str, lab: ob
     ends = []
     for factor in (1.0, 0.5):
         calibration = replace(section.parameters, timestep=factor * section.parameters.timestep)
-        motion = MujocoPlant(calibration, section.drive, strict=True).run(
-            TRAJECTORIES[scenario].commands(), State(), SAMPLE_DT
-        )
+        motion = MujocoPlant(calibration, section.drive).run(TRAJECTORIES[scenario].commands(), State(), SAMPLE_DT)
+        assert check_health(motion.channels["wheel_load_N"]).ok
         ends.append(motion.xy[-1])
     assert np.hypot(*(ends[0] - ends[1])) <= HALVING
 
@@ -316,11 +314,10 @@ def test_imu_reads_gravity_at_rest_and_the_turn() -> None:
     assert force[0] == pytest.approx(-(state.yaw_rate**2) * IMU_AHEAD, rel=0.01)  # 190 mm ahead of the middle
 
 
-def test_the_health_gate_stops_a_bad_run_and_says_what_to_change() -> None:
-    plant = MujocoPlant(husky(friction=0.8, wheel_shape="cylinder"), STIFF, strict=True, settings=MUJOCO_CONTACT)
-    with pytest.raises(UnhealthyRunError, match="soft contact") as failed:
-        plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), 0.01)
-    assert failed.value.evidence["loads"].shape[1] == 4
+def test_the_health_gate_tells_a_bad_run_and_what_to_change() -> None:
+    plant = MujocoPlant(husky(friction=0.8, wheel_shape="cylinder"), STIFF, settings=MUJOCO_CONTACT)
+    run = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), 0.01)
+    assert "soft contact" in check_health(run.channels["wheel_load_N"]).advice
     smooth = np.full((100, 4), 180.0)
     assert check_health(smooth).ok
     lifted = smooth.copy()

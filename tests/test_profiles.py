@@ -37,7 +37,7 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
     path.write_text(
         HEAD
         + "[vehicle]\nmass = 50\n[drive]\ndelay_v = 0.1\nacceleration_v = inf\n"
-        + "[plants.improved]\ntracked_point = [0.1, -0.2]\n[plants.improved.drive]\ndelay_v = 0.3\n"
+        + "[plants.improved.localiser]\ntracked_x = 0.1\ntracked_y = -0.2\n[plants.improved.drive]\ndelay_v = 0.3\n"
     )
     profile = load_profile(str(path))
     assert profile.plants["coulomb"].drive.delay_v == 0.1
@@ -62,7 +62,6 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
         (HEAD + "[drive]\ndelay_v = -1\n", r"\[drive\] Drive.delay_v = -1.0 lies outside"),
         (HEAD + "[drive]\ndelay_v = true\n", "wanted a number"),
         (HEAD + "[plants.mujoco.parameters]\nwheel_shape = 'box'\n", "unknown wheel shape 'box'; there are: ellipsoid"),
-        (HEAD + "[plants.improved]\ntracked_point = [1]\n", "tracked_point"),
         (HEAD + "plants = 3\n", "plants is 3, wanted a table"),
         ("this is no TOML", "profile .*mine.toml"),
     ],

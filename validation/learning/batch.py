@@ -9,7 +9,6 @@ import math
 import os
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -160,9 +159,8 @@ class TrackBatch:
         if count < 1:
             raise ValueError(f"a batch has at least one robot, not {count}")
         self.source = source = EpisodeSource(task)
-        self._plants = [source.make_plant() for _ in range(count)]
-        for plant in self._plants:
-            plant.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # nobody reads them here
+        first = source.sections[0]
+        self._plants = [source.make_plant(first.parameters, first.drive) for _ in range(count)]
         self._bodies = MujocoBodies(self._plants, workers or os.cpu_count() or 1)
         self._generators = [np.random.default_rng() for _ in range(count)]
         self._bounds, self._ahead = source.bounds, np.array(AHEAD_TICKS)
@@ -236,9 +234,9 @@ class TrackBatch:
             return
         drawn = [self.source.draw_episode(self._generators[i]) for i in which]
         for i, episode in zip(which, drawn, strict=True):
-            self._plants[i].renumber(episode.calibration, episode.drive)
+            self._plants[i] = self.source.make_plant(episode.calibration, episode.drive)
             self._enter(int(i), episode)
-        self._bodies.place(which.tolist(), [episode.start for episode in drawn])
+        self._bodies.place(which.tolist(), [episode.start for episode in drawn], [self._plants[i] for i in which])
 
     def _enter(self, i: int, episode: Episode) -> None:
         """Write an episode into a row."""

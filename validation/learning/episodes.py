@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings
@@ -157,9 +158,11 @@ class EpisodeSource:
             "commands": (slice(end, None), (self.past, 2)),
         }
 
-    def make_plant(self) -> MujocoPlant:
-        """Return a robot of the first profile, which can become that of any episode (`MujocoPlant.renumber`)."""
-        return MujocoPlant(self.sections[0].parameters, self.sections[0].drive)
+    def make_plant(self, calibration: Calibration, drive: Drive) -> MujocoPlant:
+        """Return a robot with these numbers and without sensors, which nobody reads here."""
+        plant = MujocoPlant(calibration, drive)
+        plant.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+        return plant
 
     def _at(self, speed: float) -> Waypoints:
         """Return the reference of the task at a speed [m/s]."""

@@ -1,4 +1,4 @@
-"""The planar models as plants: each is declared from its law, so a new model needs nothing here."""
+"""The planar models as plants, each declared from its law (a new one needs nothing here), and the robot on four tyres."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from ssmr.lanes import run_population, seen_poses
+from ssmr.models.four_wheel import FourWheelParameters
+from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant, run_four_wheels
 from ssmr.models.law import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -37,6 +39,15 @@ _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
 """The kinematic model has no dynamics that could lag behind its wheels, and its constants hold the half-track."""
 
 
+_TYRED_FREE: Mapping[Occasion, tuple[str, ...]] = {
+    "scenario": ("stiffness_x", "stiffness_y", "wheel_radius", "command_half_track", "delay", "acceleration_v"),
+    "recording": (
+        *("friction", "stiffness_x", "stiffness_y", "wheel_radius", "radius_difference", "com_x", "com_y"),
+        *("delay", "acceleration_v", "acceleration_w", "wheel_lag", "tracked_x", "tracked_y"),
+    ),
+}
+
+
 def model_of(section: PlantProfile) -> PlanarModel:
     """Return the planar model with a profile's numbers."""
     return PlanarModel(section.parameters, section.vehicle, section.drive)
@@ -60,12 +71,36 @@ def defaults(kind: type, robot: Robot) -> Any:
     return replace(numbers, **scaled)
 
 
+def tyred_defaults(robot: Robot) -> FourWheelParameters:
+    """Return the numbers of a robot's file; those of the tyres, which no file has, are of the drive-train study."""
+    geometry, masses, simulation = robot.geometry, robot.masses, robot.simulation
+    share = robot.base_mass / masses.total
+    return FourWheelParameters(
+        mass=masses.total,
+        yaw_inertia=robot.yaw_inertia,
+        wheelbase=geometry.wheelbase,
+        half_track=0.5 * geometry.track,
+        wheel_radius=geometry.wheel_radius,
+        com_x=share * masses.com[0],
+        com_y=share * masses.com[1],
+        com_height=geometry.wheel_radius + share * (masses.com[2] - geometry.axle_height),
+        gain=simulation.gain,
+        armature=simulation.armature,
+        wheel_inertia=masses.wheel_inertia[1],
+        link=geometry.link,
+        friction=simulation.friction,
+    )
+
+
 def declare(name: str) -> PlantKind:
-    """Return the declaration of a planar model.
+    """Return the declaration of a planar model, or of the robot on four tyres.
 
     Raises:
         ValueError: there is no such model.
     """
+    if name == "four_wheel":
+        parameters, population = FourWheelParameters, partial(PlanarPopulation, make=_tyred, run=run_four_wheels)
+        return PlantKind(name, parameters, tyred_defaults, _build_tyred, population, _TYRED_FREE, "#56b4e9")
     law = planar_law(name)
     own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
     free: Mapping[Occasion, tuple[str, ...]] = {"scenario": (*own, *_READ_OFF), "recording": (*own, *_RECORDED)}
@@ -78,6 +113,15 @@ def declare(name: str) -> PlantKind:
 def _build(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> PlanarPlant:
     """Return the plant; planar models know only level ground of one friction, and no physics settings."""
     return PlanarPlant(model_of(section))
+
+
+def _tyred(section: PlantProfile) -> FourWheelModel:
+    return FourWheelModel(section.parameters, section.drive)
+
+
+def _build_tyred(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> FourWheelPlant:
+    """Return the plant, which knows as little of the ground as planar models."""
+    return FourWheelPlant(_tyred(section))
 
 
 class PlanarPopulation:

@@ -4,12 +4,10 @@ A profile names its robot (`robot = "husky"`, which is also meant where none is 
 has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they differ from the
 common ones its own `vehicle` and `drive`, and `localiser`: the frame in the plant's body that is compared, and its delays.
 What a profile does not say is as in the robot's file; planar models have the thesis' published values, scaled to the robot.
-Profiles before 1.2 have `tracked_point` (x, y) [m] in the place of `localiser`; they are read too.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import reprlib
 from collections.abc import Iterable, Mapping
@@ -185,16 +183,13 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     for name in PLANTS:
         section = sections.get(name, {})
         where = f"plants.{name}"
-        reading.require_known(section, {"parameters", "vehicle", "drive", "localiser", "tracked_point"}, where)
-        point = section.get("tracked_point", [0.0, 0.0])
-        if not (isinstance(point, list) and len(point) == 2 and all(is_number(p) and math.isfinite(p) for p in point)):
-            raise ValueError(f"{where}.tracked_point is {reprlib.repr(point)}, wanted two numbers [m]")
+        reading.require_known(section, {"parameters", "vehicle", "drive", "localiser"}, where)
         plants[name] = PlantProfile(
             _fill(plant_kind(name).defaults(robot), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             robot,
-            _fill(Localiser(float(point[0]), float(point[1])), section.get("localiser", {}), f"{where}.localiser"),
+            _fill(Localiser(), section.get("localiser", {}), f"{where}.localiser"),
         )
     name, description = document.get("name", "unnamed"), document.get("description", "")
     provenance = document.get("provenance", {})

@@ -27,7 +27,7 @@ from validation.bench.sources import Source, drive, open_source
 from validation.files.signals import moving_mean
 from validation.identify.objective import FitCost, FitTarget
 from validation.identify.problem import FitProblem
-from validation.plants.four_wheel import tyred_defaults
+from validation.plants.planar import tyred_defaults
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space
 from validation.plants.table import plant_kind

@@ -49,9 +49,11 @@ class MujocoBodies:
         self._width = first.model.nu + first.model.nv
         self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]  # in the order of `WHEELS`
 
-    def place(self, rows: Sequence[int], states: Sequence[State]) -> None:
-        """Put the robots of some rows into states, with no memory of what they did before; their plants may have changed."""
-        self._batch.set_models([p.model for p in self._plants])  # MuJoCo wants to be told of models that were edited
+    def place(self, rows: Sequence[int], states: Sequence[State], plants: Sequence[MujocoPlant] = ()) -> None:
+        """Put the robots of some rows into states, with no memory of what they did before; as other plants, if given."""
+        for row, plant in zip(rows, plants, strict=False):
+            self._plants[row] = plant
+        self._batch.set_models([p.model for p in self._plants])
         self._batch.reset(np.asarray(rows, dtype=np.int32), stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         nq, nv = self._first.model.nq, self._first.model.nv
         for row, state in zip(rows, states, strict=True):

@@ -93,11 +93,6 @@ FREE_DRIVE = Drive(torque_limit=math.inf)
 """Motors of the thesis without a limit: what a model has that is driven without a `Drive`."""
 
 
-def structure_of(calibration: Calibration, terrain: Terrain, drive: Drive) -> Structure:
-    """Return the structure of a model: models of one structure differ by numbers alone (`set_numbers`)."""
-    return calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0, terrain
-
-
 @mujoco_failures()
 def robot_model(
     calibration: Calibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED, drive: Drive = FREE_DRIVE
@@ -107,31 +102,18 @@ def robot_model(
     Raises:
         ValueError: a calibration whose inertia no body can have, tyres that the terrain cannot have.
     """
-    key = structure_of(calibration, terrain, drive)
+    key = calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0, terrain
     if key not in _models:
         terrain.require_room(calibration.wheel_radius)
         if len(_models) >= _MOST_MODELS:
             _models.clear()
         _models[key] = _compose(*key).compile()
     model = mujoco.MjModel.__copy__(_models[key])
-    set_numbers(model, calibration, terrain, settings, drive)
-    return model
-
-
-@mujoco_failures()
-def set_numbers(
-    model: mujoco.MjModel, calibration: Calibration, terrain: Terrain, settings: PhysicsSettings, drive: Drive
-) -> None:
-    """Set all numbers on a compiled model of their structure, in place: whatever numbers it had, it is as if built anew.
-
-    Raises:
-        ValueError: as `robot_model`; the model may then be unfit for use until numbers are set that go together.
-    """
-    terrain.require_room(calibration.wheel_radius)
     model.opt.gravity = terrain.gravity(GRAVITY)
     set_motors(model, calibration, drive)  # first: what `calibrate` lets MuJoCo derive depends on the shafts' inertia
     calibrate(model, calibration)
     apply_settings(model, settings, wheel_geoms(model), calibration.friction_ratio)
+    return model
 
 
 def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:

@@ -10,7 +10,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from ssmr.errors import DivergedError, UnhealthyRunError
+from ssmr.errors import DivergedError
 from ssmr.geometry import (
     quat_wxyz_to_roll_pitch,
     quat_wxyz_to_yaw,
@@ -25,8 +25,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.chunks import CHUNK, Samples, sampled
 from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.failures import mujoco_failures
-from validation.simulator.health import check_health
-from validation.simulator.model import FREE_DRIVE, contact_settings, controls, robot_model, set_numbers, structure_of
+from validation.simulator.model import FREE_DRIVE, contact_settings, controls, robot_model
 from validation.simulator.parts import robot_parts, scratch
 from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
 from validation.simulator.resting import level_height, level_rest, solved_exactly
@@ -62,7 +61,6 @@ class MujocoPlant:
         drive: Drive,
         *,
         terrain: Terrain = FLAT,
-        strict: bool = False,
         settings: PhysicsSettings = SHIPPED,
     ) -> None:
         """Build the model and find out how it rests on its tyres; it stands at the origin.
@@ -71,19 +69,13 @@ class MujocoPlant:
             calibration: the robot's numbers.
             drive: saturation, delays and conversions between command and wheels.
             terrain: ground.
-            strict: raise where a run's wheel loads are unhealthy, instead of leaving the verdict in the result.
             settings: how physics is computed, if not as shipped.
 
         Raises:
             ValueError: numbers that do not go together.
         """
-        self.terrain, self._strict, self._settings = terrain, strict, settings
+        self.terrain, self._settings = terrain, settings
         self.model = robot_model(calibration, terrain, settings, drive)
-        self._heavy: mujoco.MjModel | None = None
-        self._become(calibration, drive)
-
-    def _become(self, calibration: Calibration, drive: Drive) -> None:
-        """Take over numbers that the model has already, and stand at the origin."""
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration, self.drive, self._parts = calibration, drive, robot_parts(self.model)
         self.wheel_dofs = tuple(
@@ -95,24 +87,6 @@ class MujocoPlant:
         self._resting = self._settle(State()) if level is None else level
         self._rest_on_rough: tuple[State, FloatArray] | None = None
         self._driver: Driver | None = None
-        self.__dict__.pop("yaw_inertia", None)  # cached, as is the next
-        self.__dict__.pop("_prescribed", None)
-
-    @mujoco_failures()
-    def renumber(self, calibration: Calibration, drive: Drive) -> None:
-        """Become another robot of the same structure (`structure_of`), in place, at half the cost of building one.
-
-        Nobody else may be using the plant or its model.
-
-        Raises:
-            ValueError: another structure, or numbers that do not go together; the plant is unfit for use until it is
-                renumbered with success.
-        """
-        wanted = structure_of(calibration, self.terrain, drive)
-        if wanted != structure_of(self.calibration, self.terrain, self.drive):
-            raise ValueError("a plant can only become a robot of the same structure")
-        set_numbers(self.model, calibration, self.terrain, self._settings, drive)
-        self._become(calibration, drive)
 
     @cached_property
     def yaw_inertia(self) -> float:
@@ -131,7 +105,7 @@ class MujocoPlant:
         Raises:
             ValueError: the drive does not go with the physics step.
         """
-        return MujocoPlant(self.calibration, drive, terrain=self.terrain, strict=self._strict, settings=self._settings)
+        return MujocoPlant(self.calibration, drive, terrain=self.terrain, settings=self._settings)
 
     @cached_property
     def _prescribed(self) -> mujoco.MjModel:
@@ -141,11 +115,7 @@ class MujocoPlant:
         gain = 2.0 * armature / (PRESCRIBED_LAG * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         same_parts = replace(FREE_DRIVE, integral_gain=min(self.drive.integral_gain, _NO_INTEGRAL))
-        if self._heavy is None:
-            self._heavy = robot_model(heavy, self.terrain, self._settings, same_parts)
-        else:
-            set_numbers(self._heavy, heavy, self.terrain, self._settings, same_parts)
-        return self._heavy
+        return robot_model(heavy, self.terrain, self._settings, same_parts)
 
     @property
     def dt(self) -> float:
@@ -288,7 +258,6 @@ class MujocoPlant:
 
         Raises:
             DivergedError: the simulator gave up.
-            UnhealthyRunError: wheel loads dropped out or were not smooth, if `strict`.
         """
         stride, steps = whole_steps(sample_dt, self.dt, "the sample period"), commands.n * self._steps_of(commands)
         if disturbance is not None and len(disturbance) != steps:
@@ -307,11 +276,7 @@ class MujocoPlant:
             rows = self._rows(chunk)
             table[done : done + len(rows)], done = rows, done + len(rows)
         table[:, 2] += 2.0 * math.pi * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
-        trajectory = self._trajectory(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
-        health = check_health(trajectory.channels["wheel_load_N"])
-        if self._strict and not health.ok:
-            raise UnhealthyRunError(health.advice, health=health, loads=trajectory.channels["wheel_load_N"])
-        return trajectory
+        return self._trajectory(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
 
     def _steps_of(self, commands: Commands) -> int:
         return whole_steps(commands.dt, self.dt, "the command period")

@@ -23,7 +23,7 @@ from validation.plants.searchable import find, searchable
 from validation.plants.table import plant_kind
 from validation.simulator.description import Robot
 from validation.study import __main__ as study_program
-from validation.study.terrain import PLANAR, TerrainAxes, study_terrain
+from validation.study.terrain import PLANAR, study_terrain
 from validation.track import track
 from validation.tune import tune
 
@@ -143,13 +143,16 @@ def test_studies(study: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_terrain_study() -> None:
-    axes = TerrainAxes((0.5,), (0.0,), (0.0, 0.001), (0.0, 0.4), (0.0,), ("pid",))
-    study = study_terrain(robot="jackal", seeds=1, axes=axes)
+    axes: dict[str, Any] = {
+        "speed": (0.5,),
+        "slope": (0.0,),
+        "roughness": (0.0, 0.001),
+        "directions": (0.0,),
+        "controllers": ("pid",),
+    }
+    study = study_terrain(robot="jackal", seeds=1, **axes)
     assert study.as_dict()["robot"] == "jackal"
-    level, ramp = study.tables[-1].rows
-    assert level["quasi_static_N"] < 0.05 * load_robot("jackal").masses.total * 9.81
-    assert ramp["quasi_static_N"] < ramp["spread_N"]
-    for row in (row for table in study.tables[:4] for row in table.rows):
+    for row in (row for table in study.tables[:3] for row in table.rows):
         assert row["failed"] == 0
         assert all(math.isfinite(row[f"{plant}_m"]) for plant in PLANAR)
 

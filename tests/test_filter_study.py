@@ -16,7 +16,7 @@ from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.study.filter import FilterStudy, drift_of, drive_missions
 
-SMALL = FilterStudy(seeds=3, seed=5, timestep=0.005, frictions=(0.4,), plants=("linear",), feedbacks=("truth",), runs=4)
+SMALL = FilterStudy(seeds=3, seed=5, timestep=0.005, frictions=(0.4,))
 MISSIONS = {"circle": circle(0.5, turns=0.5), "line": line(0.5, length=4.0)}
 
 
@@ -75,6 +75,6 @@ def test_sensors_explain_the_drift(small: Report) -> None:
 def test_a_study_repeats_whatever_the_workers(small: Report, lab: Profile) -> None:
     again = drive_missions([lab], MISSIONS, replace(SMALL, workers=1))
     assert again.as_dict() == small.as_dict()
-    different = drive_missions([lab], {"circle": MISSIONS["circle"]}, replace(SMALL, seed=6, frictions=(), plants=()))
+    different = drive_missions([lab], {"circle": MISSIONS["circle"]}, replace(SMALL, seed=6, frictions=()))
     assert different.tables[1].rows[0] == small.tables[1].rows[0], "the same drive, other noise"
     assert rows_of(different, "circle")["wheels"] != rows_of(small, "circle")["wheels"]

@@ -36,7 +36,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "robustness": (
         RobustnessStudy(**ROBUSTNESS, gains={"pid": hopeless(), **gains_of(lqr="manual")}), rows_of, 1,
     ),
-    "terrain": (TerrainStudy(**TERRAIN), lambda s: sum(len(table.rows) for table in s.tables[:4]), 1),
+    "terrain": (TerrainStudy(**TERRAIN), lambda s: sum(len(table.rows) for table in s.tables[:3]), 1),
     "contact": (ContactStudy(only=("cone",)), rows_of, 1),
     "transfer": (
         TransferStudy(

@@ -73,10 +73,8 @@ CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
 class Setting(NamedTuple):
     """A setting to be tried."""
 
-    physics: PhysicsSettings | OdeSettings | DrakeSettings
-    """Settings of an engine; their type says which it is."""
-    robot: Mapping[str, Any]
-    """Fields of `Calibration` that change too."""
+    physics: PhysicsSettings | OdeSettings | DrakeSettings  # settings of an engine; their type says which it is
+    robot: Mapping[str, Any]  # fields of `Calibration` that change too
 
     def plant(
         self, section: PlantProfile, wheels: float = 0.0, steps: float = 1.0, terrain: Terrain = FLAT
@@ -167,12 +165,9 @@ class ContactStudy(StudyOptions):
 class Bench(NamedTuple):
     """What all settings have in common."""
 
-    lab: PlantProfile
-    """MuJoCo robot that stands for the lab's robot."""
-    pieces: Mapping[str, Piece]
-    """Trajectories 1-4."""
-    models: Mapping[str, Mapping[str, Trajectory]]
-    """Motions of the published models, by model and trajectory."""
+    lab: PlantProfile  # muJoCo robot that stands for the lab's robot
+    pieces: Mapping[str, Piece]  # trajectories 1-4
+    models: Mapping[str, Mapping[str, Trajectory]]  # motions of the published models, by model and trajectory
 
 
 def make_bench(lab: Profile) -> Bench:

@@ -1,8 +1,8 @@
-"""How fast the pose drifts that the state filter estimates from wheels and gyro, and whether it knows (docs/filter.md).
+"""How fast the pose drifts that the state filter estimates from wheels and gyro (docs/filter.md).
 
 A regulator that sees the true state keeps MuJoCo's robot on a reference, and the filters only listen. Errors are those of
 the pose relative to the beginning of a stretch of `DRIFT_STRETCH`, because on a path that closes an error of scale returns
-to nothing. Besides, commissioned filters are judged on robots that differ from what the filter believes.
+to nothing.
 """
 
 from __future__ import annotations
@@ -11,15 +11,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, NamedTuple, cast, get_args
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.special import chdtri
 
-from ssmr.control.loop import Feedback, LoopSettings, make_clock
-from ssmr.control.references import sine
+from ssmr.control.loop import LoopSettings, make_clock
 from ssmr.control.waypoints import Waypoints
 from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.settings import EkfSettings, zeroed
@@ -30,17 +28,16 @@ from ssmr.types import FloatArray, State, Trajectory
 from validation import cli
 from validation.bench.commissioning import TRACKER, commissioned
 from validation.bench.gains import DEFAULT, load_gains
-from validation.bench.loops import ClosedLoopRobot, make_controller, make_robot, require_practicable, run_robots
+from validation.bench.loops import ClosedLoopRobot, make_controller, require_practicable, run_robots
 from validation.bench.waypoint_files import open_reference
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.table import PLANTS
 from validation.report import drawing
-from validation.report.report import FINISHED, Report
+from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.plant import MujocoPlant
 from validation.study.options import AS_NAMES, AnyStudy, require_seeds
-from validation.study.sweep import Swept, picture, sweep
+from validation.study.sweep import picture, sweep
 
 DRIFT_STRETCH = 3.0
 """Length of a stretch over which relative errors are taken [m]: 12 s at 0.25 m/s."""
@@ -49,7 +46,6 @@ REAL_BIAS = -0.0156
 _CURVE = 161  # samples of an error over the distance, from 0 to the end of the drive
 _LEAST_TURN = 1e-3  # a robot that turns by less has no yaw drift per radian [rad]
 _TICK = 0.01  # period of the tracker, and of the truth's samples [s]: two of them are the filter's 20 ms
-_SPEED, _EVERY, _RATE = 0.25, 4.0, 125.0  # where filters are judged: speed [m/s], period of the instants [s], sensors [Hz]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,12 +66,6 @@ class FilterStudy(AnyStudy):
     """Bias of the biased gyro [rad/s]."""
     stands: float = STANDS
     """Time for which the robot stands before a drive, while a filter that learns listens to its gyro [s]."""
-    plants: Annotated[cli.Names, cli.option()] = ("improved",)
-    """Plants on which it is measured how sure filters may be, on every profile; none for none."""
-    feedbacks: Annotated[cli.Names, cli.option()] = ("truth", "noisy", "ekf")
-    """Signals that the controller sees meanwhile: truth, noisy, ekf."""
-    runs: int = 16
-    """Number of robots for that, which differ as the filter says that they may."""
     seeds: int = 20
     """Number of draws of the sensors' noise."""
     timestep: float = 0.002
@@ -91,10 +81,6 @@ class FilterStudy(AnyStudy):
         require_seeds(self)
         if not self.references:
             raise ValueError("references names none; name one, such as sine")
-        for what, names, known in (("plants", self.plants, PLANTS), ("feedbacks", self.feedbacks, get_args(Feedback))):
-            if unknown := sorted({*names} - {*known}):
-                raise ValueError(f"unknown {what} {', '.join(unknown)}; there are: {', '.join(known)}")
-        require_within(self, ("runs",), 1, 100_000, whole=True)
         require_within(self, ("bias",), -100.0, 100.0)
         require_within(self, ("speed",), 1e-3, 100.0)
         require_in_range(self, "stands", 0.0, 1000.0)
@@ -104,12 +90,9 @@ class FilterStudy(AnyStudy):
 class FilterGround(NamedTuple):
     """A robot on a ground."""
 
-    profile: Profile
-    """Profile of the robot."""
-    friction: float
-    """Friction of tyre on ground [1], instead of the profile's."""
-    known: EkfSettings
-    """Filter that was commissioned on the profile's own ground."""
+    profile: Profile  # profile of the robot
+    friction: float  # friction of tyre on ground [1], instead of the profile's
+    known: EkfSettings  # filter that was commissioned on the profile's own ground
 
     def robot(self, timestep: float) -> ClosedLoopRobot:
         """Return the MuJoCo robot on this ground, with a physics step [s]."""
@@ -135,14 +118,11 @@ class FilterGround(NamedTuple):
 class Drift(NamedTuple):
     """Errors of a filter after one drive."""
 
-    position: float
-    """Error of the relative position over stretches of `DRIFT_STRETCH`, over their length [1]."""
+    position: float  # error of the relative position over stretches of `DRIFT_STRETCH`, over their length [1]
     yaw: float
     """Error of the relative yaw over the same stretches, over what the robot turned in them [1]; NaN if it did not turn."""
-    end: float
-    """Error of the position at the end, over the whole distance [1]."""
-    end_yaw: float
-    """Error of the yaw at the end, signed [rad]."""
+    end: float  # error of the position at the end, over the whole distance [1]
+    end_yaw: float  # error of the yaw at the end, signed [rad]
 
 
 _DRIFTS = ("position{}_share", "yaw{}_share", "end{}_share", "end_yaw{}_rad")  # columns of a `Drift`
@@ -216,111 +196,9 @@ def _start(truth: Trajectory) -> State:
     return State(x, y, yaw, v_x=v, yaw_rate=w)
 
 
-class Consistency(NamedTuple):
-    """Errors of a filter's pose in units of what it claims, over many runs."""
-
-    t: FloatArray
-    """(K,) instants [s]."""
-    nees: FloatArray
-    """(runs, K) normalised squared errors of the pose, which should be chi-squared with 3 degrees of freedom."""
-    thesis: FloatArray
-    """(runs, K) those of the thesis' filter, with a gyro that has no bias."""
-    thesis_biased: FloatArray
-    """(runs, K) those of the thesis' filter, with the gyro of `nees`."""
-    nis: FloatArray
-    """(runs, M) normalised squared innovations of the wheels' yaw rate, with one degree of freedom."""
-
-    @property
-    def band(self) -> tuple[float, float]:
-        """Where 95 % of the means of `nees` over the runs should lie."""
-        return chi_squared_band(3, len(self.nees))
-
-    @property
-    def inside(self) -> float:
-        """Share of the instants at which the mean of `nees` over the runs lies within `band`."""
-        return _share_within(self.nees, self.band)
-
-    @property
-    def nis_inside(self) -> float:
-        """Share of the instants at which the mean of `nis` over the runs lies within its own 95 % band."""
-        return _share_within(self.nis, chi_squared_band(1, len(self.nis)))
-
-    def row(self) -> Row:
-        """Return the row of its table: least and greatest means over the runs."""
-        means = {"thesis": self.thesis, "thesis_biased": self.thesis_biased, "commissioned": self.nees}
-        ends = {f"{n}_{end}": float(getattr(e.mean(axis=0), end)()) for n, e in means.items() for end in ("min", "max")}
-        return {**ends, "inside_share": self.inside, "nis_inside_share": self.nis_inside}
-
-
-def chi_squared_band(degrees: int, runs: int) -> tuple[float, float]:
-    """Return the band in which 95 % of the means of `runs` independent chi-squared numbers lie."""
-    low, high = (float(chdtri(degrees * runs, p)) / runs for p in (0.975, 0.025))
-    return low, high
-
-
-def _share_within(found: FloatArray, band: tuple[float, float]) -> float:
-    mean = found.mean(axis=0)
-    return float(np.mean((mean > band[0]) & (mean < band[1])))
-
-
-def consistency_of(
-    profile: Profile, plant: str, feedback: Feedback = "noisy", runs: int = 16, seed: int = 0, workers: int | None = None
-) -> Consistency:
-    """Commission a filter on one reference, and judge it on another, on robots that differ as it says that they may.
-
-    A scheduled LQR drives the eight twice, from which the filter gets its constants and the size of its slip, then the sine,
-    with other seeds, pushed as in Sec. 3.4.5. Each run begins with constants that are off by draws of its uncertainties.
-
-    Args:
-        profile: the robot and its plants.
-        plant: name of the plant that is driven.
-        feedback: what the controller sees; the filter that is judged only listens.
-        runs: number of runs on the sine.
-        seed: seed of the first.
-        workers: threads; the result does not depend on it.
-
-    Raises:
-        LostError: a robot left the reference.
-    """
-    robot, controller = make_robot(profile, plant), make_controller(profile, load_gains(TRACKER, DEFAULT))
-    loop, settings = LoopSettings(feedback, filter=odometry_of(robot.drive)), commissioned(profile, plant, feedback)
-    found = run_robots([robot] * runs, [controller] * runs, [loop] * runs, sine(_SPEED), range(seed, seed + runs), workers)
-    driven = [run.require_kept(f"{plant} of {profile.name}").motion for run in found]
-    each = [_judge(truth, settings, np.random.default_rng([seed, k])) for k, truth in enumerate(driven)]
-    t, *others = (np.array(column) for column in zip(*each, strict=True))
-    return Consistency(t[0], *others)
-
-
-def _judge(truth: Trajectory, settings: EkfSettings, rng: np.random.Generator) -> tuple[FloatArray, ...]:
-    """Return the fields of a `Consistency` for one run."""
-    bias, left, right, turning, shift, slide = rng.standard_normal(6)
-    begins = replace(
-        settings,
-        scale_left=settings.scale_left + settings.scale_std * left,
-        scale_right=settings.scale_right + settings.scale_std * right,
-        turning=settings.turning + settings.turning_std * turning,
-        shift=settings.shift + settings.centre_std * shift,
-        slide=settings.slide + settings.centre_std * slide,
-    )
-    shown = settings.bias_std * float(bias)
-    sensors = SensorModel(gyro_bias=shown)
-    log = simulate_sensors(truth, rng, sensors, _RATE)
-    begins = zeroed(begins, gyro_at_rest(sensors.packed(), rng))
-    at = np.searchsorted(log.t, np.arange(_EVERY, log.t[-1], _EVERY) - 1e-9)
-    thesis, found = EkfSettings(radius=settings.radius, half_track=settings.half_track), list[FloatArray]()
-    nis = list[FloatArray]()
-    for filter, read in ((begins, log), (thesis, log._replace(gyro=log.gyro - shown)), (thesis, log)):
-        got = run_ekf(*read, filter, _start(truth))
-        error = got.pose[at] - truth.pose[np.searchsorted(truth.t, log.t[at] - 1e-9)]
-        covariance = got.channels["pose_covariance"][at]
-        found.append(np.einsum("ki,ki->k", error, np.linalg.solve(covariance, error[:, :, None])[:, :, 0]))
-        nis.append(got.channels["innovations"][1:, 1])
-    return log.t[at], *found, nis[0]
-
-
 @cli.program(FilterStudy)
 def study_filter(o: FilterStudy) -> Report:
-    """Measure how fast the pose drifts that the state filter estimates from wheels and gyro, and how sure it may be.
+    """Measure how fast the pose drifts that the state filter estimates from wheels and gyro.
 
     Raises:
         LostError: a robot left the reference.
@@ -349,35 +227,18 @@ def drive_missions(profiles: Sequence[Profile], missions: Mapping[str, Waypoints
     drives = {f"{n}, {s}": (n, s, ground, waypoints) for n, waypoints in missions.items() for s, ground in grounds.items()}
     swept = sweep(drives, {"drive": partial(_drive, o)}, workers=o.workers, progress=o.progress)
     found = [row for row in swept.rows if "rows" in row]
-    cases = {f"{p.name}, {plant}, {seen}": (p, plant, seen) for p in profiles for plant in o.plants for seen in o.feedbacks}
-
-    def judge(case: tuple[Profile, str, str]) -> Row:
-        profile, plant, feedback = case
-        judged = consistency_of(profile, plant, cast(Feedback, feedback), o.runs, o.seed, 1)
-        return {"profile": profile.name, "plant": plant, "feedback": feedback, **judged.row()}
-
-    judged = Swept([])
-    if swept.status == FINISHED and cases:
-        judged = sweep(cases, {"filter": judge}, workers=o.workers, progress=o.progress)
-    low, high = chi_squared_band(3, o.runs)
     drift = (
         f"position and yaw: error of the relative pose over stretches of {DRIFT_STRETCH:g} m, in percent of their length "
         "and of what the robot turned in them; mean and standard deviation over seeds.\n"
         f"The biased gyro shows {o.bias:+g} rad/s at rest. end: at the end of the drive."
     )
-    sure = (
-        f"Normalised squared error of the pose on a sine at {_SPEED:g} m/s, mean over {o.runs} robots, least and greatest "
-        f"of the instants. It should be 3; 95 % of such means lie between {low:.2f} and {high:.2f}, and inside is the share "
-        "of the instants that do. The commissioned filter meets robots and gyros that differ from what it believes."
-    )
     what = f"{', '.join(missions)} at {next(iter(missions.values())).speed:.3g} m/s, {o.seeds} seeds from {o.seed}"
     return Report(
         program="study", title=f"Dead reckoning, {what}", has_text=True, draw=partial(_draw, found),
-        status=swept.status if swept.status != FINISHED else judged.status, sentences=[*swept.notes, *judged.notes],
+        status=swept.status, sentences=swept.notes,
         tables=[
             Table("Drift", [drifted for row in found for drifted in row["rows"]], drift, group="surface"),
             Table("Drives", [row["driven"] for row in found], "slide: rms of the speed sideways over that ahead."),
-            Table("How sure the filter is", [{k: v for k, v in row.items() if k != "variant"} for row in judged.rows], sure),
         ],
         options={"seed": o.seed, "seeds": o.seeds, "bias": o.bias, "stands": o.stands, "timestep": o.timestep},
         document={

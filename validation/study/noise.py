@@ -100,17 +100,13 @@ class HighPass:
 class NoiseEstimate(NamedTuple):
     """The noise of one signal."""
 
-    variance: float
-    """Variance of what passes, as the thesis takes it [unit²]."""
-    white: float
-    """Variance of white noise that would leave as much [unit²]."""
-    error: float
-    """Standard error of `white` if the noise is white and Gaussian [unit²]."""
+    variance: float  # variance of what passes, as the thesis takes it [unit²]
+    white: float  # variance of white noise that would leave as much [unit²]
+    error: float  # standard error of `white` if the noise is white and Gaussian [unit²]
     robust: float
     """Variance by the median of the absolute values, put back likewise [unit²]; far below `white` where some samples stand
     out, such as those of jolts."""
-    samples: int
-    """Number of filtered samples."""
+    samples: int  # number of filtered samples
 
 
 def estimate_noise(pieces: Sequence[FloatArray], filter: HighPass) -> NoiseEstimate:
@@ -140,18 +136,12 @@ def estimate_noise(pieces: Sequence[FloatArray], filter: HighPass) -> NoiseEstim
 class NoisySignal(NamedTuple):
     """The noise of one column of a log."""
 
-    unit: str
-    """Unit of the column; empty where it is not known."""
-    filter: HighPass
-    """Filter that it went through, at its own rate."""
-    estimate: NoiseEstimate
-    """What was left."""
-    tilt: float
-    """Density in the lower half of the passband over that in the upper half [1]; 1 for white noise."""
-    spectrum: tuple[FloatArray, FloatArray]
-    """(F,) frequencies [Hz] and (F,) density of the whole signal [unit²/Hz]."""
-    shown: tuple[FloatArray, FloatArray]
-    """(S,) times [s] and noise of a short stretch, for the picture."""
+    unit: str  # unit of the column; empty where it is not known
+    filter: HighPass  # filter that it went through, at its own rate
+    estimate: NoiseEstimate  # what was left
+    tilt: float  # density in the lower half of the passband over that in the upper half [1]; 1 for white noise
+    spectrum: tuple[FloatArray, FloatArray]  # (F,) frequencies [Hz] and (F,) density of the whole signal [unit²/Hz]
+    shown: tuple[FloatArray, FloatArray]  # (S,) times [s] and noise of a short stretch, for the picture
 
     @property
     def remarks(self) -> list[str]:

@@ -51,10 +51,8 @@ class RobustnessCase(NamedTuple):
 
     kind: Literal["nominal", "alone", "drawn"]
     """Whether it is the profile's own robot, one mismatch alone, or a robot that is drawn at random."""
-    mismatch: Mismatch
-    """The difference between the robot and its profile."""
-    seed: int
-    """Seed of noise and disturbance."""
+    mismatch: Mismatch  # the difference between the robot and its profile
+    seed: int  # seed of noise and disturbance
 
 
 def draw_cases(runs: int, seeds: int, seed: int, robot: Robot) -> list[RobustnessCase]:
@@ -137,12 +135,10 @@ class RobustnessStudy(StudyOptions):
 class RunErrors(NamedTuple):
     """The errors of one run. They are finite, also for a run that was lost."""
 
-    d_rms_m: float
-    """Root mean square distance from the reference's samples, all of them, to the driven path [m]."""
+    d_rms_m: float  # root mean square distance from the reference's samples, all of them, to the driven path [m]
     e_rho_rms_m: float
     """Root mean square of how far the target is ahead of the robot; after a robot is lost this counts as `LOST` [m]."""
-    lost_at_s: float | None
-    """Time at which the robot was lost [s]; None if it was not."""
+    lost_at_s: float | None  # time at which the robot was lost [s]; None if it was not
 
     def failed(self, bound: float) -> bool:
         """Return whether the robot was lost, or an error is greater than `bound` [m]."""

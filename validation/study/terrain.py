@@ -1,7 +1,7 @@
-"""Up to which speed, slope, roughness and loss of grip planar models and trackers hold (docs/terrain.md).
+"""Up to which speed, slope and roughness planar models and trackers hold (docs/terrain.md).
 
 Without feedback, all plants get the commands of trajectories 1-4. With feedback, trackers follow a reference and know
-nothing of the ground. Besides, the loads of the four wheels are compared with formulas through one manoeuvre.
+nothing of the ground.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -22,9 +22,7 @@ from ssmr.control.loop import LoopSettings
 from ssmr.errors import SsmrError
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
 from ssmr.models.law import PLANAR_MODELS as PLANAR
-from ssmr.robot.ground import static_loads
-from ssmr.robot.localiser import Localiser
-from ssmr.scenarios import COMMAND_PERIOD, TRAJECTORIES
+from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from validation import cli
@@ -34,15 +32,12 @@ from validation.bench.waypoint_files import open_reference
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, make_plant
 from validation.report import drawing
-from validation.report.columns import Unit
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
-from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, with_quasi_static
 from validation.study.options import StudyOptions, require_seeds
-from validation.study.sweep import sweep
+from validation.study.sweep import picture, sweep
 
 AxisName = Literal["speed", "slope", "roughness"]
 AXES: Mapping[AxisName, tuple[str, str, float, float]] = {
@@ -54,32 +49,7 @@ AXES: Mapping[AxisName, tuple[str, str, float, float]] = {
 the thesis' experiments have [SI]."""
 TRACKED = "generic"
 """Reference of the closed loops."""
-_LOADS = dict.fromkeys(("spread_N", "static_N", "quasi_static_N"), Unit("N", 1.0, 1))
-
-
-@dataclass(frozen=True)
-class TerrainAxes:
-    """The values that a terrain study drives [SI], and the trackers that it tests."""
-
-    speed: tuple[float, ...] = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0)
-    """Speeds on level ground [m/s]."""
-    slope: tuple[float, ...] = tuple(map(math.radians, (0.0, 1.0, 2.0, 4.0, 7.0, 10.0)))
-    """Slopes of ramps [rad]."""
-    roughness: tuple[float, ...] = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008)
-    """Root mean square heights of rough ground [m]."""
-    directions: tuple[float, ...] = tuple(map(math.radians, (0.0, 90.0, 180.0, 270.0)))
-    """Headings in which ramps rise [rad]."""
-    controllers: tuple[str, ...] = ("pid", "lqr")
-    """Trackers, with their tuned gains."""
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError for an axis without values."""
-        for axis in AXES:
-            if not getattr(self, axis):
-                raise ValueError(f"there are no values of {axis}")
-
-
-_ALL_AXES = TerrainAxes()
+_Fixed = Annotated[tuple[float, ...], tyro.conf.Suppress, tyro.conf.Fixed]  # values that only Python changes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +60,16 @@ class TerrainStudy(StudyOptions):
     """Time after which relative poses are compared [s]."""
     seeds: int = 3
     """Number of rough grounds of each height."""
-    axes: Annotated[TerrainAxes, tyro.conf.Suppress, tyro.conf.Fixed] = _ALL_AXES
-    """Values to drive; only from Python."""
+    controllers: Annotated[cli.Names, cli.option()] = ("pid", "lqr")
+    """Trackers, with their tuned gains."""
+    speed: _Fixed = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0)
+    """Speeds on level ground [m/s]."""
+    slope: _Fixed = tuple(map(math.radians, (0.0, 1.0, 2.0, 4.0, 7.0, 10.0)))
+    """Slopes of ramps [rad]."""
+    roughness: _Fixed = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008)
+    """Root mean square heights of rough ground [m]."""
+    directions: _Fixed = tuple(map(math.radians, (0.0, 90.0, 180.0, 270.0)))
+    """Headings in which ramps rise [rad]."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for no seeds, or a horizon longer than the trajectories."""
@@ -102,7 +80,7 @@ class TerrainStudy(StudyOptions):
     def grounds(self, axis: AxisName, value: float) -> list[Terrain]:
         """Return the grounds that belong to one value: ramps in every direction, or several grounds of one roughness."""
         if axis == "slope" and value > 0.0:
-            return [Terrain("ramp", slope=value, toward=d) for d in self.axes.directions]
+            return [Terrain("ramp", slope=value, toward=d) for d in self.directions]
         if axis == "roughness" and value > 0.0:
             return [Terrain("rough", height=value, seed=self.seed + k) for k in range(self.seeds)]
         return [FLAT]
@@ -111,10 +89,8 @@ class TerrainStudy(StudyOptions):
 class Case(NamedTuple):
     """One value of one axis."""
 
-    axis: AxisName
-    """Quantity that grows."""
-    value: float
-    """Its value [SI]."""
+    axis: AxisName  # quantity that grows
+    value: float  # its value [SI]
 
 
 @cli.program(TerrainStudy)
@@ -125,8 +101,8 @@ def study_terrain(o: TerrainStudy) -> Report:
         ValueError: the profile does not exist, or its numbers do not fit together.
     """
     profile = o.robot_profile()
-    planar = {v: _drive_planar(profile, v) for v in dict.fromkeys((AXES["speed"][3], *o.axes.speed))}
-    cases = {f"{axis} {words_of(axis, v)}": Case(axis, v) for axis in AXES for v in getattr(o.axes, axis)}
+    planar = {v: _drive_planar(profile, v) for v in dict.fromkeys((AXES["speed"][3], *o.speed))}
+    cases = {f"{axis} {words_of(axis, v)}": Case(axis, v) for axis in AXES for v in getattr(o, axis)}
     drives = {"models": partial(_open_loop, o, profile, planar), "trackers": partial(_track, o, profile)}
     swept = sweep(cases, drives, workers=o.workers, progress=o.progress)
     rows = [{**cases[row["variant"]]._asdict(), **row} for row in swept.rows]
@@ -135,19 +111,17 @@ def study_terrain(o: TerrainStudy) -> Report:
     doubled = [
         {"model": p, **{a: None if v is None else words_of(a, v) for a, v in found.items()}} for p, found in at.items()
     ]
-    loads = [load_errors(profile, terrain) for terrain in (FLAT, Terrain("ramp", slope=math.radians(10.0)))]
     whose = with_robot(profile.name, profile.robot.name)
     return Report(
         program="study", title=f"Terrain, profile {whose}; errors after {o.horizon:g} s, {TRACKED} tracked", draw=_draw,
         tables=[
             *(Table(AXES[axis][0], some, hidden=frozenset({"axis", "value"})) for axis, some in by_axis.items()),
             Table("Where a planar model's position error has doubled", doubled),
-            Table("Wheel loads of a manoeuvre: rms about their mean, and from two formulas", loads, units=_LOADS),
         ],
         sentences=swept.notes, status=swept.status, options={"seed": o.seed, "seeds": o.seeds, "horizon": o.horizon},
         document={
             "schema": "ssmr.study/1", "study": "terrain", "robot": profile.robot.name, "profile": profile.name,
-            "axes": asdict(o.axes), "doubled_at": at,
+            "axes": {axis: getattr(o, axis) for axis in AXES}, "doubled_at": at,
         },
         has_text=True,
     )  # fmt: skip
@@ -214,7 +188,7 @@ def _track(o: TerrainStudy, profile: Profile, case: Case) -> Row:
 
     They drive at 0.25 m/s, unless speed is the quantity that grows.
     """
-    if not (names := o.axes.controllers):
+    if not (names := o.controllers):
         return {}
     _, waypoints = open_reference(TRACKED, case.value if case.axis == "speed" else 0.25)
     robots = [make_robot(profile, "mujoco", terrain) for terrain in o.grounds(*case)]
@@ -243,45 +217,22 @@ def doubled_at(axis: AxisName, plant: str, rows: Sequence[Row]) -> float | None:
     return None
 
 
-def manoeuvre() -> Commands:
-    """Return commands that move load about without jolts: speed up, turn left, drive straight, brake, turn on the spot."""
-    corners = np.array([
-        (0.0, 0.8, 0.0), (3.0, 0.8, 0.0), (4.0, 0.8, 0.6), (7.0, 0.8, 0.6), (8.0, 0.8, 0.0),
-        (10.0, 0.8, 0.0), (10.05, 0.0, 0.0), (12.0, 0.0, 0.0), (13.0, 0.0, -0.6), (16.0, 0.0, -0.6),
-    ])  # fmt: skip
-    t = COMMAND_PERIOD * np.arange(round(corners[-1, 0] / COMMAND_PERIOD))
-    return Commands(COMMAND_PERIOD, np.column_stack([np.interp(t, corners[:, 0], c) for c in corners.T[1:]]))
-
-
-def load_errors(profile: Profile, terrain: Terrain) -> Row:
-    """Return root mean squares [N] of the manoeuvre's loads about their mean, and from static and quasi-static loads."""
-    robot = make_plant(profile, "mujoco", terrain)
-    assert isinstance(robot, MujocoPlant)
-    channels = with_quasi_static(robot.run(manoeuvre(), State(), SAMPLE_DT), robot, Localiser()).channels
-    static = static_loads(replace(profile.robot.vehicle, mass=profile.plants["mujoco"].parameters.mass))
-    formulas = {"spread_N": channels[MEASURED].mean(), "static_N": static, "quasi_static_N": channels[QUASI_STATIC]}
-    errors = {name: float(np.sqrt(np.mean((channels[MEASURED] - f) ** 2))) for name, f in formulas.items()}
-    return {"manoeuvre on": terrain.words, **errors}
-
-
 def _draw(study: Report) -> Figure:
-    """Return the picture: errors along the four axes, without and with feedback."""
+    """Return the picture: errors along the axes, without and with feedback; dashed: as in the thesis."""
     rows = {axis: study.tables[k].rows for k, axis in enumerate(AXES)}
     columns = dict.fromkeys(c for some in rows.values() for row in some for c in row)
     open_loop = {f"{plant}_m": (plant, drawing.ink_of(plant)) for plant in PLANAR}
     trackers = [c.removesuffix("_tracks_m") for c in columns if c.endswith("_tracks_m")]
     closed = {f"{name}_tracks_m": (f"{name}, tuned", drawing.controller_ink(name)) for name in trackers}
-    below = "Trackers that know nothing of the ground: distance from the reference [mm] (cross: lost on one)"
-    return drawing.put_together(
-        [
-            drawing.text_row(0.3, partial(drawing.draw_section, "Planar models: median position error [mm]")),
-            drawing.side_by_side(3.4, [partial(_draw_axis, axis, rows, open_loop) for axis in AXES]),
-            drawing.text_row(0.3, partial(drawing.draw_section, below)),
-            drawing.side_by_side(3.0, [partial(_draw_axis, axis, rows, closed) for axis in AXES]),
-            *drawing.note_rows(study.notes()),
-            drawing.text_row(0.3, partial(drawing.draw_footer, f"dashed: as in the thesis · {study.made_by}")),
-        ]
-    )
+    parts = {
+        "Planar models: median position error [mm]": open_loop,
+        "Trackers that know nothing of the ground: distance from the reference [mm] (cross: lost on one)": closed,
+    }
+    drawn: list[drawing.Row] = []
+    for title, lines in parts.items():
+        drawn.append(drawing.text_row(0.3, partial(drawing.draw_section, title)))
+        drawn.append(drawing.side_by_side(3.2, [partial(_draw_axis, axis, rows, lines) for axis in AXES]))
+    return picture(study, drawn)
 
 
 def _draw_axis(

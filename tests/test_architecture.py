@@ -208,7 +208,7 @@ PRICES = {
     "validation/engines": (1_020, "second opinions by ODE and Drake"),
     "validation/identify": (2_180, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (770, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_310, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/files": (2_250, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (980, "every plant declared once, and profiles"),
     "validation/replicate": (1_670, "the thesis beside us, row by row"),
     "validation/report": (3_050, "tables, pictures, rerun recordings and videos of all programs"),
@@ -221,7 +221,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_890,
+        2_880,
         "comparison, fit, tuning, robots, a drive by hand, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (590, "speed beside other libraries"),

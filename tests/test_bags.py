@@ -69,9 +69,9 @@ def test_every_kind_of_bag_gives_the_same_topics(bag_path: Path) -> None:
     assert {name for name, topic in topics.items() if topic.columns is not None} == TOPICS
     assert (topics["/rosout"].type, len(topics["/rosout"].t)) == ("std_msgs/msg/String", 60)
     for topic in (topics[name] for name in TOPICS):
-        assert (len(topic.t), topic.jumps) == (60, [])
+        assert len(topic.t) == 60
         assert np.median(np.diff(topic.t)) == pytest.approx(0.05, abs=STAMP)
-        assert topic.stamps == ("bag" if topic.name == "/cmd_vel" else "header")
+        assert bool(topic.remark) == (topic.name == "/cmd_vel")
 
 
 def test_commands_count_as_zero_once_they_are_old(tmp_path: Path) -> None:
@@ -116,7 +116,6 @@ def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message
 # ------------------------------------------------------------------------------------------- faults
 IMU_LATER = [("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) for k in range(10)]
 FAULTS: dict[str, tuple[list[Message], str]] = {
-    "a clock that jumps": (poses_at(jump=30.0), "jumps by +30.000 s after 1.000 s; stamps bag takes the times of writing"),
     "no number": (poses_at(value=math.nan), "/pose, 0.000 s: x is nan m, wanted a finite number [m]; topics pose=none"),
     "no overlap": ([*poses_at(10), *IMU_LATER], "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s"),
     "nothing of use": ([("/rosout", 0.1 * k, make.text("hello")) for k in range(3)], "nothing of use"),
@@ -141,17 +140,18 @@ def test_what_cannot_be_used_is_refused_with_the_way_round(tmp_path: Path, case:
         named = {"topics": {"pose": "/pose"}} if case == "one sample" else {}
         path = write(tmp_path, kind, messages)
         assert said in refused(path, **named)
-    if case == "a clock that jumps":
-        assert len(read_log(path, ReadOptions(stamps="bag")).t) == 20
 
 
-def test_late_samples_are_sorted_and_stamps_of_another_clock_are_not_believed(tmp_path: Path) -> None:
+def test_late_samples_are_sorted_and_stamps_of_another_clock_or_one_that_jumps_are_not_believed(tmp_path: Path) -> None:
     def topic(ticks: Sequence[tuple[float, float]], name: str) -> Topic:
         messages = [("/pose", written, make.pose_stamped(t, 0.0)) for t, written in sorted(ticks, key=lambda m: m[1])]
         return topics_of(write(tmp_path, "mcap", messages, name))["/pose"]
 
     assert np.all(np.diff(topic([(0.1 * k, 0.1 * k + (0.25 if k == 7 else 0.0)) for k in range(20)], "late").t) > 0.0)
-    assert topic([(0.1 * k - 1e6, 0.1 * k) for k in range(20)], "booted").stamps == "bag"
+    assert "is another one" in topic([(0.1 * k - 1e6, 0.1 * k) for k in range(20)], "booted").remark
+    log = read_log(write(tmp_path, "mcap", poses_at(jump=30.0), "jumped"))
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(20), atol=STAMP)
+    assert log.remarks == ["/pose: the messages' clock jumps by 30.000 s, so the times of writing count"]
 
 
 def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:

@@ -137,9 +137,6 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
     bag = write(tmp_path, "mcap", far)
     with pytest.raises(FileError, match=r"/odom, 0.000 s: odom_v is 1e\+200 m/s, more than 100;"):
         read_log(bag)
-    found = info(bag)
-    assert len(found.log.left_out) == 5
-    assert not found.log.groups
     stray = write(tmp_path, "ros1", [*poses_at(), ("/pose", 1e6, make.pose_stamped(1e6, 0.0))])
     with pytest.raises(FileError, match=r"/pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"):
         read_log(stray)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import time
@@ -10,8 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from validation.bench.gains import load_gains
 from validation.files import reading
@@ -20,7 +17,6 @@ from validation.plants.profile import load_profile
 LOADERS: dict[str, Callable[[Path], object]] = {
     "text": reading.read_text,
     "toml": reading.read_toml,
-    "json": lambda path: reading.read_json(path, 1000),
     "profile": load_profile,
     "gains": lambda path: load_gains("pid", str(path)),
 }
@@ -94,28 +90,6 @@ def test_a_whole_number_of_toml_has_64_bits(tmp_path: Path, text: str) -> None:
     refused(reading.read_toml, tmp_path / "great.toml")
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["[" * 100_000, "[" * 40 + "]" * 40, "NaN", "[1e999]", '["\\ud800"]', '{"\\ud800": 1}', "", "{"],
-)
-def test_no_json_brings_what_cannot_be_walked_or_written(text: str) -> None:
-    with pytest.raises(ValueError, match=r"^mine\.json: "):
-        reading.parse_json(text, "mine.json")
-
-
 def test_a_byte_that_is_no_text_is_named_by_its_line(tmp_path: Path, load: Callable[[Path], object]) -> None:
     (tmp_path / "mine.toml").write_bytes(b"a = 1\n\xff\n")
     assert "cannot be read as text; line 2" in refused(load, tmp_path / "mine.toml")
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**63) + 1, 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False)
-    | st.text(st.characters(codec="utf-8")),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(st.characters(codec="utf-8")), inner, max_size=4),
-    max_leaves=20,
-)  # fmt: skip
-
-
-@given(JSON)
-def test_json_that_results_are_made_of_is_read_as_it_was_written(document: object) -> None:
-    assert reading.parse_json(json.dumps(document), "it") == document

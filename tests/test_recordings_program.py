@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.bag_factory import circle, poses_at, write
+from tests.bag_factory import circle, write
 from tests.conftest import data_folder
 from validation.bench.reckoning import reckon
 from validation.bench.simulated_logs import SensorFaults, open_log
@@ -19,7 +19,6 @@ from validation.files.faults import find_rest, unbiased
 from validation.files.formats import log_path, read_log
 from validation.files.offsets import estimate_offsets
 from validation.plants.profile import load_profile
-from validation.recordings import info
 
 ROOT = Path(__file__).resolve().parents[1]
 PARKING_LOT = data_folder() / "husky_parking_lot" / "test1.bag"
@@ -79,14 +78,6 @@ def test_a_simulated_log_shows_its_faults() -> None:
     assert all(np.array_equal(values, again[name]) for name, values in log.columns.items())
     with pytest.raises(ValueError, match="no plant 'gazebo' in 'varied@gazebo'; there are: "):
         open_log("varied@gazebo", profile=profile, seed=3)
-
-
-# ------------------------------------------------------------------------------------------- what it refuses
-def test_info_tells_of_a_clock_that_jumps_and_goes_on(tmp_path: Path) -> None:
-    bag = write(tmp_path, "mcap", poses_at(jump=30.0))
-    found = info(bag)
-    assert "/pose: the clock jumps once, first by +30.000 s after 1.000 s" in found.table()
-    assert "stamps bag takes the times of writing" in found.log.left_out[0]
 
 
 # ------------------------------------------------------------------------------------------- a real Husky

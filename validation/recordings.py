@@ -20,7 +20,7 @@ from validation.bench.simulated_logs import SensorFaults, open_log
 from validation.files.faults import REST_LEAST, STOCK, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
-from validation.files.log import Log, ReadOptions, Stamps
+from validation.files.log import Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
 from validation.plants.filters import LEARNING, THESIS, StateFilter, load_filter, odometry_of
@@ -46,8 +46,6 @@ class LogOptions(cli.Common):
     _: KW_ONLY
     topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
-    stamps: Annotated[Stamps, cli.option()] = "header"
-    """Clock that counts: header, when a message was measured; or bag, when it was written."""
     limits: cli.Limits = USUAL
     robot: Annotated[
         Robot | str | Path | None,
@@ -67,10 +65,10 @@ class LogOptions(cli.Common):
     overwrite: cli.Flag = False
     """Replace a file that is there already."""
 
-    def opened(self, *, lenient: bool = False) -> Log:
-        """Return the log; a `lenient` reading leaves out topics that cannot be used."""
+    def opened(self) -> Log:
+        """Return the log."""
         faults = {name: getattr(self, name) for name in ("missed_left", "missed_right", "swing", "swing_hz")}
-        options = ReadOptions(self.topics, self.stamps, lenient, self.limits)
+        options = ReadOptions(self.topics, self.limits)
         return open_log(self.source, options, self.profile, self.seed, robot=self.robot, faults=SensorFaults(**faults))
 
     def odometry(self) -> EkfSettings:
@@ -186,7 +184,7 @@ def info(o: Info) -> LogReport:
         ValueError: the log cannot be opened.
         SsmrError: the plant diverged.
     """
-    log, odometry = o.opened(lenient=True), o.odometry()
+    log, odometry = o.opened(), o.odometry()
     used = load_filter(o.filter, odometry)
     reckoning = reckon(log, odometry, {f"filter '{used.name}'": used.settings} if used.settings != odometry else {})
     offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log)
@@ -215,7 +213,6 @@ def info(o: Info) -> LogReport:
     }  # fmt: skip
     return LogReport(
         title=log.path.name, document=document, log=log, offsets=offsets, rest=rest, reckoning=reckoning,
-        alarms=log.left_out,
         tables=[_contents(log), _offset_table(offsets), _reckoning_table(reckoning)],
         sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences()],
     )  # fmt: skip
@@ -351,8 +348,6 @@ def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> C
             if target is not None:
                 with cli.writes(option, target):
                     found.write(target)
-        for sentence in found.alarms:
-            cli.warn(sentence)
         cli.report_result(found, [] if target is None else [target])
 
     main.__doc__ = (inspect.getdoc(program.function) or "").partition("\n\nRaises:")[0]

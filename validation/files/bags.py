@@ -2,7 +2,8 @@
 
 Topics with a known message type are read: the planar quantities in them, in SI units. Other topics are only counted. A
 message has two stamps: the header's, when it was measured, and the bag's, when it was written. The header's is preferred.
-Where there is none, or where it comes from another clock, the bag's is used. Times are counted from the bag's first stamp.
+Where there is none, or where it comes from another clock or one that jumps, the bag's is used. Times are counted from the
+bag's first stamp.
 
 From joint states only wheels are read: joints with `wheel` and `left` or `right` in their names, averaged over each side.
 
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -28,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
 from validation.files.limits import LogLimits
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, ReadOptions, Stamps, Topic, check_group
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, ReadOptions, Topic, check_group
 from validation.files.reading import DAMAGE, FileError, opened, quoted
 from validation.words import shortened
 
@@ -143,11 +144,15 @@ class _Messages:
     numbers: array[float] = field(default_factory=lambda: array("d"))
     """Numbers, message by message."""
 
-    def stamps(self, wanted: Stamps) -> tuple[NDArray[np.int64], Stamps]:
-        """Return the (M,) stamps [ns] and the clock that they come from."""
+    def stamps(self) -> tuple[NDArray[np.int64], str]:
+        """Return the (M,) stamps [ns] of the messages, or of writing, and then why."""
         bag, header = (np.array(ns, dtype=np.int64) for ns in (self.written_ns, self.header_ns))
-        apart = abs(float(np.median(header - bag))) * 1e-9
-        return (header, "header") if wanted == "header" and header.all() and apart < _OTHER_CLOCK else (bag, "bag")
+        if not header.all():
+            return bag, "the messages have no stamps"
+        if abs(float(np.median(header - bag))) * 1e-9 > _OTHER_CLOCK:
+            return bag, "the messages' clock is another one than the bag's"
+        jump = float(np.max(np.abs(np.diff(header) - np.diff(bag)), initial=0)) * 1e-9
+        return (header, "") if jump < _CLOCK_JUMP else (bag, f"the messages' clock jumps by {jump:.3f} s")
 
 
 _Collected = dict[tuple[str, str, tuple[str, ...]], _Messages]
@@ -186,7 +191,7 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
         raise FileError(path, f"this is no bag that can be read, or a damaged one: {what}") from cause
     if not found and not counts:
         raise FileError(path, "the bag is empty: there is no message in it")
-    clocks = {key: found[key].stamps(options.stamps) for key in sorted(found)}
+    clocks = {key: found[key].stamps() for key in sorted(found)}
     epoch = min((int(ns.min()) for ns, _ in clocks.values()), default=0)
     topics = [_topic(*key, found[key], *clock, epoch) for key, clock in clocks.items()]
     return [*topics, *(Topic(*key, np.broadcast_to(0.0, many), None) for key, many in counts.items())]
@@ -227,16 +232,13 @@ def _column(topic: str) -> tuple[str, str] | None:
 
 
 def _topic(
-    name: str, kind: str, names: Sequence[str], messages: _Messages, ns: NDArray[np.int64], clock: Stamps, epoch: int
+    name: str, kind: str, names: Sequence[str], messages: _Messages, ns: NDArray[np.int64], remark: str, epoch: int
 ) -> Topic:
     """Return messages as a topic, sorted by their stamps [ns], which become seconds from the epoch [ns] on."""
-    written = np.array(messages.written_ns, dtype=np.int64)
-    odd = (np.diff(ns) - np.diff(written)) * 1e-9
-    jumps = [(float(written[k + 1] - epoch) * 1e-9, float(odd[k])) for k in np.flatnonzero(np.abs(odd) > _CLOCK_JUMP)]
     order = np.argsort(ns, kind="stable")
     table = np.array(messages.numbers, dtype=np.float64).reshape(len(ns), len(names))[order]
     t = np.asarray((ns[order] - epoch) * 1e-9, dtype=np.float64)
-    return Topic(name, kind, t, dict(zip(names, np.ascontiguousarray(table.T), strict=True)), clock, jumps)
+    return Topic(name, kind, t, dict(zip(names, np.ascontiguousarray(table.T), strict=True)), remark)
 
 
 def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str]) -> dict[str, Topic]:
@@ -289,11 +291,6 @@ def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) 
 
     `prefix` begins the names of the columns of odometry's pose. A FileError says what cannot be used.
     """
-    if topic.jumps:
-        when, size = topic.jumps[0]
-        many = f", and {len(topic.jumps) - 1} times more" if len(topic.jumps) > 1 else ""
-        what = f"the clock of topic {topic.name} jumps by {size:+.3f} s after {when:.3f} s{many}"
-        raise FileError(path, f"{what}; stamps bag takes the times of writing; topics {role}=none leaves it out")
     first = np.concatenate([[True], np.diff(topic.t) > 0.0])
     t, columns = topic.t[first], {name: values[first] for name, values in (topic.columns or {}).items()}
     try:
@@ -344,16 +341,6 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
     return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
 
 
-def _remarks(topic: Topic) -> Iterator[str]:
-    """Yield sentences about a topic's clock: jumps, stamps of writing, late samples."""
-    if topic.jumps:
-        when, size = topic.jumps[0]
-        many = "once" if len(topic.jumps) == 1 else f"{len(topic.jumps)} times"
-        yield f"{topic.name}: the clock jumps {many}, first by {size:+.3f} s after {when:.3f} s"
-    if topic.stamps == "bag" and topic.type != CHANNEL:
-        yield f"{topic.name}: stamps are those of writing; the messages have none of that clock"
-
-
 def read_bag(path: Path, options: ReadOptions) -> Log:
     """Read a bag.
 
@@ -363,27 +350,20 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     topics = read_topics(path, options)
     chosen = choose_topics(path, topics, options.topics)
     single = [topic for topic in topics if topic.type == CHANNEL and topic.columns is not None]
-    if not chosen and not single and not options.lenient:
+    if not chosen and not single:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)
         found = there or "no topic of a type that can be read"
         raise FileError(path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {found}")
     groups: dict[str, Group] = {}
-    left_out = []
     posed = "pose" in chosen or any(topic.name.startswith(f"{CHANNELS}pose/") for topic in single)
-    for role, topic in (*chosen.items(), *((CHANNEL, topic) for topic in single)):
-        try:
-            group = _group(path, role, topic, "odom_" if posed and role == "odom" else "", options.limits)
-            if role == CHANNEL:
-                _add(path, groups, group)
-            else:
-                groups[role] = group
-        except FileError as fault:
-            if not options.lenient:
-                raise
-            left_out.append(str(fault))
+    for role, topic in chosen.items():
+        groups[role] = _group(path, role, topic, "odom_" if posed and role == "odom" else "", options.limits)
+    for topic in single:
+        _add(path, groups, _group(path, CHANNEL, topic, "", options.limits))
     roles = {id(topic): role for role, topic in chosen.items()} | {id(t): "column" for t in single}
     listed = [replace(topic, role=roles.get(id(topic), "")) for topic in topics]
-    return Log(path, groups, listed, [remark for topic in topics for remark in _remarks(topic)], left_out, options.limits)
+    remarks = [f"{t.name}: {t.remark}, so the times of writing count" for t in topics if t.remark and t.type != CHANNEL]
+    return Log(path, groups, listed, remarks, options.limits)
 
 
 def _add(path: Path, groups: dict[str, Group], single: Group) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,19 +150,12 @@ class Group:
         return (last >= 0) & (t < stop[last])
 
 
-Stamps = Literal["header", "bag"]
-
-
 @dataclass(frozen=True)
 class ReadOptions:
     """Choices for formats with topics, and limits for all; a format without topics refuses their names."""
 
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named are guessed."""
-    stamps: Stamps = "header"
-    """Clock that counts: `header`, when a message was measured, or `bag`, when it was written."""
-    lenient: bool = False
-    """Leave out topics that cannot be used, and say so in `Log.left_out`, instead of raising an error."""
     limits: LogLimits = USUAL
     """Greatest sizes that a log may have."""
 
@@ -178,10 +171,8 @@ class Topic:
     """(M,) stamps, not decreasing, counted from the file's epoch [s]; zeros where the topic cannot be read."""
     columns: Mapping[str, FloatArray] | None
     """Columns as they were sent, each (M,), NaN is possible; None where the topic cannot be read."""
-    stamps: Stamps = "header"
-    """Clock that `t` comes from."""
-    jumps: Sequence[tuple[float, float]] = ()
-    """Jumps of its clock: the time of writing and the size [s]."""
+    remark: str = ""
+    """Why its stamps are the times of writing; empty where they are those of the messages."""
     role: str = ""
     """Role that it is taken for; empty for none."""
 
@@ -198,8 +189,6 @@ class Log:
     """Topics of the file, where its format has any."""
     remarks: Sequence[str] = ()
     """Sentences about the file's clocks."""
-    left_out: Sequence[str] = ()
-    """Sentences about topics that cannot be used."""
     limits: LogLimits = USUAL
     """Limits that it was read with; they hold for its common clock as well."""
 

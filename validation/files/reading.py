@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import os
 import reprlib
 import stat
@@ -12,7 +10,7 @@ import struct
 import sys
 import tomllib
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -104,9 +102,9 @@ def _size(count: int) -> str:
     return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
 
 
-def read_file(path: str | Path, most_bytes: int, limit: str = "") -> bytes:
+def read_file(path: str | Path, most_bytes: int) -> bytes:
     """Return what a regular file holds; the arguments and errors are those of `opened`."""
-    with opened(path, most_bytes, limit) as stream:
+    with opened(path, most_bytes) as stream:
         data = stream.read(min(most_bytes, max(os.fstat(stream.fileno()).st_size, _MOST_TEXT)) + 1)
     if len(data) > most_bytes:  # it grew, or its size is not told, as below /proc
         raise FileError(path, f"the file has more than the {_size(most_bytes)} allowed")
@@ -128,67 +126,35 @@ def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
 
 
 # ------------------------------------------------------------------------------------------ documents
-def read_toml(path: str | Path, most_bytes: int = _MOST_TEXT) -> dict[str, Any]:
-    """Return the document of a TOML file; numbers may be infinite or NaN there.
-
-    Raises:
-        ValueError: the file cannot be read, is too large, is no TOML, or is nested too deep.
-    """
-    return parse_toml(read_text(path, most_bytes), str(path))
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Return the document of a TOML file; its errors are those of `read_text` and `parse_toml`."""
+    return parse_toml(read_text(path), str(path))
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
-    """Return the document of a TOML text; `name` says in messages where the text is from.
+    """Return the document of a TOML text; numbers may be infinite or NaN there.
 
     Raises:
-        ValueError: it is no TOML, or is nested too deep.
+        ValueError: it is no TOML, or is nested too deep; `name` says where the text is from.
     """
-    return dict(_parsed(tomllib.loads, text, name, finite=False))
-
-
-def read_json(path: str | Path, most_bytes: int) -> Any:
-    """Return the document of a JSON file, whose numbers are finite.
-
-    Raises:
-        ValueError: the file cannot be read, is too large, is no JSON, is nested too deep, or holds a number that is not
-            finite.
-    """
-    return parse_json(read_text(path, most_bytes), str(path))
-
-
-def parse_json(text: str, name: str) -> Any:
-    """Return the document of a JSON text, whose numbers are finite; `name` says in messages where the text is from.
-
-    Raises:
-        ValueError: it is no JSON, is nested too deep, or holds a number that is not finite.
-    """
-    return _parsed(json.loads, text, name, finite=True)
-
-
-def _parsed(parse: Callable[[str], Any], text: str, name: str, *, finite: bool) -> Any:
-    """Return the document of a text; a ValueError of one line says why it is none that can be walked and written again."""
     try:
-        document = parse(text)
-        _check(document, finite)
+        document = tomllib.loads(text)
+        _check(document)
     except (ValueError, RecursionError) as error:
         why = _TOO_DEEP if isinstance(error, RecursionError) else " ".join(str(error).split())
         raise ValueError(f"{name}: {why}") from error
     return document
 
 
-def _check(value: Any, finite: bool, depth: int = 0) -> None:
-    """Refuse what others could not hold: deep nests, numbers that are too large or not `finite`, halves of characters."""
+def _check(value: Any, depth: int = 0) -> None:
+    """Refuse what others could not hold: tables that are nested deep, and numbers that are too large."""
     if depth > _MOST_DEEP:
         raise ValueError(_TOO_DEEP)
     if isinstance(value, int) and abs(value) >= _WHOLE:
         raise ValueError("a whole number has more than 64 bits")
-    if finite and isinstance(value, float) and not math.isfinite(value):
-        raise ValueError("a number is not finite")
-    if isinstance(value, str):
-        value.encode()  # JSON can name half of a pair that stands for one character
     if isinstance(value, dict | list):
-        for part in [*value, *value.values()] if isinstance(value, dict) else value:
-            _check(part, finite, depth + 1)
+        for part in value.values() if isinstance(value, dict) else value:
+            _check(part, depth + 1)
 
 
 def require_known(table: Any, known: Iterable[str], where: str) -> None:

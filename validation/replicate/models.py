@@ -84,16 +84,18 @@ def parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
     return rows | {name: {"value": _parameter_pair(None, p["unit"], p)} for name, p in found.items() if name not in named}
 
 
-def _parameter_pair(value: float | None, unit: str, p: Mapping[str, Any]) -> Pair:
-    error, lower, upper = p["standard_error"], p["lower"], p["upper"]
-    obstacle = ""
+def _parameter_pair(printed: float | None, unit: str, p: Mapping[str, Any]) -> Pair:
+    ends, bounds, obstacle = p["interval_95"], (p["lower"], p["upper"]), ""
     if p["at_bound"]:
         obstacle = "ours ended at a bound of its search"
-    elif error is None:
+    elif ends is None:
         obstacle = "no standard error could be estimated"
-    elif np.ptp(np.clip([p["value"] - 1.96 * error, p["value"] + 1.96 * error], lower, upper)) > _VAGUE * (upper - lower):
-        obstacle = "the motion hardly determines it: its 95 % interval takes up more than half of the bounds"
-    return Pair(value, p["value"], "spread", unit, error, {"lower": lower, "upper": upper}, obstacle)
+    else:
+        width, whole = (np.ptp(np.log(x) if p["scale"] == "log" else x) for x in (ends, bounds))
+        if width > _VAGUE * whole:
+            obstacle = "the motion hardly determines it: its 95 % interval takes up more than half of the bounds"
+    beside = dict(zip(("lower", "upper"), bounds, strict=True))
+    return Pair(printed, p["value"], "spread", unit, p["standard_error"], beside, obstacle)
 
 
 def distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:

@@ -169,7 +169,7 @@ def _lead(quick: bool, found: Container[str], unexplained: Sequence[str]) -> str
     """Return what stands before the chapters."""
     missing = [s.key for s in ALL_SECTIONS if s.key not in found]
     words = {
-        "quick": "It was made with `--quick`: fewer generations and seeds, so less can be concluded." if quick else "",
+        "quick": " It was made with `--quick`: fewer generations and seeds, so less can be concluded." if quick else "",
         "unexplained": f"Unexplained: {', '.join(unexplained)}." if unexplained else "Every difference has a known reason.",
         "missing": f"Left out: {', '.join(missing)}." if missing else "",
     }

@@ -145,10 +145,10 @@ def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> N
         assert piece.t is not None
         a, b = windows(piece.t, 2.0, piece.fresh)
         moved.append(np.hypot(*(truth.pose[b, :2] - truth.pose[a, :2]).T))
-    got = sum(float(r.cost(s)[0]) for r, s in zip(raters[0], still, strict=True))
+    got = sum(float(r.cost(s)[0]) for r, s in zip(raters, still, strict=True))
     assert got == pytest.approx(np.concatenate(moved).mean(), rel=ROUNDOFF)
     turned = [truth.pose[None] + np.array([shift, 0.0, 0.0]) for truth in target.truth]
-    assert sum(float(r.cost(s)[0]) for r, s in zip(raters[0], turned, strict=True)) == pytest.approx(0.0, abs=1e-12)
+    assert sum(float(r.cost(s)[0]) for r, s in zip(raters, turned, strict=True)) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["twist", "wheels"])

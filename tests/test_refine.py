@@ -184,7 +184,7 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
             wanted = ((error[..., :2] ** 2).sum(axis=2) + 0.09 * wrap_angle(error[..., 2]) ** 2).mean(axis=1)
             assert np.allclose(squares, wanted, rtol=1e-12)
         else:
-            assert isinstance(problem._raters[0][0], PathRater)
+            assert isinstance(problem._pieces[0][2], PathRater)
             assert np.all(np.sqrt(squares) <= 1.1 * problem.costs(points))  # the faint errors at equal times come on top
 
 

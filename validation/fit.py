@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.errors import SsmrError
-from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import cli, store
@@ -25,15 +23,15 @@ from validation.bench.sources import standing_sentences
 from validation.files.limits import USUAL
 from validation.identify.executors import dask_executor
 from validation.identify.figure import Line, Paths, legend_row, search_figure
-from validation.identify.found import SearchReport, found_parameters, found_table, search_document
+from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, with_errors
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.options import Searching
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
 from validation.identify.scores import HORIZONS, Scored, built, score, scored
-from validation.identify.search import Search, interruption, search_for
+from validation.identify.search import Search, search_for
 from validation.identify.targets import FitSources, Input, is_scenario, open_targets
-from validation.identify.uncertainty import Uncertainty, estimate, sentences
+from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import find, make_space, with_values
@@ -63,7 +61,6 @@ _JAGGED = (50, 100)
 make it jagged, so least squares go to the right place but not to the least cost there."""
 PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
 """The profile that a fit begins with unless another is given."""
-_TOLD = ("input", "from", "until", "objective", "position_weight")  # options that the provenance of a fitted profile repeats
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
 
 
@@ -82,7 +79,7 @@ class Fit(Searching):
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
     robot: cli.AnyRobot = None
     input: Annotated[Input, cli.option()] = "commands"
-    """Inputs of a recording that drive the plant: commands, measured wheel rates, or both, each in its turn."""
+    """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
     start_at: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
     """Leave out what was recorded before this time [s]."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
@@ -164,41 +161,44 @@ def fit(o: Fit) -> Fitted:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
-    names = o.names
-    occasion: Occasion = "scenario" if all(map(is_scenario, names)) else "recording"
+    occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else "recording"
     usual = plant_kind(o.model).free[occasion]
     base = choose_profile(o.profile, o.robot, PROFILES[occasion])
     begun = with_values(o.model, base.plants[o.model], list(o.fix), o.fix.values())
     free = [name for name in (usual if o.free is None else o.free) if name not in o.fix]
     space = make_space(o.model, free, o.bounds, begun.robot)
-    start = _first_points(space, o.model, begun, {} if o.start is None and o.search == "lsq" else o.start)
+    before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
+    start = _first_points(o, space, before)
     sources = FitSources(o.input, o.start_at, o.until, tuple(o.held_out), o.limits)
-    targets, held_out = open_targets(names, base, sources)
+    targets, held_out = open_targets(o.names, base, sources)
     cost = FitCost(o.objective, tuple(o.horizons), o.yaw_weight, o.position_weight)
     problem = FitProblem(o.model, begun, space, targets, cost)
     _require_possible(problem, o.bounds)
     simulated = o.model in SIMULATED
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
-    found = _searched(o, problem, settings, start)
+    with contextlib.ExitStack() as stack:
+        rated_by = o
+        if o.scheduler is not None:
+            executor, shares = stack.enter_context(dask_executor(o.scheduler))
+            rated_by = replace(o, executor=executor, workers=shares)
+        found = search_for(problem, settings, rated_by, start, _STARTS[o.search])
+    if found.starts and not found.interrupted:
+        found.refine(problem, o.threads)
     total = settings.generations + 1 + found.starts
     o.progress(Progress(total, total, "standard errors and scores"))
-    return _judged(o, problem, base, settings, found, held_out)
+    return _report(o, problem, base, found, before, held_out)
 
 
-def _first_points(
-    space: ParameterSpace, model: str, base: PlantProfile, start: Mapping[str, float] | None
-) -> FloatArray | None:
+def _first_points(o: Fit, space: ParameterSpace, before: FloatArray) -> FloatArray | None:
     """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
-    if start is None:
+    if o.start is None and o.search != "lsq":
         return None
-    for name in start:
-        find(model, name, base.robot)
-        if name not in space.names:
-            raise ValueError(f"start names {name}, which is not free")
-    values = [start.get(name, find(model, name, base.robot).read(base)) for name in space.names]
-    values = [p.upper if value == math.inf else value for p, value in zip(space.parameters, values, strict=True)]  # no limit
-    return space.points(np.array(values)[None])
+    named = o.start or {}
+    if unknown := [name for name in named if name not in space.names]:
+        raise ValueError(f"start names {unknown[0]}, which is not free")
+    values = np.array([named.get(name, was) for name, was in zip(space.names, before, strict=True)])
+    return space.points(np.where(np.isposinf(values), space.upper, values)[None])  # a limit that is off has no value
 
 
 def _require_possible(problem: FitProblem, given: Container[str]) -> None:
@@ -215,48 +215,31 @@ def _require_possible(problem: FitProblem, given: Container[str]) -> None:
             raise ValueError(f"{''.join(f'bounds of {name}: ' for name in end)}{error}") from error
 
 
-def _searched(o: Fit, problem: FitProblem, settings: JdeSettings, start: FloatArray | None) -> Search:
-    """Return the search after all its stages, or where it was interrupted."""
-    with contextlib.ExitStack() as stack:
-        rated_by = o
-        if o.scheduler is not None:
-            executor, shares = stack.enter_context(dask_executor(o.scheduler))
-            rated_by = replace(o, executor=executor, workers=shares)
-        found = search_for(problem, settings, rated_by, start, _STARTS[o.search])
-    if found.starts and not found.interrupted:
-        found.refine(problem, o.threads)
-    return found
-
-
-def _judged(
-    o: Fit, problem: FitProblem, base: Profile, settings: JdeSettings, found: Search, held_out: Sequence[FitTarget]
+def _report(
+    o: Fit, problem: FitProblem, base: Profile, found: Search, before: FloatArray, held_out: Sequence[FitTarget]
 ) -> Fitted:
     """Estimate how sure the numbers are, score the fitted plant on all sources, and return the report."""
-    point, space, troubles = found.best, problem.space, list[str]()
-    uncertainty: Uncertainty | None = None
-    if not found.interrupted:
-        try:
-            uncertainty = estimate(problem, point, o.threads, found.driven)
-        except (SsmrError, np.linalg.LinAlgError) as error:
-            troubles.append(f"Standard errors could not be estimated: {error}.")
-    before = [find(o.model, name, problem.base.robot).read(problem.base) for name in space.names]
-    errors = (None, None) if uncertainty is None else (uncertainty.standard_error, uncertainty.interval)
-    parameters = found_parameters(space, point, before, *errors)
+    point, space, notes = found.best, problem.space, list[str]()
     fitted = problem.candidate(point)
     assert fitted is not None
-    train = tuple(scored(problem, fitted, target) for target in problem.targets)
+    parameters, correlation, method = found_parameters(space, point, before), None, ""
+    for target in (*problem.targets, *held_out):
+        notes += [*target.source.warnings, *standing_sentences(target.source, HEADLINE_HORIZON)]
+    notes += bound_sentences(space, point)
+    if not found.interrupted:
+        try:
+            sure = estimate(problem, point, o.threads, found.driven)
+            parameters, correlation = with_errors(parameters, sure.standard_error, sure.interval), sure.correlation
+            notes, method = [*notes, *sentences(o.model, space.names, sure)], sure.method
+            notes.append(f"Standard errors come from: {method}.")
+        except (SsmrError, np.linalg.LinAlgError) as error:
+            notes.append(f"Standard errors could not be estimated: {error}.")
     judged = []
     for target in held_out:
         try:
             judged.append(scored(problem, fitted, target))
         except SsmrError as error:
-            troubles.append(f"The fitted plant cannot be driven along {target.label}, which was held out: {error}.")
-    warned = [warning for target in (*problem.targets, *held_out) for warning in target.source.warnings]
-    for target in (*problem.targets, *held_out):
-        warned += standing_sentences(target.source, HEADLINE_HORIZON)
-    notes = [*dict.fromkeys(warned), *sentences(o.model, space, point, uncertainty), *troubles]
-    if uncertainty is not None:
-        notes.append(f"Standard errors come from: {uncertainty.method}.")
+            notes.append(f"The fitted plant cannot be driven along {target.label}, which was held out: {error}.")
     source = ",".join(o.names)
     bare = Fitted(
         program="fit",
@@ -264,89 +247,73 @@ def _judged(
         tables=(),
         document={},
         draw=_draw,
-        sentences=[one_line(note) for note in notes],
-        options=_options(o, problem, settings),
-        **interruption(found),
+        sentences=[one_line(note) for note in dict.fromkeys(notes)],
+        options={**o.chosen(found.jde.settings), "objective": problem.cost.objective},
+        **ending(found),
         course=found,
         cost=found.cost,
         cost_name=str(problem.cost.objective),
         parameters=parameters,
         model=o.model,
         profile=base,
-        correlation=None if uncertainty is None else uncertainty.correlation,
-        train=train,
+        correlation=correlation,
+        train=tuple(scored(problem, fitted, target) for target in problem.targets),
         held_out=tuple(judged),
     )
-    method = "" if uncertainty is None else uncertainty.method
-    profile = _fitted_profile(o, bare, fitted, source, method)
-    together = score("all fitted to", problem.targets, [each.motion for each in train])
+    together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, source, o.seed, method, together)
-    return replace(bare, profile=profile, tables=_tables(bare), document=document)
+    return replace(bare, profile=_with_provenance(o, bare, fitted, document), tables=_tables(bare), document=document)
 
 
-def _options(o: Fit, problem: FitProblem, settings: JdeSettings) -> dict[str, Any]:
-    """Return the options as fit.json holds them."""
-    recorded = any(target.source.reference == "recording" for target in problem.targets)
-    cost = problem.cost
+def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
+    """Return what fit.json holds before its tables."""
+    matrix = None if f.correlation is None else f.correlation.tolist()
     return {
-        "input": o.input if recorded else None,
-        "from": o.start_at,
-        "until": o.until,
-        "objective": cost.objective,
-        **({"horizons_s": list(cost.horizons)} if cost.objective == "horizon" else {}),
-        **({"yaw_weight_m_rad": cost.yaw_weight} if cost.objective != "path" else {}),
-        **({"position_weight": cost.position_weight} if cost.position_weight != 1.0 else {}),
-        "fixed": dict(o.fix) or None,
-        "search": o.search,
-        **{k: v for k, v in asdict(settings).items() if k != "target" or o.target is not None},
-        "start": None if o.start is None else dict(o.start),
-        "scheduler": o.scheduler,
+        "schema": "ssmr.fit/1",
+        "model": f.model,
+        "source": source,
+        "profile": f.profile.name,
+        "robot": f.profile.robot.name,
+        "seed": seed,
+        **f.searched(),
+        "search": f.options["search"],
+        "correlation": None if matrix is None else {"names": [p.name for p in f.parameters], "matrix": matrix},
+        "standard_errors_by": method,
+        "train": together.as_dict(),
+        "train_by_source": {s.label: s.as_dict() for s in f.train},
+        "held_out": {s.label: s.as_dict() for s in f.held_out},
     }
 
 
-def _fitted_profile(o: Fit, f: Fitted, plant: PlantProfile, source: str, method: str) -> Profile:
+def _with_provenance(o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[str, Any]) -> Profile:
     """Return the profile that the fit began with, its plant's numbers replaced, and their provenance."""
-    base, how = f.profile, {"lsq": "least squares", "hybrid": "jDE, then least squares", "jde": "jDE"}[o.search]
-    if o.search != "lsq":
-        how += f", population {f.options['population']}"
+    kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
     provenance = {
-        "source": source,
-        **{k: v for k, v in f.options.items() if v is not None and k in _TOLD},
-        "method": how,
-        "seed": o.seed,
+        **{name: document[name] for name in kept},
         "status": f.status,
-        "cost": f.cost,
-        "evaluations": f.course.evaluations,
-        "generations": f.course.jde.generation,
+        "options": {name: value for name, value in f.options.items() if value is not None},
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "versions": dict(f.versions),
         "standard_errors": {p.name: p.standard_error for p in f.parameters if p.standard_error is not None},
-        "standard_errors_by": method,
         "train": _summary(f.train),
         "held_out": _summary(f.held_out),
     }
-    said = base.description
-    if not base.provenance:
-        robot = base.robot.title or base.robot.name
-        said = f"{robot}, with what was fitted to {source}; the rest is as its file has it"
     return replace(
-        base,
-        name=o.name or f"{base.name}-fitted",
-        description=said,
-        plants={**base.plants, f.model: plant},
-        provenance={**base.provenance, f.model: {k: v for k, v in provenance.items() if v not in ({}, "")}},
+        f.profile,
+        name=o.name or f"{f.profile.name}-fitted",
+        plants={**f.profile.plants, f.model: plant},
+        provenance={**f.profile.provenance, f.model: provenance},
     )
 
 
-def _summary(scored: Sequence[Scored]) -> dict[str, Any]:
+def _summary(scores: Sequence[Scored]) -> dict[str, Any]:
     """Return the headline of each source's scores, by its file's name."""
     out: dict[str, Any] = {}
-    for s in scored:
-        label = s.label.rpartition("/")[2]
-        if (errors := s.horizons.get(HEADLINE_HORIZON)) is not None:
+    for s in scores:
+        errors, label = s.horizons.get(HEADLINE_HORIZON), s.label.rpartition("/")[2]
+        out[label] = {name: s.metrics[name] for name in ("d_rms_m", "sync_rms_m")}
+        if errors is not None:
             out[label] = {"position_median_6s_m": errors.position_median_m, "yaw_median_6s_rad": errors.yaw_median_rad}
-        else:
-            out[label] = {"d_rms_m": s.metrics["d_rms_m"], "sync_rms_m": s.metrics["sync_rms_m"]}
     return out
 
 
@@ -359,51 +326,28 @@ def _named(f: Fitted) -> list[tuple[str, Scored]]:
 def _tables(f: Fitted) -> list[Table]:
     """Return the parameters, the scores on each source, and the errors by horizon where there are recordings."""
     scores = [{"source": name, **{key: s.metrics[key] for key in _SHOWN}} for name, s in _named(f)]
-    errors = [
-        {"horizon_s": h, "source": name, "windows": e.n, **{k: v for k, v in asdict(e).items() if k != "n"}}
-        for h in HORIZONS
-        for name, s in _named(f)
-        if (e := s.horizons.get(h)) is not None
-    ]
-    overlapping = [(h, name, s.windows[h].summary()) for h in HORIZONS for name, s in _named(f) if h in s.windows]
+    pairs = [(h, name, s) for h in HORIZONS for name, s in _named(f) if h in s.horizons]
+    errors = [{"horizon_s": h, "source": name, **asdict(s.horizons[h])} for h, name, s in pairs]
     return [
-        found_table(f.title, f.parameters, "parameter", "before", f.effort),
+        f.values("parameter", "before"),
         Table("Scores of the fitted plant", scores),
-        Table("Error of the relative pose after a horizon", errors, group="horizon_s"),
-        interval_table(overlapping, "source"),
+        Table("Error of the relative pose after a horizon", errors, group="horizon_s", headings={"n": "windows"}),
+        interval_table([(h, name, s.windows[h].summary()) for h, name, s in pairs], "source"),
     ]
-
-
-def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
-    """Return what fit.json holds before its tables."""
-    matrix = None if f.correlation is None else f.correlation.tolist()
-    return {
-        "schema": "ssmr.fit/1",
-        "model": f.model,
-        "source": source,
-        "profile": f.profile.name,
-        "robot": f.profile.robot.name,
-        **search_document(f.course, f.cost, f.cost_name, seed, f.parameters),
-        "search": f.options["search"],
-        "correlation": None if matrix is None else {"names": [p.name for p in f.parameters], "matrix": matrix},
-        "standard_errors_by": method,
-        "train": together.as_dict(),
-        "train_by_source": {s.label: s.as_dict() for s in f.train},
-        "held_out": {s.label: s.as_dict() for s in f.held_out},
-    }
 
 
 def _draw(f: Fitted) -> Figure:
     """Return the picture: the search, the parameters, and the paths along each scenario, or the errors by horizon."""
     ink, paths, marks = drawing.ink_of(f.model), list[Paths](), list[drawing.HorizonMarks]()
     for k, (name, s) in enumerate(_named(f)):
+        held_out = name.startswith("held out: ")
         if s.horizons:
-            marks.append(drawing.HorizonMarks(name, ink if s in f.train else drawing.BESIDE_INK, "osvDP"[k % 5], s.horizons))
+            marks.append(drawing.HorizonMarks(name, drawing.BESIDE_INK if held_out else ink, "osvDP"[k % 5], s.horizons))
             continue
         lines = [Line("true motion", s.truth[0].xy, "0.1", drawing.BROAD), Line("fitted", s.motion[0].xy, ink)]
         if s.before:
             lines.append(Line("before", s.before[0].xy, drawing.BESIDE_INK, 1.1, drawing.DASHED))
-        paths.append(Paths(name, f"d_rms {1e3 * s.metrics['d_rms_m']:.4g} mm", lines, s not in f.train))
+        paths.append(Paths(name, f"d_rms {1e3 * s.metrics['d_rms_m']:.4g} mm", lines, held_out))
     return search_figure(f, ink, "before", paths, _horizon_rows(marks))
 
 
@@ -411,15 +355,16 @@ def _horizon_rows(marks: Sequence[drawing.HorizonMarks]) -> list[drawing.Row]:
     """Return panels of position and yaw error by horizon."""
     if not marks:
         return []
-    bar = "median, bar to 95th percentile"
     legend = {m.name: Line2D([], [], color=m.ink, marker=m.marker, markeredgecolor="white", linewidth=2.5) for m in marks}
+    title = "error by horizon [{}]: median, bar to 95th percentile"
 
     def metres(ax: Axes) -> None:
-        title = f"Position error by horizon [m]: {bar}"
-        drawing.draw_horizons(marks, title, lambda e: (e.position_median_m, e.position_p95_m), ax)
+        drawing.draw_horizons(
+            marks, f"Position {title.format('m')}", lambda e: (e.position_median_m, e.position_p95_m), ax
+        )  # fmt: skip
 
     def degrees(ax: Axes) -> None:
-        drawing.draw_horizons(marks, f"Yaw error by horizon [deg]: {bar}", drawing.yaw_degrees, ax)
+        drawing.draw_horizons(marks, f"Yaw {title.format('deg')}", drawing.yaw_degrees, ax)
 
     return [legend_row(legend), drawing.side_by_side(2.6, [metres, degrees])]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,8 +15,6 @@ from matplotlib.figure import Figure
 from ssmr.control.laws import CONTROLLERS, LAWS
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.parameters import require_within
-from ssmr.search.jde import JdeSettings
-from ssmr.types import Trajectory
 from validation import cli, store
 from validation.bench.gains import DEFAULT, GainSet, dump_gains, load_gains, names, origin_sentence, shipped_gains
 from validation.bench.loops import ClosedLoopRobot, demand_of, make_controller, make_robot, require_practicable
@@ -24,9 +22,9 @@ from validation.bench.mismatch import SCORING, TUNING, WORST, Mismatch, draw_mis
 from validation.bench.tracked import lost_text
 from validation.bench.waypoint_files import open_reference, split_speed
 from validation.identify.figure import Line, Paths, search_figure
-from validation.identify.found import SearchReport, bound_sentences, found_parameters, found_table, search_document
+from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters
 from validation.identify.options import Searching
-from validation.identify.search import Search, interruption, search_for
+from validation.identify.search import Search, search_for
 from validation.identify.tuning import (
     RatedRun,
     TuneCase,
@@ -47,6 +45,7 @@ from validation.words import one_line, shortened
 
 _SIMULATED_SIZE = (24, 20)  # population and generations: a simulated run costs a hundred times that of a planar model
 _WORSE = 1.1  # a cost on a held-out reference that is so many times that of before is worth a sentence
+_DRAWN = ("baseline", "tuned")  # gains whose paths are drawn
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m")  # in the table of references
 HELD_OUT = ("line", "circle", "generic", "slalom", "square", "u-turn", "stop-and-go")
 """References that a tuning is judged on unless others are named: paths of every kind, without those that it is tuned on, at
@@ -112,49 +111,16 @@ class Tune(Searching):
         """Return the folder that the files are written to."""
         return Path("runs") / "tune" / f"{self.controller}-{'-'.join(self.plants)}"
 
-    @property
-    def is_simulated(self) -> bool:
-        """Whether a simulated robot is among the plants."""
-        return any(name in SIMULATED for name in self.plants)
-
-    def drawn(self, purpose: int, profile: Profile) -> tuple[Mismatch, ...]:
-        """Return the robots that are drawn for tuning or scoring; none where the profile's own is tuned on."""
-        count = 0 if self.robots == "nominal" else self.draws or (10 if self.is_simulated else 20)
-        return draw_mismatches(count, self.seed, purpose, profile.robot)
-
-    def measure(self) -> TuneCost:
-        """Return the cost."""
-        seeds = range(self.seed, self.seed + self.noise_seeds) if self.seeds is None else self.seeds
-        return TuneCost(self.cost, self.guard, tuple(seeds), k_u=LAWS[self.controller].k_u)
-
-    def pairs(self, references: Sequence[str]) -> list[tuple[str, float]]:
-        """Return names and speeds [m/s] of references such as `circle@0.5`."""
-        return [(name, self.speed if own is None else own) for name, own in map(split_speed, references)]
-
-    def cases(self, wanted: Sequence[tuple[str, float]], robots: Sequence[ClosedLoopRobot]) -> tuple[TuneCase, ...]:
-        """Return every robot on every reference, which are names and speeds [m/s]."""
+    def cases(self, wanted: Iterable[tuple[str, float | None]], robots: Sequence[ClosedLoopRobot]) -> tuple[TuneCase, ...]:
+        """Return every robot on every reference, which are names and speeds [m/s]; `speed` where there is none."""
         loop, out = LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise), []
         for name, speed in wanted:
-            label, waypoints = open_reference(name, speed)
+            label, waypoints = open_reference(name, self.speed if speed is None else speed)
             for robot in robots:
                 require_practicable(waypoints, robot.drive, label)
                 around = replace(loop, filter=odometry_of(robot.drive))
                 out.append(TuneCase(f"{label} at {waypoints.speed:.3g} m/s, {robot.name}", name, waypoints, robot, around))
         return tuple(out)
-
-
-@dataclass(frozen=True, eq=False)
-class TunedRun:
-    """One reference, followed with several sets of gains."""
-
-    label: str
-    """Reference, speed and plant in words: `generic at 0.25 m/s, improved`."""
-    target: Trajectory
-    """The whole reference."""
-    plant: str
-    """Name of the plant that was the robot."""
-    runs: Mapping[str, RatedRun]
-    """Runs by the name of their gains: `tuned`, `baseline` and, where these are others, `shipped`."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,10 +137,11 @@ class Tuned(SearchReport):
     """The gains that are shipped for this controller and profile, if there are any."""
     shipped_cost: float
     """Cost of the gains that are shipped; infinite where they lose a reference, NaN where there are none."""
-    train: tuple[TunedRun, ...]
-    """Runs along the references that it was tuned on."""
-    held_out: tuple[TunedRun, ...]
-    """Runs along references that the tuning has not seen."""
+    train: Mapping[str, Mapping[str, RatedRun]]
+    """Runs by reference, speed and plant (`generic at 0.25 m/s, improved`), and by gains: `tuned`, `baseline` and, where
+    these are others, `shipped`."""
+    held_out: Mapping[str, Mapping[str, RatedRun]]
+    """The same along references that the tuning has not seen."""
     scored_on: tuple[Mismatch, ...]
     """Differences of drawn robots that the tuning has not seen; none if it was tuned on the profile's own robot."""
     scores: Mapping[str, tuple[float, ...]]
@@ -210,23 +177,27 @@ def tune(o: Tune) -> Tuned:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
-    chosen = choose_profile(o.profile, o.robot, "thesis-lab")
-    base = _base_gains(o, chosen)
+    profile = choose_profile(o.profile, o.robot, "thesis-lab")
+    base = _base_gains(o, profile)
     begun = None if o.from_scratch else base.values
     space = make_tuning_space(o.controller, o.free, o.all, o.bounds, o.fix, begun)
-    law = LAWS[o.controller]
-    settings = o.settings(*(_SIMULATED_SIZE if o.is_simulated else (law.population, law.generations)))
-    robots = [make_robot(chosen, name) for name in o.plants]
-    wanted = o.pairs([o.references] if isinstance(o.references, str) else o.references)
+    law, robots = LAWS[o.controller], [make_robot(profile, name) for name in o.plants]
+    simulated = any(name in SIMULATED for name in o.plants)
+    settings = o.settings(*(_SIMULATED_SIZE if simulated else (law.population, law.generations)))
+    wanted = list(map(split_speed, [o.references] if isinstance(o.references, str) else o.references))
     cases = o.cases(wanted, robots)
-    fastest, names_tuned_on = max(case.waypoints.speed for case in cases), [name for name, _ in wanted]
-    usual = [(name, fastest) for name in HELD_OUT if name not in names_tuned_on]
-    held_out = o.cases(usual if o.held_out is None else o.pairs(o.held_out), robots)
-    problem = TuneProblem(chosen, base, space, cases, o.measure(), o.drawn(TUNING, chosen))
-    start = None if begun is None else space.points([base.values[name] for name in space.names])[None]
+    fastest, tuned_on = max(case.waypoints.speed for case in cases), [name for name, _ in wanted]
+    usual = [(name, fastest) for name in HELD_OUT if name not in tuned_on]
+    held_out = o.cases(usual if o.held_out is None else map(split_speed, o.held_out), robots)
+    count = 0 if o.robots == "nominal" else o.draws or (10 if simulated else 20)
+    drawn, unseen = (draw_mismatches(count, o.seed, use, profile.robot) for use in (TUNING, SCORING))
+    seeds = range(o.seed, o.seed + o.noise_seeds) if o.seeds is None else o.seeds
+    cost = TuneCost(o.cost, o.guard, tuple(seeds), k_u=law.k_u)
+    problem = TuneProblem(profile, base, space, cases, cost, drawn)
+    start = None if begun is None else space.points([begun[name] for name in space.names])[None]
     found = search_for(problem, settings, o, start)
     o.progress(Progress(settings.generations + 1, settings.generations + 1, "tuned and earlier gains on every reference"))
-    return _judged(o, problem, settings, found, held_out)
+    return _report(o, problem, found, held_out, unseen)
 
 
 def _base_gains(o: Tune, profile: Profile) -> GainSet:
@@ -242,42 +213,37 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
     return base
 
 
-def _judged(o: Tune, problem: TuneProblem, settings: JdeSettings, found: Search, held_out: Sequence[TuneCase]) -> Tuned:
+def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[TuneCase], unseen: Sequence[Mismatch]) -> Tuned:
     """Keep the better of what was found and what it began with, drive it beside other gains, and return the report."""
     base, space, profile, threads = problem.base, problem.space, problem.profile, o.threads
     known = [origin_sentence(base, profile.name)]
     known += [demand_of(case.waypoints, case.robot, profile.name, case.reference) for case in problem.cases]
-    remarks = [sentence for sentence in known if sentence is not None]
+    notes = [sentence for sentence in known if sentence is not None]
     point, cost, before = found.best, found.cost, problem.cost_of(base, threads)
     kept = problem.gains(point)
     if not o.from_scratch:
         least = problem.cost_of(base, threads, guarded=True)
-        remarks += widened_sentences(base.controller, space, base.values)
+        notes += widened_sentences(base.controller, space, base.values)
         if least <= cost:
-            remarks.append(f"No candidate costs less than {base.name}, with which the search began: those gains are kept.")
+            notes.append(f"No candidate costs less than {base.name}, with which the search began: those gains are kept.")
             kept, cost, point = base, least, space.points([base.values[name] for name in space.names])
         elif math.isinf(least) and math.isfinite(before):
-            remarks.append(f"{base.name}, with which the search began, fails the stability guard, so it had to be left.")
+            notes.append(f"{base.name}, with which the search began, fails the stability guard, so it had to be left.")
+    notes += bound_sentences(space, point)
     shipped = shipped_gains(base.controller, profile.name)
     sets = {"tuned": kept, "baseline": base}
     if shipped is not None and shipped.values != base.values:
         sets["shipped"] = shipped
-
-    def driven(cases: Sequence[TuneCase]) -> tuple[TunedRun, ...]:
-        return tuple(TunedRun(c.label, c.target, c.robot.name, problem.rated(c, sets, threads)) for c in cases)
-
-    scored_on = o.drawn(SCORING, profile)
-    judge = TuneProblem(profile, base, space, problem.cases, problem.cost, scored_on)
-    tuned_on = ",".join(dict.fromkeys(case.reference for case in problem.cases))
+    judge = TuneProblem(profile, base, space, problem.cases, problem.cost, unseen)
+    source = ",".join(dict.fromkeys(case.reference for case in problem.cases))
     bare = Tuned(
         program="tune",
-        title=f"{base.controller} tuned on {one_line(tuned_on)}, profile {with_robot(profile.name, profile.robot.name)}",
+        title=f"{base.controller} tuned on {one_line(source)}, profile {with_robot(profile.name, profile.robot.name)}",
         tables=(),
-        document={},
+        document={"seed": o.seed, "source": source},
         draw=_draw,
-        sentences=(*remarks, *bound_sentences(space, point)),
-        options=_options(o, problem, settings),
-        **interruption(found),
+        options={**asdict(problem.cost), **o.chosen(found.jde.settings), "noise_seeds": list(problem.cost.seeds)},
+        **ending(found),
         course=found,
         cost=cost,
         cost_name=problem.cost.cost,
@@ -287,119 +253,25 @@ def _judged(o: Tune, problem: TuneProblem, settings: JdeSettings, found: Search,
         baseline_cost=before,
         shipped=shipped,
         shipped_cost=math.nan if shipped is None else problem.cost_of(shipped, threads),
-        train=driven(problem.cases),
-        held_out=driven(held_out),
-        scored_on=scored_on,
-        scores={name: tuple(judge.costs_by_robot(gains, threads).tolist()) for name, gains in sets.items() if scored_on},
+        train={case.label: problem.rated(case, sets, threads) for case in problem.cases},
+        held_out={case.label: problem.rated(case, sets, threads) for case in held_out},
+        scored_on=tuple(unseen),
+        scores={name: tuple(judge.costs_by_robot(gains, threads).tolist()) for name, gains in sets.items() if unseen},
     )
-    found_gains = replace(bare, gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned", o.seed))
-    tables, sentences, document = _tables(found_gains), _sentences(found_gains), _document(found_gains, tuned_on, o.seed)
-    return replace(found_gains, tables=tables, sentences=sentences, document=document)
+    whole = replace(bare, document=_document(bare), gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"))
+    return replace(whole, tables=_tables(whole), sentences=[*_sentences(whole), *map(one_line, notes)])
 
 
-def _options(o: Tune, problem: TuneProblem, settings: JdeSettings) -> dict[str, Any]:
-    """Return the options as tune.json holds them."""
-    cost = asdict(problem.cost)
-    around = problem.cases[0].settings
-    return {
-        "name": cost.pop("cost"),
-        "noise_seeds": list(cost.pop("seeds")),
-        **cost,
-        "feedback": around.feedback,
-        "disturbance": around.disturbance,
-        "robots": o.robots,
-        "fixed": dict(o.fix) or None,
-        **{k: v for k, v in asdict(settings).items() if k != "target" or o.target is not None},
-        "from_scratch": o.from_scratch,
-    }
-
-
-def _with_provenance(t: Tuned, name: str, seed: int) -> GainSet:
-    """Return the tuned gains as a set that says how it was found."""
-    searched, labels = [p.name for p in t.parameters], [each.label for each in t.train]
-    profile, rated = t.problem.profile, {each.label: each.runs["tuned"] for each in (*t.train, *t.held_out)}
-    finite = {name: [cost for cost in costs if math.isfinite(cost)] for name, costs in t.scores.items()}
-    drawn = {
-        "robots": [robot.label for robot in t.problem.mismatches],
-        "other_robots": {n: {"lost": len(t.scores[n]) - len(costs), "costs": costs} for n, costs in finite.items()},
-    }
-    provenance = {
-        "tuned_on": labels,
-        "searched": searched,
-        "by_hand": [name for name in t.gains if name not in searched],
-        "profile": profile.name,
-        "robot": profile.robot.name,
-        "cost_name": t.cost_name,
-        "cost": t.cost,
-        **(drawn if t.scores else {}),
-        "baseline": t.problem.base.name,
-        **({"baseline_cost": t.baseline_cost} if math.isfinite(t.baseline_cost) else {}),
-        "status": t.status,
-        "seed": seed,
-        "evaluations": t.course.evaluations,
-        "generations": t.course.jde.generation,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-        "options": {k: v for k, v in t.options.items() if v is not None},
-        "versions": dict(t.versions),
-        "followed": {k: {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost} for k, r in rated.items() if not r.run.lost},
-    }
-    return GainSet(t.gain_set.controller, name, t.gains, provenance, f"tuned by validation.tune on {', '.join(labels)}")
-
-
-def _tables(t: Tuned) -> list[Table]:
-    """Return the gains within their bounds, the runs along each reference, and the costs with drawn robots."""
-    before = f"{one_line(t.problem.base.name)} costs {t.baseline_cost:.4g}"
-    held = " · ".join(f"{n} {v:.4g}" for n, v in t.gains.items() if n not in [p.name for p in t.parameters])
-    rows: list[Row] = []
-    for held_out, runs in ((False, t.train), (True, t.held_out)):
-        for each in runs:
-            label = f"held out: {each.label}" if held_out else each.label
-            for name, rated in each.runs.items():
-                some = {k: None if rated.run.lost else rated.metrics[k] for k in _SHOWN}
-                rows.append({"reference": label, "gains": name, "cost": None if rated.run.lost else rated.cost, **some})
-    robots = [
-        {"gains": name, **asdict(spread(costs)), "lost": sum(not math.isfinite(cost) for cost in costs)}
-        for name, costs in t.scores.items()
-    ]
-    others = (
-        f"Tuned on {len(t.problem.mismatches)} others of the same distribution; the cost was the mean of the worst fifth."
-    )
-    return [
-        found_table(t.title, t.parameters, "gain", "baseline", f"{t.effort}\n{before}\nheld: {held or 'none'}"),
-        Table(f"Tuned gains compared with {one_line(t.problem.base.name)}", rows, group="reference", best=True),
-        Table(f"Costs with {len(t.scored_on)} robots that the tuning has not seen", robots, others),
-    ]
-
-
-def _sentences(t: Tuned) -> list[str]:
-    """Return what the tables do not say, or should not be overlooked in them, sentence by sentence."""
-    out = [
-        f"The {name} gains lose {each.label}: {lost_text(rated.run)}."
-        for each in (*t.train, *t.held_out)
-        for name, rated in each.runs.items()
-        if rated.run.lost and name != "shipped"
-    ]
-    worse = [
-        each.label
-        for each in t.held_out
-        if math.isfinite(before := each.runs["baseline"].cost) and each.runs["tuned"].cost > _WORSE * before
-    ]
-    if worse:
-        out.append(f"Compared with {t.problem.base.name} these gains are worse on other references: {', '.join(worse)}.")
-    if t.shipped is not None and t.shipped_cost < t.cost:
-        out.append(f"The shipped gains {t.shipped.name} cost less on what these were tuned on: {t.shipped_cost:.4g}.")
-    return [*out, *map(one_line, t.sentences)]
-
-
-def _document(t: Tuned, tuned_on: str, seed: int) -> dict[str, Any]:
+def _document(t: Tuned) -> dict[str, Any]:
     """Return what tune.json holds before its tables; null stands for every number that is not finite."""
 
-    def runs(some: Sequence[TunedRun]) -> dict[str, Any]:
+    def runs(cases: Mapping[str, Mapping[str, RatedRun]]) -> dict[str, Any]:
         return {
-            each.label: {n: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for n, r in each.runs.items()} for each in some
+            label: {name: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for name, r in rated.items()}
+            for label, rated in cases.items()
         }
 
-    drawn = {
+    robots = {
         "worst_share": WORST,
         "tuned_on": [asdict(robot) for robot in t.problem.mismatches],
         "scored_on": [asdict(robot) for robot in t.scored_on],
@@ -408,33 +280,89 @@ def _document(t: Tuned, tuned_on: str, seed: int) -> dict[str, Any]:
     return {
         "schema": "ssmr.tune/1",
         "controller": t.gain_set.controller,
-        "source": tuned_on,
+        **t.document,
         "profile": t.problem.profile.name,
         "robot": t.problem.profile.robot.name,
-        **search_document(t.course, t.cost, t.cost_name, seed, t.parameters),
+        **t.searched(),
         "baseline": t.problem.base.name,
         "baseline_cost": t.baseline_cost,
         "worse_than_start": False,  # the better of both is kept
         "shipped": "" if t.shipped is None else t.shipped.name,
         "shipped_cost": t.shipped_cost,
         "gains": dict(t.gains),
-        **({"robots": drawn} if t.scored_on else {}),
+        **({"robots": robots} if t.scored_on else {}),
         "train": runs(t.train),
         "held_out": runs(t.held_out),
     }
 
 
+def _with_provenance(t: Tuned, name: str) -> GainSet:
+    """Return the tuned gains as a set that says how it was found."""
+    searched, document = [p.name for p in t.parameters], _document(t)
+    rated = {label: runs["tuned"] for label, runs in (*t.train.items(), *t.held_out.items())}
+    kept = ("profile", "robot", "cost_name", "cost", "baseline", "baseline_cost", "seed", "evaluations", "generations")
+    provenance = {
+        "tuned_on": list(t.train),
+        "searched": searched,
+        "by_hand": [name for name in t.gains if name not in searched],
+        **{key: document[key] for key in kept if key != "baseline_cost" or math.isfinite(t.baseline_cost)},
+        **({"robots": [robot.label for robot in t.problem.mismatches]} if t.scored_on else {}),
+        "status": t.status,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "options": {key: value for key, value in t.options.items() if value is not None},
+        "versions": dict(t.versions),
+        "followed": {k: {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost} for k, r in rated.items() if not r.run.lost},
+    }
+    return GainSet(t.gain_set.controller, name, t.gains, provenance, f"tuned by validation.tune on {', '.join(t.train)}")
+
+
+def _tables(t: Tuned) -> list[Table]:
+    """Return the gains within their bounds, the runs along each reference, and the costs with drawn robots."""
+    base, searched = one_line(t.problem.base.name), [p.name for p in t.parameters]
+    held = " · ".join(f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched)
+    rows: list[Row] = []
+    for lead, cases in (("", t.train), ("held out: ", t.held_out)):
+        for label, runs in cases.items():
+            for name, rated in runs.items():
+                measures = {"cost": rated.cost, **{key: rated.metrics[key] for key in _SHOWN}}
+                shown = {key: None if rated.run.lost else value for key, value in measures.items()}
+                rows.append({"reference": f"{lead}{label}", "gains": name, **shown})
+    robots = [
+        {"gains": name, **asdict(spread(costs)), "lost": sum(map(math.isinf, costs))} for name, costs in t.scores.items()
+    ]
+    others = f"Tuned on {len(t.problem.mismatches)} others of the same kind: the cost was the mean of the worst fifth."
+    return [
+        t.values("gain", "baseline", f"{base} costs {t.baseline_cost:.4g}\nheld: {held or 'none'}"),
+        Table(f"Tuned gains compared with {base}", rows, group="reference", best=True),
+        Table(f"Costs with {len(t.scored_on)} robots that the tuning has not seen", robots, others),
+    ]
+
+
+def _sentences(t: Tuned) -> list[str]:
+    """Return what should not be overlooked in the tables, sentence by sentence."""
+    out, worse = list[str](), list[str]()
+    for label, runs in (*t.train.items(), *t.held_out.items()):
+        out += [f"The {name} gains lose {label}: {lost_text(r.run)}." for name, r in runs.items() if r.run.lost]
+        if label in t.held_out and runs["tuned"].cost > _WORSE * runs["baseline"].cost:
+            worse.append(label)
+    if worse:
+        out.append(f"Compared with {t.problem.base.name} these gains are worse on other references: {', '.join(worse)}.")
+    if t.shipped is not None and t.shipped_cost < t.cost:
+        out.append(f"The shipped gains {t.shipped.name} cost less on what these were tuned on: {t.shipped_cost:.4g}.")
+    return list(map(one_line, out))
+
+
 def _draw(t: Tuned) -> Figure:
     """Return the picture: the search, the gains, and the paths along each reference."""
-    paths = []
-    for each in (*t.train, *t.held_out):
-        texts, lines = [], [Line("reference", each.target.xy, drawing.REFERENCE_INK, 1.1, drawing.REFERENCE_DASHES)]
-        for name, ink in (("baseline", drawing.BESIDE_INK), ("tuned", drawing.ink_of(each.plant))):
-            rated = each.runs[name]
-            lines.append(Line(name, rated.run.columns("x", "y"), ink, lost=rated.run.lost))
-            texts.append(f"{name} {'lost' if rated.run.lost else f'{rated.cost:.4g}'}")
-        paths.append(Paths(shortened(each.label, 60), f"cost: {', '.join(texts)}", lines, each in t.held_out))
-    return search_figure(t, drawing.ink_of(t.train[0].plant), "baseline", paths, before_cost=t.baseline_cost)
+    paths, ink = [], drawing.ink_of(t.problem.cases[0].robot.name)
+    for label, runs in (*t.train.items(), *t.held_out.items()):
+        lines = [Line("reference", runs["tuned"].target.xy, drawing.REFERENCE_INK, 1.1, drawing.REFERENCE_DASHES)]
+        for name, colour in zip(_DRAWN, (drawing.BESIDE_INK, ink), strict=True):
+            run = runs[name].run
+            lines.append(Line(name, run.columns("x", "y"), colour, lost=run.lost))
+        costs = ", ".join(f"{name} {'lost' if runs[name].run.lost else f'{runs[name].cost:.4g}'}" for name in _DRAWN)
+        paths.append(Paths(shortened(label, 60), f"cost: {costs}", lines, label in t.held_out))
+    return search_figure(t, ink, "baseline", paths)
 
 
 if __name__ == "__main__":

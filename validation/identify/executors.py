@@ -14,10 +14,11 @@ from ssmr.types import FloatArray
 
 CONNECT_TIMEOUT = 5.0  # time within which a scheduler must answer [s]
 _MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")  # packages whose versions decide the numbers
-Rate = Callable[..., FloatArray]
 
 
-def costs_by(executor: Executor, shares: int, rate: Rate, points: FloatArray, limits: FloatArray) -> FloatArray:
+def costs_by(
+    executor: Executor, shares: int, rate: Callable[..., FloatArray], points: FloatArray, limits: FloatArray
+) -> FloatArray:
     """Return the (S,) costs of (S, n) points with (S,) limits, which `rate` gives in another process, in so many shares."""
     costs = np.empty(len(points))
     parts = [slice(first, None, shares) for first in range(min(shares, len(points)))]

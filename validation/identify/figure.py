@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,54 +15,35 @@ from matplotlib.ticker import MaxNLocator
 from ssmr.types import FloatArray
 from validation.identify.found import FittedParameter, SearchReport
 from validation.report import drawing
-from validation.report.drawing import ALARM, BESIDE_INK, DASHED, QUIET, Dashes, Ink, Row
+from validation.report.drawing import ALARM, QUIET, Dashes, Ink, Row
 from validation.words import shortened
 
-_DECADE = 10.0
-"""Costs that span a greater ratio are drawn on a logarithmic scale."""
 _LEAST_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.8  # height of the first row; of a strip, and what their panel needs besides
-_PATHS_IN, _ABREAST, MOST_PATHS = 3.1, 4, 12  # height of a row of paths, panels in it, and panels in all
+_PATHS_IN, _ABREAST, _MOST_PATHS = 3.1, 4, 12  # height of a row of paths, panels in it, and panels in all
 
 
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A path, and how it is drawn."""
+class Line(NamedTuple):
+    """A path of (M, 2) positions [m], its name for the legend, its looks, and whether the robot was lost at its end."""
 
     name: str
-    """What it is, for the legend."""
     xy: FloatArray
-    """(M, 2) positions [m]."""
     ink: Ink
-    """Its colour."""
     width: float = drawing.NARROW
-    """Its width [pt]."""
     dashes: Dashes = "solid"
-    """Its pattern."""
     lost: bool = False
-    """Whether the robot was lost at its end."""
 
 
-@dataclass(frozen=True, eq=False)
-class Paths:
-    """The paths along one source, for one panel."""
+class Paths(NamedTuple):
+    """The paths along one source, the lowest one first, with its name, and what is said of them below it."""
 
     title: str
-    """Name of the source."""
     text: str
-    """What is said of them, below the title."""
     lines: Sequence[Line]
-    """The paths, the lowest one first."""
     held_out: bool
-    """Whether the search has not seen this source."""
 
 
 def search_figure(
-    found: SearchReport,
-    ink: Ink,
-    before: str,
-    paths: Sequence[Paths] = (),
-    rows: Sequence[Row] = (),
-    before_cost: float = math.inf,
+    found: SearchReport, ink: Ink, before: str, paths: Sequence[Paths] = (), rows: Sequence[Row] = ()
 ) -> Figure:
     """Draw a search, 1600 px wide: course, values within their bounds, paths, further rows, notes and footer.
 
@@ -73,36 +53,30 @@ def search_figure(
         before: name of the values of before.
         paths: panels of paths; those that find no room are left out.
         rows: further rows of panels.
-        before_cost: cost of the values of before; not drawn where it is infinite.
     """
-    n, versions = len(found.parameters), (f"{k} {found.versions[k]}" for k in ("ssmr-testbed", "mujoco", "numpy"))
-    footer = " · ".join([f"seed {found.document['seed']}", *versions])
-    height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * n)
-    strips, course = partial(_draw_strips, found, ink, before), partial(_draw_course, found, ink, before, before_cost)
+    height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(found.parameters))
+    first = ((0.36, partial(_draw_course, found, ink)), (0.64, partial(_draw_strips, found, ink, before)))
+    versions = (f"{name} {found.versions[name]}" for name in ("ssmr-testbed", "mujoco", "numpy"))
     page = [
         drawing.text_row(0.3, partial(drawing.draw_section, shortened(found.title, 110))),
-        drawing.text_row(0.25, partial(drawing.draw_footer, shortened(found.effort, 170))),
-        Row(height, ((0.36, course), (0.64, strips))),
-        *_path_rows(paths[:MOST_PATHS]),
+        drawing.text_row(0.25, partial(drawing.draw_footer, found.effort)),
+        Row(height, first),
+        *_path_rows(paths[:_MOST_PATHS]),
         *rows,
         *drawing.note_rows(found.notes()),
-        drawing.text_row(0.26, partial(drawing.draw_footer, footer)),
+        drawing.text_row(0.26, partial(drawing.draw_footer, " · ".join([f"seed {found.document['seed']}", *versions]))),
     ]
     return drawing.put_together(page)
 
 
-def _draw_course(found: SearchReport, ink: Ink, before: str, before_cost: float, ax: Axes) -> None:
+def _draw_course(found: SearchReport, ink: Ink, ax: Axes) -> None:
     """Draw best and median cost, generation by generation."""
-    best, median = np.array(found.course.best_cost), np.array(found.course.median_cost)
-    for costs, colour, name, width in ((median, "0.6", "median", 1.2), (best, ink, "best", 2.0)):
+    curves = {"median": (found.course.median_cost, "0.6"), "best": (found.course.best_cost, ink)}
+    for name, (costs, colour) in curves.items():
         shown = np.where(np.isfinite(costs), costs, np.nan)
-        ax.plot(
-            np.arange(len(costs)), shown, color=colour, linewidth=width, marker="o", markersize=2.5, label=name, gid=name
-        )
-    if math.isfinite(before_cost):
-        ax.axhline(before_cost, color=BESIDE_INK, linewidth=1.1, linestyle=DASHED, label=before, gid="before")
-    known = np.concatenate([c[np.isfinite(c)] for c in (best, median, np.full(1, before_cost))])
-    if known.min(initial=math.inf) > 0.0 and known.max(initial=0.0) > _DECADE * known.min(initial=math.inf):
+        ax.plot(np.arange(len(costs)), shown, color=colour, marker="o", markersize=2.5, label=name, gid=name)
+    known = [cost for costs, _ in curves.values() for cost in costs if np.isfinite(cost)]
+    if min(known) > 0.0 and max(known) > 10.0 * min(known):
         ax.set_yscale("log")
         drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
@@ -113,17 +87,15 @@ def _draw_course(found: SearchReport, ink: Ink, before: str, before_cost: float,
 def _draw_strips(found: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     """Draw the parameters within their bounds, a strip each."""
     drawing.inset(ax, left=1.3, right=1.0)
-    ax.set(xlim=(0.0, 1.0), ylim=(len(found.parameters) - 0.45, -0.6), xticks=[])
+    ax.set(xlim=(0.0, 1.0), ylim=(len(found.parameters) - 0.45, -0.6), xticks=[], title="Values within their bounds")
     ax.set_yticks(range(len(found.parameters)), [p.name for p in found.parameters])
     ax.tick_params(length=0.0, pad=46.0)
-    ax.set_title("Values within their bounds")
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)
     said = f"dot: found · bar: 95 % interval · tick: {before} · grey: last generation"
     ax.annotate(said, (0.0, 0.0), (0.0, -4.0), xycoords="axes fraction", textcoords="offset points", va="top", fontsize=8.5,
                 color=QUIET, annotation_clip=False)  # fmt: skip
-    jde = found.course.jde
-    members = jde.population[np.isfinite(jde.costs)]
+    members = found.course.jde.population[np.isfinite(found.course.jde.costs)]
     for row, p in enumerate(found.parameters):
         _draw_strip(p, row, members[:, row], ink, ax)
 
@@ -142,14 +114,14 @@ def _draw_strip(p: FittedParameter, row: int, members: FloatArray, ink: Ink, ax:
     error = "" if p.standard_error is None else f" ± {p.standard_error:.2g}"
     unit = "" if p.unit == "1" else f" {p.unit}"
     beside = f"{p.value:.4g}{error}{unit}{f' · {p.warning}' if p.warning else ''}"
-    side = "left" if x < 0.3 else "right" if x > 0.7 else "center"
-    for text, at, away, align, size in (
-        (beside, (x, row), (0.0, 7.0), side, 9.0),
-        (f"{p.lower:.4g}", (0.0, row), (-7.0, -3.0), "right", 8.5),
-        (f"{p.upper:.4g}{unit}", (1.0, row), (7.0, -3.0), "left", 8.5),
+    for text, at, away, align in (
+        (beside, x, (0.0, 7.0), "left" if x < 0.3 else "right" if x > 0.7 else "center"),
+        (f"{p.lower:.4g}", 0.0, (-7.0, -3.0), "right"),
+        (f"{p.upper:.4g}{unit}", 1.0, (7.0, -3.0), "left"),
     ):
         colour = ALARM if p.warning and text == beside else "0.2"
-        ax.annotate(text, at, away, textcoords="offset points", ha=align, fontsize=size, color=colour, annotation_clip=False)
+        ax.annotate(text, (at, row), away, textcoords="offset points", ha=align, fontsize=8.5, color=colour,
+                    annotation_clip=False)  # fmt: skip
 
 
 def legend_row(lines: Mapping[str, Line2D]) -> Row:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,17 +12,10 @@ import numpy as np
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
-from validation.report.report import Report
+from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
 
 _VAGUE_SHARE = 0.5  # a number with a wider interval, as a share of the space between its bounds, is marked as uncertain
-_STOPPED = {
-    "generations": "all generations done",
-    "improvement": "no more improvement",
-    "target": "target reached",
-    "interrupt": "INTERRUPTED",
-    "least squares": "least squares ended",
-}
 
 
 @dataclass(frozen=True)
@@ -60,49 +53,28 @@ class FittedParameter:
         return (value - self.lower) / (self.upper - self.lower)
 
     @property
-    def is_vague(self) -> bool:
-        """Whether its 95 % interval takes up more than half of the space between its bounds."""
-        ends = self.interval_95
-        return ends is not None and self.share(ends[1]) - self.share(ends[0]) > _VAGUE_SHARE
-
-    @property
     def warning(self) -> str:
-        """`at bound`, `uncertain`, both or nothing."""
-        return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * self.is_vague)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the parameter as a JSON file holds it."""
-        return {name: value for name, value in asdict(self).items() if name != "name"}
+        """`at bound`, `uncertain` where its interval takes up more than half of the bounds, both or nothing."""
+        low, high = map(self.share, self.interval_95 or (self.value, self.value))
+        return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * (high - low > _VAGUE_SHARE))
 
 
-def found_parameters(
-    space: ParameterSpace,
-    point: FloatArray,
-    before: Sequence[float],
-    errors: FloatArray | None = None,
-    intervals: FloatArray | None = None,
+def found_parameters(space: ParameterSpace, point: FloatArray, before: Iterable[float]) -> tuple[FittedParameter, ...]:
+    """Return the parameters at an (n,) point of the unit cube, with the values of before and no errors."""
+    rows = zip(space.parameters, space.values(point).tolist(), before, space.at_bound(point).tolist(), strict=True)
+    return tuple(
+        FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, float(was), bound) for p, value, was, bound in rows
+    )
+
+
+def with_errors(
+    parameters: Sequence[FittedParameter], errors: FloatArray, intervals: FloatArray
 ) -> tuple[FittedParameter, ...]:
-    """Return the parameters at an (n,) point of the unit cube.
-
-    Args:
-        space: the parameters with their bounds.
-        point: where the search ended.
-        before: (n,) values of before.
-        errors: (n,) standard errors, NaN where there is none.
-        intervals: (n, 2) ends of their 95 % intervals.
-    """
-    out = []
-    rows = zip(space.parameters, space.values(point), before, space.at_bound(point), strict=True)
-    for i, (p, value, was, bound) in enumerate(rows):
-        error, ends = None, None
-        if errors is not None and intervals is not None and np.isfinite(errors[i]):
-            error, ends = float(errors[i]), (float(intervals[i, 0]), float(intervals[i, 1]))
-        out.append(
-            FittedParameter(
-                p.name, p.unit, float(value), p.lower, p.upper, p.scale, float(was), bool(bound), error, ends
-            )
-        )  # fmt: skip
-    return tuple(out)
+    """Return the parameters with their (n,) standard errors and (n, 2) intervals; NaN is none."""
+    return tuple(
+        replace(p, standard_error=float(e), interval_95=(float(ends[0]), float(ends[1]))) if np.isfinite(e) else p
+        for p, e, ends in zip(parameters, errors, intervals, strict=True)
+    )
 
 
 def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
@@ -136,41 +108,45 @@ class SearchReport(Report):
         """The cost, and what the search took, in words."""
         c, cost = self.course, f"{self.cost_name} cost {self.cost:.4g}"
         done = f"{c.evaluations} evaluations in {c.jde.generation} generations"
-        return f"{cost} · {done} · {c.wall_s:.1f} s · {_STOPPED.get(c.stopped_by, c.stopped_by)}"
+        return f"{cost} · {done} · {c.wall_s:.1f} s · stopped by {c.stopped_by}"
 
-
-def search_document(
-    course: Search, cost: float, cost_name: str, seed: int, parameters: Sequence[FittedParameter]
-) -> dict[str, Any]:
-    """Return what the JSON files of fits and tunings have in common."""
-    return {
-        "seed": seed,
-        "stopped_by": course.stopped_by,
-        "cost": cost,
-        "cost_name": cost_name,
-        "evaluations": course.evaluations,
-        "evaluations_by_stage": course.by_stage,
-        "generations": course.jde.generation,
-        "wall_s": course.wall_s,
-        "parameters": {p.name: p.as_dict() for p in parameters},
-        "best_cost_by_generation": [cost for cost in course.best_cost if math.isfinite(cost)],
-    }
-
-
-def found_table(title: str, parameters: Sequence[FittedParameter], what: str, before: str, caption: str = "") -> Table:
-    """Return the parameters row by row; `what` and `before` name the first column and the one of earlier values."""
-    known = any(p.standard_error is not None for p in parameters)
-    rows = [
-        {
-            what: p.name,
-            "unit": "" if p.unit == "1" else p.unit,
-            "value": p.value,
-            **({"standard_error": p.standard_error} if known else {}),
-            "lower_bound": p.lower,
-            "upper_bound": p.upper,
-            before: p.before,
-            "warning": p.warning,
+    def searched(self) -> dict[str, Any]:
+        """Return what the JSON files of fits and tunings have in common."""
+        c, parameters = self.course, {p.name: asdict(p) for p in self.parameters}
+        return {
+            "stopped_by": c.stopped_by,
+            "cost": self.cost,
+            "cost_name": self.cost_name,
+            "evaluations": c.evaluations,
+            "evaluations_by_stage": c.by_stage,
+            "generations": c.jde.generation,
+            "wall_s": c.wall_s,
+            "parameters": parameters,
+            "best_cost_by_generation": [cost for cost in c.best_cost if math.isfinite(cost)],
         }
-        for p in parameters
-    ]
-    return Table(title, rows, caption)
+
+    def values(self, what: str, before: str, caption: str = "") -> Table:
+        """Return the parameters row by row; `what` and `before` name the first column and the one of earlier values."""
+        known = any(p.standard_error is not None for p in self.parameters)
+        rows = [
+            {
+                what: p.name,
+                "unit": "" if p.unit == "1" else p.unit,
+                "value": p.value,
+                **({"standard_error": p.standard_error} if known else {}),
+                "lower_bound": p.lower,
+                "upper_bound": p.upper,
+                before: p.before,
+                "warning": p.warning,
+            }
+            for p in self.parameters
+        ]
+        return Table(self.title, rows, f"{self.effort}\n{caption}")
+
+
+def ending(search: Search) -> dict[str, Any]:
+    """Return the fields of a report that say whether its search was interrupted, and how to go on."""
+    if not search.interrupted:
+        return {"status": FINISHED}
+    said = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
+    return {"status": INTERRUPTED, "alarms": (said,) if search.checkpoint else ()}

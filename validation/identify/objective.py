@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -21,8 +21,6 @@ from validation.bench.sources import Piece, Source
 
 Objective = Literal["path", "sync", "horizon"]
 
-MOST_HORIZONS = 100
-"""Greatest number of horizons in one cost."""
 _WINDOW_STRIDE = 1.0  # windows of the horizon cost begin this far apart [s]: noise of single poses averages out
 _BLOCK_S = 6.0  # errors that begin within one block of time count as one observation [s]: they share poses and ground
 _SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
@@ -52,23 +50,16 @@ class FitCost:
     """K_dratio of Eq. 3.1 [1]; Tab. 3.7. It weighs |1 - d_ratio|: as printed, standing still would be rewarded."""
 
     def __post_init__(self) -> None:
-        """Check the objective's name, the horizons and the weights.
-
-        Raises:
-            ValueError: an unknown objective, a weight that is negative or not finite, weights that leave nothing to fit
-                to, or a horizon that is not positive.
-        """
+        """Raise a ValueError for an unknown objective, a number out of its range, or weights that are all 0."""
         if self.objective is not None and self.objective not in get_args(Objective):
             raise ValueError(f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}")
         require_within(self, ("k_rms", "k_haus", "k_ratio", "yaw_weight", "position_weight"), 0.0, 1e6)
         if self.objective == "path" and self.position_weight != 1.0:
-            raise ValueError(
-                "position_weight belongs to the objectives sync and horizon; path is a distance between positions"
-            )
+            raise ValueError("position_weight belongs to the objectives sync and horizon; path is a distance of positions")
         if self.yaw_weight == self.position_weight == 0.0:
             raise ValueError("position_weight and yaw_weight are both 0, which leaves nothing to fit to")
-        if not 1 <= len(self.horizons) <= MOST_HORIZONS:
-            raise ValueError(f"horizons must be 1 to {MOST_HORIZONS} numbers, got {len(self.horizons)}")
+        if not self.horizons:
+            raise ValueError("horizons must be one or more numbers")
         require_within(self, ("horizons",), 1e-3, 1e5)
 
 
@@ -84,6 +75,55 @@ class FitTarget:
     """The true motion, piece by piece."""
 
 
+class Rater:
+    """Rates candidates along one piece of motion; a subclass says what their errors are."""
+
+    def __init__(self, truth: Trajectory, cost: FitCost, weight: FloatArray, blocks: FloatArray) -> None:
+        """Keep the true motion, the (K,) weights of its errors, and the (K,) numbers of their blocks of time."""
+        self._truth, self._cost, self._weight, self._blocks = truth, cost, weight, blocks
+
+    @property
+    def blocks(self) -> FloatArray:
+        """Number of the block of time that each residual belongs to, counted over all pieces."""
+        return np.tile(self._blocks, 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0))
+
+    def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (S, K, 2) errors of positions [m] and (S, K) of yaw [rad] of (S, M, 3) poses."""
+        raise NotImplementedError
+
+    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+        """Return the (S,) terms of the cost of (S, M, 3) poses, rated on so many threads; NaN where a pose is NaN."""
+        raise NotImplementedError
+
+    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+        """Return the errors that least squares make small, each times the root of its weight; none that weighs nothing."""
+        (position, yaw), root, cost = self.errors(poses), np.sqrt(self._weight), self._cost
+        columns = [cost.position_weight * root * position[..., i] for i in (0, 1)] if cost.position_weight > 0.0 else []
+        return np.concatenate([*columns, *([cost.yaw_weight * root * yaw] if cost.yaw_weight > 0.0 else [])], axis=1)
+
+
+class SyncRater(Rater):
+    """The sync objective: RMS of position and yaw errors at equal times; least squares see every tenth of a second."""
+
+    def __init__(self, truth: Trajectory, cost: FitCost, share: float, block: int) -> None:
+        """Keep the piece's share in the cost, and count its blocks of time from `block`."""
+        self._share, self._every = share, max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
+        blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
+        super().__init__(truth, cost, np.full(len(blocks), share / len(blocks)), blocks)
+
+    def errors(self, poses: FloatArray, every: int | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return the errors at every so many samples, see `Rater.errors`."""
+        k = every or self._every
+        error = poses[:, ::k] - self._truth.pose[::k]
+        return error[..., :2], wrap_angle(error[..., 2])
+
+    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+        """Return the weighted sum of the RMS of position and of yaw errors."""
+        position, yaw = self.errors(poses, 1)
+        rms = np.sqrt((position**2).sum(axis=2).mean(axis=1)), np.sqrt((yaw**2).mean(axis=1))
+        return self._share * (self._cost.position_weight * rms[0] + self._cost.yaw_weight * rms[1])
+
+
 @jit_alone
 def path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
     """Write (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
@@ -91,48 +131,6 @@ def path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
     for i in range(len(poses)):
         metrics = one_sided_kernel(poses[i], truth, length)
         out[i] = k_rms * metrics[0] + k_haus * metrics[1] + k_ratio * abs(1.0 - metrics[2])
-
-
-class SyncRater:
-    """The rater of one piece by the sync objective: RMS of position and yaw errors at equal times."""
-
-    def __init__(self, truth: Trajectory, cost: FitCost, weight: float, block: int) -> None:
-        """Keep the true motion, the piece's share in the cost, and the number of its first block of time."""
-        self._truth, self._cost, self._weight = truth, cost, weight
-        self._every = max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
-        self._blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
-
-    @property
-    def blocks(self) -> FloatArray:
-        """(K,) number of the block of time that each residual belongs to, counted over all pieces."""
-        return np.tile(self._blocks, _terms(self._cost))
-
-    def _errors(self, poses: FloatArray, every: int = 1) -> tuple[FloatArray, FloatArray]:
-        error = poses[:, ::every] - self._truth.pose[::every]
-        return error[..., :2], wrap_angle(error[..., 2])
-
-    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return the (S,) terms of the cost of (S, M, 3) poses, rated on so many threads; NaN where a pose is NaN."""
-        position, yaw = self._errors(poses)
-        rms = np.sqrt((position**2).sum(axis=2).mean(axis=1)), np.sqrt((yaw**2).mean(axis=1))
-        return self._weight * (self._cost.position_weight * rms[0] + self._cost.yaw_weight * rms[1])
-
-    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return (S, K) weighted errors every tenth of a second; their squares add up to those of the cost's two terms."""
-        weight = np.full(len(self._blocks), self._weight / len(self._blocks))
-        return _weighted(*self._errors(poses, self._every), weight, self._cost)
-
-
-def _terms(cost: FitCost) -> int:
-    """Return how many residuals an error of a pose has: x, y and yaw, where these have a weight."""
-    return 2 * (cost.position_weight > 0.0) + (cost.yaw_weight > 0.0)
-
-
-def _weighted(position: FloatArray, yaw: FloatArray, weight: FloatArray, cost: FitCost) -> FloatArray:
-    """Return (S, K) position and yaw errors in metres, each times the root of its weight; none that weighs nothing."""
-    root = np.sqrt(weight)
-    columns = [cost.position_weight * root * position[..., i] for i in (0, 1)] if cost.position_weight > 0.0 else []
-    return np.concatenate([*columns, *([cost.yaw_weight * root * yaw] if cost.yaw_weight > 0.0 else [])], axis=1)
 
 
 @jit_alone
@@ -156,88 +154,68 @@ def path_offsets(poses, truth, every, out):
 
 
 class PathRater(SyncRater):
-    """The rater of one piece by the path objective, Eq. 3.1."""
+    """The path objective, Eq. 3.1.
+
+    Least squares see the offsets from the true path to the candidate's and the error of the length, whose squares add up to
+    (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no derivative. A path does not say when the robot
+    was where, so faint errors at equal times choose between equal paths.
+    """
 
     @property
     def blocks(self) -> FloatArray:
-        """(K,) number of the block of time that each residual belongs to; the error of the length has one of its own."""
+        """Number of the block of time that each residual belongs to; the error of the length has one of its own."""
         return np.concatenate([np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks])
 
     def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return (S, K) errors: offsets from the true path to the candidate's, error of the length, and faint ones of time.
-
-        The squares of the first two add up to (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no
-        derivative. A path does not tell when the robot was where, so errors at equal times choose between equal paths.
-        """
-        s, root = self._cost, math.sqrt(self._weight)
-        poses, offsets = np.ascontiguousarray(poses), np.empty((len(poses), -(-len(self._truth.pose) // self._every), 2))
-
-        def rate(i: int, k: int) -> None:
-            path_offsets(poses[i:k], self._truth.pose, self._every, offsets[i:k])
-
-        share_among_threads(rate, len(poses), workers)
+        """Return offsets, error of the length and faint errors of time."""
+        s, root, truth = self._cost, math.sqrt(self._share), self._truth.pose
+        poses, offsets = np.ascontiguousarray(poses), np.empty((len(poses), len(self._blocks), 2))
+        share_among_threads(
+            lambda i, k: path_offsets(poses[i:k], truth, self._every, offsets[i:k]), len(poses), workers
+        )  # fmt: skip
         share = s.k_rms / math.sqrt(offsets.shape[1])
-        lengths = [np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, self._truth.pose[None])]
+        lengths = [np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, truth[None])]
         ratio = s.k_ratio * (1.0 - lengths[0] / lengths[1])
         timing = _FAINT * s.k_rms * super().residuals(poses)
         return np.concatenate([root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing], axis=1)
 
     def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| of each candidate."""
-        s = self._cost
-        poses, costs, weights = np.ascontiguousarray(poses), np.empty(len(poses)), (s.k_rms, s.k_haus, s.k_ratio)
-
-        def rate(i: int, k: int) -> None:
-            path_costs(poses[i:k], self._truth.pose, *weights, costs[i:k])
-
-        share_among_threads(rate, len(poses), workers)
-        return self._weight * costs
+        s, truth = self._cost, self._truth.pose
+        poses, costs = np.ascontiguousarray(poses), np.empty(len(poses))
+        share_among_threads(
+            lambda i, k: path_costs(poses[i:k], truth, s.k_rms, s.k_haus, s.k_ratio, costs[i:k]), len(poses), workers
+        )  # fmt: skip
+        return self._share * costs
 
 
-class HorizonRater:
+class HorizonRater(Rater):
     """The horizon objective: mean size of relative pose errors over windows that begin every second."""
 
     def __init__(self, truth: Trajectory, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
         """Cut the windows; `counts` are the windows of all pieces by horizon, `block` the piece's first block of time."""
-        self._cost = cost
         found = [piece.windows(windows, truth.t, horizon) for horizon in cost.horizons]
         self._starts, self._ends = (np.concatenate([f[end] for f in found]) for end in (0, 1))
-        shares = [np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)]
-        self._weight = np.concatenate(shares)
-        self._blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
+        weight = np.concatenate([np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)])
+        super().__init__(truth, cost, weight, block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S))
 
-    @property
-    def blocks(self) -> FloatArray:
-        """(K,) number of the block of time that each residual belongs to, counted over all pieces."""
-        return np.tile(self._blocks, _terms(self._cost))
-
-    def _errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the errors of the relative pose over each window, see `Rater.errors`."""
         moved = relative(poses[:, self._starts], poses[:, self._ends])
         error = relative(np.broadcast_to(self._wanted, moved.shape), moved)
         return error[..., :2], wrap_angle(error[..., 2])
 
     def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return the (S,) terms of the cost of (S, M, 3) poses."""
-        position, yaw = self._errors(poses)
+        """Return the weighted sum of the sizes of all errors."""
+        position, yaw = self.errors(poses)
         far = np.hypot(position[..., 0], position[..., 1])
         size = self._cost.position_weight * far + self._cost.yaw_weight * np.abs(yaw)
         return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
 
-    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return (S, K) weighted errors of the relative pose; by their size, they add up to the cost."""
-        return _weighted(*self._errors(poses), self._weight, self._cost)
-
-
-Rater = SyncRater | HorizonRater
-"""A rater of one piece of motion: its `cost`, and the `residuals` that least squares make small, with their `blocks`."""
-
 
 def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> tuple[IndexArray, IndexArray]:
-    """Return (W,) starts and ends of overlapping windows of a gap-free record, each once, in order of start.
-
-    They are those of `horizon_windows`, begun every second.
-    """
+    """Return (W,) starts and ends of the windows of `horizon_windows`, begun every second, each once, in order of start."""
     found: set[tuple[int, int]] = set()
     for offset in np.arange(0.0, horizon, _WINDOW_STRIDE):
         first = int(np.searchsorted(t, t[0] + offset - 1e-9))
@@ -249,8 +227,8 @@ def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> t
     return pairs[:, 0], pairs[:, 1]
 
 
-def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[list[Rater]]:
-    """Return a rater for every piece of every target.
+def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
+    """Return a rater for every piece of every target, in their order.
 
     Raises:
         ValueError: no window of a horizon fits into the sources.
@@ -258,19 +236,14 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[list[Rater]
     pieces = [pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)]
     seconds = [float(truth.t[-1] - truth.t[0]) for _, truth in pieces]
     lengths = [2 + int(s / (_BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S)) for s in seconds]
-    blocks = itertools.accumulate(lengths[:-1], initial=0)  # the first block of each piece
-    raters: Iterator[Rater]
-    if cost.objective == "horizon":
-        per_piece = [[len(piece.windows(windows, truth.t, h)[0]) for h in cost.horizons] for piece, truth in pieces]
-        counts = np.sum(per_piece, axis=0)
-        if not counts.all():
-            between = ", less between jumps of the localiser" if any(piece.jumps for piece, _ in pieces) else ""
-            raise ValueError(
-                f"no window of {cost.horizons[int(np.argmin(counts))]:g} s fits into the sources, whose longest stretch "
-                f"without a gap has {max(seconds):.1f} s{between}; name shorter horizons"
-            )
-        raters = (HorizonRater(r, p, cost, list(counts), b) for (p, r), b in zip(pieces, blocks, strict=True))
-    else:
+    blocks = list(itertools.accumulate(lengths[:-1], initial=0))  # the first block of each piece
+    if cost.objective != "horizon":
         make = PathRater if cost.objective == "path" else SyncRater
-        raters = (make(r, cost, s / sum(seconds), b) for (_, r), s, b in zip(pieces, seconds, blocks, strict=True))
-    return [[next(raters) for _ in target.source.pieces] for target in targets]
+        return [make(r, cost, s / sum(seconds), b) for (_, r), s, b in zip(pieces, seconds, blocks, strict=True)]
+    counts = np.sum([[len(p.windows(windows, r.t, h)[0]) for h in cost.horizons] for p, r in pieces], axis=0)
+    if not counts.all():
+        raise ValueError(
+            f"no window of {cost.horizons[int(np.argmin(counts))]:g} s fits between gaps and jumps of the sources, whose "
+            f"longest stretch without a gap has {max(seconds):.1f} s; name shorter horizons"
+        )
+    return [HorizonRater(r, p, cost, list(counts), b) for (p, r), b in zip(pieces, blocks, strict=True)]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -17,6 +17,10 @@ from validation import cli
 
 CHECKPOINT = "checkpoint.npz"
 """Name of the file in the folder of the results that a search's state is kept in."""
+_LEFT_OUT = {
+    *("model", "to", "controller", "references", "profile", "robot", "limits", "bounds", "seed"),
+    *("out", "workers", "progress", "executor", "resume", "name"),
+}  # options that a result file has at other places, or that decide no number
 MOST_WORKERS = 4096
 """Greatest number of threads that a search can be told to use."""
 
@@ -80,3 +84,8 @@ class Searching(cli.Common):
         )
         target = -math.inf if self.target is None else self.target
         return JdeSettings(*sizes, patience=self.patience, target=target)
+
+    def chosen(self, settings: JdeSettings) -> dict[str, Any]:
+        """Return the options that result files hold: those that decide numbers, with the sizes that the search had."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _LEFT_OUT}
+        return {**values, "population": settings.population, "generations": settings.generations}

@@ -25,12 +25,10 @@ HORIZONS = (2.0, 6.0, 30.0, 60.0)
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A fitted plant on one source, used for the fit or held out."""
+    """A fitted plant on one source, or on several together."""
 
     label: str
     """The source as the user named it, with its input where it is a recording driven by both."""
-    reference_name: str
-    """The plant that made the true motion, or `recording`."""
     truth: tuple[Trajectory, ...]
     """The true motion, piece by piece."""
     motion: tuple[Trajectory, ...]
@@ -46,10 +44,8 @@ class Scored:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the scores as fit.json holds them."""
-        horizons = {
-            f"{h:g}": {**asdict(errors), "overlapping": asdict(self.windows[h].summary())}
-            for h, errors in self.horizons.items()
-        }
+        overlapping = {h: asdict(errors.summary()) for h, errors in self.windows.items()}
+        horizons = {f"{h:g}": {**asdict(errors), "overlapping": overlapping[h]} for h, errors in self.horizons.items()}
         return {**self.metrics, **({"horizons": horizons} if horizons else {})}
 
 
@@ -78,4 +74,4 @@ def score(
     driven = [(target.source, motion) for target, motion in zip(targets, motions, strict=True)]
     truth, motion = tuple(chain(*(target.truth for target in targets))), tuple(chain(*motions))
     errors = horizons_of(driven, HORIZONS), window_errors_of(driven, HORIZONS)
-    return Scored(label, targets[0].source.reference, truth, motion, before, compare_pieces(motion, truth), *errors)
+    return Scored(label, truth, motion, before, compare_pieces(motion, truth), *errors)

@@ -12,7 +12,6 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -24,46 +23,20 @@ from validation import store
 from validation.files import reading
 from validation.identify.executors import costs_by
 from validation.identify.options import Searching
-from validation.identify.refine import Remembered, Residuals, arrivals
+from validation.identify.problem import FitProblem, OnShare
+from validation.identify.refine import Remembered, arrivals
+from validation.identify.tuning import TuneProblem
 from validation.progress import Progress, Report, silent
 
 _MOST_BYTES = 1 << 28  # of a checkpoint; one of a thousand candidates and generations has less than a million
 _SHOWN_VALUES = 4  # of the best candidate in a line of progress
 _log = logging.getLogger(__name__)
-
-OnShare = Callable[[float], object] | None
-"""What is called, from any thread, with the share of a generation that is rated."""
 Evaluate = Callable[[FloatArray, FloatArray, OnShare], FloatArray]
-"""A function that rates a generation: points, limits and `on_share`, see `SearchProblem.costs`."""
+"""A function that rates a generation: points, limits and `on_share`, see `FitProblem.costs`."""
 
 
 class CheckpointError(ValueError):
     """A checkpoint that cannot be read, or that belongs to another search."""
-
-
-class SearchProblem(Protocol):
-    """Everything that a search needs to know of what is searched."""
-
-    @property
-    def space(self) -> ParameterSpace:
-        """The parameters with their bounds."""
-
-    def costs(self, points: FloatArray, limits: FloatArray | None, workers: int, on_share: OnShare) -> FloatArray:
-        """Return the (S,) costs of (S, n) points of the unit cube; infinite for one that is impossible or fails.
-
-        Args:
-            points: the candidates.
-            limits: (S,) costs; a candidate whose partial sum exceeds its limit is abandoned, and that sum is returned.
-            workers: number of threads; the result does not depend on it.
-            on_share: called with the share of the work that is done.
-        """
-
-    def identity(self) -> dict[str, object]:
-        """Return all that decides the costs, by name: a checkpoint belongs to a search of equal identity."""
-
-
-class RefinableProblem(SearchProblem, Residuals, Protocol):
-    """A problem with residuals and costs."""
 
 
 @dataclass
@@ -118,11 +91,6 @@ class Search:
         return sum(self.by_stage.values())
 
     @property
-    def status(self) -> str:
-        """`finished` or `interrupted`."""
-        return "interrupted" if self.interrupted else "finished"
-
-    @property
     def stopped_by(self) -> str:
         """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
         if self.interrupted:
@@ -152,7 +120,7 @@ class Search:
             self.interrupted = True
         self.wall_s = time.perf_counter() - zero
 
-    def refine(self, problem: RefinableProblem, threads: int) -> None:
+    def refine(self, problem: FitProblem, threads: int) -> None:
         """Go on by least squares: from the best candidate and others far from it, or with one start from the first.
 
         A search that has reached its target is over.
@@ -201,11 +169,10 @@ class Search:
     def save(self, path: Path) -> None:
         """Write a checkpoint, whole or not at all."""
         arrays = {
-            "fit_identity": np.array(json.dumps(dict(self.identity))),
-            "fit_versions": np.array(json.dumps(store.versions())),
-            "fit_best_cost": np.array(self.best_cost),
-            "fit_median_cost": np.array(self.median_cost),
-            "fit_wall_s": np.array(self.wall_s),
+            "identity": np.array(json.dumps(dict(self.identity))),
+            "best_cost": np.array(self.best_cost),
+            "median_cost": np.array(self.median_cost),
+            "wall_s": np.array(self.wall_s),
             **{f"jde_{name}": value for name, value in self.jde.state().items()},
         }
         if len(self.driven):
@@ -213,8 +180,8 @@ class Search:
         store.write_atomic(path, lambda temporary: np.savez(temporary, allow_pickle=False, **arrays))
 
     @classmethod
-    def load(cls, path: Path, identity: Mapping[str, str]) -> tuple[Search, dict[str, str]]:
-        """Return the search of a checkpoint, which must have this identity, and the package versions that it began with.
+    def load(cls, path: Path, identity: Mapping[str, str]) -> Search:
+        """Return the search of a checkpoint, which must have this identity.
 
         Raises:
             CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
@@ -226,37 +193,43 @@ class Search:
         try:
             with np.load(content, allow_pickle=False) as file:
                 data = dict(file)
-            was, versions = (dict(json.loads(str(data[name]))) for name in ("fit_identity", "fit_versions"))
+            was = dict(json.loads(str(data["identity"])))
             jde = Jde.restore({name.removeprefix("jde_"): v for name, v in data.items() if name.startswith("jde_")})
-            best, median, wall_s = (data[f"fit_{name}"].tolist() for name in ("best_cost", "median_cost", "wall_s"))
+            course = {name: data[name].tolist() for name in ("best_cost", "median_cost", "wall_s")}
             driven = Remembered(list(data.get("lsq_points", ())), list(data.get("lsq_errors", ())))
         except (zipfile.BadZipFile, LookupError, ValueError, TypeError, *reading.DAMAGE) as error:
-            raise _damaged(path, error) from error
+            raise CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
         if differs := [name for name in identity if was.get(name) != identity[name]]:
             raise CheckpointError(
                 f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
                 "ask for the same search again, or begin anew without resume"
             )
-        return cls(jde, identity, best_cost=best, median_cost=median, wall_s=wall_s, driven=driven), versions
+        return cls(jde, identity, driven=driven, **course)
 
 
-def _damaged(path: Path, error: Exception) -> CheckpointError:
-    return CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})")
+def _begun(problem: FitProblem | TuneProblem, settings: JdeSettings, o: Searching, start: FloatArray | None) -> Search:
+    """Return a new search, or with `resume` that of the checkpoint; see `search_for`."""
+    plain = {**problem.identity(), "settings of the search": asdict(settings)}
+    plain |= {"start": None if start is None else start.tolist(), "seed": o.seed}
+    identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
+    if o.resume:
+        if o.checkpoint is None:
+            raise ValueError("resume needs the folder out, with a checkpoint to continue from")
+        if o.checkpoint.is_file():
+            return Search.load(o.checkpoint, identity)
+        _log.warning("there is no %s to resume from; the search begins anew", o.checkpoint)
+    return Search(Jde(len(problem.space), settings, o.seed, start), identity)
 
 
 def search_for(
-    problem: SearchProblem,
-    settings: JdeSettings,
-    options: Searching,
-    start: FloatArray | None = None,
-    starts: int = 0,
+    problem: FitProblem | TuneProblem, settings: JdeSettings, o: Searching, start: FloatArray | None = None, starts: int = 0
 ) -> Search:
     """Search from the beginning, or from a checkpoint, until a stop rule holds, or Ctrl-C.
 
     Args:
         problem: what is searched.
         settings: settings of the optimiser.
-        options: seed, threads, executor, progress and checkpoint.
+        o: seed, threads, executor, progress and checkpoint.
         start: (k, n) candidates for the first population.
         starts: starts of least squares that are to follow; where it is one, the first population is enough.
 
@@ -265,28 +238,19 @@ def search_for(
 
     Raises:
         ValueError: settings that make no sense, or the checkpoint of another search.
-        UnusableFolder: the folder of the checkpoint cannot be made or written.
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: it was interrupted before it found anything.
         SsmrError: every candidate was impossible or failed, or the executor was lost; what was rated before is kept.
     """
-    plain = {**problem.identity(), "settings of the search": asdict(settings)}
-    plain |= {"start": None if start is None else start.tolist(), "seed": options.seed}
-    identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
-    search, kept = None, options.checkpoint
-    if options.resume:
-        if kept is None:
-            raise ValueError("resume needs the folder out, with a checkpoint to continue from")
-        search = _loaded(kept, identity, len(problem.space), settings)
-    search = search or Search(Jde(len(problem.space), settings, options.seed, start), identity)
-    search.space, search.starts, search.checkpoint, search.progress = problem.space, starts, kept, options.progress
+    search, kept = _begun(problem, settings, o, start), o.checkpoint
+    search.space, search.starts, search.checkpoint, search.progress = problem.space, starts, kept, o.progress
     if kept is not None:
         store.make_folder(kept.parent)
 
     def evaluate(points: FloatArray, limits: FloatArray, on_share: OnShare) -> FloatArray:
-        if options.executor is None:
-            return problem.costs(points, limits, options.threads, on_share)
-        return costs_by(options.executor, options.threads, problem.costs, points, limits)
+        if o.executor is None:
+            return problem.costs(points, limits, o.threads, on_share)
+        return costs_by(o.executor, o.threads, problem.costs, points, limits)
 
     try:
         search.run(evaluate, 0 if starts == 1 else None)
@@ -300,25 +264,3 @@ def search_for(
             raise KeyboardInterrupt
         raise SsmrError("every candidate was impossible or failed; change the bounds, or the values that are held")
     return search
-
-
-def _loaded(checkpoint: Path, identity: Mapping[str, str], n: int, settings: JdeSettings) -> Search | None:
-    """Return the search that a checkpoint holds; None where there is no such file."""
-    if not checkpoint.is_file():
-        _log.warning("there is no %s to resume from; the search begins anew", checkpoint)
-        return None
-    search, versions = Search.load(checkpoint, identity)
-    if (search.jde.n, search.jde.settings) != (n, settings):
-        raise _damaged(checkpoint, ValueError("its population is that of another search"))
-    now = store.versions()
-    if differs := [f"{name} {was}, now {now.get(name)}" for name, was in versions.items() if was != now.get(name)]:
-        _log.warning("the search began with other versions, so its course may differ: %s", "; ".join(differs))
-    return search
-
-
-def interruption(search: Search) -> dict[str, Any]:
-    """Return the fields of a report that say whether its search was interrupted, and how to go on."""
-    if not search.interrupted or search.checkpoint is None:
-        return {"status": search.status}
-    said = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
-    return {"status": search.status, "alarms": (said,)}

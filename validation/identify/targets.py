@@ -16,8 +16,7 @@ from validation.files.limits import USUAL, LogLimits
 from validation.identify.objective import FitTarget
 from validation.plants.profile import Profile, make_plant
 
-Input = Literal["commands", "wheels", "both"]
-_KINDS: dict[str, CommandKind] = {"wheels": "wheels", "commands": "twist"}
+Input = Literal["commands", "wheels"]
 MOST_TIME = 1e12
 """Greatest size of a stamp that a recording can be cut at [s]; Unix stamps are about 1.8e9."""
 _Span = tuple[float | None, float | None]
@@ -25,26 +24,21 @@ _Span = tuple[float | None, float | None]
 
 @dataclass(frozen=True)
 class FitSources:
-    """The parts of sources that a fit uses, and the inputs that drive the plant. A time of None leaves out nothing."""
+    """The parts of sources that a fit uses, and the input that drives the plant. A time of None leaves out nothing."""
 
     input: Input = "commands"
-    """Inputs of a recording that drive the plant: commands, measured wheel rates, or both, each in its turn."""
+    """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
     start_at: float | None = None
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
     held_out: tuple[str, ...] = ()
-    """Sources to judge the fit on. A recording that is also fitted to stands for its parts before `start_at` and after
-    `until`."""
+    """Sources to judge the fit on. A recording that is also fitted to stands for its parts outside these times."""
     limits: LogLimits = USUAL
     """Greatest sizes and numbers of a recording."""
 
     def __post_init__(self) -> None:
-        """Check the input and the times.
-
-        Raises:
-            ValueError: an unknown input, or a time that is no finite number.
-        """
+        """Raise a ValueError for an unknown input, or a time that is no finite number."""
         if self.input not in get_args(Input):
             raise ValueError(f"unknown input '{self.input}'; there are: {', '.join(get_args(Input))}")
         require_within(self, ("start_at", "until"), -MOST_TIME, MOST_TIME)
@@ -69,28 +63,17 @@ def open_targets(
     for what, given in (("to", names), ("held_out", options.held_out)):
         if len(set(given)) != len(given) or (what == "to" and not given):
             raise ValueError(f"{what} names {'a source twice' if given else 'no source'}")
-    start, until = options.start_at, options.until
-    if all(map(is_scenario, names)) and (start is not None or until is not None):
+    span = options.start_at, options.until
+    if all(map(is_scenario, names)) and span != (None, None):
         raise ValueError(f"start_at and until cut recordings; {', '.join(names)} are scenarios")
+    kind: CommandKind = "wheels" if options.input == "wheels" else "twist"
     truth_of = _truth(profile)
-    found: list[FitTarget] = []
+    train = []
     for name in names:
-        if is_scenario(name):
-            if options.input != "commands":
-                raise ValueError(f"{name} has no measured wheel rates; input {options.input} needs a recording")
-            found.append(truth_of(open_source(name), name))
-        else:
-            found += _recorded(name, options, [(start, until)], truth_of)
-    return tuple(found), tuple(_held_out(names, options, truth_of))
-
-
-_Resolve = Callable[[Source, str], FitTarget]
-
-
-def _held_out(names: Sequence[str], options: FitSources, truth_of: _Resolve) -> list[FitTarget]:
-    """Return the targets to judge a fit to `names` on."""
+        source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], options.limits)
+        train.append(truth_of(source, name))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
-    held_out: list[FitTarget] = []
+    held_out = []
     for name in options.held_out:
         if is_scenario(name):
             full = f"{name}@{driver}" if driver and "@" not in name else name
@@ -100,26 +83,22 @@ def _held_out(names: Sequence[str], options: FitSources, truth_of: _Resolve) -> 
             continue
         spans: list[_Span] = [(None, None)]
         if realpath(name) in map(realpath, names):  # unlike Path.resolve, it takes a link that leads to itself
-            spans = [span for span in ((None, options.start_at), (options.until, None)) if span != (None, None)]
+            spans = [part for part in ((None, span[0]), (span[1], None)) if part != (None, None)]
             if not spans:
                 raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
-        held_out += _recorded(name, options, spans, truth_of)
-    return held_out
+        held_out.append(truth_of(_recorded(name, kind, spans, options.limits), name))
+    return tuple(train), tuple(held_out)
 
 
-def _recorded(name: str, options: FitSources, spans: Sequence[_Span], truth_of: _Resolve) -> list[FitTarget]:
-    """Return a recording once for each input; several spans of it are one target."""
-    targets, given = [], options.input
-    for word in _KINDS if given == "both" else (given,):
-        parts = [open_source(name, _KINDS[word], start, stop, options.limits) for start, stop in spans]
-        pieces = tuple(piece for part in parts for piece in part.pieces)
-        warnings, title = tuple(w for part in parts for w in part.warnings), " and ".join(part.title for part in parts)
-        whole = replace(parts[0], pieces=pieces, warnings=warnings, title=title)
-        targets.append(truth_of(whole, f"{name} ({word})" if given == "both" else name))
-    return targets
+def _recorded(name: str, kind: CommandKind, spans: Sequence[_Span], limits: LogLimits) -> Source:
+    """Return several spans of a recording as one source."""
+    parts = [open_source(name, kind, *span, limits) for span in spans]
+    pieces = tuple(piece for part in parts for piece in part.pieces)
+    warnings, title = tuple(w for part in parts for w in part.warnings), " and ".join(part.title for part in parts)
+    return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
 
 
-def _truth(profile: Profile) -> _Resolve:
+def _truth(profile: Profile) -> Callable[[Source, str], FitTarget]:
     """Return a function that finds the true motion of a source: the recorded one, or that of the scenario's plant."""
 
     @cache

@@ -20,7 +20,7 @@ from ssmr.types import FloatArray, Trajectory
 from validation.bench.gains import GainSet
 from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
 from validation.bench.mismatch import Mismatch, mismatched, worst_mean
-from validation.identify.search import OnShare
+from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 
@@ -185,6 +185,8 @@ class RatedRun(NamedTuple):
     """Metrics of the run."""
     cost: float
     """Cost of the run; infinite where it was lost."""
+    target: Trajectory
+    """The whole reference."""
 
 
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
@@ -196,7 +198,7 @@ def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
 
 
 class TuneProblem:
-    """A `SearchProblem`: how well candidates for a controller's gains follow references."""
+    """How well candidates for a controller's gains follow references."""
 
     def __init__(
         self,
@@ -237,7 +239,7 @@ class TuneProblem:
     def costs(
         self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
     ) -> FloatArray:
-        """Rate candidates case by case, see `SearchProblem.costs`.
+        """Rate candidates case by case, see `FitProblem.costs`.
 
         Returns:
             (S,) means over the cases, and over the worst fifth of drawn robots; infinite for a candidate that loses a
@@ -308,7 +310,9 @@ class TuneProblem:
         runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self.cost.seeds[:1], workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
         every = zip(sets, runs, costs, strict=True)
-        return {name: RatedRun(run, rate(run, case.waypoints, case.robot), float(cost)) for name, run, cost in every}
+        return {
+            name: RatedRun(run, rate(run, case.waypoints, case.robot), float(cost), case.target) for name, run, cost in every
+        }
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""

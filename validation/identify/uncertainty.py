@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import stdtrit
 
-from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.identify.found import bound_sentences
 from validation.identify.problem import FitProblem
 from validation.identify.refine import Remembered, error_slopes, median_size
 from validation.plants.table import SIMULATED
@@ -116,44 +115,21 @@ def _sandwich(curvature: FloatArray, doubt: FloatArray, sums: FloatArray) -> Flo
     return np.asarray((axes * np.clip(spread, 0.0, _IGNORANCE**2)) @ axes.T)
 
 
-def sentences(model: str, space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty | None) -> tuple[str, ...]:
-    """Return sentences on what a fit with its optimum at an (n,) point of the unit cube cannot say."""
-    out = bound_sentences(space, point)
-    if uncertainty is None:
-        return tuple(out)
-    vague = [n for n, s in zip(space.names, uncertainty.share, strict=True) if s > VAGUE]
-    for name in vague:
-        share = 100.0 * float(uncertainty.share[space.names.index(name)])
-        out.append(f"The data hardly determine {name}: its standard error is {share:.0f} % of the width of its bounds.")
-    entangled = _groups(space.names, uncertainty)
-    for group, r in entangled:
-        *others, last = group
-        out.append(
-            f"The data cannot tell {', '.join(others)} and {last} apart (correlation {r}): "
-            f"only {'a combination is' if len(group) == 2 else 'combinations are'} determined."
-        )
-    touched = {*vague, *(name for group, _ in entangled for name in group)}
+def sentences(model: str, names: Sequence[str], uncertainty: Uncertainty) -> list[str]:
+    """Return sentences on the parameters, by their names, that the data of a fit cannot tell, or cannot tell apart."""
+    out, share = [], uncertainty.share
+    touched = {name for name, s in zip(names, share, strict=True) if s > VAGUE}
+    for name, s in zip(names, share, strict=True):
+        if s > VAGUE:
+            out.append(f"The data hardly determine {name}: its standard error is {s:.0%} of the width of its bounds.")
+    for i, j in combinations(range(len(names)), 2):
+        r = float(uncertainty.correlation[i, j])
+        if abs(r) > _ENTANGLED and max(share[i], share[j]) > _WORTH_TELLING:
+            touched |= {names[i], names[j]}
+            out.append(f"The data cannot tell {names[i]} and {names[j]} apart (correlation {r:+.2f}).")
     if model in SIMULATED and "friction" in touched:
         out.append(
             "The way a robot turns determines the ratio of lateral to longitudinal friction, not the friction itself. "
             "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: measure it otherwise."
         )
-    return tuple(out)
-
-
-def _groups(names: Sequence[str], uncertainty: Uncertainty) -> list[tuple[list[str], str]]:
-    """Return the groups of parameters linked by correlations beyond _ENTANGLED, and the strength of these in words."""
-    from scipy.sparse.csgraph import connected_components
-
-    size, share = np.abs(uncertainty.correlation), uncertainty.share
-    linked = (size > _ENTANGLED) & (np.maximum.outer(share, share) > _WORTH_TELLING) & ~np.eye(len(names), dtype=bool)
-    count, label = connected_components(linked, directed=False)
-    found = []
-    for k in range(count):
-        members = [int(i) for i in np.flatnonzero(label == k)]
-        if len(members) == 2:
-            found.append(([names[i] for i in members], f"{uncertainty.correlation[members[0], members[1]]:+.2f}"))
-        elif len(members) > 2:
-            block = np.ix_(members, members)
-            found.append(([names[i] for i in members], f"up to {size[block][linked[block]].max():.2f} in size"))
-    return found
+    return out

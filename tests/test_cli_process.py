@@ -17,7 +17,7 @@ from ssmr import _jit
 from ssmr.errors import SsmrError
 from tests.conftest import Launch
 from validation import cli, store
-from validation.simulator.failures import mujoco_failures
+from validation.simulator.parts import mujoco_failures
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """

@@ -18,7 +18,6 @@ from validation import load_robot
 from validation.plants.profile import load_profile
 from validation.plants.table import plant_kind
 from validation.simulator.calibration import Calibration
-from validation.simulator.parts import scratch
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.resting import level_rest, solved_exactly
@@ -59,7 +58,7 @@ def lie(qpos: np.ndarray) -> np.ndarray:
 )
 def test_a_robot_rests_as_it_settles(change: dict[str, Any]) -> None:
     plant = MujocoPlant(husky(**change), Drive())
-    found = level_rest(plant.model, scratch(plant.model), plant.calibration)
+    found = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
     assert found is not None
     assert np.abs(lie(found) - settled(plant, 4.0)).max() <= SETTLED
 
@@ -67,7 +66,7 @@ def test_a_robot_rests_as_it_settles(change: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", ["jackal", "warthog"])
 def test_other_robots_rest_as_they_settle(name: str) -> None:
     plant = MujocoPlant(Calibration.of(load_robot(name)), Drive())
-    found = level_rest(plant.model, scratch(plant.model), plant.calibration)
+    found = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
     assert found is not None
     assert np.abs(lie(found) - settled(plant, 4.0)).max() <= SETTLED
 
@@ -81,15 +80,15 @@ def test_what_the_body_does_at_rest_is_nothing() -> None:
 
 def test_how_it_rests_does_not_hang_on_what_was_computed_before() -> None:
     plant = MujocoPlant(husky(com_x=0.05), Drive())
-    first = level_rest(plant.model, scratch(plant.model), plant.calibration)
+    first = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
     MujocoPlant(husky(com_x=-0.1, wheel_radius=0.15), Drive()).run(TRAJECTORIES["traj1"].commands(), State(), SAMPLE_DT)
-    assert np.array_equal(first, level_rest(plant.model, scratch(plant.model), plant.calibration))
+    assert np.array_equal(first, level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration))
 
 
 def test_a_robot_that_tips_over_has_no_rest_that_is_computed() -> None:
     tipping = husky(com_x=0.4)
     plant = MujocoPlant(tipping, Drive())  # it is let go instead
-    assert level_rest(plant.model, scratch(plant.model), tipping) is None
+    assert level_rest(plant.model, mujoco.MjData(plant.model), tipping) is None
 
 
 def test_a_population_does_not_hang_on_those_before_it() -> None:

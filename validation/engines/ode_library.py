@@ -37,13 +37,8 @@ class ContactGeom(c.Structure):
     """`dContactGeom`."""
 
     _fields_ = (
-        ("pos", Vector),
-        ("normal", Vector),
-        ("depth", _D),
-        ("geom1", _P),
-        ("geom2", _P),
-        ("side1", _I),
-        ("side2", _I),
+        *(("pos", Vector), ("normal", Vector), ("depth", _D)),
+        *(("geom1", _P), ("geom2", _P), ("side1", _I), ("side2", _I)),
     )
 
 

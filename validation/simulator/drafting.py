@@ -1,4 +1,4 @@
-"""A new robot's file as text, with unit and words beside each number, and the estimates as lines to fill in."""
+"""A new robot's file as text, with unit and grade beside each number, and the estimates as lines to fill in."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from ssmr.parameters import described
@@ -27,24 +26,6 @@ _ESTIMATED = (
 """Numbers that are shown as remarks where the file does not say them."""
 _UNITS_OF_LISTS = dict.fromkeys(("body_size", "body_centre", "imu", "com"), "m")
 _UNITS_OF_LISTS |= dict.fromkeys(("wheel_inertia", "inertia"), "kg m2")
-_REMARKS: Mapping[str, str] = MappingProxyType(
-    {
-        "geometry.wheelbase": "between the axles",
-        "geometry.track": "between the middles of the left and right tyres",
-        "geometry.wheel_radius": "what it drives in one turn of its wheels, over 2 pi",
-        "geometry.axle_height": "of the axles above the base frame's origin",
-        "geometry.link": "belt: the wheels of a side turn together; none: each wheel has a motor of its own",
-        "mass.total": "with battery",
-        "mass.wheel": "one wheel",
-        "mass.wheel_inertia": "about a diameter, about the axle",
-        "drive.command_half_track": "half of wheel separation times multiplier in the driver's settings",
-        "drive.torque_limit": "of one wheel",
-        "simulation.friction": "tyre on ground",
-    }
-)
-"""A few words beside a number in a new file."""
-
-
 _TO_DO = (
     "next: weigh each of the four wheels while the robot stands on them: the loads give com x and y; lift one end by a "
     "known height and weigh again for z",
@@ -155,16 +136,15 @@ def drafted(
         numbers.append(Entry("drive.torque_limit", torque, source))
         robot = _described(known, numbers)
     lines = [f"# {line}" for words in heading for line in textwrap.wrap(one_line(words), 120)]
-    lines += [_line("schema", SCHEMA), *(_line(key, value) for key, value in known.items())]
+    lines += [f"{key} = {_text(value)}" for key, value in {"schema": SCHEMA, **known}.items()]
     parts = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive, "simulation": robot.simulation}
     for section, part in parts.items():
         lines += ["", f"[{section}]"]
         for entry in (e for e in numbers if e.key.startswith(f"{section}.")):
-            assumed = "assumed" if entry.source.startswith("assumed") else ""
-            lines.append(_with_remark(entry.key, _rounded(entry.value, 9), _REMARKS.get(entry.key, ""), assumed))
+            lines.append(_with_unit(entry.key, _rounded(entry.value, 9), entry.source.partition(":")[0]))
         for key in _ESTIMATED:
             if key.startswith(f"{section}.") and key not in robot.said:
-                lines.append("# " + _with_remark(key, _rounded(getattr(part, key.partition(".")[2]), 4), "estimated"))
+                lines.append("# " + _with_unit(key, _rounded(getattr(part, key.partition(".")[2]), 4), "estimated"))
     lines += ["", "[sources]", *(f"{json.dumps(e.key)} = {_text(one_line(e.source))}" for e in numbers)]
     return RobotDraft(robot, "\n".join(lines) + "\n", remarks)
 
@@ -188,13 +168,8 @@ def _text(value: object) -> str:
     return json.dumps(store.encodable(value), ensure_ascii=False)  # which is TOML, too
 
 
-def _line(key: str, value: object) -> str:
-    return f"{key} = {_text(value)}"
-
-
-def _with_remark(key: str, value: object, *words: str) -> str:
-    """Return the line of a number with its unit and some words beside it."""
+def _with_unit(key: str, value: object, grade: str) -> str:
+    """Return the line of a number with its unit and its grade beside it."""
     unit = unit_of_key(key)
-    said = "; ".join(filter(None, (f"[{unit}]" if unit not in ("", "1") else "", *words)))
-    line = _line(key.partition(".")[2], value)
-    return f"{line:<{_REMARK_COLUMN}}  # {said}" if said else line
+    line = f"{key.partition('.')[2]} = {_text(value)}"
+    return f"{line:<{_REMARK_COLUMN}}  # {f'[{unit}]; ' if unit not in ('', '1') else ''}{grade}"

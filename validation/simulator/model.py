@@ -19,8 +19,7 @@ from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot, contact_settings
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
-from validation.simulator.failures import mujoco_failures
-from validation.simulator.parts import robot_parts, scratch
+from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -225,7 +224,7 @@ def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "")
     model.body_mass[parts.wheels], model.body_inertia[parts.wheels] = robot.masses.wheel, (across, spin, across)
     model.dof_armature[parts.dofs] = calibration.armature
     model.opt.timestep = calibration.timestep
-    mujoco.mj_setConst(model, scratch(model))
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     half = {"ellipsoid": 0.5 * geometry.wheel_width, "cylinder": 0.5 * geometry.wheel_width}.get(
         calibration.wheel_shape, calibration.capsule_half_width
     )

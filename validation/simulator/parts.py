@@ -1,21 +1,15 @@
-"""Where the parts of a robot lie in the arrays of a compiled model, and a state of the simulator to compute in.
-
-Both are the same for all copies of a model, and cost more than a few steps of simulation: they are kept.
-"""
+"""Where the parts of a robot lie in the arrays of a compiled model, and what it means where MuJoCo gives up."""
 
 from __future__ import annotations
 
-import threading
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
 
+from ssmr.errors import SsmrError
 from validation.simulator.description import WHEELS
-
-_MOST_KEPT = 64
-"""Kinds of models whose parts are kept."""
-_MOST_STATES = 8
-"""Kinds of models for which a thread keeps a state."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +34,7 @@ class Parts:
     """Columns of the actuators' torques on the wheels among the sensors' numbers."""
 
 
-_parts: dict[tuple[int, bytes, str], Parts] = {}
+_parts: dict[tuple[int, bytes, str], Parts] = {}  # looking names up costs more than a few steps
 
 
 def robot_parts(model: mujoco.MjModel, prefix: str = "") -> Parts:
@@ -55,8 +49,6 @@ def robot_parts(model: mujoco.MjModel, prefix: str = "") -> Parts:
     """
     key = (model.signature, model.names, prefix)
     if key not in _parts:
-        if len(_parts) >= _MOST_KEPT:
-            _parts.clear()
         joints = [model.joint(f"{prefix}{wheel}_wheel") for wheel in WHEELS]
         _parts[key] = Parts(
             base=model.body(f"{prefix}base").id,
@@ -71,23 +63,14 @@ def robot_parts(model: mujoco.MjModel, prefix: str = "") -> Parts:
     return _parts[key]
 
 
-class _States(threading.local):
-    """The states of a thread, by the signature of the models that they fit."""
+@contextlib.contextmanager
+def mujoco_failures() -> Iterator[None]:
+    """Within, or in a function that this decorates, a simulator that gives up is a failed run.
 
-    def __init__(self) -> None:
-        self.kept: dict[int, mujoco.MjData] = {}
-
-
-_states = _States()
-
-
-def scratch(model: mujoco.MjModel) -> mujoco.MjData:
-    """Return a state of the simulator to compute in, reset; it is this thread's until it asks for another."""
-    kept = _states.kept
-    if model.signature not in kept:
-        if len(kept) >= _MOST_STATES:
-            kept.clear()
-        kept[model.signature] = mujoco.MjData(model)
-    data = kept[model.signature]
-    mujoco.mj_resetData(model, data)
-    return data
+    Raises:
+        SsmrError: it gave up, as where contacts do not fit into its arena, or memory is short.
+    """
+    try:
+        yield
+    except mujoco.FatalError as error:
+        raise SsmrError(f"mujoco gave up: {' '.join(str(error).split())}") from error

@@ -24,9 +24,8 @@ from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.simulator.calibration import Calibration
 from validation.simulator.chunks import CHUNK, Samples, sampled
 from validation.simulator.description import SIDES, WHEELS
-from validation.simulator.failures import mujoco_failures
 from validation.simulator.model import FREE_DRIVE, contact_settings, controls, robot_model
-from validation.simulator.parts import robot_parts, scratch
+from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
 from validation.simulator.resting import level_height, level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
@@ -83,7 +82,7 @@ class MujocoPlant:
         )
         motors = calibration.robot.motors if drive.integral_gain > 0.0 else ()
         self._shaft_dofs = [int(self.model.joint(f"{motor}_shaft").dofadr[0]) for motor in motors]
-        level = level_rest(self.model, scratch(self.model), calibration) if self.terrain.level else None
+        level = level_rest(self.model, mujoco.MjData(self.model), calibration) if self.terrain.level else None
         self._resting = self._settle(State()) if level is None else level
         self._rest_on_rough: tuple[State, FloatArray] | None = None
         self._driver: Driver | None = None
@@ -91,7 +90,7 @@ class MujocoPlant:
     @cached_property
     def yaw_inertia(self) -> float:
         """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
-        data, mass_matrix = scratch(self.model), np.zeros((self.model.nv, self.model.nv))
+        data, mass_matrix = mujoco.MjData(self.model), np.zeros((self.model.nv, self.model.nv))
         data.qpos[:] = self._resting
         mujoco.mj_fwdPosition(self.model, data)
         mujoco.mj_fullM(self.model, data, mass_matrix)
@@ -124,7 +123,7 @@ class MujocoPlant:
 
     def _settle(self, state: State) -> FloatArray:
         """Return the (nq,) configuration at rest in `state`: tyres pressed in, the body tilted by mass and ground."""
-        data = scratch(self.model)
+        data = mujoco.MjData(self.model)
         data.qpos[:2] = state.x, state.y
         mujoco.mju_mulQuat(data.qpos[3:7], yaw_to_quat_wxyz(state.yaw), self.model.qpos0[3:7])
         (constant, _), _ = contact_settings(self.calibration.robot)
@@ -268,7 +267,7 @@ class MujocoPlant:
         model, start = self._prescribed if commands.kind == "wheels" else self.model, self.placed(state)
         rough = self.terrain.kind == "rough"
         chunks = sampled(
-            model, scratch(model), start, self._inputs(commands, state, disturbance), int(spec), stride,
+            model, mujoco.MjData(model), start, self._inputs(commands, state, disturbance), int(spec), stride,
             self.lay_ground if rough else None,
         )  # fmt: skip
         table, done = np.empty((1 + steps // stride, _COLUMNS + 3 * rough)), 0

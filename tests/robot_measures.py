@@ -1,24 +1,19 @@
 """Measurements that set the simulator beside mechanics: a robot turns, rolls, stands on a slope and slides to a stop.
 
 Speeds and times are those of the robot's size: Froude numbers, and multiples of sqrt(wheel radius / g).
-`python -m tests.robot_measures 500` prints the tables of docs/physics.md, "Other robots".
 """
 
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from ssmr.types import FloatArray
-from tests.robots import drawn_document
-from validation import load_robot
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import WHEELS, Robot, parse_robot
+from validation.simulator.description import WHEELS
 from validation.simulator.model import GRAVITY, controls, robot_model, static_shares, wheel_geoms
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.turning import closed_form
@@ -174,41 +169,3 @@ def tipping(calibration: Calibration) -> float:
         calibration.half_track - share * abs(calibration.com_y),
     )
     return calibration.friction * height / least
-
-
-def drawn(count: int) -> Iterator[Robot]:
-    """Make `count` robots at random, the same each time."""
-    for seed in range(count):
-        random = np.random.default_rng(seed)
-        yield parse_robot(drawn_document(random.uniform, random.choice))
-
-
-def main(count: int) -> None:
-    """Print the tables."""
-    for name in ("husky", "jackal", "pioneer3at", "warthog"):
-        c = Calibration.of(load_robot(name))
-        t, speed = turn(c), math.sqrt(GRAVITY * c.wheel_radius)
-        stops = [f"{100 * stop_error(c, sideways):+.1f} %" for sideways in (False, True)]
-        cells = [name, f"{t.multiplier:.4f}", f"{closed_form(c).multiplier:.4f}", f"{100 * t.sensitivity:.2f} %"]
-        cells += [f"{t.ripple:.0e}", f"{1e3 * creep(c) * speed:.3f}", *stops, f"{100 * resting_error(c)[1]:.2f} %"]
-        print(f"| {' | '.join(cells)} | (rolling radius {rolling_error(c):.0e})")
-    rows, robust = [], []
-    for robot in drawn(count):
-        c = Calibration.of(robot)
-        t = turn(c)
-        stops = [abs(stop_error(c, side)) if tipping(c) < 0.7 else math.nan for side in (False, True)]
-        rest = resting_error(c)
-        rows.append([abs(t.error), t.ripple, t.load_deviation, t.load_shift, creep(c), *stops, abs(rolling_error(c)), *rest])
-        robust.append((t.error, t.sensitivity))
-    names = "multiplier ripple load_deviation load_shift creep stop_ahead stop_sideways rolling weight rest_loads".split()
-    for name, values in zip(names, np.array(rows).T, strict=True):
-        known = values[np.isfinite(values)]
-        print(f"{name}: n {len(known)}, " + ", ".join(f"{q} % {np.percentile(known, q):.2e}" for q in (50, 90, 99, 100)))
-    error, sensitivity = np.abs(np.array(robust)).T
-    calm = sensitivity < 0.02
-    print(f"sensitivity below 2 %: {np.mean(calm):.3f} of robots, error at most {error[calm].max():.4f}")
-    print(f"error over 1 % + sensitivity, at most: {(error / (0.01 + sensitivity)).max():.3f}")
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]))

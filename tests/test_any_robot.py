@@ -18,12 +18,10 @@ from validation import load_profile, load_robot, recordings
 from validation.compare import compare
 from validation.fit import fit
 from validation.learning import tracking
-from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile, make_plant
-from validation.plants.searchable import find, searchable
+from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile
+from validation.plants.searchable import find
 from validation.plants.table import plant_kind
 from validation.simulator.description import Robot
-from validation.study import __main__ as study_program
-from validation.study.terrain import PLANAR, study_terrain
 from validation.track import track
 from validation.tune import tune
 
@@ -112,51 +110,6 @@ def test_recordings(robot: str, tmp_path: Path) -> None:
     assert errors["mujoco"] < min(0.1, *(error for name, error in errors.items() if name != "mujoco"))
 
 
-def test_dead_reckoning_takes_the_robots_wheels(robot: str, tmp_path: Path) -> None:
-    """Encoders tell the way only over the wheel radius: a Husky's is 1.7 times that of a Jackal."""
-    log = tmp_path / "log.csv"
-    recordings.convert("traj4@mujoco", rate=50.0, robot=robot).write(log)
-
-    def error(of: str | None) -> float:
-        reckoned = recordings.info(log, robot=of).reckoning
-        assert reckoned is not None
-        return min(row.rms for row in reckoned.rows)
-
-    assert error(robot) < 0.15
-    assert error(robot) < error(None)
-
-
-STUDIES = {
-    "contact": ("--only", "centre of mass"),
-    "transfer": ("--judge", "linear", "--plants", "kinematic", "--controllers", "pid", "--references", "line@0.4"),
-    "filter": ("--references", "circle", "--seeds", "1", "--frictions", "0.6"),
-    "robustness": ("--controllers", "pid", "--gains", "tuned", "--runs", "17", "--seeds", "1", "--reference", "line",
-                   "--speed", "0.5", "--timestep", "0.005"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("study", [pytest.param(name, marks=[pytest.mark.slow] * (name != "transfer")) for name in STUDIES])
-def test_studies(study: str, tmp_path: Path) -> None:
-    run(study_program.PROGRAM, "jackal", tmp_path, study, *STUDIES[study])
-    assert "nan" not in (tmp_path / "study.md").read_text(encoding="utf-8").lower().split()
-
-
-@pytest.mark.slow
-def test_the_terrain_study() -> None:
-    axes: dict[str, Any] = {
-        "speed": (0.5,),
-        "slope": (0.0,),
-        "roughness": (0.0, 0.001),
-        "directions": (0.0,),
-        "controllers": ("pid",),
-    }
-    study = study_terrain(robot="jackal", seeds=1, **axes)
-    assert study.as_dict()["robot"] == "jackal"
-    for row in (row for table in study.tables[:3] for row in table.rows):
-        assert row["failed"] == 0
-        assert all(math.isfinite(row[f"{plant}_m"]) for plant in PLANAR)
-
-
 def test_learning(robot: str) -> None:
     environment = tracking(robot=robot, seed=0)
     step = environment.reset()
@@ -208,53 +161,6 @@ def test_a_robots_own_numbers_lie_within_its_bounds(name: str, plant: str) -> No
         for number in plant_kind(plant).free[free]:
             s = find(plant, number, profile.robot)
             assert s.lower <= min(s.read(profile), s.upper if math.isinf(s.read(profile)) else math.inf) <= s.upper, number
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_so_do_those_of_random_robots(seed: int, tmp_path: Path) -> None:
-    profile = bare_profile(load_robot(stranger(tmp_path, seed)))
-    for plant in PLANTS:
-        make_plant(profile, plant)
-        for s in searchable(plant, profile.robot):
-            value = s.read(profile.plants[plant])
-            assert math.isinf(value) or s.lower <= value <= s.upper, (plant, s.name)
-
-
-def test_a_warthogs_numbers_can_be_fitted() -> None:
-    """They were refused when bounds were those of a Husky."""
-    warthog = load_robot("warthog")
-    for number, value in (("wheel_radius", 0.3), ("yaw_inertia", 80.0), ("mass", 280.0)):
-        s = find("mujoco", number, warthog)
-        assert s.lower < value < s.upper
-    numbers = {"wheel_radius": 0.3, "yaw_inertia": 80.0}
-    found = fit(
-        "mujoco",
-        "traj1@kinematic",
-        free=tuple(numbers),
-        start=numbers,
-        robot=warthog,
-        search="jde",
-        population=5,
-        generations=1,
-    )
-    assert {p.name: p.before for p in found.parameters} == {"wheel_radius": 0.3, "yaw_inertia": warthog.yaw_inertia}
-
-
-def test_a_limit_that_is_off_is_no_obstacle_to_a_start(tmp_path: Path) -> None:
-    """Without a limit of acceleration a search begins at the greatest that it may try."""
-    robot = load_robot(stranger(tmp_path))
-    free = bare_profile(robot)
-    assert free.robot.drive.acceleration_v == 2.0
-    document = robot.as_document()
-    del document["drive"]["acceleration_v"]
-    path = tmp_path / "free.toml"
-    path.write_text(tomli_w.dumps(document), encoding="utf-8")
-    found = fit(
-        "linear", "traj1@kinematic", robot=path, start={}, free=("acceleration_v", "k_u"), population=5, generations=1
-    )
-    (acceleration,) = (p for p in found.parameters if p.name == "acceleration_v")
-    assert acceleration.before == math.inf
-    assert found.as_dict()["parameters"]["acceleration_v"]["before"] is None
 
 
 @pytest.mark.parametrize("name", ["jackal", "warthog", "pioneer3at"])

@@ -54,14 +54,6 @@ def test_chunks_of_any_length_give_the_whole_run_to_the_bit(
     assert np.array_equal(numbers(plant, commands, push), whole)
 
 
-def test_yaw_is_unwrapped_over_all_steps_however_far_samples_are_apart() -> None:
-    plant = make_plant(load_profile("thesis-lab"), "mujoco")
-    spin = Commands(0.05, np.tile([0.0, 2.0], (800, 1)))
-    often, seldom = (plant.run(spin, State(yaw=-20.0), dt).yaw for dt in (0.05, 20.0))
-    assert often[-1] - often[0] > 4.0 * np.pi
-    assert np.array_equal(often[::400], seldom)
-
-
 @pytest.mark.parametrize("kind", ["twist", "wheels"])
 @pytest.mark.parametrize("size", [1, 13, 400, 10_000])
 def test_references_in_chunks_are_those_of_the_whole(kind: str, size: int) -> None:

@@ -12,14 +12,13 @@ import pytest
 from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, Plant, State
 from tests.conftest import installed_plant
-from validation.compare import compare
 from validation.engines import ode_library
 from validation.engines.body import EngineBody, EngineMissingError, RigidNumbers
 from validation.engines.drake import DrakeBody, DrakeSettings
-from validation.engines.ode import OdeBody, OdeSettings, spring_erp_cfm
+from validation.engines.ode import OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
 from validation.plants.profile import Profile, ProfileError, make_plant
-from validation.plants.table import PLANTS, SECOND_OPINIONS, plant_kind
+from validation.plants.table import SECOND_OPINIONS
 from validation.simulator.description import GRAVITY
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import Terrain
@@ -123,22 +122,6 @@ def test_a_slope_of_8_degrees_holds_the_robot_and_one_beyond_friction_does_not(n
     assert np.hypot(*slid.twist[-1, :2]) == pytest.approx(down * 2.0, rel=0.05)
 
 
-def test_three_engines_agree_on_a_trajectory(lab: Profile) -> None:
-    for name in SECOND_OPINIONS:
-        installed_plant(lab, name)
-    found = compare("traj4", lab, plants=("mujoco", *SECOND_OPINIONS), reference="mujoco")
-    ends = {name: result.pieces[0].pose[-1, :2] for name, result in found.plants.items()}
-    for name in SECOND_OPINIONS:
-        assert np.hypot(*(ends[name] - ends["mujoco"])) < 0.15
-    assert set(found.plants) == {"mujoco", *SECOND_OPINIONS}
-
-
-def test_second_opinions_have_the_standard_plant_s_numbers_and_are_driven_only_if_asked_for(lab: Profile) -> None:
-    assert not set(PLANTS) & set(SECOND_OPINIONS)
-    assert all(lab.section(name) is lab.plants["mujoco"] for name in SECOND_OPINIONS)
-    assert all(plant_kind(name).parameters is plant_kind("mujoco").parameters for name in SECOND_OPINIONS)
-
-
 def test_a_missing_engine_is_one_line_that_says_how_to_get_it(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
     ode_library.ode.cache_clear()
     monkeypatch.setattr(ode_library, "NAMES", ("libode_that_is_not.so.8",))
@@ -167,13 +150,6 @@ def test_what_an_engine_cannot_have_is_refused(lab: Profile) -> None:
     light = replace(section.parameters, armature=1e-6, gain=1e4)
     with pytest.raises(ValueError, match="too long for a gain of 10000"):
         EnginePlant("ode", lambda n: OdeBody(n, OdeSettings()), light, section.drive)
-
-
-def test_springs_become_erp_and_cfm_as_ode_s_manual_has_them() -> None:
-    """Sec. 3.8.2 of its manual: ERP = h kp / (h kp + kd), CFM = 1 / (h kp + kd); here with the Gazebo Husky's."""
-    erp, cfm = spring_erp_cfm(1e7, 2.0, 1e-3)
-    assert erp == pytest.approx(1e4 / (1e4 + 2.0))
-    assert cfm == pytest.approx(1.0 / (1e4 + 2.0))
 
 
 def test_motion_is_that_of_the_standard_plant_where_nothing_slips(lab: Profile) -> None:

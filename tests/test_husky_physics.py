@@ -11,20 +11,18 @@ import numpy as np
 import pytest
 
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.ground import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
-from ssmr.types import Commands, State, Trajectory
+from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF
 from tests.robots import HUSKY, TRACK, WHEELBASE, husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.health import DEVIATION_LIMIT, LIFT_SHARE, check_health
-from validation.simulator.model import GRAVITY, calibrate, robot_model, wheel_geoms
+from validation.simulator.model import GRAVITY, robot_model, wheel_geoms
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.wheel_loads import load_model
 
 TURN_ERROR = {"ellipsoid": 0.005, "capsule": 0.005, "cylinder": 0.03}
 """Of the yaw-rate multiplier against its closed form: contacts are regularised, and a cylinder's is a line as wide as the
@@ -35,9 +33,6 @@ STEP_SPREAD = 1e-5
 differ."""
 HALVING = 0.010
 """What halving the time step may move the end of a trajectory by [m]."""
-CREEP = 1e-4
-"""Sideways on a slope [m/s]."""
-STOP_ERROR = 0.02
 
 MUJOCO_CONTACT = PhysicsSettings(solimp=(0.9, 0.95, 0.001, 0.5, 2.0))
 """MuJoCo's default impedance."""
@@ -86,25 +81,6 @@ def test_anisotropic_wheels_turn_as_the_closed_form_says(ratio: float) -> None:
     assert ripple < RIPPLE
 
 
-@pytest.mark.parametrize("half_track", [0.25, 0.275, 0.35])
-def test_another_track_turns_as_the_closed_form_says(half_track: float) -> None:
-    calibration = husky(half_track=half_track)
-    multiplier, ripple, _ = spin(calibration)
-    assert multiplier == pytest.approx(turning(1.0, 2.0 * half_track), rel=TURN_ERROR["ellipsoid"])
-    assert ripple < RIPPLE
-    loads = load_model(MujocoPlant(calibration, STIFF))
-    assert loads.track == pytest.approx(2.0 * half_track, rel=ROUNDOFF)
-
-
-@pytest.mark.parametrize("half_width", [0.001, 0.03])
-def test_capsules_of_any_width_turn_as_the_closed_form_says(half_width: float) -> None:
-    multiplier, ripple, _ = spin(husky(friction=0.4, wheel_shape="capsule", capsule_half_width=half_width))
-    assert multiplier == pytest.approx(
-        turn_on_the_spot(WHEELBASE, TRACK, half_width=half_width).multiplier, rel=TURN_ERROR["capsule"]
-    )
-    assert ripple < RIPPLE
-
-
 def test_the_default_contact_would_hop() -> None:
     """What the soft contact is for.
 
@@ -120,23 +96,6 @@ def test_the_default_contact_would_hop() -> None:
         assert not check_health(motion.channels["wheel_load_N"]).ok
     assert found[1] > 1.3 * turning(1.0)
     assert abs(found[0] - found[1]) > 0.05 * found[0]
-
-
-@cache
-def lab_run(scenario: str, timestep: float, friction: float) -> Trajectory:
-    drive = Drive(command_half_track=0.5 * TRACK * 1.8, torque_limit=7.0 if friction < 0.3 else 20.0)
-    return MujocoPlant(husky(friction=friction, timestep=timestep), drive).run(
-        TRAJECTORIES[scenario].commands(), State(), SAMPLE_DT
-    )
-
-
-@pytest.mark.parametrize("friction", [0.14, 0.4])
-@pytest.mark.parametrize("scenario", list(TRAJECTORIES))
-def test_no_wheel_lifts_and_halving_the_step_changes_little(scenario: str, friction: float) -> None:
-    motion, halved = lab_run(scenario, 0.002, friction), lab_run(scenario, 0.001, friction)
-    health = check_health(motion.channels["wheel_load_N"])
-    assert health.ok, health.advice
-    assert np.hypot(*(motion.xy[-1] - halved.xy[-1])) <= HALVING
 
 
 @pytest.mark.parametrize("scenario", list(TRAJECTORIES))
@@ -156,35 +115,6 @@ def settled(calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
     return model, data
-
-
-@pytest.mark.parametrize("shape", list(TURN_ERROR))
-@pytest.mark.parametrize("friction", [0.2, 0.6])
-def test_it_holds_on_a_side_slope(shape: str, friction: float) -> None:
-    model, data = settled(husky(friction=friction, wheel_shape=shape))  # type: ignore[arg-type]
-    tilt = math.radians(8.0)
-    model.opt.gravity[:] = 0.0, 9.81 * math.sin(tilt), -9.81 * math.cos(tilt)
-    mujoco.mj_step(model, data, nstep=round(4.0 / model.opt.timestep))
-    before = data.qpos[:3].copy()
-    mujoco.mj_step(model, data, nstep=round(4.0 / model.opt.timestep))
-    assert np.hypot(*(data.qpos - np.r_[before, data.qpos[3:]])[:2]) / 4.0 <= CREEP
-
-
-@pytest.mark.parametrize("friction", [0.1, 0.3, 0.6, 0.8])
-@pytest.mark.parametrize("sideways", [False, True])
-def test_a_sliding_stop_takes_v_squared_over_two_mu_g(friction: float, sideways: bool) -> None:
-    """Wheels blocked, 1.5 m/s, forward or sideways.
-
-    A tyre that begins to slide rises out of its impression, which makes short stops too short: by 5.9 % from 0.5 m/s at
-    friction 0.8 (docs/physics.md).
-    """
-    model, data = settled(husky(friction=friction, armature=30.0, gain=1e4))
-    axis, v = int(sideways), 1.5
-    data.qvel[axis] = v
-    start = data.qpos[axis]
-    mujoco.mj_step(model, data, nstep=round(2.0 * v / (friction * 9.81) / model.opt.timestep))
-    assert abs(data.qvel[axis]) < 1e-3
-    assert data.qpos[axis] - start == pytest.approx(v * v / (2.0 * friction * 9.81), rel=STOP_ERROR)
 
 
 def energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -247,15 +177,6 @@ def test_the_compiled_model_has_the_calibrations_numbers(calibration: Calibratio
     assert full[5, 5] == pytest.approx(calibration.yaw_inertia, rel=ROUNDOFF)
 
 
-@pytest.mark.parametrize("shape", list(TURN_ERROR))
-@pytest.mark.parametrize(("mass", "com_x", "radius"), [(73.30, 0.0, 0.1651), (110.0, 0.0, 0.1651), (73.30, -0.08, 0.153)])
-def test_the_rolling_radius_is_the_calibrations(shape: str, mass: float, com_x: float, radius: float) -> None:
-    """A wheel that turns once rolls 2 pi `wheel_radius`, whatever it carries."""
-    calibration = husky(mass=mass, com_x=com_x, wheel_radius=radius, wheel_shape=shape, yaw_inertia=0.06 * mass)  # type: ignore[arg-type]
-    motion = MujocoPlant(calibration, STIFF).run(Commands(0.05, np.tile([0.5, 0.0], (100, 1))), State(), 0.05)
-    assert motion.twist[-1, 0] / motion.wheels[-1].mean() == pytest.approx(radius, rel=1e-3)
-
-
 def test_seven_newton_metres_a_wheel_turn_the_robot_below_a_friction_of_0_356() -> None:
     """Four sliding contacts ask a side for r mu (m g / 2) wheelbase / hypot(track, wheelbase)."""
     limit = 2 * 7.0 / (0.1651 * 0.5 * 73.30 * 9.81 * WHEELBASE / math.hypot(TRACK, WHEELBASE))
@@ -264,22 +185,6 @@ def test_seven_newton_metres_a_wheel_turn_the_robot_below_a_friction_of_0_356() 
     for friction, turns in ((0.98 * limit, True), (1.02 * limit, False)):
         motion = MujocoPlant(husky(friction=friction), replace(STIFF, torque_limit=7.0)).run(turn, State(), 0.05)
         assert (motion.yaw[-1] > 0.1) == turns
-
-
-def test_calibrating_in_place_is_building_anew() -> None:
-    one, other = robot_model(husky(friction=0.3, mass=80.0)), robot_model(husky())
-    calibrate(other, husky(friction=0.3, mass=80.0))
-    for name in (
-        "body_mass",
-        "body_inertia",
-        "geom_friction",
-        "geom_size",
-        "actuator_gainprm",
-        "dof_armature",
-        "tendon_frictionloss",
-        "dof_invweight0",
-    ):
-        assert np.array_equal(getattr(one, name), getattr(other, name)), name
 
 
 def test_a_centre_of_mass_to_the_right_makes_a_turning_robot_drift() -> None:
@@ -294,14 +199,6 @@ def test_a_centre_of_mass_to_the_right_makes_a_turning_robot_drift() -> None:
         drift.append(np.abs(motion.twist[motion.t > 3.0, 0]).mean())
     assert drift[0] < 1e-6
     assert drift[1] > 0.005
-
-
-def test_loads_carry_the_weight_and_follow_the_centre_of_mass() -> None:
-    stand = Commands(0.05, np.zeros((20, 2)))
-    loads = MujocoPlant(husky(com_x=-0.089), STIFF).run(stand, State(), 0.05).channels["wheel_load_N"][-1]
-    assert loads.sum() == pytest.approx(73.30 * 9.81, rel=1e-4)
-    base_mass = 73.30 - 4 * 2.637
-    assert (loads[2:].sum() - loads[:2].sum()) * WHEELBASE / 2 == pytest.approx(0.089 * base_mass * 9.81, rel=0.02)
 
 
 def test_imu_reads_gravity_at_rest_and_the_turn() -> None:

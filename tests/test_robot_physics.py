@@ -164,17 +164,6 @@ def test_a_drawn_robot_rests_rolls_and_stops_as_mechanics_says(document: dict[st
     check_rest(Calibration.of(parse_robot(document)))
 
 
-@pytest.mark.slow
-def test_hundreds_of_drawn_robots_obey_mechanics() -> None:
-    calm = 0
-    for robot in measures.drawn(300):
-        calibration = Calibration.of(robot)
-        check_turn(calibration)
-        check_rest(calibration)
-        calm += measures.turn(calibration).sensitivity <= CALM
-    assert calm > 225
-
-
 def test_small_wheels_get_short_steps() -> None:
     for radius, step in ((0.35, 0.002), (0.1651, 0.002), (0.094, 0.002), (0.092, 0.001), (0.05, 0.001), (0.02, 0.0005)):
         geometry = {"wheelbase": 2.5 * radius, "track": 3.0 * radius, "wheel_radius": radius, "wheel_width": 0.4 * radius}
@@ -212,16 +201,6 @@ def test_four_motors_turn_a_symmetrical_robot_as_two_with_belts_do(name: str, in
     late = one.t > 2.0
     torque = np.abs(one.channels["torque_N_m"][late]).mean()
     assert np.abs(one.channels["torque_N_m"] - other.channels["torque_N_m"])[late].max() < SAME * torque
-
-
-@pytest.mark.parametrize("integral", [False, True])
-def test_four_motors_drive_straight_ahead(integral: bool) -> None:
-    parts = {"integral_gain": 800.0, "dc_stiffness": 1900.0, "torque_limit": 60.0} if integral else {}
-    _, motors = both_links(HUSKY, **parts)
-    straight = motors.run(Commands(0.05, np.tile([0.5, 0.0], (100, 1))), State(), 0.05)
-    assert np.abs(straight.xy[:, 1]).max() < SAME
-    assert straight.twist[-1, 0] == pytest.approx(0.5, rel=1e-3)
-    assert straight.twist[-1, 0] / straight.wheels[-1].mean() == pytest.approx(motors.calibration.wheel_radius, rel=1e-4)
 
 
 def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:

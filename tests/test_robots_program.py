@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -64,15 +63,6 @@ def test_every_shipped_robot_is_without_a_fault(name: str, tmp_path: Path, capsy
     assert (tmp_path / "robot.png").read_bytes().startswith(b"\x89PNG")
     said = capsys.readouterr().out
     assert all(key in said for key in document["numbers"])
-
-
-def test_a_centred_robot_needs_the_torque_of_the_formula() -> None:
-    robot = changed()
-    g, mu = robot.geometry, 1.0
-    spot = spot_turn(robot)
-    assert spot is not None
-    formula = g.wheel_radius * mu * 0.5 * robot.masses.total * 9.81 * g.wheelbase / math.hypot(g.wheelbase, g.track)
-    assert spot.side_torque == pytest.approx(formula, rel=1e-6)
 
 
 @pytest.mark.parametrize("com", [(0.0, 0.0), (0.15, 0.1), (-0.3, 0.0)])

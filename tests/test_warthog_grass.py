@@ -54,25 +54,6 @@ def test_mujoco_predicts_positions_better_because_it_drifts() -> None:
     assert errors("mujoco", False, firm).position.mean() > 1.15 * mujoco.position.mean()
 
 
-def test_kinematics_that_drift_fit_better_and_find_the_same_drift_in_both_parts() -> None:
-    firm, loose = (page.Drift(part(False), (6.0, 15.0)) for _ in range(2))
-    without, with_drift = firm.fit(drifts=False), loose.fit(drifts=True)
-    assert without[-1] == 0.0
-    assert loose.cost(with_drift) < 0.82 * firm.cost(without)
-    assert with_drift[-1] == pytest.approx(0.15, abs=0.01)
-    assert page.Drift(part(True), (6.0,)).fit(drifts=True)[-1] == pytest.approx(with_drift[-1], abs=0.03)
-
-
-def test_the_sides_are_refreshed_in_turn() -> None:
-    part(False)
-    table = np.genfromtxt(LOG, delimiter=",", names=True)
-    new = [np.flatnonzero(np.diff(table[side]) != 0.0) for side in ("enc_left", "enc_right")]
-    assert not set(new[0]) & set(new[1])
-    for at in new:
-        steps = np.diff(table["t"][at])
-        assert np.median(steps) == pytest.approx(0.25, abs=0.002)
-
-
 def test_a_speed_loop_with_an_integral_part_turns_the_wheels_as_slowly_as_the_robot_does() -> None:
     part(True)
     off = {}

@@ -12,8 +12,7 @@ from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.types import FloatArray, IndexArray
 from tests.conftest import data_folder
 from validation.bench.sources import Source, drive, open_source
-from validation.plants.profile import PLANTS, load_profile, make_plant
-from validation.simulator.description import load_robot
+from validation.plants.profile import load_profile, make_plant
 
 LOGS = {ground: data_folder() / ground / f"{ground}_train.csv" for ground in ("husky_tile", "husky_wet_grass")}
 SPLIT = {"husky_tile": 500.0, "husky_wet_grass": 182.0}
@@ -96,29 +95,3 @@ def test_each_profile_is_better_on_its_own_ground(model: str) -> None:
         good, bad = heading_errors(own, model, ground), heading_errors(other, model, ground)
         assert good.differs_from(bad)[1], ground
         assert np.median(good.yaw) < 0.65 * np.median(bad.yaw), ground
-
-
-@pytest.mark.parametrize("plant", PLANTS)
-def test_the_profile_keeps_what_the_grass_does_not_tell(plant: str) -> None:
-    """Radii that are equal, another clock and another driver are all that husky-wet-grass changes."""
-    tile, grass = (load_profile(name).plants[plant] for name in ("husky-tile", "husky-wet-grass"))
-    numbers = vars(tile.vehicle) | vars(tile.parameters), vars(grass.vehicle) | vars(grass.parameters)
-    changed = {name for name in numbers[0] if numbers[0][name] != numbers[1][name]}
-    body_and_tyres = {"wheel_radius", "com_x", "com_y", "stiffness_x", "stiffness_y"}  # fitted on tile
-    own = {"kinematic": {"alpha_l", "alpha_r"}, "four_wheel": {"radius_difference"} | body_and_tyres}
-    assert changed == own.get(plant, {"radius_difference"})
-    if plant == "kinematic":
-        old, new = ((n["alpha_l"], n["alpha_r"]) for n in numbers)
-        assert new[0] == new[1] == pytest.approx(sum(old) / 2.0, abs=1e-5)
-    else:
-        assert numbers[1]["radius_difference"] == 0.0
-    if plant == "four_wheel":  # nothing is fitted here: MuJoCo's body, and tyres as soft as grass makes them
-        body, masses = vars(load_profile("husky-wet-grass").plants["mujoco"].parameters), load_robot().masses
-        base = 1.0 - 4.0 * masses.wheel / masses.total  # the share whose centre of mass MuJoCo's numbers give
-        assert numbers[1]["wheel_radius"] == body["wheel_radius"]
-        assert (numbers[1]["com_x"], numbers[1]["com_y"]) == pytest.approx(
-            (base * body["com_x"], base * body["com_y"]), abs=1e-6
-        )
-        assert numbers[1]["stiffness_x"] == numbers[1]["stiffness_y"] == 7.0  # docs/four_wheel.md
-    assert (grass.localiser.tracked_x, grass.localiser.tracked_y) == (0.0, 0.0)
-    assert grass.localiser.yaw_late == 0.142

@@ -173,8 +173,3 @@ def test_a_cut_keeps_both_ends_and_moves_no_gap() -> None:
     for start, stop in ((8.0, None), (None, -1.0), (3.0, 1.0), (2.0, 3.0), (math.nan, None)):
         with pytest.raises(FileError, match=r"nothing was logged in .*; there is drive\.csv 0 to 7 s"):
             log.cut(start, stop)
-
-
-def test_missing_columns_are_named() -> None:
-    with pytest.raises(ValueError, match="log drive has no column y, yaw; it has x, cmd_v"):
-        timed([0.0, 1.0], x=[0.0, 1.0], cmd_v=[0.0, 0.0]).table(("x", "y", "yaw"))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ssmr.estimation.settings import EkfSettings
-from ssmr.metrics.windows import WindowErrors
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from validation.compare import compare
@@ -20,7 +18,6 @@ from validation.files.faults import AFTER_COMMAND_S, JUMP_M, JUMP_RAD, Faults, f
 from validation.files.log import Log
 from validation.fit import fit
 from validation.recordings import info
-from validation.report.motions import alike_plants, alike_sentences
 
 DT = 0.05
 
@@ -177,19 +174,3 @@ def test_info_writes_what_it_found(tmp_path: Path) -> None:
     assert "gyro_z" in found.table()
     with pytest.raises(ValueError, match="the log itself"):
         found.write(path)
-
-
-def test_plants_that_a_recording_cannot_tell_apart_are_said(tmp_path: Path) -> None:
-    write_csv(drive(), tmp_path / "log.csv")
-    settings = {"input": "wheels", "horizons": (6.0,)}
-    found = compare(str(tmp_path / "log.csv"), plants=("improved", "coulomb", "linear"), workers=1, **settings)
-    rng, yaws = np.random.default_rng(1), {"improved": 0.1, "coulomb": 0.1, "linear": 0.2}
-    errors = {n: (np.abs(rng.normal(0.0, 0.1, 100)), np.abs(rng.normal(yaw, 0.01, 100))) for n, yaw in yaws.items()}
-    plants = {n: replace(r, windows={6.0: WindowErrors(6.0, *errors[n])}) for n, r in found.plants.items()}
-    alike = alike_plants(plants)
-    assert alike is not None
-    assert (alike["horizon_s"], alike["yaw"], len(alike["position"])) == (6.0, [["improved", "coulomb"]], 3)
-    assert alike_sentences(plants, alike) == [
-        "After 6 s the recording cannot tell any two of these plants apart in position.",
-        "After 6 s the recording cannot tell apart in yaw: improved and coulomb.",
-    ]

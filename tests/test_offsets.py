@@ -28,11 +28,8 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.interp(t, fine, a) for a in (v, w, x, y, yaw))
 
 
-def made(wheels: float, position: float, yaw: float, seed: int = 0, repeated: bool = False) -> Log:
-    """A log whose sensors are late by so much [s]: 20 Hz, poses of 10 Hz that are logged twice, all of them noisy.
-
-    With `repeated` the wheels are measured at 10 Hz and logged twice too.
-    """
+def made(wheels: float, position: float, yaw: float, seed: int = 0) -> Log:
+    """A log whose sensors are late by so much [s]: 20 Hz, poses of 10 Hz that are logged twice, all of them noisy."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, SECONDS, 0.05)
     seen = np.repeat(t[::2], 2)[: len(t)]
@@ -40,14 +37,13 @@ def made(wheels: float, position: float, yaw: float, seed: int = 0, repeated: bo
     def noisy(values: np.ndarray, std: float, every: int = 1) -> np.ndarray:
         return values + std * np.repeat(rng.standard_normal(-(-len(t) // every)), every)[: len(t)]
 
-    every = 2 if repeated else 1
-    v, w = motion((seen if repeated else t) - wheels)[:2]
+    v, w = motion(t - wheels)[:2]
     left, right = wheel_rates(v, w, EkfSettings.half_track, EkfSettings.radius)
     x, y = motion(seen - position)[2:4]
     pose = {"x": noisy(x, 0.007, 2), "y": noisy(y, 0.007, 2), "yaw": noisy(motion(seen - yaw)[4], 0.01, 2)}
     groups = {
         "pose": Group("log", t, pose),
-        "wheels": Group("log", t, {"enc_left": noisy(left, 0.05, every), "enc_right": noisy(right, 0.05, every)}),
+        "wheels": Group("log", t, {"enc_left": noisy(left, 0.05), "enc_right": noisy(right, 0.05)}),
     }
     gyro = {"imu": Group("log", t, {"gyro_z": noisy(motion(t)[1], 0.02)})}
     return Log(Path("log.csv"), {**groups, **gyro})
@@ -106,15 +102,6 @@ def test_sync_takes_each_delay_out() -> None:
         assert np.sqrt(np.mean((pose.columns[name] - true) ** 2)) < 1.1 * noise
     assert len(pose.t) > len(log.t) - 10
     assert all(abs(offset.seconds) < 2.0 * FEW_MS for offset in estimate_offsets(after))
-
-
-@pytest.mark.parametrize("rate", [15.0, 33.0, 50.0])
-def test_another_clock_makes_no_signal_later(rate: float) -> None:
-    """Interpolation between samples that were logged twice would make them late by a quarter of a period of theirs."""
-    log = made(0.2, 0.1, 0.22, repeated=True)
-    resampled = found_in(log.on_one_clock(rate))
-    for name, offset in found_in(log).items():
-        assert resampled[name].seconds == pytest.approx(offset.seconds, abs=FEW_MS)
 
 
 def test_a_heading_is_not_taken_out_of_a_gap() -> None:

@@ -48,19 +48,14 @@ def start(launch: Launch) -> Launch:
 
 
 @pytest.mark.usefixtures("hangup")
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
-def test_a_signal_ends_the_work_and_keeps_the_result(
-    start: Launch, number: signal.Signals, status: int, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_ends_the_work_and_keeps_the_result(start: Launch, number: signal.Signals, tmp_path: Path) -> None:
     process = start(PROGRAM, str(tmp_path / "kept.txt"))
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
     _, said = process.communicate(timeout=30)
-    assert (process.returncode, said) == (
-        status,
-        "interrupted\n" if status == 130 else f"ended by {signal.Signals(number).name}\n",
-    )
+    assert (process.returncode, said) == (130, "interrupted\n")
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
 
 
@@ -74,18 +69,6 @@ def test_under_nohup_a_hangup_is_ignored(start: Launch, tmp_path: Path) -> None:
         process.wait(0.3)
 
 
-def test_closed_streams_do_no_harm(tmp_path: Path) -> None:
-    """A file that took the number of a closed stream would get what is printed."""
-    program = "from validation import cli, store; from pathlib import Path\n"
-    program += "def main(out: Path, /) -> None:\n    store.write_text(out, 'x'); print('printed'); cli.warn('warned')\n"
-    program += "cli.run(main, 'program')"
-    out = tmp_path / "out.txt"
-    command = f'{sys.executable} -c "$PROGRAM" {out} >&- 2>&- <&-'
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PROGRAM": program}
-    assert subprocess.run(["sh", "-c", command], env=environment, timeout=60, check=False).returncode == 0
-    assert out.read_text() == "x"
-
-
 def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
     program = "from validation.cli import run\ndef main() -> None:\n    print('x' * 10**6)\nrun(main, 'program', [])"
     process = start(program)
@@ -97,11 +80,7 @@ def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
     assert (process.wait(60), said) == (0, "")
 
 
-def test_a_fault_of_the_program_is_one_line_and_a_report(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-
+def test_a_fault_of_the_program_is_told_from_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
     def main() -> None:
         with cli.mistakes_are_users():
             json.loads("no json")  # a ValueError that nobody foresaw is no mistake of the user
@@ -109,13 +88,9 @@ def test_a_fault_of_the_program_is_one_line_and_a_report(
     with pytest.raises(SystemExit) as left:
         cli.run(main, "program", [])
     assert left.value.code == cli.EXIT_FAULT
-    (line,) = capsys.readouterr().err.splitlines()
-    (report,) = tmp_path.iterdir()
-    assert line.startswith("program has a fault (JSONDecodeError: ")
-    assert str(report) in line
-    assert stat.S_IMODE(report.stat().st_mode) == 0o600
-    text = report.read_text()
-    assert all(part in text for part in ("Traceback", "json.loads", "mujoco 3", "command: "))
+    said = capsys.readouterr().err
+    assert "Traceback" in said
+    assert said.splitlines()[-1].startswith("program has a fault; ")
 
 
 @pytest.mark.parametrize(
@@ -192,82 +167,6 @@ def test_ctrl_c_while_a_program_is_loaded_is_no_traceback(start: Launch) -> None
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert (process.returncode, said) == (-signal.SIGINT, "")
-
-
-def test_a_signal_that_comes_while_numba_compiles_is_kept_until_it_has(start: Launch, tmp_path: Path) -> None:
-    """Its compiler swallows an interrupt; the program would go on as if nothing had been asked."""
-    program = """
-import numba, time
-from validation import cli
-from llvmlite.binding import executionengine
-def slow(*arguments):
-    print("compiling", flush=True)
-    time.sleep(0.5)
-    print("compiled", flush=True)
-exec("def compile_for(slow):\\n    slow()", vars(executionengine))
-def main() -> None:
-    executionengine.compile_for(slow)
-    time.sleep(30)
-cli.run(main, "program", [])
-"""
-    process = start(program)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "compiling\n"
-    process.send_signal(signal.SIGTERM)
-    said, warned = process.communicate(timeout=20)
-    assert (process.returncode, said, warned) == (143, "compiled\n", "ended by SIGTERM\n")
-
-
-def interrupt(touched: Path | None) -> None:
-    if touched is not None:
-        touched.touch()
-    raise KeyboardInterrupt
-
-
-SWALLOWED = {
-    "the end of an object's life": (
-        """
-class Short:
-    def __del__(self):
-        signal.raise_signal(signal.SIGINT)
-Short()
-time.sleep(20.0)
-""",
-        "interrupted",
-        130,
-    ),
-    "a library": ("keep(lambda: json.loads('{'))", "ended by SIGTERM", 143),
-    "nobody: a fault of this project's own": ("keep(lambda: Wanted())", "has a fault", 70),
-}
-"""Work, by what becomes of the interrupt in it; what is said then, and the exit status."""
-
-
-@pytest.mark.parametrize("by", SWALLOWED)
-def test_an_interrupt_that_is_swallowed_ends_the_work_all_the_same(by: str, tmp_path: Path) -> None:
-    work, said, status = SWALLOWED[by]
-    program = f"""
-import json, signal, time
-from validation import cli
-def Wanted():
-    raise ZeroDivisionError("of the project")
-def keep(then):
-    try:
-        signal.raise_signal(signal.SIGTERM)
-    except KeyboardInterrupt:
-        then()
-def main() -> None:
-    \"\"\"Work.\"\"\"
-    exec(WORK)
-WORK = {work!r}
-cli.run(main, "the program", [])
-"""
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.returncode == status
 
 
 # ------------------------------------------------------------------------------------------- memory

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import sys
 import typing
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, make_dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Annotated, Any, Literal
 
 import tyro
 
 from validation import cli, store
+from validation.cli.options import NUMBERS
+from validation.cli.process import options_type, say
+from validation.words import shortened
 
 PROGRAMS: Mapping[str, str] = {
     "compare": "Drive every simulation with the same commands and compare them, with each other or with a log.",
@@ -36,15 +39,15 @@ class CompletionOptions:
     """Shell that reads it."""
 
 
-def _completion(options: CompletionOptions) -> None:
+def completion(options: CompletionOptions) -> None:
     """Print what a shell needs to complete programs and options, as in: eval "$(ssmr completion bash)"."""
-    kinds = []
-    for name, says in PROGRAMS.items():
-        kind = cli.options_type(program_named(name))
-        kinds.append(Annotated[kind, tyro.conf.subcommand(name, prefix_name=False, description=says)])
+    kinds = [
+        Annotated[options_type(program_named(name)), tyro.conf.subcommand(name, prefix_name=False, description=says)]
+        for name, says in PROGRAMS.items()
+    ]
     everything: Any = typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
     arguments = ["--tyro-print-completion", options.shell]
-    tyro.cli(everything, prog="ssmr", args=arguments, registry=cli.NUMBERS, config=(tyro.conf.DisallowNone,))
+    tyro.cli(everything, prog="ssmr", args=arguments, registry=NUMBERS, config=(tyro.conf.DisallowNone,))
 
 
 def program_named(name: str) -> Any:
@@ -56,28 +59,20 @@ def program_named(name: str) -> Any:
     return module.PROGRAM if hasattr(module, "PROGRAM") else import_module(f"validation.{name}.__main__").PROGRAM
 
 
-def _listed(name: str) -> Callable[[Any], None]:
-    """Return what stands for a program in the help of `ssmr`, which loads none of them."""
-
-    def program(options: Any) -> None:
-        cli.run(program_named(name), f"ssmr {name}", sys.argv[2:])
-
-    program.__doc__ = PROGRAMS[name]
-    program.__annotations__ = {"options": make_dataclass(name.capitalize(), [], frozen=True)}
-    return program
-
-
 def main() -> None:
     """Run the program that the command line names first; see `PROGRAMS`."""
-    first = sys.argv[1] if len(sys.argv) > 1 else "--help"
-    if first == "--version":
+    first, *rest = sys.argv[1:] or ["--help"]
+    everything = {**PROGRAMS, "completion": "Print what a shell needs to complete programs and options."}
+    if first in ("--help", "-h"):
+        print("usage: ssmr PROGRAM [OPTIONS]; ssmr PROGRAM --help says more; ssmr --version\n")
+        print("\n".join(f"{name:<12}{says}" for name, says in everything.items()))
+    elif first == "--version":
         print(f"ssmr-testbed {store.versions()['ssmr-testbed']}")
-    elif first in PROGRAMS:
-        _listed(first)(None)
+    elif first in everything:
+        cli.run(program_named(first) if first in PROGRAMS else completion, f"ssmr {first}", rest)
     else:
-        cli.run(
-            {**{name: _listed(name) for name in PROGRAMS}, "completion": _completion}, "ssmr", sys.argv[1:] or ["--help"]
-        )
+        say(f"error: there is no 'ssmr {shortened(first, 40)}'; there are: {', '.join(everything)}")
+        sys.exit(cli.EXIT_USER_ERROR)
 
 
 if __name__ == "__main__":

@@ -1,160 +1,197 @@
-"""This process as its surroundings see it: its streams, the signals that end it, and the report on a fault of its own."""
+"""Run a program: parse its command line, call it, and leave with the exit status and the one line that say how it went."""
 
 from __future__ import annotations
 
-import codecs
 import contextlib
+import errno
+import functools
+import gc
+import inspect
+import io
+import itertools
+import logging
 import os
-import select
+import re
 import signal
 import sys
-import tempfile
 import threading
 import traceback
-from collections.abc import Iterator
-from types import FrameType
-from typing import Any
+import typing
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
+from typing import Annotated, Any
 
+import tyro
+
+from ssmr.errors import SsmrError
 from validation import store
-from validation.words import ascii_text, one_line
+from validation.cli.options import NUMBERS, UserError
+from validation.words import abridged, each_line, one_line, shortened
 
-ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
-"""Signals that end the work as Ctrl-C does, so that what was found is kept; not every system has both."""
-_AGAIN_S = 0.05
-"""Time after which a signal that was put off comes again [s]."""
-
-
-def prepare_streams() -> None:
-    """Make standard streams take every text: a closed one swallows it, and one that knows only ASCII gets it spelt out."""
-    with contextlib.suppress(OSError):
-        while (spare := os.open(os.devnull, os.O_RDWR)) <= 2:  # else the next file that is opened would become a stream
-            pass
-        os.close(spare)
-    codecs.register_error("spelt", _spell)
-    for name in ("stdout", "stderr"):
-        stream: Any = getattr(sys, name)
-        if stream is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
-        elif hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="spelt")
+EXIT_FAILED_RUN = 1
+"""The work was begun, and cannot be ended."""
+EXIT_USER_ERROR = 2
+EXIT_FAULT = 70
+"""The program itself is at fault; BSD calls it EX_SOFTWARE."""
+EXIT_INTERRUPTED = 130
+_COLOUR = re.compile(r"\x1b\[[\d;]*m")
+_LONGEST_LINE = 700
+"""Length of a line on standard error: a list of names fits, and whoever gave a longer text knows it."""
 
 
-def _spell(error: UnicodeError) -> tuple[str, int]:
-    """Return what to write instead of characters that a stream's encoding lacks; see `codecs.register_error`."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    return ascii_text(error.object[error.start : error.end]), error.end
+def run(
+    main: Callable[..., Any] | Mapping[str, Callable[..., Any]], program: str, arguments: Sequence[str] | None = None
+) -> None:
+    """Parse a command line, call the program, and leave with the exit status that says how it went.
 
-
-def finish_output() -> None:
-    """Write out what standard output still holds; that its reader has gone, as `| head` does, is no failure."""
+    Args:
+        main: a function that takes one dataclass of options, or such functions by the name of their subcommand. The
+            function's docstring is the description in the help text.
+        program: how usage texts call the program, such as `python -m validation.compare`.
+        arguments: the command line; by default that of this process.
+    """
+    main = getattr(main, "command", lambda: main)()  # of a `Program`
+    _prepare()
+    said, status = "", 0
     try:
+        called, options = _parse(main, program, arguments)
+        called(options)
         sys.stdout.flush()
-    except BrokenPipeError:
-        silence_output()
+        return
+    except UserError as error:
+        said, status = f"error: {error}", EXIT_USER_ERROR
+    except SsmrError as error:
+        said, status = f"run failed: {error}", EXIT_FAILED_RUN
+    except BrokenPipeError:  # a reader that has gone, as `| head` does, is no failure
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
+    except MemoryError:
+        said, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
+    except KeyboardInterrupt:
+        exec("")  # nosec B102 # else Python ends by a signal where an interrupt passed through code that numba made
+        said, status = "interrupted", EXIT_INTERRUPTED
+    except Exception:  # noqa: BLE001 - the last resort
+        traceback.print_exc()
+        versions = ", ".join(f"{name} {version}" for name, version in store.versions().items())
+        said, status = f"{program} has a fault; please send its makers the lines above ({versions})", EXIT_FAULT
+    if said:
+        say(said)
+    sys.exit(status)
 
 
-def output_is_read() -> bool:
-    """Return whether somebody still reads standard output."""
-    try:
-        poll = select.poll()
-        poll.register(sys.stdout.fileno(), 0)
-        return not poll.poll(0)
-    except (AttributeError, OSError, ValueError):  # no such call on this system, or a stream without a file
-        return True
-
-
-def silence_output() -> None:
-    """Lead standard output nowhere, so that Python does not complain when it ends."""
+def say(text: str) -> None:
+    """Print one line on standard error; nothing happens where nobody listens any more."""
     with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(abridged(text, _LONGEST_LINE), file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
-def signals_end_work() -> Iterator[list[int]]:
-    """Within, signals raise `KeyboardInterrupt`: Ctrl-C whenever it is pressed, each of `ENDING_SIGNALS` once.
+def mistakes_are_users() -> Iterator[None]:
+    """Within, a `ValueError` that this project raises is the user's mistake; another library's is a fault of the program."""
+    try:
+        yield
+    except UserError:
+        raise
+    except ValueError as error:
+        if not _is_ours(error):
+            raise
+        raise UserError(one_line(error)) from error
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        raise UserError(f"a path is too long: {shortened(error.filename, 40)}") from error
 
-    A signal that was to be ignored, as under nohup, stays so. While numba compiles, a signal is put off: its compiler would
-    swallow the interrupt, and the work would go on or break. An interrupt that Python itself swallows, because it met the
-    end of an object's life, comes again.
 
-    Yields:
-        The list to which the number of each signal is added when it comes.
-    """
+def _is_ours(error: BaseException) -> bool:
+    """Return whether an error was raised by this project's own code."""
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return frames[-1].f_globals.get("__name__", "").partition(".")[0] in ("ssmr", "validation", "__main__")
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        if _compiles(frame):
-            _send_again(number)
-            return
-        came.append(number)
-        if number != signal.SIGINT:
-            for one in set(before) - {signal.SIGINT}:
-                signal.signal(one, signal.SIG_IGN)  # the result is being kept now
-        raise KeyboardInterrupt
 
-    came: list[int] = []
-    before: dict[int, Any] = {}
-    hook = sys.unraisablehook
+class _Lines(logging.Handler):
+    """Messages of this project as lines on standard error, what is foreign in them made harmless."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a record."""
+        level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
+        say(f"{level}{each_line(record.getMessage())}")
+
+
+def _prepare() -> None:
+    """Let standard streams take every text, messages be lines, and SIGTERM and SIGHUP end the work as Ctrl-C does."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    logging.basicConfig(handlers=[_Lines()])
+    logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
+    gc.set_threshold(50_000, 20, 100)  # imports make many objects that stay, and Python would look through them all the time
+    logging.captureWarnings(True)
     if threading.current_thread() is threading.main_thread():
-        for number in (getattr(signal, name) for name in ("SIGINT", *ENDING_SIGNALS) if hasattr(signal, name)):
-            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                before[number] = signal.signal(number, interrupt)
-        sys.unraisablehook = _again_if_swallowed
-    try:
-        yield came
-    finally:
-        sys.unraisablehook = hook
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number in (getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)):
+            if signal.getsignal(number) is signal.SIG_DFL:  # under nohup one stays ignored
+                signal.signal(number, signal.default_int_handler)
+    warnings.filterwarnings("ignore", "Glyph .* missing from font")  # matplotlib draws a box
 
 
-def _send_again(number: int) -> None:
-    """Let a signal come again in a moment."""
-    again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
-    again.daemon = True
-    again.start()
+def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:
+    """Return the function to call and the options to call it with.
 
-
-def _again_if_swallowed(unraisable: Any) -> None:
-    """Let an interrupt come again that Python swallows, and report any other error that it does, as it usually does."""
-    if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        _send_again(signal.SIGINT)
-    else:
-        sys.__unraisablehook__(unraisable)
-
-
-def _compiles(frame: FrameType | None) -> bool:
-    """Return whether numba is at work in a frame or in one of those that called it."""
-    while frame is not None:
-        if frame.f_globals.get("__name__", "").partition(".")[0] in ("numba", "llvmlite"):
-            return True
-        frame = frame.f_back
-    return False
-
-
-def forget_interrupt() -> None:
-    """Let this process leave with the status that it asks for.
-
-    Where an interrupt has passed through code that was made at run time, as numba's is, Python remembers it, and at the end
-    of `python -m` kills itself by SIGINT whatever the status. Running any other code makes it forget.
+    Raises:
+        UserError: the command line says something that cannot be.
+        SystemExit: it asked for help.
     """
-    exec("")  # nosec B102
-
-
-def write_report(error: BaseException) -> str:
-    """Write versions, command and traceback into a file that only this user can read; return a sentence that says where."""
-    versions = ", ".join(f"{name} {version}" for name, version in store.versions().items())
-    lines = [
-        f"command: {' '.join(map(one_line, sys.orig_argv))}",
-        f"versions: {versions}",
-        f"platform: {sys.platform}",
-        "",
-        *traceback.format_exception(error),
-    ]
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    for at in [i for i, pair in enumerate(itertools.pairwise(words)) if pair == ("--view", "web")]:
+        words[at : at + 2] = ["--view-web"]
+    if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
+        raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
+    said = io.StringIO()
+    read = functools.partial(tyro.cli, prog=program, args=words, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
     try:
-        handle, path = tempfile.mkstemp(prefix="ssmr-report-", suffix=".txt")
-        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
-            file.write("\n".join(lines))
-    except OSError as cause:
-        return f"no report could be written ({cause.strerror or cause})"
-    return f"{one_line(path)} says where; please send it to the makers"
+        with contextlib.redirect_stderr(said):
+            if isinstance(main, Mapping):
+                options = read(options_type(main))
+                return next(function for function in main.values() if _options_of(function) is type(options)), options
+            if (kind := options_type(main)) is not None:
+                return main, read(kind, description=inspect.getdoc(main))
+            read_only = functools.wraps(main)(lambda *given, **named: functools.partial(main, *given, **named))
+            return (lambda ready: ready()), read(read_only)
+    except SystemExit as left:
+        if left.code:
+            raise UserError(_mistake_in(said.getvalue())) from None
+        raise
+
+
+def _mistake_in(box: str) -> str:
+    """Return the message in the box that tyro draws around it, in colours on a terminal, in one line."""
+    lines = [line.strip("│|+ ") for line in _COLOUR.sub("", box).strip().splitlines()[1:]]
+    rule = [set(line) <= {"─", "-"} for line in lines]
+    start = rule.index(False) if False in rule else 0
+    said = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])
+    text = one_line(" ".join(said))
+    return re.sub(r"^Error parsing ([^ :]+):", r"\1:", text) or "the command line cannot be read; see --help"
+
+
+def options_type(main: Callable[..., Any] | Mapping[str, Callable[..., Any]]) -> Any:
+    """Return the type that reads a program's command line: its options, or one of those of its subcommands.
+
+    None where the arguments of `main` are the options themselves.
+    """
+    if not isinstance(main, Mapping):
+        return _options_of(main)
+    kinds = [
+        Annotated[_options_of(function), tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
+        for name, function in main.items()
+    ]
+    return typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
+
+
+def _options_of(main: Callable[..., Any]) -> Any:
+    """Return the dataclass that a program takes; None where its arguments are the options themselves."""
+    names = list(inspect.signature(main).parameters) if inspect.isfunction(main) else []
+    kind = typing.get_type_hints(main).get(names[0]) if len(names) == 1 else None
+    return kind if is_dataclass(kind) else None

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
-from collections.abc import Callable
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Generic, ParamSpec, TypeVar
 
 import tyro
+from rich.console import Console
+from rich.text import Text
 
-from validation import progress
-from validation.cli.options import NoRerun, Seed, UserError, View, ViewWeb, Workers, option, require_rerun
-from validation.cli.reporting import report_result, shown, warn
-from validation.cli.running import mistakes_are_users, output_folder, require_writable, run
+from validation import progress, store
+from validation.cli.options import Flag, Seed, UserError, Workers, option
+from validation.cli.process import mistakes_are_users, run, say
 from validation.report.report import INTERRUPTED, Report
-from validation.store import make_folder
+from validation.report.table import rich_table
+from validation.words import each_line, one_line, visible
 
 P = ParamSpec("P")
 Options = TypeVar("Options", bound="Common")
 R = TypeVar("R", bound=Report)
+_LOG_EVERY_S = 5.0
+"""Time between two lines of progress where standard error is no terminal [s]."""
+_ENDLESS = 10_000
+"""Width of what is no terminal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +51,12 @@ class Common:
 class Filmed(Common):
     """Options of a program whose robots can be seen in motion."""
 
-    view: View = False
-    view_web: ViewWeb = False
-    no_rerun: NoRerun = False
+    view: Annotated[Flag, option(default="off")] = False
+    """Open the recording in the rerun viewer afterwards."""
+    view_web: Annotated[Flag, option(default="off")] = False
+    """Serve the recording to a browser on this machine afterwards, until Ctrl-C; --view web is the same."""
+    no_rerun: Annotated[Flag, option(default="off")] = False
+    """Do not write the rerun recording (.rrd)."""
     video: Annotated[Path | None, option(metavar="FILE", default="none")] = None
     """Video for slides to write (.mp4, .gif): MuJoCo's robot, the others as ghosts; drawn without a window."""
 
@@ -55,14 +68,13 @@ class Filmed(Common):
         """
         if (self.view or self.view_web) and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
-        if not self.no_rerun:
-            require_rerun("the recording", "install it, or add --no-rerun")
+        if not self.no_rerun and find_spec("rerun") is None:
+            raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
         if self.video is not None:
-            require_rerun("a video")
             from validation.report.video import check_video
 
             check_video(self.video)
-            make_folder(self.video.parent)
+            store.make_folder(self.video.parent)
 
 
 class Program(Generic[P, R]):
@@ -115,17 +127,10 @@ def _field_text(options: Any, name: str) -> str:
     return " ".join((get_field_docstring(options, name, ()) or "").split())
 
 
-def finish(report: Report, options: Common, folder: Path, *before: Path) -> None:
-    """Save and print a report, make its video, show its recording, and raise what it says went wrong.
-
-    Args:
-        report: what was found.
-        options: options of the program.
-        folder: folder for the files.
-        before: files that were written before.
-    """
+def finish(report: Report, options: Common, folder: Path) -> None:
+    """Save and print a report, make its video, show its recording, and raise what it says went wrong."""
     film = options if isinstance(options, Filmed) else None
-    written = [*before, *report.save(folder, recording=film is None or not film.no_rerun)]
+    written = report.save(folder, recording=film is None or not film.no_rerun)
     for sentence in report.alarms:
         warn(sentence)
     if film is not None and film.video is not None:
@@ -141,3 +146,103 @@ def finish(report: Report, options: Common, folder: Path, *before: Path) -> None
         raise report.failure
     if report.status == INTERRUPTED:
         raise KeyboardInterrupt
+
+
+# --- folders and files that users name ---
+
+
+def output_folder(path: Path) -> Path:
+    """Make the folder that results go to.
+
+    Raises:
+        UserError: it cannot be made or written.
+    """
+    try:
+        return store.make_folder(path)
+    except ValueError as error:
+        raise UserError(f"--out {error}") from error
+
+
+def require_writable(folder: Path) -> None:
+    """Refuse a folder that could not be made or written, before hours of work.
+
+    Raises:
+        UserError: the nearest folder that exists cannot be written.
+    """
+    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        raise UserError(f"--out {folder}: {nearest} is no folder that can be written; name another")
+
+
+@contextlib.contextmanager
+def writes(option: str, path: Path) -> Iterator[None]:
+    """Within, a file that cannot be written is the user's mistake, who named it by this option."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"{option} {path}: the file cannot be written ({error.strerror or error})") from error
+
+
+# --- what a program says ---
+
+
+@contextlib.contextmanager
+def shown(title: str) -> Iterator[progress.Report]:
+    """Within, a progress bar on standard error; yield the callback that moves it.
+
+    Where standard error is no terminal, a line every few seconds says the same: how much is done, what, and the time left.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    began = last = time.perf_counter()
+    first: float | None = None  # steps that were done before, where work is resumed
+    console = Console(stderr=True)
+    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    words = TextColumn("{task.description}", markup=False)
+    bar = Bar(words, *columns, console=console, transient=True, disable=not console.is_terminal)
+
+    def show(now: progress.Progress) -> None:
+        nonlocal last, first
+        first = now.done if first is None else first
+        bar.update(task, completed=now.done, total=now.total, description=one_line(f"{title}: {now.text}"))
+        clock = time.perf_counter()
+        if bar.disable and clock - last > _LOG_EVERY_S and now.done > first:
+            last = clock
+            left = (now.total - now.done) / (now.done - first) * (clock - began)
+            say(f"{title}: {now.done:.0f} of {now.total:.0f}, {now.text}; {left:.0f} s left")
+
+    with bar:
+        task = bar.add_task(one_line(title), total=None)
+        yield show
+
+
+class _Output(Console):
+    """Standard output, which falls silent when its reader leaves: the files are written all the same."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing more."""
+        self.quiet = True
+
+
+def report_console() -> Console:
+    """Return standard output for tables: as wide as a terminal or the variable COLUMNS says, else without end."""
+    console = _Output()
+    known = console.is_terminal or os.environ.get("COLUMNS", "").isdigit()
+    return console if known else _Output(width=_ENDLESS)
+
+
+def report_result(result: Any, written: Iterable[Path] = ()) -> None:
+    """Print a report's tables and notes, and the paths of what was written, on standard output."""
+    console = report_console()
+    for grid in result.grids():
+        console.print(rich_table(grid, console.width))
+    for note in result.notes():
+        console.print(Text(each_line(note)))
+    if files := ", ".join(map(visible, written)):
+        console.print(Text(f"written: {files}"), soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """Print one line on standard error."""
+    say(f"warning: {text}")

@@ -143,12 +143,6 @@ _LABEL, _PROSE = 16, 30
 """Widths down to which a column of labels and one of sentences are wrapped."""
 
 
-def least_width(grid: Grid) -> int:
-    """Return the width at which a table has all its columns."""
-    console = Console(width=10_000)
-    return Measurement.get(console, console.options, _drawn(grid, range(len(grid.header)))).minimum
-
-
 def rich_table(grid: Grid, width: int | None = None) -> rich.table.Table:
     """Draw a grid for the terminal. Foreign texts go in as they are, never as markup.
 

@@ -70,7 +70,9 @@ class Control(Graph):
     """Distance that the robot keeps behind its target (Sec. 4.5)."""
     patience: Annotated[float, cli.option(metavar="SECONDS")] = 30.0
     """Time for which a robot is waited for."""
-    out: Annotated[Path | None, cli.out_option("runs/ros/CONTROLLER-REFERENCE")] = None
+    out: Annotated[
+        Path | None, cli.option(metavar="DIR", default="runs/ros/CONTROLLER-REFERENCE", help="Folder for the files.")
+    ] = None
 
 
 class ControlNode:

@@ -16,7 +16,7 @@ from ssmr.estimation.settings import BIAS, EkfSettings
 from ssmr.robot.sensors import SensorModel
 from tests.conftest import data_folder
 from validation import cli
-from validation.bench.commissioning import chosen_filter
+from validation.bench.loops import chosen_filter
 from validation.plants.filters import load_filter
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.recordings import PROGRAM, commission, convert, info

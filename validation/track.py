@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -19,12 +20,13 @@ from ssmr.geometry import rotate_body_to_world
 from ssmr.robot.sensors import SensorModel, gyro_at_rest
 from ssmr.types import State
 from validation import cli, store
-from validation.bench.commissioning import COMMISSIONED, chosen_filter
 from validation.bench.gains import GainSet, origin_sentence
 from validation.bench.loops import (
+    COMMISSIONED,
     AnyController,
     ClosedLoopRobot,
     chosen_controller,
+    chosen_filter,
     demand_of,
     make_robot,
     rate,
@@ -41,20 +43,23 @@ from validation.simulator.terrain import FLAT
 from validation.words import file_name
 
 
-def _read_start(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, yaw = map(float, text.split(","))
-    except ValueError as error:
-        raise cli.UserError(f"'{text}' is no pose X,Y,YAW [m, m, rad] such as 0,0.5,0.52") from error
-    return x, y, yaw
+def _numbers(wanted: str, count: int) -> Callable[[str], tuple[float, ...]]:
+    """Return the function that reads `count` numbers; its error says what is `wanted`."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            numbers = tuple(map(float, text.split(",")))
+        except ValueError:
+            numbers = ()
+        if len(numbers) != count:
+            raise cli.UserError(f"'{text}' is no {wanted}")
+        return numbers
+
+    return read
 
 
-def _read_shares(text: str) -> tuple[float, float]:
-    try:
-        left, right = map(float, text.split(","))
-    except ValueError as error:
-        raise cli.UserError(f"'{text}' is no pair of shares LEFT,RIGHT such as 0.02,0") from error
-    return left, right
+_read_start = _numbers("pose X,Y,YAW [m, m, rad] such as 0,0.5,0.52", 3)
+_read_shares = _numbers("pair of shares LEFT,RIGHT such as 0.02,0", 2)
 
 
 @dataclass(frozen=True)
@@ -169,84 +174,6 @@ class TrackOptions(cli.Filmed):
         return Path("runs") / "track" / file_name(f"{name}-{label}")
 
 
-@dataclass(frozen=True, eq=False)
-class PreparedTracking:
-    """A tracking run that is checked and has its robots, but has not been driven."""
-
-    options: TrackOptions
-    controller: AnyController
-    gains: GainSet | None
-    label: str
-    waypoints: Waypoints
-    profile: Profile
-    robots: tuple[ClosedLoopRobot, ...]
-    remarks: tuple[str, ...] = ()
-    """Sentences that should be known before it is driven: gains of another profile, a reference that asks for too much."""
-
-    def run(self) -> Tracked:
-        """Drive every robot along the reference.
-
-        A robot that is lost on the way is part of the result, as far as it came; see `Tracked.require_kept`.
-
-        Raises:
-            LostError: a robot was lost before its first tick.
-        """
-        driven = []
-        for k, robot in enumerate(self.robots):
-            self.options.progress(Progress(k, len(self.robots), f"{robot.name} drives"))
-            driven.append(self._drive(robot))
-        return tracking_report(driven, self.remarks, alarms=self.remarks)
-
-    def _start(self) -> State:
-        """Return the state at which the robot starts, at rest."""
-        (x, y, yaw), at = self.options.start, self.waypoints.start
-        dx, dy = rotate_body_to_world(np.array([x, y]), at.yaw)
-        return State(at.x + float(dx), at.y + float(dy), at.yaw + yaw)
-
-    def _drive(self, robot: ClosedLoopRobot) -> TrackedRobot:
-        o = self.options
-        used = chosen_filter(o.filter, self.profile, robot.name)
-        at_rest = gyro_at_rest(o.sensors.packed(), np.random.default_rng([o.seed, 2]))  # 0 and 1 draw the loop's noise
-        settled, pushed = zeroed(used.settings, at_rest), not (o.no_noise or o.no_disturbance)
-        around = LoopSettings(o.seen, sensors=o.sensors, filter=settled, disturbance=pushed, lookahead=o.lookahead)
-        began = time.perf_counter()
-        (run,) = run_robots([robot], [self.controller], [around], self.waypoints, [o.seed], o.workers, self._start())
-        wall = time.perf_counter() - began
-        if not len(run.t):
-            run.require_kept(f"{self.controller.name} on {self.label} with the plant {robot.name}")
-        options = {
-            "feedback": around.feedback,
-            "disturbance": around.disturbance,
-            "lookahead_m": around.lookahead,
-            "gyro_bias_rad_s": o.gyro_bias,
-            "missed_ticks": list(o.missed_ticks),
-            "start": list(o.start),
-            **robot.limits,
-            "position_period_s": around.position_period,
-            "velocity_period_s": around.velocity_period,
-            "terrain": robot.terrain.spec,
-        }
-        return TrackedRobot(
-            self.controller.name,
-            self.gains.name if self.gains else "none",
-            dict(self.gains.values) if self.gains else {},
-            self.label,
-            self.waypoints.speed,
-            robot.name,
-            self.profile.name,
-            o.seed,
-            run,
-            reference_of(run, self.waypoints),
-            rate(run, self.waypoints, robot),
-            wall,
-            options,
-            store.versions(),
-            robot.terrain,
-            self.profile.robot,
-            used if around.feedback == "ekf" else None,
-        )
-
-
 @cli.program(TrackOptions)
 def track(o: TrackOptions) -> Tracked:
     """Let a robot follow a reference under a controller.
@@ -258,39 +185,86 @@ def track(o: TrackOptions) -> Tracked:
         ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
             that do not go together.
     """
-    return prepare_tracking(o).run()
-
-
-def prepare_tracking(o: TrackOptions) -> PreparedTracking:
-    """Check everything that tracking is asked for, and build its robots.
-
-    Raises:
-        ValueError: as `track`.
-    """
     plants = o.plants
     if not plants or len(set(plants)) < len(plants):
         raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
     controller, reference = o.names()
-    chosen = choose_profile(o.profile, o.robot, "thesis-lab")
-    law, gains = chosen_controller(controller, chosen, o.gains)
+    profile = choose_profile(o.profile, o.robot, "thesis-lab")
+    law, gains = chosen_controller(controller, profile, o.gains)
     if isinstance(reference, Waypoints):
-        label, waypoints = "waypoints", reference
-        if o.speed is not None:
-            waypoints = Waypoints.from_path(reference.xy, o.speed)
+        label = "waypoints"
+        waypoints = reference if o.speed is None else Waypoints.from_path(reference.xy, o.speed)
     else:
         label, waypoints = open_reference(str(reference), o.speed)
     if o.terrain != FLAT and "mujoco" not in plants:
         raise ValueError(f"terrain {o.terrain.spec} needs the plant mujoco: the planar models know only level ground")
-    robots = tuple(make_robot(chosen, name, o.terrain) for name in plants)
-    for made in robots:
+    robots = [make_robot(profile, name, o.terrain) for name in plants]
+    for robot in robots:
         if str(o.filter) != COMMISSIONED:  # that one has to be driven, the others are there or not
-            chosen_filter(o.filter, chosen, made.name)
-        require_practicable(waypoints, made.drive, label)
-    sentences = [demand_of(waypoints, made, chosen.name, label) for made in robots]
-    if gains is not None:
-        sentences.insert(0, origin_sentence(gains, chosen.name))
+            chosen_filter(o.filter, profile, robot.name)
+        require_practicable(waypoints, robot.drive, label)
+    sentences = [None if gains is None else origin_sentence(gains, profile.name)]
+    sentences += [demand_of(waypoints, robot, profile.name, label) for robot in robots]
     remarks = tuple(sentence for sentence in sentences if sentence is not None)
-    return PreparedTracking(o, law, gains, label, waypoints, chosen, robots, remarks)
+    driven = []
+    for k, robot in enumerate(robots):
+        o.progress(Progress(k, len(robots), f"{robot.name} drives"))
+        driven.append(_driven(o, robot, law, gains, label, waypoints, profile))
+    return tracking_report(driven, remarks, alarms=remarks)
+
+
+def _driven(
+    o: TrackOptions,
+    robot: ClosedLoopRobot,
+    law: AnyController,
+    gains: GainSet | None,
+    label: str,
+    waypoints: Waypoints,
+    profile: Profile,
+) -> TrackedRobot:
+    """Drive a robot along the reference; one that is lost on the way is part of the result, as far as it came."""
+    used = chosen_filter(o.filter, profile, robot.name)
+    at_rest = gyro_at_rest(o.sensors.packed(), np.random.default_rng([o.seed, 2]))  # 0 and 1 draw the loop's noise
+    settled, pushed = zeroed(used.settings, at_rest), not (o.no_noise or o.no_disturbance)
+    around = LoopSettings(o.seen, sensors=o.sensors, filter=settled, disturbance=pushed, lookahead=o.lookahead)
+    at, (x, y, yaw) = waypoints.start, o.start
+    dx, dy = map(float, rotate_body_to_world(np.array([x, y]), at.yaw))
+    start = State(at.x + dx, at.y + dy, at.yaw + yaw)
+    began = time.perf_counter()
+    (run,) = run_robots([robot], [law], [around], waypoints, [o.seed], o.workers, start)
+    wall = time.perf_counter() - began
+    if not len(run.t):
+        run.require_kept(f"{law.name} on {label} with the plant {robot.name}")
+    return TrackedRobot(
+        controller=law.name,
+        gains_name=gains.name if gains else "none",
+        gains=dict(gains.values) if gains else {},
+        reference=label,
+        speed=waypoints.speed,
+        plant=robot.name,
+        profile=profile.name,
+        seed=o.seed,
+        run=run,
+        target=reference_of(run, waypoints),
+        metrics=rate(run, waypoints, robot),
+        wall_s=wall,
+        options={
+            "feedback": around.feedback,
+            "disturbance": around.disturbance,
+            "lookahead_m": around.lookahead,
+            "gyro_bias_rad_s": o.gyro_bias,
+            "missed_ticks": list(o.missed_ticks),
+            "start": list(o.start),
+            **robot.limits,
+            "position_period_s": around.position_period,
+            "velocity_period_s": around.velocity_period,
+            "terrain": robot.terrain.spec,
+        },
+        versions=store.versions(),
+        terrain=robot.terrain,
+        body=profile.robot,
+        filter=used if around.feedback == "ekf" else None,
+    )
 
 
 if __name__ == "__main__":

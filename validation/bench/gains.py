@@ -23,13 +23,11 @@ from validation import store
 from validation.files import reading
 
 SCHEMA = "ssmr.gains/1"
-
 FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType({c: tuple(described(law.gains)) for c, law in LAWS.items()})
 """Names of the gains of each controller."""
-
-
 DEFAULT = "default"
 """Name of the set that every controller has: the defaults of its class."""
+_FOLDER = resources.files("validation.bench").joinpath("gain_sets")
 
 
 class GainsError(ValueError):
@@ -54,15 +52,13 @@ class GainSet:
     def __post_init__(self) -> None:
         """Check and freeze; a ValueError refuses an unknown controller, unknown or missing gains, and numbers not finite."""
         known = _gains_of(self.controller)
-        unknown = [name for name in self.values if name not in known]
-        missing = [name for name in known if name not in self.values]
-        if unknown:
+        if unknown := [name for name in self.values if name not in known]:
             some = ", ".join(unknown[:5])
             raise ValueError(f"[gains] has unknown names {some}; {self.controller} has {', '.join(known)}")
-        if missing:
+        if missing := [name for name in known if name not in self.values]:
             raise ValueError(f"[gains] lacks {', '.join(missing)}; {self.controller} needs {', '.join(known)}")
         for name, value in self.values.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            if not reading.is_number(value) or not math.isfinite(value):
                 raise ValueError(f"[gains] {name} is {reprlib.repr(value)}, wanted a finite number")
         object.__setattr__(self, "values", MappingProxyType({name: float(self.values[name]) for name in known}))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
@@ -70,15 +66,13 @@ class GainSet:
 
 def names(controller: str | None = None) -> list[str]:
     """Return the names of the shipped sets, CONTROLLER-NAME each; only those of `controller`, if given."""
-    folder = resources.files("validation.bench").joinpath("gain_sets")
-    found = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
+    found = sorted(p.name.removesuffix(".toml") for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
     return found if controller is None else [name for name in found if name.rpartition("-")[0] == controller]
 
 
 def profile_sets(controller: str) -> list[str]:
     """Return the names of the profiles that a set of gains is shipped for: `gain_sets/PROFILE/CONTROLLER.toml`."""
-    folder = resources.files("validation.bench").joinpath("gain_sets")
-    return sorted(p.name for p in folder.iterdir() if p.is_dir() and p.joinpath(f"{controller}.toml").is_file())
+    return sorted(p.name for p in _FOLDER.iterdir() if p.is_dir() and p.joinpath(f"{controller}.toml").is_file())
 
 
 def sets_of(controller: str) -> list[str]:
@@ -90,14 +84,14 @@ def shipped_gains(controller: str, profile: str) -> GainSet | None:
     """Return the tuned gains that are shipped for a profile, else the usual tuned ones; None where there are none."""
     if profile in profile_sets(controller):
         return load_gains(controller, profile)
-    return load_gains(controller, "tuned") if f"{controller}-tuned" in names(controller) else None
+    return load_gains(controller, "tuned") if "tuned" in sets_of(controller) else None
 
 
 def origin_sentence(gains: GainSet, profile: str) -> str | None:
     """Return a sentence on gains that were found on another profile than this; None where they were not, or do not say."""
     found = gains.provenance.get("profile")
-    known = [found] if isinstance(found, str) else list(found) if isinstance(found, list) else []
-    if not known or profile in known:
+    known = found if isinstance(found, list) else [found]
+    if profile in known or not known or not isinstance(known[0], str):
         return None
     own = f"; there are {profile} gains of its own" if profile in profile_sets(gains.controller) else ""
     return f"The gains {gains.name} were found on the profile {known[0]}, not on {profile}{own}."
@@ -118,29 +112,23 @@ def load_gains(controller: str, name_or_path: str | None = None, profile: str | 
             names file and gain.
     """
     _gains_of(controller)
-    own = profile_sets(controller)
+    own, known = profile_sets(controller), sets_of(controller)
     if name_or_path is None:
-        there = names(controller)
-        usual = next((name for name in ("published", "tuned") if f"{controller}-{name}" in there), DEFAULT)
+        usual = next(name for name in ("published", "tuned", DEFAULT) if name in known)
         name_or_path = profile if profile in own else usual
     if name_or_path == DEFAULT:
         values = asdict(LAWS[controller].gains())
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller")
-    shipped = next((n for n in (f"{controller}-{name_or_path}", name_or_path) if n in names()), None)
-    shipped = f"{name_or_path}/{controller}" if shipped is None and name_or_path in own else shipped
+    shipped = {f"{controller}-{name_or_path}", name_or_path} & set(names())
+    file = f"{name_or_path}/{controller}" if name_or_path in own else next(iter(shipped), None)
+    if file is None and not os.path.exists(name_or_path):
+        every = ", ".join(known)
+        raise GainsError(f"{controller} has no gains '{name_or_path}'; there are: {every}; or give the path of a TOML file")
     try:
-        if shipped is not None:
-            file = resources.files("validation.bench").joinpath("gain_sets", f"{shipped}.toml")
-            document = reading.parse_toml(file.read_text(encoding="utf-8"), shipped)
-        elif os.path.exists(name_or_path):
+        if file is None:
             document = reading.read_toml(name_or_path)
         else:
-            every = ", ".join(sets_of(controller))
-            raise GainsError(
-                f"{controller} has no gains '{name_or_path}'; there are: {every}; or give the path of a TOML file"
-            )
-    except GainsError:
-        raise
+            document = reading.parse_toml(_FOLDER.joinpath(f"{file}.toml").read_text(encoding="utf-8"), file)
     except ValueError as error:
         raise GainsError(f"gains {error}") from error
     try:
@@ -170,10 +158,9 @@ def _parse(document: Mapping[str, Any], controller: str) -> GainSet:
     reading.require_known(document, ("schema", "controller", "name", "source", "gains", "provenance"), "the top level")
     if document.get("controller") != controller:
         raise ValueError(f"these are gains of {document.get('controller', 'no controller')}, wanted {controller}")
-    for key, kind, what in (("name", str, "text"), ("source", str, "text"), ("gains", dict, "a table")):
+    document = {"provenance": {}, **document}
+    for key, kind, what in (("name", str, "text"), ("source", str, "text"), ("gains", dict, "a table"),
+                            ("provenance", dict, "a table")):  # fmt: skip
         if not isinstance(document.get(key), kind):
             raise ValueError(f"{key} is {reprlib.repr(document.get(key))}, wanted {what}")
-    provenance = document.get("provenance", {})
-    if not isinstance(provenance, dict):
-        raise ValueError(f"provenance is {reprlib.repr(provenance)}, wanted a table")
-    return GainSet(controller, document["name"], document["gains"], provenance, document["source"])
+    return GainSet(controller, *(document[key] for key in ("name", "gains", "provenance", "source")))

@@ -1,4 +1,4 @@
-"""Closed loops around any plant of a profile, alone and by the hundred, and how well they followed."""
+"""Closed loops around any plant of a profile, alone and by the hundred: robots, controllers, state filters, demands."""
 
 from __future__ import annotations
 
@@ -11,28 +11,36 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.control.laws import AnyController, design
-from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.loop import ClosedRun, Feedback, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import Loop, run_bodies, run_loops
+from ssmr.control.references import eight
 from ssmr.control.waypoints import Waypoints
+from ssmr.estimation.settings import EkfSettings, commission
 from ssmr.metrics.declared import Metrics
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
 from ssmr.models.law import PLANAR_MODELS
 from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
-from ssmr.types import Commands, FloatArray, Plant, State
-from validation.bench.gains import GainSet, load_gains
+from ssmr.types import Commands, Plant, State
+from validation.bench.gains import DEFAULT, GainSet, load_gains
 from validation.bench.tracked import track_metrics
-from validation.bench.user_law import UserLaw, is_user_law, load_user_law
-from validation.plants.profile import PlantProfile, Profile, ProfileError, make_plant
+from validation.bench.user_law import is_user_law, load_user_law
+from validation.plants.filters import StateFilter, load_filter, odometry_of
+from validation.plants.profile import Profile, ProfileError, make_plant
 from validation.simulator.loops import run_husky_loops
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
-_SECONDS, _LAST = 6.0, 1.0
-"""Time for which a command is driven, and the last part of it over which the motion is averaged [s]."""
-_SAMPLE_DT = 0.05
+COMMISSIONED = "commissioned"
+"""Name of a filter that gets the robot's constants from simulated drives."""
+TRACKER = "lqr-scheduled"
+"""Controller that keeps a robot on a reference, with the gains of its class; any good one would do."""
+_SPEED, _SEEDS = 0.25, (1000, 1001)
+"""Speed of the drives by which a filter is commissioned [m/s], and their seeds, which no other run has."""
+_SECONDS, _LAST, _SAMPLE_DT = 6.0, 1.0, 0.05
+"""Time for which a command is driven, the last part of it over which the motion is averaged, and between samples [s]."""
 _EASY_TURN, _EASY_SPEED = 0.25, 0.8
 """Shares of the limits of commands up to which a reference asks for so little that nothing is measured."""
 
@@ -52,6 +60,13 @@ class ClosedLoopRobot:
     def drive(self) -> Drive:
         """The drive between command and wheels."""
         return self.body.drive
+
+    @property
+    def plant(self) -> Plant:
+        """A plant of this model, or the simulated robot itself."""
+        if isinstance(self.body, MujocoPlant):
+            return self.body
+        return PlanarPlant(self.body) if isinstance(self.body, PlanarModel) else FourWheelPlant(self.body)
 
     @property
     def terrain(self) -> Terrain:
@@ -75,14 +90,14 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
         ProfileError: an unknown name, or numbers that do not go together.
     """
     made = make_plant(profile, plant, terrain)
-    p: PlantProfile = profile.section(plant)
     if isinstance(made, MujocoPlant):
         return ClosedLoopRobot(plant, made)
     if isinstance(made, FourWheelPlant):
         return ClosedLoopRobot(plant, made.model)
     if plant not in PLANAR_MODELS:
         raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it")
-    return ClosedLoopRobot(plant, PlanarModel(p.parameters, p.vehicle, p.drive))
+    section = profile.section(plant)
+    return ClosedLoopRobot(plant, PlanarModel(section.parameters, section.vehicle, section.drive))
 
 
 def make_controller(profile: Profile, gains: GainSet) -> AnyController:
@@ -91,19 +106,29 @@ def make_controller(profile: Profile, gains: GainSet) -> AnyController:
     Raises:
         ValueError: gains that the law refuses.
     """
-    return design(gains.controller, gains.values, *_linear_model(profile))
-
-
-def make_user_controller(profile: Profile, law: UserLaw) -> PythonController:
-    """Return a user's controller, which is told the profile's linear model."""
-    a, b = (tuple(map(tuple, m.tolist())) for m in _linear_model(profile)[:2])
-    return PythonController(law.name, law, a, b, profile.plants["linear"].drive)
-
-
-def _linear_model(profile: Profile) -> tuple[FloatArray, FloatArray, Drive]:
-    """Return A, B and the drive of the profile's linear model."""
     linear = profile.plants["linear"]
-    return *matrices(linear.vehicle, linear.parameters, linear.drive), linear.drive
+    a, b = matrices(linear.vehicle, linear.parameters, linear.drive)
+    return design(gains.controller, gains.values, a, b, linear.drive)
+
+
+def chosen_controller(
+    controller: str, profile: Profile, gains: GainSet | str | Path | None = None
+) -> tuple[AnyController, GainSet | None]:
+    """Return a controller by its name, or a user's class by `FILE.py:NAME`, and its gains; a user's class has none.
+
+    Raises:
+        ValueError: there is no such controller, file, class or set of gains, or they do not go together.
+    """
+    if is_user_law(controller):
+        if gains is not None:
+            raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
+        law, linear = load_user_law(controller), profile.plants["linear"]
+        a, b = (tuple(map(tuple, m.tolist())) for m in matrices(linear.vehicle, linear.parameters, linear.drive))
+        return PythonController(law.name, law, a, b, linear.drive), None
+    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None, profile.name)
+    if wanted.controller != controller:
+        raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
+    return make_controller(profile, wanted), wanted
 
 
 def run_robots(
@@ -150,25 +175,36 @@ def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metric
     return track_metrics(run, waypoints, robot.limits)
 
 
-def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: str) -> str | None:
-    """Return a sentence on a reference that asks for more than the robot can do, with the speed that it could follow at."""
-    limits = (robot.drive.v_max, robot.drive.w_max)
-    return demand_sentence(_plant_of(robot), waypoints, limits, f"{robot.name} of {profile}", what)
+def commissioned(profile: Profile, plant: str, feedback: Feedback = "noisy") -> EkfSettings:
+    """Return a filter that knows a robot's constants from two drives along an eight.
+
+    A scheduled LQR, which sees `feedback`, drives the plant on level ground, pushed as in Sec. 3.4.5.
+
+    Raises:
+        LostError: the robot left the eight.
+        ProfileError: there is no such plant, or it has no closed loops.
+    """
+    robot, law = make_robot(profile, plant), make_controller(profile, load_gains(TRACKER, DEFAULT))
+    odometry = odometry_of(robot.drive)
+    loop, n = LoopSettings(feedback, filter=odometry), len(_SEEDS)
+    runs = run_robots([robot] * n, [law] * n, [loop] * n, eight(_SPEED), _SEEDS)
+    drives = [run.require_kept(f"{plant} of {profile.name}, which was to be commissioned,").motion for run in runs]
+    return commission(drives, odometry)
 
 
-def within_reach(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:
-    """Return the reference, slower where it asks for more than `part` of the robot's greatest speed or yaw rate."""
-    share, said = possible_share(_plant_of(robot), waypoints, (robot.drive.v_max, robot.drive.w_max), part)
-    return waypoints.at_speed(math.floor(100.0 * share * waypoints.speed) / 100.0) if said else waypoints
+def chosen_filter(name_or_path: str | Path, profile: Profile, plant: str) -> StateFilter:
+    """Return the state filter of a robot: `thesis`, `learning`, `commissioned`, or that of a TOML file.
+
+    Raises:
+        ValueError: there is none of that name, or its file says something that cannot be.
+        LostError: the robot left the reference on which it was to be commissioned.
+    """
+    if str(name_or_path) == COMMISSIONED:
+        return StateFilter(COMMISSIONED, commissioned(profile, plant))
+    return load_filter(name_or_path, odometry_of(profile.section(plant).drive), (COMMISSIONED,))
 
 
-def _plant_of(robot: ClosedLoopRobot) -> Plant:
-    body = robot.body
-    if isinstance(body, PlanarModel):
-        return PlanarPlant(body)
-    return FourWheelPlant(body) if isinstance(body, FourWheelModel) else body
-
-
+# ------------------------------------------------------------------------------------------ what a reference asks for
 def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
     """Refuse a reference that no wheel can follow.
 
@@ -184,75 +220,46 @@ def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
         )
 
 
-def chosen_controller(
-    controller: str, profile: Profile, gains: GainSet | str | Path | None = None
-) -> tuple[AnyController, GainSet | None]:
-    """Return a controller by its name, or a user's class by `FILE.py:NAME`, and its gains; a user's class has none.
-
-    Raises:
-        ValueError: there is no such controller, file, class or set of gains, or they do not go together.
-    """
-    if is_user_law(controller):
-        if gains is not None:
-            raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
-        return make_user_controller(profile, load_user_law(controller)), None
-    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None, profile.name)
-    if wanted.controller != controller:
-        raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
-    return make_controller(profile, wanted), wanted
-
-
 def settled_motion(plant: Plant, v: float, w: float) -> tuple[float, float]:
-    """Return the speed [m/s] and yaw rate [rad/s] of a plant that has been told to drive these for some seconds."""
+    """Return the speed [m/s] and yaw rate [rad/s] of a plant after some seconds of these commands; it is reset first."""
     commands = Commands(_SAMPLE_DT, np.tile([v, w], (round(_SECONDS / _SAMPLE_DT), 1)))
     twist = plant.run(commands, State(), _SAMPLE_DT).twist[-round(_LAST / _SAMPLE_DT) :]
     return float(np.mean(twist[:, 0])), float(np.mean(twist[:, 2]))
 
 
-def possible_share(
-    plant: Plant, waypoints: Waypoints, limits: tuple[float, float], part: float = 1.0
-) -> tuple[float, list[str]]:
-    """Return the share of a reference's speed at which a plant can follow it, and what it asks for beyond that, in words.
-
-    Args:
-        plant: what is to follow; it is driven, and reset.
-        waypoints: the reference.
-        limits: greatest speed [m/s] and yaw rate [rad/s] that can be commanded.
-        part: share of the greatest motion that the reference may take.
-
-    Returns:
-        The share, 1 where the reference asks for no more than that, and the demands that exceed it.
-    """
-    course, speeds = waypoints.course(), waypoints.segment_speeds
+def _possible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> tuple[float, list[str]]:
+    """Return the speed [m/s] at which a robot can follow a reference with `part` of its motion, and what is beyond that."""
+    plant, v_max, w_max = robot.plant, robot.drive.v_max, robot.drive.w_max
+    course = waypoints.course()
     k = int(np.argmax(np.abs(course["w"])))
-    at, turn, fastest = float(course["v"][k]), float(abs(course["w"][k])), float(np.max(speeds))
-    v_max, w_max = limits
-    share, said = 1.0, []
+    turn, fastest = float(abs(course["w"][k])), float(np.max(waypoints.segment_speeds))
+    share, demands = 1.0, []
     if turn > _EASY_TURN * w_max and math.isfinite(w_max):
-        possible = abs(settled_motion(plant, at, math.copysign(w_max, float(course["w"][k])))[1])
+        possible = abs(settled_motion(plant, float(course["v"][k]), math.copysign(w_max, float(course["w"][k])))[1])
         if turn > part * possible:
             share = min(share, part * possible / turn)
-            said.append(f"a yaw rate of {turn:.2f} rad/s where {possible:.2f} rad/s are possible")
+            demands.append(f"a yaw rate of {turn:.2f} rad/s where {possible:.2f} rad/s are possible")
     if fastest > _EASY_SPEED * v_max:
         possible = settled_motion(plant, v_max, 0.0)[0]
         if fastest > part * possible:
             share = min(share, part * possible / fastest)
-            said.append(f"{fastest:.2f} m/s where {possible:.2f} m/s are possible")
-    return share, said
+            demands.append(f"{fastest:.2f} m/s where {possible:.2f} m/s are possible")
+    return math.floor(100.0 * share * waypoints.speed) / 100.0, demands
 
 
-def demand_sentence(plant: Plant, waypoints: Waypoints, limits: tuple[float, float], whose: str, label: str) -> str | None:
-    """Return a sentence on a reference that asks for more than a plant can do; None where it does not.
+def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: str) -> str | None:
+    """Return a sentence on a reference that asks for more than the robot can do; None where it does not.
 
-    Args:
-        plant: what is to follow; it is driven, and reset.
-        waypoints: the reference.
-        limits: greatest speed [m/s] and yaw rate [rad/s] that can be commanded.
-        whose: name of the plant and its profile in the sentence.
-        label: name of the reference in the sentence.
+    `profile` and `what` name the robot's profile and the reference in the sentence.
     """
-    share, said = possible_share(plant, waypoints, limits)
-    if not said:
+    speed, demands = _possible(waypoints, robot, 1.0)
+    if not demands:
         return None
-    slower = f"at {math.floor(100.0 * share * waypoints.speed) / 100.0:.2f} m/s it could be followed"
-    return f"{label} at {waypoints.speed:.3g} m/s asks {whose} for {' and '.join(said)}; {slower}."
+    asks = f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} for {' and '.join(demands)}"
+    return f"{asks}; at {speed:.2f} m/s it could be followed."
+
+
+def within_reach(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:
+    """Return the reference, slower where it asks for more than `part` of the robot's greatest speed or yaw rate."""
+    speed, demands = _possible(waypoints, robot, part)
+    return waypoints.at_speed(speed) if demands else waypoints

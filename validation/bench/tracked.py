@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,11 +23,8 @@ from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
 
-AT_LIMIT = 0.999
-"""From this share of a limit on, a torque or a command counts as saturated."""
-LIMITED: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"side_torque_limit_N_m": ("torque_left", "torque_right"), "v_max_m_s": ("v_cmd",), "w_max_rad_s": ("w_cmd",)}
-)
+_AT_LIMIT = 0.999  # from this share of a limit on, a torque or a command counts as saturated
+_LIMITED = {"side_torque_limit_N_m": ("torque_left", "torque_right"), "v_max_m_s": ("v_cmd",), "w_max_rad_s": ("w_cmd",)}
 """Names of the limits among the options of a result, and the columns of the log that each holds for."""
 
 TRACK_METRICS: Mapping[str, Metric] = {
@@ -67,8 +63,6 @@ TRACK_METRICS: Mapping[str, Metric] = {
     )},
 }  # fmt: skip
 """Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
-
-
 _MOST = 5  # robots that can be told apart in one picture or recording
 OF_THE_PATH = ("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad", "cross_track_max_m")
 """Metrics of each robot that compare its motion with the reference."""
@@ -148,12 +142,12 @@ class TrackedRobot:
 
 
 def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:
-    """Return (M,) whether a torque or a command was at its limit; `limits` may have the names in `LIMITED`, and others."""
+    """Return (M,) whether a torque or a command was at its limit; `limits` are the options of a result."""
     found = np.zeros(len(run.t), dtype=np.bool_)
-    for name, columns in LIMITED.items():
+    for name, columns in _LIMITED.items():
         limit = limits.get(name)
         if isinstance(limit, int | float):
-            found |= (np.abs(run.columns(*columns)) >= AT_LIMIT * limit).any(axis=1)
+            found |= (np.abs(run.columns(*columns)) >= _AT_LIMIT * limit).any(axis=1)
     return found
 
 
@@ -170,13 +164,25 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
     Args:
         run: at least one tick.
         waypoints: the reference.
-        limits: the greatest torque of a side, speed and yaw rate, by the names in `LIMITED`, and the period of commands,
-            `velocity_period_s`, if it is not the usual one.
+        limits: the greatest torque of a side, speed and yaw rate, by their names among the options of a result, and the
+            period of commands, `velocity_period_s`, if it is not the usual one. A limit that is off counts as the thesis'
+            (1 m/s, 2 rad/s).
     """
 
     def rms(name: str) -> float:
         return float(np.sqrt(np.mean(np.square(run.column(name)))))
 
+    def number(name: str, usual: float) -> float:
+        value = limits.get(name)
+        return float(value) if isinstance(value, int | float) and math.isfinite(value) else usual
+
+    along = np.cumulative_sum(waypoints.lengths, include_initial=True)
+    aims = np.interp(run.t, waypoints.t - waypoints.t[0], along)
+    period = number("velocity_period_s", VELOCITY_PERIOD)
+    given = np.arange(0.0, run.t[-1] + 1e-9, period)  # a command is in the log from the first tick at or after its time
+    rows = np.minimum(np.searchsorted(run.t, given - 1e-9), len(run.t) - 1)
+    largest = np.array([number("v_max_m_s", V_LIMIT), number("w_max_rad_s", W_LIMIT)])
+    effort, jerk = command_measures(run.columns("v_cmd", "w_cmd")[rows] / largest, period)
     return Metrics(
         {
             **compare_paths(run.motion, reference_of(run, waypoints, whole=True)),
@@ -185,31 +191,11 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "e_alpha_rms_rad": rms("e_alpha"),
             "u_rms_ratio": rms("v_x") / max(waypoints.rms_speed, 1e-9),
             "saturated_fraction": float(np.mean(saturated(run, limits))),
-            "cross_track_max_m": _cross_track_max(run, waypoints),
-            **_command_metrics(run, limits),
+            "cross_track_max_m": cross_track_max(run.columns("x", "y"), waypoints.xy, along, aims, LOST),
+            "command_effort": effort,
+            "command_jerk": jerk,
         }
     )
-
-
-def _cross_track_max(run: ClosedRun, waypoints: Waypoints) -> float:
-    along = np.cumulative_sum(waypoints.lengths, include_initial=True)
-    aims = np.interp(run.t, waypoints.t - waypoints.t[0], along)
-    return cross_track_max(run.columns("x", "y"), waypoints.xy, along, aims, LOST)
-
-
-def _command_metrics(run: ClosedRun, limits: Mapping[str, object]) -> dict[str, float]:
-    """Return effort and jerk of the commands of a run; a limit that is off counts as the thesis' (1 m/s, 2 rad/s)."""
-
-    def number(name: str, usual: float) -> float:
-        value = limits.get(name)
-        return float(value) if isinstance(value, int | float) and math.isfinite(value) else usual
-
-    period = number("velocity_period_s", VELOCITY_PERIOD)
-    given = np.arange(0.0, run.t[-1] + 1e-9, period)  # a command is in the log from the first tick at or after its time
-    rows = np.minimum(np.searchsorted(run.t, given - 1e-9), len(run.t) - 1)
-    largest = np.array([number("v_max_m_s", V_LIMIT), number("w_max_rad_s", W_LIMIT)])
-    effort, jerk = command_measures(run.columns("v_cmd", "w_cmd")[rows] / largest, period)
-    return {"command_effort": effort, "command_jerk": jerk}
 
 
 def require_comparable(robots: Sequence[TrackedRobot]) -> None:
@@ -231,11 +217,6 @@ def require_comparable(robots: Sequence[TrackedRobot]) -> None:
 def headline(robot: TrackedRobot) -> str:
     """Return a title: the controller, the reference and its speed."""
     return f"{robot.controller} follows {Path(one_line(robot.reference)).name} at {robot.speed:.3g} m/s"
-
-
-def gains_text(gains: Mapping[str, float]) -> str:
-    """Return all gains in one line."""
-    return " · ".join(f"{name} {value:.4g}" for name, value in gains.items())
 
 
 def lost_text(run: ClosedRun) -> str:

@@ -6,7 +6,7 @@ A file has a header that names x and y [m] and, where it brings its times, t [s]
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -23,10 +23,8 @@ from validation.files.log import Column
 from validation.files.reading import FileError, quoted
 
 _HEADER = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
-_UNITS = {name: Column(unit, "", math.inf) for name, unit in (("x", "m"), ("y", "m"), ("t", "s"))}
-
-DEFAULT_SPEED = 0.25
-"""Speed of the sample trajectories where none is given [m/s]; the slower of the thesis' two."""
+_UNITS = {"x": "m", "y": "m", "t": "s"}
+_USUAL_SPEED = 0.25  # of references that have a name, where none is given [m/s]; the slower of the thesis' two
 
 
 def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimits = USUAL) -> Waypoints:
@@ -48,10 +46,11 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
     if path.suffix.lower() != ".csv" and not path.is_dir():
         raise FileError(path, f"files ending in '{path.suffix}' are not read; wanted waypoints (.csv)")
     table = read_csv_table(path, limits)
-    places = _places_of_columns(table, speed is None)
+    names = [name.lower() for name in table.header]
+    _require_columns(table, names, ("x", "y") if speed is not None else ("x", "y", "t"))
 
     def column(name: str) -> FloatArray:
-        return table.numbers(places[name], _UNITS[name])
+        return table.numbers(names.index(name), Column(_UNITS[name], "", math.inf))
 
     t = column("t") if speed is None else None
     xy = np.column_stack([column("x"), column("y")])
@@ -59,7 +58,9 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
         some = "is one waypoint" if len(xy) else "are no waypoints"
         raise FileError(path, f"there {some} after the header; a trajectory needs at least two")
     fault = find_fault(t, xy)
-    if t is None and fault is not None and fault.column is None and "t" in places:  # it waits: the times say how long
+    if (
+        t is None and fault is not None and fault.column is None and names.count("t") == 1
+    ):  # it waits: the times say how long
         t = column("t")
         fault = find_fault(t, xy)
     if fault is not None:
@@ -68,6 +69,20 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
         assert t is not None  # the file has times, or an error
         return Waypoints(t, xy)
     return Waypoints.from_path(xy, speed) if t is None else Waypoints(t, xy).at_speed(speed)
+
+
+def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str]) -> None:
+    """Refuse a table whose columns, of these names, are not each of the `wanted` ones once."""
+    for name in wanted:
+        if name not in names and name == "t":
+            what = "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s"
+            raise FileError(table.path, what, table.header_line)
+        if name not in names:
+            what = f"there is no column {name} among {quoted(table.header)}; {_HEADER}"
+            raise FileError(table.path, what, table.header_line)
+        if names.count(name) > 1:
+            what = "the header names this column twice; each needs a name of its own"
+            raise FileError(table.path, what, table.header_line, name)
 
 
 def generic(speed: float) -> Waypoints:
@@ -115,15 +130,10 @@ def split_speed(reference: str) -> tuple[str, float | None]:
 
 
 def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, Waypoints]:
-    """Return what to follow: a reference by name, or the waypoints of a file.
+    """Return the name in tables and the waypoints of what to follow: a reference by name, or a CSV file.
 
-    Args:
-        name_or_path: a name of `REFERENCES`, or the path of a CSV file; with a speed behind it, as `circle@0.5`.
-        speed: reference speed [m/s]; None for that behind the name, else the times of the file, or `DEFAULT_SPEED` for a
-            reference that has a name.
-
-    Returns:
-        The name in tables and pictures, and the waypoints.
+    The name or path may have a speed behind it, as `circle@0.5`, or `speed` [m/s] is given. Without either, a file has its
+    own times, and a reference that has a name is driven at 0.25 m/s.
 
     Raises:
         ValueError: an unknown name, two different speeds, a file without times where there is no speed, or one that cannot
@@ -134,24 +144,8 @@ def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, 
         raise ValueError(f"two speeds are given, {own:g} m/s in '{name_or_path}' and {speed:g} m/s; leave out one of them")
     speed = own if speed is None else speed
     if name in REFERENCES:
-        return name, REFERENCES[name](DEFAULT_SPEED if speed is None else speed)
+        return name, REFERENCES[name](_USUAL_SPEED if speed is None else speed)
     path = Path(name)
     if not path.suffix and not path.exists():
         raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}, and paths of .csv files")
     return path.stem, read_waypoints(path, speed)
-
-
-def _places_of_columns(table: CsvTable, times: bool) -> dict[str, int]:
-    """Return the places of the columns x, y and, if it is there, t; without it there is an error if `times` are needed."""
-    path, line = table.path, table.header_line
-    names = [name.lower() for name in table.header]
-    for name in ("x", "y"):
-        if name not in names:
-            what = f"there is no column {name} among {quoted(table.header)}; {_HEADER}"
-            raise FileError(path, what, line)
-    if times and "t" not in names:
-        raise FileError(path, "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s", line)
-    for name in ("x", "y", "t") if times else ("x", "y"):
-        if names.count(name) > 1:
-            raise FileError(path, "the header names this column twice; each needs a name of its own", line, name)
-    return {name: names.index(name) for name in ("x", "y", "t") if names.count(name) == 1}

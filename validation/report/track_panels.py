@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from validation.bench.tracked import TrackedRobot, gains_text, headline, lost_text, require_comparable
+from validation.bench.tracked import TrackedRobot, headline, lost_text, require_comparable
 from validation.report.columns import DEGREES, Unit, length_unit
 from validation.report.drawing import (
     ALARM,
@@ -163,6 +163,7 @@ def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
     else:
         above = [Row(3.6, ((0.3, paths), (0.35, speeds[0]), (0.35, speeds[1])))]
     lost = [f"{r.plant} was {lost_text(r.run)}" for r in robots if r.run.lost]
-    gains = f"gains {shortened(robots[0].gains_name, 40)}: {gains_text(robots[0].gains)}"
+    gains = " · ".join(f"{name} {value:.4g}" for name, value in robots[0].gains.items())
+    gains = f"gains {shortened(robots[0].gains_name, 40)}: {gains}"
     notes, foot = note_rows([*lost, gains]), text_row(0.22, partial(draw_footer, _footer(robots[0])))
     return put_together([text_row(0.85, partial(_draw_header, robots)), *above, errors, *notes, foot])

@@ -15,7 +15,7 @@ import numpy as np
 from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from validation import cli
-from validation.bench.commissioning import chosen_filter
+from validation.bench.loops import chosen_filter
 from validation.bench.sources import Pacer
 from validation.plants.profile import choose_profile, make_plant
 from validation.ros import messages as msg

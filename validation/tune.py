@@ -327,9 +327,7 @@ def _tables(t: Tuned) -> list[Table]:
                 measures = {"cost": rated.cost, **{key: rated.metrics[key] for key in _SHOWN}}
                 shown = {key: None if rated.run.lost else value for key, value in measures.items()}
                 rows.append({"reference": f"{lead}{label}", "gains": name, **shown})
-    robots = [
-        {"gains": name, **asdict(spread(costs)), "lost": sum(map(math.isinf, costs))} for name, costs in t.scores.items()
-    ]
+    robots = [{"gains": name, **spread(costs), "lost": sum(map(math.isinf, costs))} for name, costs in t.scores.items()]
     others = f"Tuned on {len(t.problem.mismatches)} others of the same kind: the cost was the mean of the worst fifth."
     return [
         t.values("gain", "baseline", f"{base} costs {t.baseline_cost:.4g}\nheld: {held or 'none'}"),

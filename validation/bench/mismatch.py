@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.parameters import Declaration, described, parameter
+from ssmr.parameters import described, parameter
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray
 from validation.bench.loops import ClosedLoopRobot, make_robot
@@ -26,8 +26,6 @@ WORST = 0.2
 """Share of the robots that count as the worst: the conditional value at risk (CVaR) is the mean over them."""
 TUNING, SCORING, STUDYING = range(3)
 """Purposes of a draw. With one seed, every purpose has robots of its own, which the others have not seen."""
-NOMINAL = "nominal"
-"""Label of a robot without a mismatch."""
 _MOST_SIDES = 0.099
 """Greatest difference of the two sides' rolling radii, over the radius [1]; simulated robots allow a tenth."""
 
@@ -61,28 +59,21 @@ class Mismatch:
     def label(self) -> str:
         """The differences in words; `nominal` if there is none."""
         usual = Mismatch()
-        differing = [_text(name, value) for name, value in asdict(self).items() if value != getattr(usual, name)]
-        return ", ".join(differing) or NOMINAL
-
-
-def _text(name: str, value: float) -> str:
-    """Return one field of a mismatch in words."""
-    if name in ("mass", "friction"):
-        return f"{name} {100.0 * (value - 1.0):+.0f} %"
-    if name == "delay":
-        return f"delay {value:+.2f} s"
-    if name == "slip":
-        return f"slip {100.0 * value:+.0f} %"
-    if name == "sides":
-        return f"{'left' if value > 0.0 else 'right'} wheels {100.0 * abs(value):.2g} % larger"
-    where = {"com_x": ("ahead", "back"), "com_y": ("left", "right")}[name][value < 0.0]
-    return f"centre {100.0 * abs(value):.2g} cm {where}"
+        texts = {
+            "mass": f"mass {100.0 * (self.mass - 1.0):+.0f} %",
+            "friction": f"friction {100.0 * (self.friction - 1.0):+.0f} %",
+            "com_x": f"centre {100.0 * abs(self.com_x):.2g} cm {'back' if self.com_x < 0.0 else 'ahead'}",
+            "com_y": f"centre {100.0 * abs(self.com_y):.2g} cm {'right' if self.com_y < 0.0 else 'left'}",
+            "delay": f"delay {self.delay:+.2f} s",
+            "sides": f"{'left' if self.sides > 0.0 else 'right'} wheels {100.0 * abs(self.sides):.2g} % larger",
+            "slip": f"slip {100.0 * self.slip:+.0f} %",
+        }
+        return ", ".join(text for name, text in texts.items() if getattr(self, name) != getattr(usual, name)) or "nominal"
 
 
 def _space(robot: Robot) -> ParameterSpace:
     """Return the ranges of a robot: shifts of the centre of mass grow with its wheelbase and track."""
-    ranges: dict[str, Declaration] = dict(described(Mismatch))
-    return ParameterSpace(tuple(declared(d, d.bounds(robot.sizes)) for d in ranges.values()))
+    return ParameterSpace(tuple(declared(d, d.bounds(robot.sizes)) for d in described(Mismatch).values()))
 
 
 def single_mismatches(robot: Robot) -> list[Mismatch]:
@@ -119,92 +110,81 @@ def mismatched(profile: Profile, plant: str, mismatch: Mismatch, timestep: float
         ProfileError: an unknown plant, or changed numbers that are out of range.
     """
     section = profile.section(plant)
-    changed = _changed(section, mismatch)
+    drive = section.drive
+    late = {name: max(0.0, getattr(drive, name) + mismatch.delay) for name in ("delay_v", "delay_w")}
+    has_body = hasattr(section.parameters, "wheel_radius")
+    changed = _changed_body(section, mismatch) if has_body else _changed_model(section, mismatch)
+    changed = replace(changed, drive=replace(drive, **late))
     if timestep is not None:
         changed = replace(changed, parameters=replace(changed.parameters, timestep=timestep))
     robot = make_robot(replace(profile, plants={**profile.plants, plant: changed}), plant)
-    return replace(robot, known=section.drive)
+    return replace(robot, known=drive)
 
 
-def _changed(section: PlantProfile, m: Mismatch) -> PlantProfile:
-    """Return the numbers of a plant with a mismatch."""
-    own, drive, way = section.parameters, section.drive, 1.0 - m.slip
-    heavy = hasattr(own, "wheel_radius")  # the plant has a body of its own
-    body: Any = own if heavy else section.vehicle
+def _radii(body: Any, m: Mismatch) -> dict[str, float]:
+    """Return the mean radius of the wheels and the difference of the sides' [m]."""
+    way = 1.0 - m.slip
     sides = min(max(body.radius_difference / body.wheel_radius + m.sides, -_MOST_SIDES), _MOST_SIDES)
-    robot = section.robot
-    rest = robot.masses.total - robot.base_mass if heavy else 0.0  # its wheels bear the load but do not become heavier
-    rest_inertia = robot.yaw_inertia - robot.masses.inertia[2] if heavy else 0.0
+    difference = sides * way * body.wheel_radius if m.sides else way * body.radius_difference
+    return {"wheel_radius": way * body.wheel_radius, "radius_difference": difference}
+
+
+def _changed_body(section: PlantProfile, m: Mismatch) -> PlantProfile:
+    """Return the numbers of a plant that has a body of its own: its wheels bear the load but do not become heavier."""
+    robot, own = section.robot, section.parameters
+    body: Any = own
+    rest, rest_inertia = robot.masses.total - robot.base_mass, robot.yaw_inertia - robot.masses.inertia[2]
     more = (m.mass * body.mass - rest) / (body.mass - rest)
-    sized = {
+    numbers = {
+        **_radii(body, m),
         "mass": m.mass * body.mass,
         "yaw_inertia": rest_inertia + more * (body.yaw_inertia - rest_inertia) if m.mass != 1.0 else body.yaw_inertia,
-        "wheel_radius": way * body.wheel_radius,
-        "radius_difference": sides * way * body.wheel_radius if m.sides else way * body.radius_difference,
+        "com_x": body.com_x + m.com_x,
+        "com_y": body.com_y + m.com_y,
     }
-    factors = {"friction": m.friction}
-    if not heavy:
-        # their motors have no integral part and would not bear a load up: resistances stay those of the profile's weight
-        aside, along = m.friction / m.mass, 1.0 / m.mass
-        factors = {"mu_s": aside, "mu_d": aside, "mu_c": aside, "k_y": aside, "u_x": along, "k_u": along}
+    if hasattr(body, "friction"):
+        numbers["friction"] = m.friction * body.friction
+    return replace(section, parameters=replace(own, **numbers))
+
+
+def _changed_model(section: PlantProfile, m: Mismatch) -> PlantProfile:
+    """Return the numbers of a planar model.
+
+    Its motors have no integral part and would not bear a load up: resistances stay those of the profile's weight.
+    """
+    robot, own, vehicle, way = section.robot, section.parameters, section.vehicle, 1.0 - m.slip
+    aside, along = m.friction / m.mass, 1.0 / m.mass
+    factors = {"mu_s": aside, "mu_d": aside, "mu_c": aside, "k_y": aside, "u_x": along, "k_u": along}
+    sized = {**_radii(vehicle, m), "mass": m.mass * vehicle.mass, "yaw_inertia": m.mass * vehicle.yaw_inertia}
     if hasattr(own, "alpha_l"):
         sized = {}
         factors = {"alpha_l": way * (1.0 + 0.5 * m.sides), "alpha_r": way * (1.0 - 0.5 * m.sides)}
     numbers = {name: factor * getattr(own, name) for name, factor in factors.items() if hasattr(own, name)}
-    if heavy:
-        numbers |= {**sized, "com_x": own.com_x + m.com_x, "com_y": own.com_y + m.com_y}
+    # four contacts turn about a point that lies (1 + track^2 / wheelbase^2) times as far off as the centre of mass
+    x_icr = (1.0 + (robot.geometry.track / robot.geometry.wheelbase) ** 2) * m.com_x
+    if hasattr(own, "x_icr"):
+        numbers["x_icr"] = own.x_icr + x_icr
     else:
-        # four contacts turn about a point that lies (1 + track^2 / wheelbase^2) times as far off as the centre of mass
-        g = robot.geometry
-        x_icr = (1.0 + (g.track / g.wheelbase) ** 2) * m.com_x
-        if hasattr(own, "x_icr"):
-            numbers["x_icr"] = own.x_icr + x_icr
-        else:
-            sized["x_icr"] = body.x_icr + x_icr
-    late = {name: max(0.0, getattr(drive, name) + m.delay) for name in ("delay_v", "delay_w")}
-    vehicle = section.vehicle if heavy else replace(section.vehicle, **sized)
-    return replace(section, parameters=replace(own, **numbers), vehicle=vehicle, drive=replace(drive, **late))
+        sized["x_icr"] = vehicle.x_icr + x_icr
+    return replace(section, parameters=replace(own, **numbers), vehicle=replace(vehicle, **sized))
 
 
-def worst_mean(values: ArrayLike, worst: float = WORST) -> FloatArray:
-    """Return the mean of the worst share of values along the first axis, the conditional value at risk (CVaR).
+def worst_mean(values: ArrayLike) -> FloatArray:
+    """Return the mean of the worst fifth of (n, ...) values along the first axis, the conditional value at risk (CVaR).
 
-    Where that share is no whole number of values, the last one counts in part. It is infinite where one of them is.
-
-    Args:
-        values: (n, ...) numbers.
-        worst: the share, above 0 and at most 1.
-
-    Raises:
-        ValueError: no values, or no such share.
+    Where a fifth is no whole number of values, the last one counts in part. It is infinite where one of them is.
     """
     array = np.asarray(values, dtype=np.float64)
-    if not len(array) or not 0.0 < worst <= 1.0:
-        raise ValueError(f"{len(array)} values, and {worst} of them: wanted some, and a share above 0 and at most 1")
-    tail = worst * len(array)
+    tail = WORST * len(array)
     weights = np.minimum(tail - np.arange(math.ceil(tail)), 1.0) / tail
     falling = np.sort(array, axis=0)[::-1][: len(weights)]
     return np.asarray(np.tensordot(weights, falling, axes=1))
 
 
-@dataclass(frozen=True)
-class Spread:
-    """The spread of a number over robots, in the unit of that number."""
-
-    mean: float
-    """Mean over all of them."""
-    std: float
-    """Standard deviation (n - 1); 0 for a single one."""
-    cvar: float
-    """Mean of the worst fifth."""
-    worst: float
-    """Greatest value."""
-
-
-def spread(values: Sequence[float]) -> Spread:
-    """Return the spread of values; all of it is infinite where one of them is."""
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """Return mean, std (n - 1; 0 for one), cvar (mean of the worst fifth) and worst of values; infinite where one is."""
     array = np.asarray(values, dtype=np.float64)
     if not np.isfinite(array).all():
-        return Spread(*[math.inf] * 4)
+        return dict.fromkeys(("mean", "std", "cvar", "worst"), math.inf)
     std = float(array.std(ddof=1)) if len(array) > 1 else 0.0
-    return Spread(float(array.mean()), std, float(worst_mean(array)), float(array.max()))
+    return {"mean": float(array.mean()), "std": std, "cvar": float(worst_mean(array)), "worst": float(array.max())}

@@ -27,19 +27,7 @@ from ssmr.robot.sensors import STANDS, SensorModel, gyro_at_rest, simulate_senso
 from ssmr.types import FloatArray, State, Trajectory
 from validation import cli
 from validation.bench.gains import DEFAULT, load_gains
-<<<<<<< HEAD
-from validation.bench.loops import ClosedLoopRobot, make_controller, require_practicable, run_robots
-=======
-from validation.bench.loops import (
-    TRACKER,
-    ClosedLoopRobot,
-    commissioned,
-    make_controller,
-    make_robot,
-    require_practicable,
-    run_robots,
-)
->>>>>>> a91124e (Closed loops, state filters and what a reference asks for are one module, and a tracking run is one function; a user's class is guarded where it is called)
+from validation.bench.loops import TRACKER, ClosedLoopRobot, commissioned, make_controller, require_practicable, run_robots
 from validation.bench.waypoint_files import open_reference
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, choose_profile

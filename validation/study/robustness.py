@@ -230,7 +230,7 @@ def _tables(
         parts = {
             f"{what}_{part}_m": value
             for what, values in (("d_rms", [e.d_rms_m for e in drawn]), ("e_rho", [e.e_rho_rms_m for e in drawn]))
-            for part, value in asdict(spread(values)).items()
+            for part, value in spread(values).items()
         }
         counts = {"lost": sum(e.lost_at_s is not None for e in drawn), "failed": sum(e.failed(bound) for e in drawn)}
         over.append({"controller": sets[name].controller, "gains": name, **parts, **counts})

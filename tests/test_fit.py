@@ -15,19 +15,13 @@ import pytest
 
 from ssmr.errors import DivergedError
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.search.jde import Jde, JdeSettings
-from tests.conftest import EXACT, Launch, exit_status
-from tests.robots import HUSKY
-from tests.test_objective import log_target, recorded
+from tests.conftest import Launch, exit_status
+from tests.test_objective import recorded
 from validation.files.csv_logs import write_csv
 from validation.fit import fit
 from validation.identify import scores
-from validation.identify.objective import FitCost
-from validation.identify.problem import FitProblem
-from validation.identify.search import Search
 from validation.identify.uncertainty import VAGUE
 from validation.plants.profile import Profile, load_profile
-from validation.plants.searchable import make_space
 from validation.progress import Progress
 
 QUICK = ("--population", "16", "--generations", "12")
@@ -81,19 +75,6 @@ def test_a_log_is_fitted_by_its_wheels_and_judged_on_what_was_cut_off(tmp_path: 
     provenance = again.provenance["kinematic"]
     assert (provenance["seed"], provenance["cost"]) == (0, found["cost"])
     assert set(provenance["standard_errors"]) == {"y_l", "y_r", "alpha_l"}
-
-
-def test_the_search_is_the_same_with_and_without_abandoning(lab: Profile) -> None:
-    """Limits save work; they change no cost that is kept."""
-    space = make_space("linear", ("k_u", "k_y", "gain", "delay"), {}, HUSKY)
-    problem = FitProblem("linear", lab.plants["linear"], space, [log_target(lab)], FitCost("horizon"))
-    searches = []
-    for abandon in (True, False):
-        search = Search(Jde(len(space), JdeSettings(12, 10), 3), {})
-        search.run(lambda points, limits, _, a=abandon: problem.costs(points, limits if a else None))
-        searches.append(search)
-    assert np.abs(searches[0].jde.population - searches[1].jde.population).max() == EXACT
-    assert np.array_equal(searches[0].jde.costs, searches[1].jde.costs)
 
 
 def test_what_the_data_cannot_tell_is_said(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 from tests.robots import HUSKY
-from tests.test_objective import log_target, scenario
+from tests.test_objective import scenario
 from validation.fit import fit
 from validation.identify.objective import FitCost, PathRater, path_offsets
 from validation.identify.problem import FitProblem
@@ -56,14 +56,6 @@ def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
     )
     assert away.cost < 1e-4
     assert away.course.stopped_by == "least squares"
-
-
-def test_it_is_never_worse_than_its_first_stage(lab: Profile) -> None:
-    for seed in range(3):
-        one, both = (
-            fit("coulomb", "traj1@mujoco", lab, search=m, population=8, generations=3, seed=seed) for m in ("jde", "hybrid")
-        )
-        assert both.cost <= one.cost
 
 
 def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: Path, monkeypatch: Any) -> None:
@@ -150,16 +142,6 @@ def test_errors_of_a_log_count_by_their_size() -> None:
     assert errors[False] > 0.1
 
 
-def test_what_was_driven_is_not_driven_again() -> None:
-    line, driven = Line(0), Remembered()
-    one = descend(line, np.array([0.9, 0.1]), driven, 1, lambda: None)[0]
-    asked = line.asked
-    assert asked == len(driven)
-    again = descend(line, np.array([0.9, 0.1]), driven, 1, lambda: None)[0]
-    assert line.asked == asked
-    assert np.array_equal(one, again)
-
-
 def test_offsets_of_a_path_are_perpendicular_to_it() -> None:
     """A path one decimetre to the left, with samples elsewhere: the offsets are (0, 0.1) whatever the samples."""
     truth = np.column_stack([np.linspace(0.0, 5.0, 101), np.zeros(101), np.zeros(101)])
@@ -186,15 +168,3 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
         else:
             assert isinstance(problem._pieces[0][2], PathRater)
             assert np.all(np.sqrt(squares) <= 1.1 * problem.costs(points))  # the faint errors at equal times come on top
-
-
-@pytest.mark.parametrize(("position", "yaw", "terms"), [(1.0, 1.0, 3), (0.0, 1.0, 1), (1.0, 0.0, 2)])
-def test_residuals_of_a_log_leave_out_what_weighs_nothing(lab: Profile, position: float, yaw: float, terms: int) -> None:
-    """A heading without weight would make the median size of the errors, the scale of the robust ones, too small."""
-    cost = FitCost("horizon", position_weight=position, yaw_weight=yaw)
-    problem = FitProblem("linear", lab.plants["linear"], make_space("linear", ("gain",), {}, HUSKY), [log_target(lab)], cost)
-    found = problem.residuals(np.array([[0.5]]))[0]
-    assert np.all(found != 0.0)
-    assert len(found) == len(problem.blocks)
-    assert len(found) % terms == 0
-    assert problem.robust

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.references import circle, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
-from tests.conftest import EXACT, ROUNDOFF, Launch, exit_status
+from tests.conftest import EXACT, ROUNDOFF
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot, rate, run_robots
 from validation.identify.tuning import (
@@ -26,14 +24,14 @@ from validation.identify.tuning import (
     costs_of,
     delayed,
     make_tuning_space,
-    widened_sentences,
 )
 from validation.plants.profile import Profile
+from validation.progress import Progress
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import parse_terrain
 from validation.track import track
-from validation.tune import tune
+from validation.tune import Tuned, tune
 
 QUIET = LoopSettings("truth", disturbance=False)
 
@@ -89,13 +87,6 @@ def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
     assert by["path"] < 0.2 * by["time"]
 
 
-def test_of_a_straight_reference_no_bending_is_asked(lab: Profile) -> None:
-    waypoints = line(0.5, 2.0)
-    one = TuneCase("line", "line", waypoints, make_robot(lab, "linear"), QUIET)
-    costs = [problem(lab, TuneCost(k_bend=k, guard=0.0), "pid", one) for k in (0.0, 1e3)]
-    assert costs[0].costs(published_point(costs[0])[None]) == costs[1].costs(published_point(costs[1])[None])
-
-
 def test_limits_and_workers_change_no_kept_cost(lab: Profile) -> None:
     p = problem(lab, TuneCost(guard=0.0), "pid", case(lab), case(lab, speed=0.25))
     points = np.random.default_rng(0).random((6, len(p.space)))
@@ -119,14 +110,6 @@ def test_the_guard_refuses_what_more_delay_would_break(lab: Profile) -> None:
         costs.append(p.costs(point[None])[0])
     assert np.isfinite(costs[0])
     assert costs[1] == np.inf
-
-
-def test_a_delayed_robot_differs_in_its_delay_alone(lab: Profile) -> None:
-    for plant in ("improved", "mujoco"):
-        robot = make_robot(lab, plant)
-        late = delayed(robot, 0.1)
-        assert late.drive == replace(robot.drive, delay_v=robot.drive.delay_v + 0.1, delay_w=robot.drive.delay_w + 0.1)
-        assert delayed(robot, 0.0).drive == robot.drive
 
 
 def test_a_delayed_robot_stands_on_the_same_ground_with_the_same_physics(lab: Profile) -> None:
@@ -158,10 +141,6 @@ def test_bounds_hold_the_start_and_are_widened_for_it() -> None:
     assert outside == ["q_yaw", "q_w", "r_v"]
     assert [p.name for p, q in zip(wide.parameters, usual.parameters, strict=True) if p != q] == outside
     assert all(p.lower < start[p.name] < p.upper for p in wide.parameters)
-    said = widened_sentences("lqr", wide, start)
-    assert [s.partition(" ")[0] for s in said] == outside
-    assert "its usual bounds, 5 to 15, leave out 3.3723 1/rad2" in said[0]
-    assert widened_sentences("lqr", usual, load_gains("lqr", "published").values) == []
     with pytest.raises(
         ValueError, match=r"the bounds of q_yaw, 5 to 15, leave out 3.3723, where the search begins; widen them"
     ):
@@ -195,45 +174,29 @@ def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
     assert own.shipped_cost == own.baseline_cost
 
 
-def test_tune_beats_what_it_began_with_and_resumes(tmp_path: Path, launch: Launch) -> None:
-    args = ["lqr", "--plant", "linear", "--reference", "circle@0.5", "--held-out", "line@0.5", "--population", "8"]
-    args += ["--generations", "4", "--seed", "3", "--free", "q_x,r_v,q_yaw"]
-    assert exit_status(tune, *args, "--out", str(tmp_path / "a")) == 0
-    a = json.loads((tmp_path / "a" / "tune.json").read_text())
-    assert a["schema"] == "ssmr.tune/1"
-    assert a["cost"] <= a["baseline_cost"]
-    assert set(a["parameters"]) == {"q_x", "r_v", "q_yaw"}
-    assert a["gains"]["k_alpha"] == 1.0
-    assert len(a["held_out"]) == 1
-    assert (tmp_path / "a" / "tune.png").stat().st_size > 10_000
-    again = load_gains("lqr", str(tmp_path / "a" / "gains.toml"))
-    assert again.values["q_x"] == a["gains"]["q_x"]
-    assert again.provenance["seed"] == 3
-    command = [sys.executable, "-m", "validation.tune", *args, "--out", str(tmp_path / "b")]
-    child = launch(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    checkpoint = tmp_path / "b" / "checkpoint.npz"
-    while not checkpoint.exists() and child.poll() is None:
-        pass
-    child.kill()
-    child.wait()
-    assert exit_status(tune, *args, "--out", str(tmp_path / "b"), "--resume") == 0
-    b = json.loads((tmp_path / "b" / "tune.json").read_text())
-    assert (a["gains"], a["cost"], a["evaluations"]) == (b["gains"], b["cost"], b["evaluations"])
-
-
-def test_a_robot_that_starts_beside_its_reference_comes_back_to_it(tmp_path: Path) -> None:
-    args = ["smc", "line", "--speed", "0.5", "--plant", "linear", "--no-noise", "--no-rerun", "--start", "-0.1,0.3,0.5"]
-    assert exit_status(track, *args, "--out", str(tmp_path)) == 0
-    found = json.loads((tmp_path / "track.json").read_text())
-    assert found["options"]["start"] == [-0.1, 0.3, 0.5]
-    assert found["metrics"]["cross_track_max_m"] >= 0.3
-    assert found["metrics"]["d_rms_m"] < 0.15
-    assert found["metrics"]["lost"] is False
-
-
 @pytest.mark.parametrize("plant", ["linear", "mujoco"])
 def test_a_start_is_seen_from_that_of_the_reference(lab: Profile, plant: str) -> None:
     """A quarter turn to the left of the reference's own heading, 1 m ahead of it and 0.5 m to its left."""
     up = Waypoints.from_path([[2.0, 3.0], [2.0, 4.0]], 0.5)
     robot = track("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[0]
     assert np.allclose(robot.run.table[0, :3], (1.5, 4.0, math.pi), atol=1e-9)
+
+
+def test_tune_beats_what_it_began_with_and_resumes(lab: Profile, tmp_path: Path) -> None:
+    def stop(progress: Progress) -> None:
+        if progress.done == 2.0:
+            raise KeyboardInterrupt
+
+    def tuned(folder: Path, **more: Any) -> Tuned:
+        few = {"plants": ("linear",), "held_out": ("line@0.5",), "population": 8, "generations": 4, "free": ("q_x", "r_v")}
+        return tune("lqr", ("circle@0.5",), lab, seed=3, out=folder, **few, **more)
+
+    whole = tuned(tmp_path / "a")
+    assert whole.cost <= whole.baseline_cost
+    assert whole.gains["k_alpha"] == 1.0
+    path = next(path for path in whole.save(tmp_path / "a") if path.suffix == ".toml")
+    again = load_gains("lqr", str(path))
+    assert (again.values, again.provenance["seed"]) == (whole.gains, 3)
+    assert tuned(tmp_path / "b", progress=stop).status == "interrupted"
+    resumed = tuned(tmp_path / "b", resume=True)
+    assert (resumed.gains, resumed.cost, resumed.course.evaluations) == (whole.gains, whole.cost, whole.course.evaluations)

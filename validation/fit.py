@@ -16,13 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.errors import SsmrError
+from ssmr.metrics.poses import HorizonErrors
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import cli, store
 from validation.bench.sources import standing_sentences
 from validation.files.limits import USUAL
 from validation.identify.executors import dask_executor
-from validation.identify.figure import Line, Paths, legend_row, search_figure
+from validation.identify.figure import search_figure
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, with_errors
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.options import Searching
@@ -337,36 +338,26 @@ def _tables(f: Fitted) -> list[Table]:
 
 
 def _draw(f: Fitted) -> Figure:
-    """Return the picture: the search, the parameters, and the paths along each scenario, or the errors by horizon."""
-    ink, paths, marks = drawing.ink_of(f.model), list[Paths](), list[drawing.HorizonMarks]()
-    for k, (name, s) in enumerate(_named(f)):
-        held_out = name.startswith("held out: ")
-        if s.horizons:
-            marks.append(drawing.HorizonMarks(name, drawing.BESIDE_INK if held_out else ink, "osvDP"[k % 5], s.horizons))
-            continue
-        lines = [Line("true motion", s.truth[0].xy, "0.1", drawing.BROAD), Line("fitted", s.motion[0].xy, ink)]
-        if s.before:
-            lines.append(Line("before", s.before[0].xy, drawing.BESIDE_INK, 1.1, drawing.DASHED))
-        paths.append(Paths(name, f"d_rms {1e3 * s.metrics['d_rms_m']:.4g} mm", lines, held_out))
-    return search_figure(f, ink, "before", paths, _horizon_rows(marks))
-
-
-def _horizon_rows(marks: Sequence[drawing.HorizonMarks]) -> list[drawing.Row]:
-    """Return panels of position and yaw error by horizon."""
-    if not marks:
-        return []
-    legend = {m.name: Line2D([], [], color=m.ink, marker=m.marker, markeredgecolor="white", linewidth=2.5) for m in marks}
-    title = "error by horizon [{}]: median, bar to 95th percentile"
+    """Return the picture: the search, the parameters, and the errors by horizon where there are recordings."""
+    ink, title = drawing.ink_of(f.model), "error by horizon [{}]: median, bar to 95th percentile"
+    marks = [
+        drawing.HorizonMarks(name, drawing.BESIDE_INK if s in f.held_out else ink, "osvDP"[k % 5], s.horizons)
+        for k, (name, s) in enumerate(_named(f))
+        if s.horizons
+    ]
 
     def metres(ax: Axes) -> None:
-        drawing.draw_horizons(
-            marks, f"Position {title.format('m')}", lambda e: (e.position_median_m, e.position_p95_m), ax
-        )  # fmt: skip
+        drawing.draw_horizons(marks, f"Position {title.format('m')}", _metres, ax)
+        ax.legend([Line2D([], [], color=m.ink, marker=m.marker) for m in marks], [m.name for m in marks], fontsize=8.5)
 
     def degrees(ax: Axes) -> None:
         drawing.draw_horizons(marks, f"Yaw {title.format('deg')}", drawing.yaw_degrees, ax)
 
-    return [legend_row(legend), drawing.side_by_side(2.6, [metres, degrees])]
+    return search_figure(f, ink, "before", [drawing.side_by_side(2.8, [metres, degrees])] if marks else [])
+
+
+def _metres(errors: HorizonErrors) -> tuple[float, float]:
+    return errors.position_median_m, errors.position_p95_m
 
 
 if __name__ == "__main__":

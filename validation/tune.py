@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
-from matplotlib.figure import Figure
 
 from ssmr.control.laws import CONTROLLERS, LAWS
 from ssmr.control.loop import Feedback, LoopSettings
@@ -21,7 +20,7 @@ from validation.bench.loops import ClosedLoopRobot, demand_of, make_controller, 
 from validation.bench.mismatch import SCORING, TUNING, WORST, Mismatch, draw_mismatches, spread
 from validation.bench.tracked import lost_text
 from validation.bench.waypoint_files import open_reference, split_speed
-from validation.identify.figure import Line, Paths, search_figure
+from validation.identify.figure import search_figure
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters
 from validation.identify.options import Searching
 from validation.identify.search import Search, search_for
@@ -32,7 +31,6 @@ from validation.identify.tuning import (
     TuneMeasure,
     TuneProblem,
     make_tuning_space,
-    widened_sentences,
 )
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, choose_profile
@@ -41,11 +39,10 @@ from validation.progress import Progress
 from validation.report import drawing
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.words import one_line, shortened
+from validation.words import one_line
 
 _SIMULATED_SIZE = (24, 20)  # population and generations: a simulated run costs a hundred times that of a planar model
 _WORSE = 1.1  # a cost on a held-out reference that is so many times that of before is worth a sentence
-_DRAWN = ("baseline", "tuned")  # gains whose paths are drawn
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m")  # in the table of references
 HELD_OUT = ("line", "circle", "generic", "slalom", "square", "u-turn", "stop-and-go")
 """References that a tuning is judged on unless others are named: paths of every kind, without those that it is tuned on, at
@@ -223,7 +220,6 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
     kept = problem.gains(point)
     if not o.from_scratch:
         least = problem.cost_of(base, threads, guarded=True)
-        notes += widened_sentences(base.controller, space, base.values)
         if least <= cost:
             notes.append(f"No candidate costs less than {base.name}, with which the search began: those gains are kept.")
             kept, cost, point = base, least, space.points([base.values[name] for name in space.names])
@@ -241,7 +237,7 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
         title=f"{base.controller} tuned on {one_line(source)}, profile {with_robot(profile.name, profile.robot.name)}",
         tables=(),
         document={"seed": o.seed, "source": source},
-        draw=_draw,
+        draw=lambda t: search_figure(t, drawing.ink_of(t.problem.cases[0].robot.name), "baseline"),
         options={**asdict(problem.cost), **o.chosen(found.jde.settings), "noise_seeds": list(problem.cost.seeds)},
         **ending(found),
         course=found,
@@ -348,19 +344,6 @@ def _sentences(t: Tuned) -> list[str]:
     if t.shipped is not None and t.shipped_cost < t.cost:
         out.append(f"The shipped gains {t.shipped.name} cost less on what these were tuned on: {t.shipped_cost:.4g}.")
     return list(map(one_line, out))
-
-
-def _draw(t: Tuned) -> Figure:
-    """Return the picture: the search, the gains, and the paths along each reference."""
-    paths, ink = [], drawing.ink_of(t.problem.cases[0].robot.name)
-    for label, runs in (*t.train.items(), *t.held_out.items()):
-        lines = [Line("reference", runs["tuned"].target.xy, drawing.REFERENCE_INK, 1.1, drawing.REFERENCE_DASHES)]
-        for name, colour in zip(_DRAWN, (drawing.BESIDE_INK, ink), strict=True):
-            run = runs[name].run
-            lines.append(Line(name, run.columns("x", "y"), colour, lost=run.lost))
-        costs = ", ".join(f"{name} {'lost' if runs[name].run.lost else f'{runs[name].cost:.4g}'}" for name in _DRAWN)
-        paths.append(Paths(shortened(label, 60), f"cost: {costs}", lines, label in t.held_out))
-    return search_figure(t, ink, "baseline", paths)
 
 
 if __name__ == "__main__":

@@ -1,57 +1,31 @@
-"""The picture of a search: its course, what it found within its bounds, and the paths that this leads to."""
+"""The picture of a search: its course, and what it found within its bounds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ssmr.types import FloatArray
 from validation.identify.found import FittedParameter, SearchReport
 from validation.report import drawing
-from validation.report.drawing import ALARM, QUIET, Dashes, Ink, Row
+from validation.report.drawing import ALARM, QUIET, Ink, Row
 from validation.words import shortened
 
 _LEAST_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.8  # height of the first row; of a strip, and what their panel needs besides
-_PATHS_IN, _ABREAST, _MOST_PATHS = 3.1, 4, 12  # height of a row of paths, panels in it, and panels in all
 
 
-class Line(NamedTuple):
-    """A path of (M, 2) positions [m], its name for the legend, its looks, and whether the robot was lost at its end."""
-
-    name: str
-    xy: FloatArray
-    ink: Ink
-    width: float = drawing.NARROW
-    dashes: Dashes = "solid"
-    lost: bool = False
-
-
-class Paths(NamedTuple):
-    """The paths along one source, the lowest one first, with its name, and what is said of them below it."""
-
-    title: str
-    text: str
-    lines: Sequence[Line]
-    held_out: bool
-
-
-def search_figure(
-    found: SearchReport, ink: Ink, before: str, paths: Sequence[Paths] = (), rows: Sequence[Row] = ()
-) -> Figure:
-    """Draw a search, 1600 px wide: course, values within their bounds, paths, further rows, notes and footer.
+def search_figure(found: SearchReport, ink: Ink, before: str, rows: Sequence[Row] = ()) -> Figure:
+    """Draw a search, 1600 px wide: course, values within their bounds, further rows, notes and footer.
 
     Args:
         found: the report.
         ink: colour of what was found.
         before: name of the values of before.
-        paths: panels of paths; those that find no room are left out.
         rows: further rows of panels.
     """
     height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(found.parameters))
@@ -61,7 +35,6 @@ def search_figure(
         drawing.text_row(0.3, partial(drawing.draw_section, shortened(found.title, 110))),
         drawing.text_row(0.25, partial(drawing.draw_footer, found.effort)),
         Row(height, first),
-        *_path_rows(paths[:_MOST_PATHS]),
         *rows,
         *drawing.note_rows(found.notes()),
         drawing.text_row(0.26, partial(drawing.draw_footer, " · ".join([f"seed {found.document['seed']}", *versions]))),
@@ -122,40 +95,3 @@ def _draw_strip(p: FittedParameter, row: int, members: FloatArray, ink: Ink, ax:
         colour = ALARM if p.warning and text == beside else "0.2"
         ax.annotate(text, (at, row), away, textcoords="offset points", ha=align, fontsize=8.5, color=colour,
                     annotation_clip=False)  # fmt: skip
-
-
-def legend_row(lines: Mapping[str, Line2D]) -> Row:
-    """Return a row with the legend of some lines."""
-
-    def draw(ax: Axes) -> None:
-        ax.set_axis_off()
-        drawing.line_legend(ax, list(lines.values()), list(lines))
-
-    return drawing.text_row(0.3, draw)
-
-
-def _path_rows(paths: Sequence[Paths]) -> list[Row]:
-    """Return panels of paths side by side, below one legend."""
-    lines = {a.name: Line2D([], [], color=a.ink, linewidth=a.width, linestyle=a.dashes) for p in paths for a in p.lines}
-    rows = [legend_row(lines)] if lines else []
-    for k in range(0, len(paths), _ABREAST):
-        rows.append(drawing.side_by_side(_PATHS_IN, [partial(_draw_paths, each) for each in paths[k : k + _ABREAST]]))
-    return rows
-
-
-def _draw_paths(paths: Paths, ax: Axes) -> None:
-    """Draw the paths along one source."""
-    drawing.inset(ax, above=0.3)
-    for line in paths.lines:
-        ax.plot(*line.xy.T, color=line.ink, linewidth=line.width, linestyle=line.dashes, gid=line.name)
-        if line.lost and len(line.xy):
-            drawing.draw_loss(ax, line.xy[-1, 0], line.xy[-1, 1], f"{line.name} lost")
-    drawing.draw_ring(ax, *map(float, paths.lines[0].xy[0]))
-    drawing.equal_scales(ax, 0.6)
-    ax.locator_params(nbins=5)
-    ax.set(xlabel="x [m]", ylabel="y [m]", label="held out" if paths.held_out else "train")
-    drawing.narrow(ax.set_title(paths.title, pad=19.0, fontsize=10.0), 2.9)
-    ax.annotate(paths.text, (0.0, 1.0), (0.0, 5.0), xycoords="axes fraction", textcoords="offset points", fontsize=8.5,
-                color=QUIET)  # fmt: skip
-    if paths.held_out:
-        drawing.corner_note(ax, "held out")

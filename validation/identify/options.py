@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, fields
@@ -12,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from ssmr.parameters import MOST_SEED, require_within
-from ssmr.search.jde import MOST_COST, JdeSettings
+from ssmr.search.jde import JdeSettings
 from validation import cli
 
 CHECKPOINT = "checkpoint.npz"
@@ -41,8 +40,6 @@ class Searching(cli.Common):
     """Greatest number of generations of jDE after its first population."""
     patience: Annotated[int, cli.option(metavar="N")] = 30
     """Number of generations over which the best cost must improve by a thousandth, or jDE stops."""
-    target: Annotated[cli.Number, cli.option(metavar="COST", default="none")] = None
-    """Cost at which the search stops."""
     resume: cli.Flag = False
     """Continue from the checkpoint in the folder of --out."""
     name: Annotated[str | None, cli.option(metavar="NAME", default="that of what it began with, and what was done")] = None
@@ -59,7 +56,6 @@ class Searching(cli.Common):
         """
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
         require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
-        require_within(self, ("target",), -MOST_COST, MOST_COST)
         self.settings(JdeSettings.population, JdeSettings.generations)
 
     @property
@@ -78,12 +74,8 @@ class Searching(cli.Common):
         Raises:
             ValueError: a number is out of its range.
         """
-        sizes = (
-            population if self.population is None else self.population,
-            generations if self.generations is None else self.generations,
-        )
-        target = -math.inf if self.target is None else self.target
-        return JdeSettings(*sizes, patience=self.patience, target=target)
+        size = population if self.population is None else self.population
+        return JdeSettings(size, generations if self.generations is None else self.generations, patience=self.patience)
 
     def chosen(self, settings: JdeSettings) -> dict[str, Any]:
         """Return the options that result files hold: those that decide numbers, with the sizes that the search had."""

@@ -92,16 +92,8 @@ def arrivals(
     """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs; an interrupt passes through.
 
     The first start is the best candidate. A later one is the end before it with its silent numbers put elsewhere, see
-    `woken`, or else the best candidate that is far from all that was visited.
-
-    Args:
-        problem: what is fitted.
-        points: candidates, in the unit cube.
-        costs: their costs; infinite for one that cannot be driven.
-        starts: greatest number of starts.
-        driven: what was driven before; what is driven now is added.
-        workers: number of threads; the result does not depend on it.
-        on_step: called after every population.
+    `woken`, or else the best candidate that is far from all that was visited. What was `driven` before is not driven again,
+    and `on_step` is called after every population.
     """
     visited, least = list[FloatArray](), math.inf
     start = next_start(points, costs, visited)

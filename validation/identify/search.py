@@ -121,12 +121,7 @@ class Search:
         self.wall_s = time.perf_counter() - zero
 
     def refine(self, problem: FitProblem, threads: int) -> None:
-        """Go on by least squares: from the best candidate and others far from it, or with one start from the first.
-
-        A search that has reached its target is over.
-        """
-        if self.jde.finished == "target":
-            return
+        """Go on by least squares: from the best candidate and others far from it, or with one start from the first."""
         zero = time.perf_counter() - self.wall_s
         points, costs, before = self.jde.population, self.jde.costs, self.jde.settings.generations + 1
         if self.starts == 1 and np.isfinite(costs[0]):
@@ -224,17 +219,10 @@ def _begun(problem: FitProblem | TuneProblem, settings: JdeSettings, o: Searchin
 def search_for(
     problem: FitProblem | TuneProblem, settings: JdeSettings, o: Searching, start: FloatArray | None = None, starts: int = 0
 ) -> Search:
-    """Search from the beginning, or from a checkpoint, until a stop rule holds, or Ctrl-C.
+    """Return a search, begun anew or from a checkpoint, after a stop rule held or Ctrl-C came; something was found.
 
-    Args:
-        problem: what is searched.
-        settings: settings of the optimiser.
-        o: seed, threads, executor, progress and checkpoint.
-        start: (k, n) candidates for the first population.
-        starts: starts of least squares that are to follow; where it is one, the first population is enough.
-
-    Returns:
-        The search, with at least one candidate of finite cost.
+    The (k, n) `start` are candidates for the first population. Of so many `starts` of least squares that are to follow, one
+    needs no further generation.
 
     Raises:
         ValueError: settings that make no sense, or the checkpoint of another search.

@@ -134,41 +134,25 @@ def make_tuning_space(
         value = usual.lower if start is None else start[name]
         if not usual.lower <= value <= usual.upper:
             if name in bounds:
-                own = (
-                    f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search begins"
+                raise ValueError(
+                    f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search "
+                    "begins; widen them, begin with other gains, or begin from scratch"
                 )
-                raise ValueError(f"{own}; widen them, begin with other gains, or begin from scratch")
             low, high = (float(f"{share * value:.2g}") for share in (0.5, 1.5))  # two digits, for tables and pictures
             usual = replace(usual, lower=min(usual.lower, low), upper=max(usual.upper, high))
         found.append(usual)
     return ParameterSpace(tuple(found))
 
 
-def widened_sentences(controller: str, space: ParameterSpace, start: Mapping[str, float]) -> list[str]:
-    """Return a sentence for each gain whose usual bounds leave out the `start`, and had to be widened to hold it."""
-    usual, out = described(LAWS[controller].gains), []
-    for p in space.parameters:
-        low, high = usual[p.name].search or (p.lower, p.upper)
-        if not low <= start[p.name] <= high:
-            was = f"its usual bounds, {low:g} to {high:g}, leave out {p.text(start[p.name])}, which the search began with"
-            out.append(f"{p.name} was searched from {p.lower:g} to {p.upper:g}: {was}.")
-    return out
-
-
 @dataclass(frozen=True, eq=False)
 class TuneCase:
-    """One robot on one reference."""
+    """One robot on one reference, with its label in words (`generic at 0.25 m/s, improved`), and how the loop is closed."""
 
     label: str
-    """Reference, speed and plant in words: `generic at 0.25 m/s, improved`."""
     reference: str
-    """The reference as the user named it."""
     waypoints: Waypoints
-    """The reference itself."""
     robot: ClosedLoopRobot
-    """The plant."""
     settings: LoopSettings
-    """Feedback, noise, disturbance and periods of the loop."""
 
     @property
     def target(self) -> Trajectory:
@@ -177,16 +161,11 @@ class TuneCase:
 
 
 class RatedRun(NamedTuple):
-    """One run along a reference, and how well it went."""
+    """One run along a reference, its metrics, and its cost, which is infinite where the robot was lost."""
 
     run: ClosedRun
-    """The run; it may have been lost."""
     metrics: Metrics
-    """Metrics of the run."""
     cost: float
-    """Cost of the run; infinite where it was lost."""
-    target: Trajectory
-    """The whole reference."""
 
 
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
@@ -229,13 +208,6 @@ class TuneProblem:
         found = dict(zip(self.space.names, map(float, self.space.values(point)), strict=True))
         return GainSet(self.base.controller, "tuned", {**self.base.values, **found})
 
-    def controller(self, point: FloatArray) -> AnyController | None:
-        """Return the law that an (n,) point stands for; None where there is none."""
-        try:
-            return make_controller(self.profile, self.gains(point))
-        except ValueError:
-            return None
-
     def costs(
         self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
     ) -> FloatArray:
@@ -248,7 +220,7 @@ class TuneProblem:
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):
-            laws = [self.controller(p) for p in points]
+            laws = [_law(self.profile, self.gains(point)) for point in points]
         bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
         sums = np.tile([np.inf if law is None else 0.0 for law in laws], (len(self._robots[0]), 1))  # by robot
         total, done = sum(case.waypoints.duration for case in self.cases), 0.0
@@ -310,9 +282,7 @@ class TuneProblem:
         runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self.cost.seeds[:1], workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
         every = zip(sets, runs, costs, strict=True)
-        return {
-            name: RatedRun(run, rate(run, case.waypoints, case.robot), float(cost), case.target) for name, run, cost in every
-        }
+        return {name: RatedRun(run, rate(run, case.waypoints, case.robot), float(cost)) for name, run, cost in every}
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
@@ -330,3 +300,11 @@ class TuneProblem:
             "robots": [asdict(m) for m in self.mismatches],
             "cost": asdict(self.cost),
         }
+
+
+def _law(profile: Profile, gains: GainSet) -> AnyController | None:
+    """Return the law of these gains; None where there is none."""
+    try:
+        return make_controller(profile, gains)
+    except ValueError:
+        return None

@@ -205,7 +205,7 @@ class PreparedComparison:
     def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:
         """Return the verdict on a plant's run; None for a plant without wheel loads, and on ground that is not even."""
         plant = self.plants[name]
-        if not isinstance(plant, MujocoPlant) or not self.options.terrain.even:
+        if not isinstance(plant, MujocoPlant) or not self.options.terrain.level:
             return None
         given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
         return run_health(plant.model, motions, given_rates=given)

@@ -97,7 +97,7 @@ def drive(o: HandDrive) -> Comparison:
     before, plants = _source(np.zeros((1, 2))), o.plants or USUAL_PLANTS
     asked = Compare(before, o.profile, plants, STANDARD, o.robot, terrain=o.terrain, seed=o.seed)
     prepared = prepare(replace(asked, workers=o.workers, progress=o.progress))
-    screen = script or Window(Stage(prepared.profile.robot, _names(prepared), o.terrain))
+    screen = script or Window(Stage(prepared.profile.robot, _names(prepared)))
     commands, ended = drive_by_hand(prepared, screen, math.inf if o.until is None else o.until)
     path = _write_log(commands, prepared, make_folder(o.out or o.folder()))
     which = "".join(f" --{k} {visible(v)}" for k, v in (("profile", o.profile), ("robot", o.robot)) if v)
@@ -301,7 +301,7 @@ class Window:
             with viewer.lock():
                 for rank, s in enumerate(states):
                     pose = np.array([s.x, s.y, s.yaw])
-                    stage.place(rank, pose, self._turns[rank], (0.0, 0.0, 0.0) if rank else tuple(stage.lie(pose)))
+                    stage.place(rank, pose, self._turns[rank])
                 stage.settle()
                 self._write_names(states)
             status = ascii_text(f"{now:.1f} s   {command[0]:+.2f} m/s   {command[1]:+.2f} rad/s")

@@ -79,10 +79,8 @@ class RigidNumbers:
         """Return the numbers of a calibrated robot on even ground.
 
         Raises:
-            ValueError: ground that is not one plane, friction that depends on direction, or an inertia that no body has.
+            ValueError: friction that depends on direction, or an inertia that no body has.
         """
-        if terrain.kind not in ("flat", "ramp"):
-            raise ValueError(f"terrain {terrain.words}: this engine knows only an even plane")
         if calibration.friction_ratio != 1.0:
             raise ValueError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
         robot, c = calibration.robot, calibration

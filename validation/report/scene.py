@@ -31,7 +31,7 @@ try:
 except ImportError as missing:
     raise ImportError("recordings need the package rerun-sdk; save(folder, recording=False) does without") from missing
 
-from ssmr.geometry import quat_wxyz_to_xyzw, roll_pitch_yaw_to_quat_wxyz, shift_reference, wrap_angle, yaw_to_quat_wxyz
+from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
 from validation.report.tracks import GROUND, Extent, History, Solid, Track, extent_of, looks_of, tinted
@@ -180,8 +180,7 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
             recording.log(f"{entity}/{body}/{kind.lower()}", _shapes(kind, alike, track, solid), static=True)
     rows = track.rows
     time, pose, turns = rr.TimeColumn(_TIMELINE, duration=track.t[rows]), track.body[rows], track.turns[rows]
-    height, roll, pitch = track.raised[rows].T
-    quat_xyzw = quat_wxyz_to_xyzw(roll_pitch_yaw_to_quat_wxyz(roll, pitch, pose[:, 2]))
+    height, quat_xyzw = np.zeros(len(pose)), quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
     translation = np.column_stack([pose[:, :2], height])
     recording.send_columns(entity, [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
     recording.log(f"{entity}/base", rr.Transform3D(translation=looks.places["base"]), static=True)
@@ -220,7 +219,7 @@ def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
     """Log the path, one strip a piece, and the robot's name at its end, the higher the later its rank."""
     entity, ink = f"world/{track.name}", colour(track.name)
     paths = [p.xy[kept] for p, kept in zip(track.pieces, track.shown, strict=True)]
-    strips = [np.column_stack([xy, (0.008 if rank else 0.012) + track.terrain.height_at(xy)]) for xy in paths]
+    strips = [np.column_stack([xy, np.full(len(xy), 0.008 if rank else 0.012)]) for xy in paths]
     width = rr.Radius.ui_points(2.0 if rank else 3.0)
     recording.log(f"{entity}/path", rr.LineStrips3D(strips, colors=[ink], radii=width), static=True)
     above = np.append(track.body[-1, :2], (1.5 + 0.3 * rank) * looks_of(track.robot).size[2])
@@ -234,27 +233,19 @@ def _write_target(recording: rr.RecordingStream, target: Track, scale: float) ->
     arrow = rr.Arrows3D(origins=[top], vectors=[[0.45 * scale, 0.0, 0.0]], colors=[_TARGET], radii=[0.025 * scale])
     recording.log("world/target", arrow, static=True)
     time = rr.TimeColumn(_TIMELINE, duration=target.t[target.rows])
-    translation = np.column_stack([pose[:, :2], target.terrain.height_at(pose[:, :2])])
+    translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
     quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
     recording.send_columns("world/target", [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
 
 
 def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -> None:
     """Log the ground below all paths and around them, just below the lines that are drawn on it."""
-    terrain, margin = track.terrain, 0.5 * extent.reach + 5.0 * max(extent.scale, 1.0)
-    count = _MOST_POINTS if terrain.kind == "rough" else 2
-    x, y = (np.linspace(m - margin, m + margin, count) for m in extent.middle)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    slopes = terrain.surface.at(points) if terrain.kind == "rough" else np.zeros((len(points), 3))
-    normals = np.column_stack([-6.0 * slopes[:, 1:], np.ones(len(points))])  # steeper, so that low bumps show
-    corner = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).reshape(-1)
-    triangles = [(corner, corner + 1, corner + count + 1), (corner, corner + count + 1, corner + count)]
+    margin = 0.5 * extent.reach + 5.0 * max(extent.scale, 1.0)
+    corners = extent.middle + margin * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     ground = rr.Mesh3D(
-        vertex_positions=np.column_stack([points, slopes[:, 0] - _BELOW]),
-        triangle_indices=np.vstack([np.column_stack(half) for half in triangles]),
-        vertex_normals=normals / np.linalg.norm(normals, axis=1)[:, None],
-        albedo_factor=(*GROUND, 255),
-    )
+        vertex_positions=np.column_stack([corners, np.full(4, -_BELOW)]), triangle_indices=[[0, 1, 2], [0, 2, 3]],
+        vertex_normals=[[0.0, 0.0, 1.0]] * 4, albedo_factor=(*GROUND, 255),
+    )  # fmt: skip
     recording.log("world/ground", ground, static=True)
 
 

@@ -124,14 +124,6 @@ class Track:
         return self.localiser.body_pose(self.pose)
 
     @property
-    def raised(self) -> FloatArray:
-        """(M, 3) height [m], roll and pitch [rad]: as simulated, or as four wheels lie on the ground."""
-        height, tilt = self.channel("height_m"), self.channel("roll_pitch_rad")
-        if height is not None and tilt is not None:
-            return np.column_stack([height, tilt])
-        return self.terrain.lie(self.body, self.robot.geometry.wheelbase, self.robot.geometry.track)
-
-    @property
     def turns(self) -> FloatArray:
         """(M, 2) angles through which the left and right wheels have turned since their piece began [rad]."""
         return np.concatenate([integral(p.t, p.wheels) for p in self.pieces])

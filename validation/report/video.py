@@ -148,13 +148,10 @@ class _Film:
         self.t = np.concatenate([np.arange(p.t[0], p.t[-1] + 1e-9, self._speed / form.rate) for p in pieces])
         self._poses = [self._at(track, track.body) for track in tracks]
         self._turns = [self._at(track, track.turns) for track in tracks]
-        self._raised = [self._at(track, track.raised) for track in tracks]
         extent = extent_of(tracks)
         self._scale = extent.scale
         self._azimuth = math.degrees(math.atan2(extent.along[1], extent.along[0])) + _ASIDE
-        reach = 0.5 * extent.reach + 10.0 * extent.scale
-        corners = extent.middle + np.array([[-reach], [reach]])
-        self.stage = Stage(tracks[0].robot, [track.name for track in tracks], tracks[0].terrain, corners)
+        self.stage = Stage(tracks[0].robot, [track.name for track in tracks])
         self._look_at, self._distance = self._eyes()
 
     def _at(self, track: Track, values: FloatArray) -> FloatArray:
@@ -170,7 +167,7 @@ class _Film:
         offsets *= np.minimum(1.0, _NEAR * self._scale / np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 1e-9))
         low, high = offsets.min(axis=0), offsets.max(axis=0)
         distance = 3.2 * self._scale + 1.1 * np.linalg.norm(high - low, axis=-1)
-        height = self._raised[0][:, :1] + 0.2 * self._scale
+        height = np.full((len(self.t), 1), 0.2 * self._scale)
         wanted = np.column_stack([places[0] + 0.5 * (low + high), height, distance])
         smooth = gaussian_filter1d(wanted, _SMOOTH_S * self.form.rate / self._speed, axis=0, mode="nearest")
         return smooth[:, :3], smooth[:, 3]
@@ -183,13 +180,13 @@ class _Film:
         camera.azimuth, camera.elevation = self._azimuth, _ELEVATION
         for index in range(len(self.t)):
             for rank in range(len(self._tracks)):
-                stage.place(rank, self._poses[rank][index], self._turns[rank][index], tuple(self._raised[rank][index]))
+                stage.place(rank, self._poses[rank][index], self._turns[rank][index])
             stage.settle()
             camera.lookat[:], camera.distance = self._look_at[index], self._distance[index]
             renderer.update_scene(stage.data, camera)
             kept = np.unique(np.r_[0 : index : max(1, len(self.t) // _TRAIL_POINTS), index])
             for rank, track in enumerate(self._tracks):
-                height = self._raised[rank][kept, 0] + (0.018 - 0.003 * rank) * self._scale  # the first one's on top
+                height = np.full(len(kept), (0.018 - 0.003 * rank) * self._scale)  # the first one's on top
                 points = np.column_stack([self._poses[rank][kept, :2], height])
                 _draw_trail(renderer.scene, points, track.name, 0.02 * self._scale)
             yield self._captioned(Image.fromarray(renderer.render()), index)

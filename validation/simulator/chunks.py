@@ -6,7 +6,7 @@ are, to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -38,35 +38,28 @@ class Samples:
 
 def sampled(
     model: mujoco.MjModel,
-    data: mujoco.MjData,
     start: FloatArray,
     inputs: Iterable[FloatArray],
     spec: int,
     stride: int,
-    before_step: Callable[[mujoco.MjData], object] | None = None,
 ) -> Iterator[Samples]:
     """Simulate chunk by chunk, and yield the samples of each.
 
     Args:
         model: the robot on its ground; its first joint is free.
-        data: a state to compute in, reset.
         start: (1 + nq + nv) state before the first step.
         inputs: (n, ...) inputs of the n steps of each chunk.
         spec: kind of the inputs, of `mujoco.mjtState`.
         stride: steps from one sample to the next; the first step is one.
-        before_step: told of the state before each step, which it may change; slow.
 
     Raises:
         DivergedError: the simulator gave up; with the time and, as far as the chunk reaches back, the states until then.
     """
-    dt, nq = float(model.opt.timestep), model.nq
+    dt, nq, data = float(model.opt.timestep), model.nq, mujoco.MjData(model)
     state, warm, first, turns = start, np.zeros(model.nv), 0, 0
     for given in inputs:
-        if before_step is None:
-            batch = rollout.rollout(model, data, state[None], given[None], control_spec=spec, initial_warmstart=warm[None])
-            after, sensors = batch[0][0], batch[1][0]
-        else:
-            after, sensors = _step_by_step(model, data, state, warm, given, spec, before_step)
+        batch = rollout.rollout(model, data, state[None], given[None], control_spec=spec, initial_warmstart=warm[None])
+        after, sensors = batch[0][0], batch[1][0]
         before = np.vstack([state, after[:-1]])
         # A diverged simulation resets itself: its clock jumps back.
         bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
@@ -79,26 +72,3 @@ def sampled(
         change = (after[at, 1 + nq + 5] - before[at, 1 + nq + 5]) / dt
         yield Samples(np.array(before[at]), np.array(sensors[at]), yaw[:-1][at] + _TURN * whole[:-1][at], change)
         state, warm, first, turns = after[-1], np.array(data.qacc_warmstart), first + len(after), int(whole[-1])
-
-
-def _step_by_step(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    state: FloatArray,
-    warm: FloatArray,
-    given: FloatArray,
-    spec: int,
-    before_step: Callable[[mujoco.MjData], object],
-) -> tuple[FloatArray, FloatArray]:
-    """Return the states after and the sensors of each step, as a rollout does."""
-    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    after, sensors = np.empty((len(given), len(state))), np.empty((len(given), model.nsensordata))
-    mujoco.mj_setState(model, data, state, full)
-    data.qacc_warmstart[:] = warm
-    for k, applied in enumerate(given):
-        mujoco.mj_setState(model, data, applied, spec)
-        before_step(data)
-        mujoco.mj_step(model, data)
-        mujoco.mj_getState(model, data, after[k], full)
-        sensors[k] = data.sensordata
-    return after, sensors

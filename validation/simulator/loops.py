@@ -42,8 +42,6 @@ class MujocoBodies:
         self._batch.set_models([p.model for p in plants])
         self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._force = self._batch.bind("qfrc_actuator")
-        rough = first.terrain.kind == "rough"
-        self._ground = [self._batch.bind(name) for name in ("mocap_pos", "mocap_quat")] if rough else []
         self._inertia, self._braking, self._yaw = np.empty(len(plants)), np.empty((len(plants), 1)), np.empty(len(plants))
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
@@ -93,11 +91,7 @@ class MujocoBodies:
         nu = self._first.model.nu
         control[:, :, :nu] = controls(self._first.model, references)
         control[:, :, nu + 5] = (self._inertia if rows is None else self._inertia[rows])[:, None] * pushes
-        for piece in np.split(control, references.shape[1], axis=1) if self._ground else [control]:
-            if self._ground:
-                for bound, values in zip(self._ground, self._first.planes_under(self.qpos[:, :7]), strict=True):
-                    bound[:] = values.reshape(bound.shape)
-            self._batch.rollout(piece.shape[1], piece, control_spec=self._spec, record=(), ids=rows)
+        self._batch.rollout(references.shape[1], control, control_spec=self._spec, record=(), ids=rows)
 
 
 @mujoco_failures()

@@ -37,7 +37,7 @@ LEAST_SHARE = 0.02
 nowhere."""
 
 
-def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) -> mujoco.MjSpec:
+def _compose(robot: Robot, shape: WheelShape, integral: bool) -> mujoco.MjSpec:
     """Return robot and ground, without looks and without the sensors that nobody reads here: they cost time.
 
     Tyres and ground are contact pairs: their two tangential frictions may differ, and MuJoCo need not look for what else
@@ -50,21 +50,15 @@ def _compose(robot: Robot, shape: WheelShape, integral: bool, terrain: Terrain) 
         spec.delete(part)
     for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
         spec.delete(part)
-    world = spec.worldbody
-    if terrain.kind != "rough":
-        world.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
-        tire, ground = spec.geom(f"{wheel}_tire"), "ground"
+        tire = spec.geom(f"{wheel}_tire")
         tire.contype, tire.conaffinity = 0, 0  # it touches the ground of its pair, and no tyre: capsules reach far
         tire.type, tire.size = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}"), [radius, half, radius]
         if shape != "ellipsoid":
             tire.alt.type, tire.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, [0, 1, 0]
-        if terrain.kind == "rough":  # each wheel has a plane of its own, which `MujocoPlant` lays under it
-            patch, ground = world.add_body(name=f"{wheel}_ground", mocap=True), f"{wheel}_ground"
-            size = [2 * radius, 2 * radius, 0.05]
-            patch.add_geom(name=ground, type=mujoco.mjtGeom.mjGEOM_PLANE, size=size, contype=0, conaffinity=0)
-        spec.add_pair(geomname1=ground, geomname2=tire.name, condim=3)
+        spec.add_pair(geomname1="ground", geomname2=tire.name, condim=3)
     return spec
 
 
@@ -80,8 +74,8 @@ def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
     return np.concatenate([wanted, wanted, np.zeros_like(wanted)], axis=-1)
 
 
-Structure = tuple[Robot, WheelShape, bool, Terrain]
-"""What decides which parts a model has: robot, shape of its tyres, whether its motors have integral parts, and ground."""
+Structure = tuple[Robot, WheelShape, bool]
+"""What decides which parts a model has: robot, shape of its tyres, and whether its motors have integral parts."""
 
 _models: dict[Structure, mujoco.MjModel] = {}
 _MOST_MODELS = 64
@@ -99,11 +93,10 @@ def robot_model(
     """Return a compiled and calibrated model, which belongs to the caller; its motors are those of `drive`.
 
     Raises:
-        ValueError: a calibration whose inertia no body can have, tyres that the terrain cannot have.
+        ValueError: a calibration whose inertia no body can have.
     """
-    key = calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0, terrain
+    key = calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0
     if key not in _models:
-        terrain.require_room(calibration.wheel_radius)
         if len(_models) >= _MOST_MODELS:
             _models.clear()
         _models[key] = _compose(*key).compile()

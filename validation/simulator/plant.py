@@ -12,7 +12,6 @@ import numpy as np
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import (
-    quat_wxyz_to_roll_pitch,
     quat_wxyz_to_yaw,
     rotate_body_to_world,
     rotate_world_to_body,
@@ -27,7 +26,7 @@ from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.model import FREE_DRIVE, contact_settings, controls, robot_model
 from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
-from validation.simulator.resting import level_height, level_rest, solved_exactly
+from validation.simulator.resting import level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
 
 PRESCRIBED_SHARE = 50.0
@@ -84,7 +83,6 @@ class MujocoPlant:
         self._shaft_dofs = [int(self.model.joint(f"{motor}_shaft").dofadr[0]) for motor in motors]
         level = level_rest(self.model, mujoco.MjData(self.model), calibration) if self.terrain.level else None
         self._resting = self._settle(State()) if level is None else level
-        self._rest_on_rough: tuple[State, FloatArray] | None = None
         self._driver: Driver | None = None
 
     @cached_property
@@ -129,7 +127,6 @@ class MujocoPlant:
         (constant, _), _ = contact_settings(self.calibration.robot)
         with solved_exactly(self.model):
             for _ in range(round(SETTLE_CONSTANTS * constant / self.dt)):
-                self.lay_ground(data)
                 mujoco.mj_step(self.model, data)
         rest = np.array(data.qpos)
         rest[:2] = state.x, state.y
@@ -138,33 +135,15 @@ class MujocoPlant:
         rest[7:] = 0.0
         return rest
 
-    def lay_ground(self, data: mujoco.MjData) -> None:
-        """Put rough ground's tangent planes under the wheels, where the body is now; nothing to do on other grounds."""
-        if self.terrain.kind == "rough":
-            (data.mocap_pos[:],), (data.mocap_quat[:],) = self.planes_under(data.qpos[None, :7])
-
-    def planes_under(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (S, 4, 3) places and (S, 4, 4) quaternions (w first) of the ground under the wheels of (S, 7) poses."""
-        radius = float(self.model.geom_size[self._parts.tires[0], 0])
-        return self.terrain.surface.tangent_planes(poses, self.model.body_pos[self._parts.wheels], radius)
-
     def _rest(self, state: State) -> FloatArray:
-        """Return the (nq,) configuration at rest, without settling anew where the ground is alike everywhere."""
-        if self.terrain.kind == "rough":
-            place = State(state.x, state.y, state.yaw)
-            if self._rest_on_rough is None or self._rest_on_rough[0] != place:
-                self._rest_on_rough = place, self._settle(place)
-            return self._rest_on_rough[1]
+        """Return the (nq,) configuration at rest."""
         rest = self._resting.copy()
         rest[:2] = state.x, state.y
         mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
         return rest
 
     def placed(self, state: State) -> FloatArray:
-        """Return the simulator's whole (1 + nq + nv) state where the robot rests on its tyres in `state`.
-
-        On rough ground its speed is level.
-        """
+        """Return the simulator's whole (1 + nq + nv) state where the robot rests on its tyres in `state`."""
         velocity = np.zeros(self.model.nv)
         velocity[:2] = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
         velocity[5] = state.yaw_rate
@@ -211,7 +190,6 @@ class MujocoPlant:
         for control in controls(self.model, references):
             data.ctrl[:] = control
             before = data.time
-            self.lay_ground(data)
             mujoco.mj_step(self.model, data)
             if not data.time > before:
                 raise DivergedError(f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last)
@@ -227,7 +205,6 @@ class MujocoPlant:
         """
         site, kind, now = self.model.site("imu").id, mujoco.mjtObj.mjOBJ_SITE, self._probe
         mujoco.mj_copyState(self.model, self._begun()[0], now, mujoco.mjtState.mjSTATE_INTEGRATION)
-        self.lay_ground(now)
         mujoco.mj_forward(self.model, now)
         mujoco.mj_rnePostConstraint(self.model, now)  # bodies' accelerations
         velocity, acceleration = np.empty(6), np.empty(6)  # angular, then linear
@@ -252,8 +229,7 @@ class MujocoPlant:
         """Drive `commands` at once, by `mujoco.rollout`.
 
         Returns: The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear right),
-            `torque_N_m` (M, 2) and `yaw_acceleration_rad_s2` (M,); on rough ground also `height_m` (M,) above where it rests
-            on level ground and `roll_pitch_rad` (M, 2).
+            `torque_N_m` (M, 2) and `yaw_acceleration_rad_s2` (M,).
 
         Raises:
             DivergedError: the simulator gave up.
@@ -265,12 +241,8 @@ class MujocoPlant:
         if disturbance is not None:
             spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
         model, start = self._prescribed if commands.kind == "wheels" else self.model, self.placed(state)
-        rough = self.terrain.kind == "rough"
-        chunks = sampled(
-            model, mujoco.MjData(model), start, self._inputs(commands, state, disturbance), int(spec), stride,
-            self.lay_ground if rough else None,
-        )  # fmt: skip
-        table, done = np.empty((1 + steps // stride, _COLUMNS + 3 * rough)), 0
+        chunks = sampled(model, start, self._inputs(commands, state, disturbance), int(spec), stride)
+        table, done = np.empty((1 + steps // stride, _COLUMNS)), 0
         for chunk in chunks:
             rows = self._rows(chunk)
             table[done : done + len(rows)], done = rows, done + len(rows)
@@ -301,7 +273,7 @@ class MujocoPlant:
         return np.asarray(at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive, self.dt).braking * rates)
 
     def _rows(self, chunk: Samples) -> FloatArray:
-        """Return the (m, 15) numbers of a trajectory's samples, and height, roll and pitch on rough ground."""
+        """Return the (m, 15) numbers of a trajectory's samples."""
         nq = self.model.nq
         qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq :]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
@@ -310,13 +282,9 @@ class MujocoPlant:
             *(chunk.sensors[:, self._parts.loads], self.side_torques(chunk.sensors[:, self._parts.torques], wheels)),
             chunk.yaw_acceleration,
         ]
-        if self.terrain.kind == "rough":
-            columns += [qpos[:, 2] - level_height(self.model, self.calibration), quat_wxyz_to_roll_pitch(qpos[:, 3:7])]
         return np.column_stack(columns)
 
     def _trajectory(self, t: FloatArray, table: FloatArray) -> Trajectory:
         """Return the trajectory of the rows of `_rows`."""
         channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
-        if self.terrain.kind == "rough":
-            channels["height_m"], channels["roll_pitch_rad"] = table[:, 15], table[:, 16:18]
         return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)

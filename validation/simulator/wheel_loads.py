@@ -49,9 +49,8 @@ def load_model(plant: MujocoPlant) -> LoadModel:
     com = data.subtree_com[root]
     front, right = model.body("front_left").pos, model.body("rear_right").pos
     spin = sum(float(model.body(wheel).inertia[1]) for wheel in WHEELS)
-    ground = plant.terrain.height_at(np.zeros((1, 2)))[0]
     return LoadModel(
-        float(model.body_subtreemass[root]), float(com[0]), float(com[1]), float(com[2] - ground),
+        float(model.body_subtreemass[root]), float(com[0]), float(com[1]), float(com[2]),
         float(front[0] - right[0]), float(front[1] - right[1]), spin,
     )  # fmt: skip
 
@@ -69,15 +68,9 @@ def resting_loads(plant: MujocoPlant) -> FloatArray:
 
 
 def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localiser) -> Trajectory:
-    """Return a motion of the plant's tracked frame with the channel `QUASI_STATIC` added.
-
-    On rough ground gravity is turned with the body, as far as roll and pitch were kept.
-    """
+    """Return a motion of the plant's tracked frame with the channel `QUASI_STATIC` added."""
     middle = replace(motion, twist=localiser.body_twist(motion.twist))
     gravity = plant.terrain.gravity_in_body(motion.yaw - localiser.tracked_yaw, GRAVITY)
-    if "roll_pitch_rad" in motion.channels:
-        roll, pitch = motion.channels["roll_pitch_rad"].T
-        gravity = GRAVITY * np.column_stack([np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
     loads = load_model(plant).along(middle, gravity, plant.calibration.wheel_radius)
     return replace(motion, channels={**motion.channels, QUASI_STATIC: loads})
 

@@ -1,4 +1,4 @@
-"""Up to which speed, slope and roughness planar models and trackers hold (docs/terrain.md).
+"""Up to which speed and slope planar models and trackers hold (docs/terrain.md).
 
 Without feedback, all plants get the commands of trajectories 1-4. With feedback, trackers follow a reference and know
 nothing of the ground.
@@ -36,14 +36,13 @@ from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.simulator.terrain import FLAT, Terrain
-from validation.study.options import StudyOptions, require_seeds
+from validation.study.options import StudyOptions
 from validation.study.sweep import picture, sweep
 
-AxisName = Literal["speed", "slope", "roughness"]
+AxisName = Literal["speed", "slope"]
 AXES: Mapping[AxisName, tuple[str, str, float, float]] = {
     "speed": ("Speed on level ground", "m/s", 1.0, 0.5),
     "slope": ("Slope", "°", 180.0 / math.pi, 0.0),
-    "roughness": ("Height of rough ground (rms)", "mm", 1e3, 0.0),
 }
 """Each quantity that grows: its name, the unit in which it is shown, how many of those make one SI unit, and the value that
 the thesis' experiments have [SI]."""
@@ -58,31 +57,24 @@ class TerrainStudy(StudyOptions):
 
     horizon: float = 6.0
     """Time after which relative poses are compared [s]."""
-    seeds: int = 3
-    """Number of rough grounds of each height."""
     controllers: Annotated[cli.Names, cli.option()] = ("pid", "lqr")
     """Trackers, with their tuned gains."""
     speed: _Fixed = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0)
     """Speeds on level ground [m/s]."""
     slope: _Fixed = tuple(map(math.radians, (0.0, 1.0, 2.0, 4.0, 7.0, 10.0)))
     """Slopes of ramps [rad]."""
-    roughness: _Fixed = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008)
-    """Root mean square heights of rough ground [m]."""
     directions: _Fixed = tuple(map(math.radians, (0.0, 90.0, 180.0, 270.0)))
     """Headings in which ramps rise [rad]."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for no seeds, or a horizon longer than the trajectories."""
-        require_seeds(self)
+        """Raise a ValueError for a horizon longer than the trajectories."""
         if not 0.0 < self.horizon <= 20.0:
             raise ValueError(f"horizon {self.horizon:g} s must be positive and within the trajectories' 20 s")
 
     def grounds(self, axis: AxisName, value: float) -> list[Terrain]:
-        """Return the grounds that belong to one value: ramps in every direction, or several grounds of one roughness."""
+        """Return the grounds that belong to one value: ramps in every direction."""
         if axis == "slope" and value > 0.0:
             return [Terrain("ramp", slope=value, toward=d) for d in self.directions]
-        if axis == "roughness" and value > 0.0:
-            return [Terrain("rough", height=value, seed=self.seed + k) for k in range(self.seeds)]
         return [FLAT]
 
 
@@ -95,7 +87,7 @@ class Case(NamedTuple):
 
 @cli.program(TerrainStudy)
 def study_terrain(o: TerrainStudy) -> Report:
-    """Measure the errors of planar models and trackers as speed, slope and roughness grow.
+    """Measure the errors of planar models and trackers as speed and slope grow.
 
     Raises:
         ValueError: the profile does not exist, or its numbers do not fit together.
@@ -118,7 +110,7 @@ def study_terrain(o: TerrainStudy) -> Report:
             *(Table(AXES[axis][0], some, hidden=frozenset({"axis", "value"})) for axis, some in by_axis.items()),
             Table("Where a planar model's position error has doubled", doubled),
         ],
-        sentences=swept.notes, status=swept.status, options={"seed": o.seed, "seeds": o.seeds, "horizon": o.horizon},
+        sentences=swept.notes, status=swept.status, options={"seed": o.seed, "horizon": o.horizon},
         document={
             "schema": "ssmr.study/1", "study": "terrain", "robot": profile.robot.name, "profile": profile.name,
             "axes": {axis: getattr(o, axis) for axis in AXES}, "doubled_at": at,

@@ -78,7 +78,6 @@ def test_white_noise_on_a_smooth_motion_is_found_again_within_its_error(rate: fl
         found = estimate_noise([motion(t) + noise], filter)
         off.append((found.white - std**2) / found.error)
         kept.append(found.variance / std**2)
-        assert found.robust == pytest.approx(std**2, rel=0.4)
     assert abs(np.mean(off)) < 3.0 / np.sqrt(40)
     assert 0.7 < np.std(off) < 1.35  # 3 standard errors of a deviation from 40 draws
     assert np.mean(kept) == pytest.approx(filter.kept, rel=0.03)  # what the thesis does is too small by the lost share
@@ -94,7 +93,7 @@ def test_the_noise_of_a_simulated_log_is_that_of_its_sensors() -> None:
     assert list(rows) == list(known)
     for name, row in rows.items():
         assert abs(row["white_variance"] - known[name]) < 4.0 * row["white_standard_error"], name
-        assert row["remarks"] == ""
+        assert 0.5 < row["low_over_high"] < 2.0
     assert rows["x"]["rate_Hz"] == pytest.approx(125.0)
 
 

@@ -42,11 +42,10 @@ def two_tables(draw: st.DrawFn) -> tuple[FloatArray, FloatArray]:
 @given(two_tables())
 def test_a_plant_agrees_with_itself(tables: tuple[FloatArray, FloatArray]) -> None:
     costs, _ = tables
-    same = agreement(costs, costs, [str(k) for k in range(len(costs))], seed=0, resamples=5)
+    same = agreement(costs, costs)
     assert (same["regret"], same["same_winner"]) == (0.0, len(costs))
     tau = rank_correlation(costs, costs)
     assert tau == pytest.approx(1.0, abs=ROUNDOFF) or (math.isnan(tau) and len(set(places(costs).tolist())) == 1)
-    assert all(value == 0.0 for value in same["regret_interval"])
 
 
 @given(two_tables(), st.data())
@@ -74,11 +73,10 @@ def test_who_loses_more_is_placed_behind(tables: tuple[FloatArray, FloatArray]) 
 def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
     truth = np.array([[1.0, 2.0, 4.0], [3.0, 4.0, 6.0]])
     model = np.array([[2.0, 1.0, 9.0]] * 2)
-    found = agreement(model, truth, ["a", "a"], seed=3)
+    found = agreement(model, truth)
     assert found["tau"] == pytest.approx(1.0 / 3.0, rel=ROUNDOFF), "one pair of three is turned round"
     assert (found["chosen"], found["same_winner"]) == (1, 0)
     assert found["regret"] == pytest.approx(3.0 / 2.0 - 1.0, rel=ROUNDOFF)
-    assert found["tau_interval"] == (found["tau"], found["tau"]), "one reference at two speeds is drawn as one"
     assert rank_correlation(-model, truth) == pytest.approx(-1.0 / 3.0, rel=ROUNDOFF)
     lost = np.array([[1.0, math.inf, 4.0], [3.0, 1.0, 6.0]])
     assert places(lost).tolist() == [0, 2, 1]

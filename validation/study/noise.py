@@ -38,9 +38,6 @@ PASSBAND, STEEPNESS, ATTENUATION = 10.0, 0.85, 60.0
 _HIGHEST = 0.9  # begin of a passband over half the sample rate; above that, nothing would be left to measure
 _LEAST_LEFT = 20  # samples behind a filter from which a variance is taken
 _ROUNDING = 1e-9  # noise below this share of a signal's range is rounding
-_MEDIAN = 1.4826  # standard deviation of Gaussian numbers over the median of their absolute values
-_TILTED = 2.0  # noise is coloured where one half of its band has more than this many times the density of the other
-_LONG_TAILS = 2.0  # noise has long tails where its variance is more than this many times that by the median
 _EVEN = 1.5  # a step longer than this many periods ends a piece of even samples
 _STILL = 1.0  # a value that repeats itself for longer is no measurement of something that moves [s]
 _SHOWN, _MOST_DRAWN = 3.0, 10  # the stretch that is drawn [s], and the greatest number of signals in the picture
@@ -103,9 +100,6 @@ class NoiseEstimate(NamedTuple):
     variance: float  # variance of what passes, as the thesis takes it [unit²]
     white: float  # variance of white noise that would leave as much [unit²]
     error: float  # standard error of `white` if the noise is white and Gaussian [unit²]
-    robust: float
-    """Variance by the median of the absolute values, put back likewise [unit²]; far below `white` where some samples stand
-    out, such as those of jolts."""
     samples: int  # number of filtered samples
 
 
@@ -127,10 +121,9 @@ def estimate_noise(pieces: Sequence[FloatArray], filter: HighPass) -> NoiseEstim
     if variance <= (_ROUNDING * max(float(np.ptp(piece)) for piece in pieces)) ** 2:
         raise ValueError("it shows no noise")
     white = variance / filter.kept
-    robust = (_MEDIAN * float(np.median(np.abs(left)))) ** 2 / filter.kept
     correlation = np.correlate(filter.taps, filter.taps, "full") / filter.kept
     together = float(np.sum(np.square(correlation)))  # so many filtered samples count as one
-    return NoiseEstimate(variance, white, white * math.sqrt(2.0 * together / len(left)), robust, len(left))
+    return NoiseEstimate(variance, white, white * math.sqrt(2.0 * together / len(left)), len(left))
 
 
 class NoisySignal(NamedTuple):
@@ -143,22 +136,15 @@ class NoisySignal(NamedTuple):
     spectrum: tuple[FloatArray, FloatArray]  # (F,) frequencies [Hz] and (F,) density of the whole signal [unit²/Hz]
     shown: tuple[FloatArray, FloatArray]  # (S,) times [s] and noise of a short stretch, for the picture
 
-    @property
-    def remarks(self) -> list[str]:
-        """In words, what speaks against white noise."""
-        coloured = not 1.0 / _TILTED <= self.tilt <= _TILTED
-        tails = self.estimate.white > _LONG_TAILS * self.estimate.robust
-        return [word for word, so in (("coloured", coloured), ("long tails", tails)) if so]
-
     def row(self) -> Row:
         """Return the row of its table."""
         e = self.estimate
         numbers = {
             "rate_Hz": self.filter.rate, "passband_Hz": self.filter.passband, "samples": e.samples, "variance": e.variance,
             "kept_share": self.filter.kept, "white_variance": e.white, "white_standard_error": e.error,
-            "white_std": math.sqrt(e.white), "robust_variance": e.robust, "low_over_high": self.tilt,
+            "white_std": math.sqrt(e.white), "low_over_high": self.tilt,
         }  # fmt: skip
-        return {"unit": self.unit, **numbers, "remarks": ", ".join(self.remarks)}
+        return {"unit": self.unit, **numbers}
 
 
 def noise_of(group: Group, column: str, passband: float | None = None) -> NoisySignal:
@@ -265,16 +251,12 @@ def study_noise(o: NoiseStudy) -> Report:
             f"The passband of {', '.join(slow)} begins at a quarter of the sample rate: these samples are too slow for the "
             f"thesis' {PASSBAND:g} Hz. The lower the passband begins, the more motion counts as noise."
         )
-    if any(s.remarks for s in signals.values()):
-        sentences.append(
-            "Noise that is coloured or has long tails is not white and Gaussian: its variance depends on the filter, and "
-            "jolts and the stamps' jitter are in it."
-        )
     caption = (
         "variance: of what passes, as the thesis takes it (Sec. 3.4.4), in the square of the signal's unit.\n"
         "kept: the share of white noise that passes.\n"
-        "white: variance with the lost share put back, its standard error, and its root; robust: by the median.\n"
-        "low over high: density in the lower half of the passband over that in the upper half."
+        "white: variance with the lost share put back, its standard error, and its root.\n"
+        "low over high: density in the lower half of the passband over that in the upper half; far from 1 the noise is "
+        "coloured, and jolts and the stamps' jitter are in it."
     )
     return Report(
         program="study", title=f"Noise of {log.name}", status=swept.status, sentences=sentences, has_text=True,
@@ -308,7 +290,6 @@ def _draw_spectrum(name: str, found: NoisySignal, ax: Axes) -> None:
     ax.loglog(frequencies[seen], density[seen], color="0.35", linewidth=1.0, gid="spectrum")
     ax.plot([frequencies[0], frequencies[-1]], [level, level], color=drawing.ALARM, linewidth=1.4, gid="white")
     ax.axvspan(found.filter.passband, frequencies[-1], color=drawing.ALARM, alpha=0.08, linewidth=0.0)
-    remarks = "".join(f", {remark}" for remark in found.remarks)
-    ax.set(title=f"density of {name}, and of white noise{remarks}", xlabel="frequency [Hz]")
+    ax.set(title=f"density of {name}, and of white noise", xlabel="frequency [Hz]")
     for axis in (ax.xaxis, ax.yaxis):
         drawing.plain_ticks(axis)

@@ -6,7 +6,6 @@ Costs are (R, C) arrays, a row for each reference and a column for each controll
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -56,42 +55,13 @@ def regret(costs: FloatArray, truth: FloatArray) -> float:
     return float(means[chosen] / means[best] - 1.0) if means[best] > 0.0 else 0.0
 
 
-def agreement(
-    costs: FloatArray, truth: FloatArray, references: Sequence[str], seed: int, resamples: int = 300
-) -> dict[str, Any]:
-    """Compare a model's costs with the true ones.
-
-    Args:
-        costs: (R, C) of the model.
-        truth: (R, C) of the robot.
-        references: R names of the references; those of one name, at several speeds, are drawn together.
-        seed: seed of the draws.
-        resamples: number of draws; with none the intervals are NaN.
+def agreement(costs: FloatArray, truth: FloatArray) -> dict[str, Any]:
+    """Compare a model's (R, C) costs with the true ones.
 
     Returns:
-        `tau`, the rank correlation of the controllers, and `chosen`, the column of the one that the model puts first;
-        `regret` of that choice as a share; for tau and regret an interval that holds 90 % of the draws; and
-        `same_winner`, the number of references on which both have the same best controller.
+        `tau`, the rank correlation of the controllers; `chosen`, the column of the one that the model puts first; `regret`
+        of that choice as a share; and `same_winner`, the number of references on which both have the same best controller.
     """
-    rng = np.random.default_rng(seed)
-    rows = [np.flatnonzero(np.array(references) == name) for name in dict.fromkeys(references)]
-    drawn = [np.concatenate([rows[k] for k in rng.integers(len(rows), size=len(rows))]) for _ in range(resamples)]
-    taus = [rank_correlation(costs[some], truth[some]) for some in drawn]
-    regrets = [regret(costs[some], truth[some]) for some in drawn]
     same = sum(choice(costs[[k]], truth[[k]]) == choice(truth[[k]], truth[[k]]) for k in range(len(truth)))
-    return {
-        "tau": rank_correlation(costs, truth),
-        "tau_interval": _interval(taus),
-        "chosen": choice(costs, truth),
-        "regret": regret(costs, truth),
-        "regret_interval": _interval(regrets),
-        "same_winner": same,
-    }
-
-
-def _interval(values: Sequence[float]) -> tuple[float, float]:
-    known = sorted(value for value in values if not math.isnan(value))
-    if not known:
-        return math.nan, math.nan
-    low, high = (known[round(share * (len(known) - 1))] for share in (0.05, 0.95))
-    return low, high
+    tau, chosen = rank_correlation(costs, truth), choice(costs, truth)
+    return {"tau": tau, "chosen": chosen, "regret": regret(costs, truth), "same_winner": same}

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,22 +35,17 @@ from validation.report.columns import MILLIMETRES
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import Robot, load_robot, with_robot
-from validation.study.options import MOST_RUNS, StudyOptions, require_seeds
-from validation.study.sweep import sweep
+from validation.study.options import AS_NAMES, MOST_RUNS, StudyOptions, require_seeds
+from validation.study.sweep import picture, sweep
 
-_NAMES = get_args(cli.Names)[1]
-"""How the command line reads comma-separated names."""
-_COARSE_PERIOD = 0.01
-"""Period of the position loop where the physics step does not divide the usual one [s]."""
-_BATCH = 64
-"""Greatest number of robots that are driven at once."""
+_COARSE_PERIOD = 0.01  # of the position loop where the physics step does not divide the usual one [s]
+_BATCH = 64  # robots that are driven at once, at most
 
 
 class RobustnessCase(NamedTuple):
     """One run that every controller makes."""
 
-    kind: Literal["nominal", "alone", "drawn"]
-    """Whether it is the profile's own robot, one mismatch alone, or a robot that is drawn at random."""
+    kind: Literal["nominal", "alone", "drawn"]  # the profile's own robot, one mismatch alone, or a robot drawn at random
     mismatch: Mismatch  # the difference between the robot and its profile
     seed: int  # seed of noise and disturbance
 
@@ -85,7 +80,7 @@ class RobustnessStudy(StudyOptions):
 
     controllers: Annotated[cli.Names, cli.option(metavar="NAME,...")] = PLAIN_CONTROLLERS
     """Controllers to test."""
-    gains: Annotated[Mapping[str, GainSet] | tuple[str, ...], _NAMES] = ("published", "tuned", "robust")
+    gains: Annotated[Mapping[str, GainSet] | tuple[str, ...], AS_NAMES] = ("published", "tuned", "robust")
     """Names of gain sets (published, manual, tuned, robust, default, or a profile's), of which each controller drives those
     that it has, or its defaults if it has none; or the path of a TOML file, for one controller. From Python also gain sets
     by any name."""
@@ -193,7 +188,7 @@ def study_robustness(o: RobustnessStudy) -> Report:
     return Report(
         program="study", title=f"Robustness, profile {whose}, {words}", status=swept.status, sentences=remarks,
         tables=_tables(o.bound, cases, sets, found), options={name: getattr(o, name) for name in names},
-        draw=partial(_draw, sets, cases, found), has_text=True,
+        draw=partial(_draw, cases, found), has_text=True,
         document={
             "schema": "ssmr.study/1", "study": "robustness", "robot": profile.robot.name, "profile": profile.name,
             "reference": reference, "speed_m_s": path.speed, "parameters": profile.as_dict()["mujoco"],
@@ -253,20 +248,16 @@ def _tables(
     ]
 
 
-_Runs = Mapping[str, Sequence[RunErrors]]
-
-
-def _draw(sets: Mapping[str, GainSet], cases: Sequence[RobustnessCase], found: _Runs, study: Report) -> Figure:
+def _draw(cases: Sequence[RobustnessCase], found: Mapping[str, Sequence[RunErrors]], study: Report) -> Figure:
     """Return the picture: how errors spread over the drawn robots, and what each mismatch alone does to d_rms."""
-    looks = _looks(sets, list(found))
 
     def draw_spread(name: str, field: str, ax: Axes) -> None:
         """Draw the share of drawn robots whose error is below each abscissa, with crosses where a robot was lost."""
-        for gains, (_, ink, line) in looks.items():
-            drawn = [e for c, e in zip(cases, found[gains], strict=True) if c.kind == "drawn"]
+        for k, (gains, errors) in enumerate(found.items()):
+            drawn = [e for c, e in zip(cases, errors, strict=True) if c.kind == "drawn"]
             values = sorted((1e3 * getattr(e, field), e.lost_at_s is not None) for e in drawn)
             share = np.arange(1, len(values) + 1) / len(values)
-            ax.step([v for v, _ in values], share, where="post", color=ink, linestyle=line, label=gains, gid=gains)
+            ax.step([v for v, _ in values], share, where="post", color=f"C{k}", label=gains, gid=gains)
             lost = [(v, s) for (v, gone), s in zip(values, share, strict=True) if gone]
             ax.plot([v for v, _ in lost], [s for _, s in lost], "rx", ms=5.0, gid=f"{gains} lost" if lost else None)
         ax.set(xscale="log", xlabel=f"{name} [mm]", ylabel="share of the drawn robots", ylim=(0.0, 1.02))
@@ -276,28 +267,13 @@ def _draw(sets: Mapping[str, GainSet], cases: Sequence[RobustnessCase], found: _
     def draw_alone(ax: Axes) -> None:
         rows = study.tables[1].rows
         drawing.inset(ax, left=1.2)
-        for gains, (marker, ink, _) in looks.items():
-            ax.plot([1e3 * row[f"{gains}_m"] for row in rows], range(len(rows)), marker, color=ink, ms=5.0, label=gains)
+        for k, gains in enumerate(found):
+            ax.plot([1e3 * row[f"{gains}_m"] for row in rows], range(len(rows)), "o", color=f"C{k}", ms=5.0, label=gains)
         ax.set_yticks(range(len(rows)), [row["mismatch"] for row in rows])
         ax.set(xscale="log", title="d_rms with each mismatch alone, mean over seeds of noise [mm]")
         drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
         ax.invert_yaxis()
 
-    rows = [
-        drawing.text_row(0.3, partial(drawing.draw_section, study.title)),
-        drawing.side_by_side(3.6, [partial(draw_spread, "d_rms", "d_rms_m"), partial(draw_spread, "e_rho", "e_rho_rms_m")]),
-        drawing.side_by_side(1.0 + 0.19 * len(study.tables[1].rows), [draw_alone]),
-        *drawing.note_rows(study.notes()),
-        drawing.text_row(0.26, partial(drawing.draw_footer, study.made_by)),
-    ]
-    return drawing.put_together(rows)
-
-
-def _looks(sets: Mapping[str, GainSet], names: Sequence[str]) -> dict[str, tuple[str, Any, str]]:
-    """Return marker, colour and line of each set of gains; those of a controller have its colour."""
-    looks: dict[str, tuple[str, Any, str]] = {}
-    for name in names:
-        ink = drawing.controller_ink(sets[name].controller)
-        place = sum(other == ink for _, other, _ in looks.values()) % 4
-        looks[name] = ("osDv"[place], ink, ("-", ":", "--", "-.")[place])
-    return looks
+    spreads = [partial(draw_spread, "d_rms", "d_rms_m"), partial(draw_spread, "e_rho", "e_rho_rms_m")]
+    height = 1.0 + 0.19 * len(study.tables[1].rows)
+    return picture(study, [drawing.side_by_side(3.6, spreads), drawing.side_by_side(height, [draw_alone])])

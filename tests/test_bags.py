@@ -15,7 +15,7 @@ from tests import bag_factory as make
 from tests.bag_factory import KINDS, Message, circle, poses_at, write
 from tests.conftest import ROUNDOFF
 from validation.bench.sources import open_source
-from validation.files.bags import choose_topics, read_topics, to_local, vertical
+from validation.files.bags import choose_topics, read_topics, to_local
 from validation.files.formats import is_log, read_log
 from validation.files.log import RECORDED, Log, ReadOptions, Topic
 from validation.files.reading import FileError
@@ -211,12 +211,3 @@ def test_local_metres_agree_with_the_ellipsoid(latitude: float, longitude: float
     # left out is the meridians' convergence, d^2 tan(latitude) / R: 0.16 m for 424 m at 80 degrees
     assert math.hypot(x[1], y[1]) == pytest.approx(distance, abs=1e-6 + 2.0 * distance**2 * 5.7 / 6.37e6)
     assert x[0] == y[0] == 0.0
-
-
-@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 0.1))
-def test_the_vertical_is_where_gravity_shows(axis: list[float]) -> None:
-    up = np.array(axis) / np.linalg.norm(axis)
-    columns = {f"acc_{name}": np.full(3, 9.81 * value) for name, value in zip("xyz", up, strict=True)}
-    np.testing.assert_allclose(vertical(columns), up, atol=1e-12)
-    weightless = {name: 0.1 * values for name, values in columns.items()}
-    np.testing.assert_array_equal(vertical(weightless), [0.0, 0.0, 1.0])

@@ -16,7 +16,6 @@ from tests.conftest import EXACT, ROUNDOFF
 from validation.bench.reckoning import filtered_motion, reckon, with_filter
 from validation.files.faults import find_rest, unbiased
 from validation.files.log import POSE_COLUMNS, Group, Log
-from validation.files.offsets import estimate_offsets, synchronised
 from validation.files.reading import FileError
 from validation.files.signals import smoothed
 
@@ -131,16 +130,3 @@ def test_the_filter_replaces_the_pose_and_keeps_the_old_one() -> None:
     with pytest.raises(FileError, match="needs wheels or odometry"):
         with_filter(blind)
     assert reckon(blind) is None
-
-
-def test_a_synchronised_log_has_no_offsets_and_commands_stay() -> None:
-    t = np.arange(0.0, 40.0, 0.05)
-    log = made(cmd=Group("/cmd_vel", t, {"cmd_v": np.full(len(t), 0.5), "cmd_w": weaving(t + 0.3)[1]}))
-    pose = log.groups["pose"]
-    late = replace(log, groups={**log.groups, "pose": replace(pose, t=pose.t + 0.2)})
-    found = {o.late: o.seconds for o in estimate_offsets(late)}
-    assert found["pose_yaw"] == pytest.approx(0.2, abs=2e-3)
-    assert found["cmd"] == pytest.approx(-0.3 + 0.025, abs=2e-3)  # a held command is half a period late on the whole
-    after = synchronised(late, estimate_offsets(late))
-    np.testing.assert_array_equal(after.groups["cmd"].t, t)
-    assert abs({o.late: o.seconds for o in estimate_offsets(after)}["pose_yaw"]) < 2e-3

@@ -136,13 +136,6 @@ def test_measures_of_one_motion_that_differ_like_units_are_said_to(names: tuple[
     assert faults_of(columns).implausible == ()
 
 
-@pytest.mark.parametrize("scale", [0.4, 2.5])
-def test_wheels_of_another_size_are_no_other_unit(scale: float) -> None:
-    columns = drive()
-    other = {**columns, **{name: scale * columns[name] for name in ("enc_left", "enc_right")}}
-    assert faults_of(other).implausible == ()
-
-
 def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     errors, costs = [], []
     settings = {"input": "wheels", "horizons": (6.0,)}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +14,7 @@ from ssmr.metrics.poses import horizon_windows
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
-from validation.bench import sources
-from validation.bench.sources import WindowCut, commands_on_grid, open_source, source_of, standing_sentences
-from validation.files.csv_logs import write_csv
-from validation.files.limits import USUAL
+from validation.bench.sources import WindowCut, commands_on_grid, source_of, standing_sentences
 from validation.files.log import Log
 from validation.identify.objective import windows
 
@@ -112,17 +108,6 @@ def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> Non
     assert not any("odometry" in warning for warning in own.warnings)
     with pytest.raises(ValueError, match="no column cmd_v, cmd_w"):
         source_of(Log.of_columns("bag.csv", {n: a for n, a in columns.items() if n != "odom_w"}), "bag.csv")
-
-
-def test_what_would_take_hours_is_refused_before_it_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, names = tmp_path / "drive.csv", ("cmd_v", "cmd_w", "x", "y", "yaw")
-    monkeypatch.setattr(sources, "_MOST_PIECES", 10)
-    write_csv({"t": np.cumsum(np.tile([0.01, 0.01, 0.1], 20)), **dict.fromkeys(names, np.zeros(60))}, path)
-    with pytest.raises(ValueError, match="20 stretches between gaps, wanted at most 10"):
-        open_source(str(path))
-    write_csv({"t": 2.0 * np.arange(1000), **dict.fromkeys(names, np.zeros(1000))}, path)
-    with pytest.raises(ValueError, match=r"has 1.998e\+05 periods of 0.01 s, but the limit samples is 100000; cut it"):
-        open_source(str(path), limits=USUAL.changed({"samples": 1e5}))
 
 
 # --------------------------------------------------------------------------------------------------- windows

@@ -146,8 +146,6 @@ class LogReport(Report):
     """The log; of a conversion the new one, with its own stamps unless another rate was asked for."""
     offsets: Sequence[Offset]
     """Delays between its groups, before anything was changed."""
-    rest: Rest | None = None
-    """Readings of its gyro at rest; None where they are unknown."""
     reckoning: Reckoning | None = None
     """Ways of dead reckoning; None where the log allows none."""
     filter: StateFilter | None = None
@@ -212,7 +210,7 @@ def info(o: Info) -> LogReport:
         "dead_reckoning": None if reckoning is None else asdict(reckoning),
     }  # fmt: skip
     return LogReport(
-        title=log.path.name, document=document, log=log, offsets=offsets, rest=rest, reckoning=reckoning,
+        title=log.path.name, document=document, log=log, offsets=offsets, reckoning=reckoning,
         tables=[_contents(log), _offset_table(offsets), _reckoning_table(reckoning)],
         sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences()],
     )  # fmt: skip
@@ -276,14 +274,13 @@ def commission(o: Commission) -> LogReport:
 # ------------------------------------------------------------------------------------------ tables and sentences
 def _contents(log: Log) -> Table:
     """Return the topics of a log, or its groups of columns where its format has no topics."""
-    rows: list[Mapping[str, Any]] = []
-    for topic in log.topics:
-        columns = "not read" if topic.columns is None else ", ".join(topic.columns)
-        kind = {"topic": topic.name, "type": topic.type.rpartition("/")[2]}
-        rows.append({**kind, **_sampling(topic.t), "taken for": topic.role or "–", "columns": columns})
-    if not log.topics:
-        rows += [{"group": n, **_sampling(g.t), "columns": ", ".join(g.columns)} for n, g in log.groups.items()]
-    return Table(log.path.name, rows)
+    topics = [
+        {"topic": topic.name, "type": topic.type.rpartition("/")[2], **_sampling(topic.t), "taken for": topic.role or "–",
+         "columns": "not read" if topic.columns is None else ", ".join(topic.columns)}
+        for topic in log.topics
+    ]  # fmt: skip
+    groups = [{"group": n, **_sampling(g.t), "columns": ", ".join(g.columns)} for n, g in log.groups.items()]
+    return Table(log.path.name, topics or groups)
 
 
 def _sampling(t: FloatArray) -> Mapping[str, Any]:

@@ -31,7 +31,6 @@ _logger = logging.getLogger(__name__)
 RECORDING_GRID = 0.01
 """Period at which a log's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any log of
 ours."""
-_MOST_PIECES = 10_000  # greatest number of gap-free stretches of a log: one that has more has no rate of its own
 RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
 _STANDING_SHARE = 0.1  # share of windows without any motion from which they are worth a sentence
@@ -121,8 +120,6 @@ def open_source(
     periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
     if periods > limits.samples:
         raise ValueError(f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it")
-    if (many := len(log.stretches())) > _MOST_PIECES:
-        raise ValueError(f"{name} has {many} stretches between gaps, wanted at most {_MOST_PIECES}: its steps of time vary")
     span = "" if start is None and stop is None else f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
     return source_of(log, name, kind, log.name + span)
 

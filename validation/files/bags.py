@@ -313,13 +313,13 @@ def _converted(role: str, columns: Mapping[str, FloatArray]) -> dict[str, FloatA
     if role in ("cmd", "odom"):
         return {f"{role}_v": columns["v"], f"{role}_w": columns["w"]}
     if role == "imu":
-        return {"gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"]) @ vertical(columns)}
+        return {"gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"]) @ _vertical(columns)}
     if role == "gps":
         return dict(zip(("gps_east", "gps_north"), to_local(columns["latitude"], columns["longitude"]), strict=True))
     return {} if role == "pose" else dict(columns)
 
 
-def vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
+def _vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
     """Return the (3,) unit vector that points up in an IMU's own axes: along its mean acceleration, or z."""
     mean = np.array([np.mean(columns[f"acc_{axis}"]) for axis in "xyz"])
     size = float(np.linalg.norm(mean))
